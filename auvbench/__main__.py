@@ -1,0 +1,7 @@
+"""`python -m auvbench` is `auvbench`."""
+
+import sys
+
+from auvbench.cli import main
+
+sys.exit(main())

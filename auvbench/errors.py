@@ -1,0 +1,57 @@
+"""The one small hierarchy of errors.
+
+Every message of a `UserError` names the offending value and what would be right: it is printed as one line
+and the command ends with exit code 2. Anything else that is raised is a defect of auvbench and keeps its
+traceback.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class AuvbenchError(Exception):
+    """Base class of everything that auvbench raises on purpose."""
+
+    exit_code = 1
+
+
+class UserError(AuvbenchError):
+    """Something the user typed, or a file the user named, is not right. Exit code 2."""
+
+    exit_code = 2
+
+
+class ConfigError(UserError):
+    """A key, a type or a value of the configuration is not right."""
+
+
+class VehicleError(UserError):
+    """A vehicle sheet breaks a rule; the message names the line and the rule."""
+
+
+class RunError(UserError):
+    """A run directory is missing, damaged, foreign or held by somebody else."""
+
+
+class ReportError(UserError):
+    """There is nothing to report on, or what was asked for is not in the runs."""
+
+
+class TrainingError(AuvbenchError):
+    """A run stopped for a reason of its own (a NaN, a full disk); its manifest says which. Exit code 1."""
+
+
+def closest(name: str, valid: Iterable[str]) -> str:
+    """The hint that ends an error message: the closest valid name, or all of them.
+
+    >>> closest("bluerov", ["bluerov2", "rexrov"])
+    "did you mean 'bluerov2'? valid: bluerov2, rexrov"
+    >>> closest("zzz", ["pid", "ppo"])
+    'valid: pid, ppo'
+    """
+    names = sorted(set(valid))
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return f"{hint}valid: {', '.join(names)}"
