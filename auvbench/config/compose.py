@@ -1,0 +1,209 @@
+"""Composing configurations with Hydra, and saying in one line what is wrong with them.
+
+`compose` is for commands and tests; `run` is Hydra's own command line (`--cfg`, `--help`, `-m`, completion)
+around a function. Both search `./conf` of the working directory first, so that somebody's own vehicle or preset
+needs no change to the package.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from hydra.core.config_search_path import ConfigSearchPath
+from hydra.core.config_store import ConfigStore
+from hydra.core.plugins import Plugins
+from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
+from hydra.plugins.search_path_plugin import SearchPathPlugin
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import (
+    ConfigAttributeError,
+    ConfigKeyError,
+    MissingMandatoryValue,
+    OmegaConfBaseException,
+    ValidationError,
+)
+
+from auvbench.config import schema
+from auvbench.errors import ConfigError, closest
+
+CONFIG_MODULE = "auvbench.conf"
+
+ALGORITHM_SCHEMAS: dict[str, type] = {
+    "ppo_schema": schema.PPO,
+    "sac_schema": schema.SAC,
+    "ddpg_schema": schema.DDPG,
+    "td3_schema": schema.TD3,
+    "pid_schema": schema.PID,
+    "random_schema": schema.Random,
+}
+
+
+def register_schemas() -> None:
+    store = ConfigStore.instance()
+    store.store(name="train_schema", node=schema.TrainConfig)
+    for name, node in ALGORITHM_SCHEMAS.items():
+        store.store(name=name, node=node)  # at the top level: the algo folder lists algorithms alone
+
+
+class WorkingDirectory(SearchPathPlugin):
+    """Puts `./conf` of the working directory on Hydra's search path, before the package's own."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        own = Path.cwd() / "conf"
+        if own.is_dir():
+            search_path.prepend(provider="working-directory", path=f"file://{own}")
+
+
+# Hydra accepts plugin classes only from `hydra_plugins` or its own core package.
+WorkingDirectory.__module__ = "hydra_plugins.auvbench_search_path"
+
+
+def _prepare() -> None:
+    from hydra import version
+
+    version.setbase("1.3")
+    register_schemas()
+    plugins = Plugins.instance()
+    if WorkingDirectory not in plugins.discover(SearchPathPlugin):
+        plugins.register(WorkingDirectory)
+
+
+def compose(entry: str, overrides: Sequence[str] = ()) -> DictConfig:
+    """The configuration `conf/<entry>.yaml` with overrides applied, types checked.
+
+    Raises:
+        ConfigError: an unknown key, group or option, a value of the wrong type, or a grammar error.
+    """
+    try:
+        return _compose(entry, overrides)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise translate(error, entry, overrides) from error
+
+
+def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:
+    from hydra import compose as hydra_compose
+    from hydra import initialize_config_module
+    from hydra.core.global_hydra import GlobalHydra
+
+    _prepare()
+    GlobalHydra.instance().clear()
+    with initialize_config_module(config_module=CONFIG_MODULE, version_base="1.3"):
+        return hydra_compose(config_name=entry, overrides=list(overrides))
+
+
+def run(
+    entry: str, arguments: Sequence[str], job: Callable[[DictConfig], Any], program: str = "auvbench"
+) -> Any:
+    """Hydra's command line for `conf/<entry>.yaml`: flags, `-m` and overrides; calls `job` with the config.
+
+    Raises:
+        ConfigError: as `compose`.
+    """
+    from hydra._internal.utils import _run_hydra, get_args_parser
+
+    _prepare()
+    # Otherwise Hydra prints and exits by itself, with exit code 1 and a hint to set this variable.
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    sys.argv = [f"{program} {entry}", *arguments]
+    parser: argparse.ArgumentParser = get_args_parser()
+    parser.prog = f"{program} {entry}"
+    parsed = parser.parse_args(list(arguments))
+    if parsed.experimental_rerun is not None:
+        raise ConfigError("--experimental-rerun would unpickle a file; type the command again instead")
+    composed: list[DictConfig] = []
+
+    def task(config: DictConfig) -> None:
+        composed.append(config)
+
+    try:
+        _run_hydra(
+            args=parsed,
+            args_parser=parser,
+            task_function=task,
+            config_path=f"pkg://{CONFIG_MODULE}",
+            config_name=entry,
+        )
+    except (HydraException, OmegaConfBaseException) as error:
+        raise translate(error, entry, parsed.overrides) from error
+    # Outside Hydra's job, which would print a line of its own before an error reaches us.
+    return job(composed[0]) if composed else None
+
+
+def _leaves(node: Any, prefix: str = "") -> list[str]:
+    """All dotted keys of a nested mapping."""
+    if not isinstance(node, dict):
+        return []
+    return [
+        name for key, child in node.items() for name in (f"{prefix}{key}", *_leaves(child, f"{prefix}{key}."))
+    ]
+
+
+def translate(error: BaseException, entry: str = "train", overrides: Sequence[str] = ()) -> ConfigError:
+    """One line that names the value and what would be right, from Hydra's and OmegaConf's messages."""
+    chain: list[BaseException] = []
+    cause: BaseException | None = error
+    while cause is not None and cause not in chain:
+        chain.append(cause)
+        cause = cause.__cause__ or cause.__context__
+    for link in chain:
+        if isinstance(link, ConfigError):
+            return link
+    text = str(error)
+    if isinstance(error, MissingConfigException):
+        option = error.missing_cfg_file or "?"
+        if error.options:
+            group, _, wanted = option.rpartition("/")
+            options = [name for name in error.options if not name.endswith("_schema")]
+            return ConfigError(f"{group}={wanted}: no such option; {closest(wanted, options)}")
+        return ConfigError(f"{option}: no such configuration")
+    for link in chain:
+        if isinstance(link, ConfigKeyError | ConfigAttributeError):
+            key = getattr(link, "full_key", None) or getattr(link, "key", "?")
+            return ConfigError(f"{key}: unknown key; {_near_key(str(key), entry, overrides)}")
+        if isinstance(link, ValidationError):
+            key = getattr(link, "full_key", None) or "?"
+            message = (getattr(link, "msg", None) or str(link)).splitlines()[0]
+            return ConfigError(f"{key}: {_plain(message)}")
+        if isinstance(link, MissingMandatoryValue):
+            return ConfigError(f"{getattr(link, 'full_key', '?')}: a value is missing")
+    overridden = re.search(r"Could not override '([^']+)'", text)
+    if overridden:
+        key = overridden.group(1)
+        return ConfigError(f"{key}: no such question or key; {_near_key(key, entry, overrides)}")
+    unequal = re.search(r"parsing override '([^']*)'", text)
+    if unequal:
+        detail = " ".join(text.split("\nSee ")[0].split()).split("' ", 1)[-1]
+        return ConfigError(f"{unequal.group(1)!r}: an override is written key=value ({detail})")
+    if isinstance(error, ConfigCompositionException | HydraException):
+        return ConfigError(" ".join(text.split("\nSee ")[0].split()))
+    return ConfigError(" ".join(text.split()))
+
+
+def _near_key(key: str, entry: str, overrides: Sequence[str]) -> str:
+    import difflib
+
+    # The chosen groups decide which keys exist: algo=sac has others than algo=ppo.
+    groups = [override for override in overrides if "." not in override.split("=")[0]]
+    hint = f"auvbench {entry} --cfg job shows all keys"
+    for chosen in (groups, []):
+        try:
+            known = _leaves(OmegaConf.to_container(_compose(entry, chosen)))
+        except (HydraException, OmegaConfBaseException):
+            continue
+        near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+        return f"did you mean {near[0]}? ({hint})" if near else hint
+    return hint
+
+
+def _plain(message: str) -> str:
+    match = re.match(r"Value '(.*)' of type '\w+' could not be converted to (\w+)", message)
+    if match:
+        kind = {"Integer": "a whole number", "Float": "a number", "Boolean": "true or false"}
+        return f"{match.group(1)!r} is not {kind.get(match.group(2), match.group(2))}"
+    return message

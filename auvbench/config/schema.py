@@ -1,0 +1,222 @@
+"""The schema of the configuration: types and admissible ranges, no defaults.
+
+The YAML files in `conf/` hold the only defaults and the comments that explain them. A field's range is checked
+by `validate.check`, its type by OmegaConf while Hydra composes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+INF = math.inf
+
+
+def number(low: float = -INF, high: float = INF, *, open_low: bool = False) -> Any:
+    """A field with a range [low, high], or (low, high] with `open_low`; infinities and NaN are never valid."""
+    return field(metadata={"low": low, "high": high, "open_low": open_low})
+
+
+def choice(*names: str) -> Any:
+    """A field that takes one of a few names."""
+    return field(metadata={"choices": names})
+
+
+def name() -> Any:
+    """A field that becomes part of a path: letters, digits, dots, dashes and underscores."""
+    return field(metadata={"name": True})
+
+
+@dataclass(kw_only=True)
+class Simulator:
+    """How the vehicle's equations of motion are integrated."""
+
+    name: str = choice("fossen")
+    max_step: float = number(0.0, 1.0, open_low=True)  # s
+    threads: int = number(1, 256)
+
+
+@dataclass(kw_only=True)
+class Task:
+    """The waypoint task (section 3 of the thesis)."""
+
+    name: str = choice("waypoint")
+    start: list[float]
+    waypoint_low: list[float]
+    waypoint_high: list[float]
+    goal_radius: float = number(0.0, 1e3, open_low=True)  # m
+    depth_low: float = number(-1e4, 0.0)  # m
+    depth_high: float = number(-1e4, 0.0)  # m
+    max_steps: int = number(1, 10_000_000)
+    position_frame: str = choice("world", "body")
+
+
+@dataclass(kw_only=True)
+class Reward:
+    """Equation 2.1 of the thesis."""
+
+    name: str = choice("thesis")
+    k: float = number(0.0, 1e6)
+    length: float = number(0.0, 1e6, open_low=True)  # m
+    success: float = number(-1e9, 1e9)
+    collision: float = number(-1e9, 1e9)
+    regress: float = number(-1e9, 1e9)
+
+
+@dataclass(kw_only=True)
+class Step:
+    """The agent's clock."""
+
+    frequency: float = number(0.0, 1000.0, open_low=True)  # Hz
+
+
+@dataclass(kw_only=True)
+class Range:
+    """Magnitude of uniform noise."""
+
+    low: float = number(0.0, 1e6)
+    high: float = number(0.0, 1e6)
+
+
+@dataclass(kw_only=True)
+class Noise:
+    """Uniform noise on the readings and on the commands."""
+
+    name: str = name()
+    position: Range
+    yaw: Range
+    command: Range
+    command_unit: str = choice("physical", "normalised")
+    sign: str = choice("both", "positive")
+    scale: float = number(0.0, 1e3)
+
+
+@dataclass(kw_only=True)
+class Checkpoint:
+    """How often a run is saved; never changes its result."""
+
+    steps: int = number(0, 1 << 62)
+    seconds: float = number(0.0, 1e9)
+    keep: int = number(1, 1000)
+
+
+@dataclass(kw_only=True)
+class Train:
+    """The budget of training and how it is watched."""
+
+    total_steps: int = number(1, 1 << 62)
+    normalise_observations: bool
+    normalise_rewards: bool
+    clip_observations: float = number(0.0, 1e6, open_low=True)
+    clip_rewards: float = number(0.0, 1e6, open_low=True)
+    checkpoint: Checkpoint
+    progress: bool
+
+
+@dataclass(kw_only=True)
+class Algorithm:
+    """What every `algo/*.yaml` has: which agent it is and how many environments it drives."""
+
+    name: str = name()
+    agent: str = choice("ppo", "sac", "ddpg", "td3", "pid", "random")
+    n_envs: int = number(1, 65_536)
+
+
+@dataclass(kw_only=True)
+class Network:
+    """What the learners share."""
+
+    net_arch: list[int]
+    activation: str = choice("tanh", "relu", "elu", "silu")
+    learning_rate: float = number(0.0, 1.0, open_low=True)
+    learning_rate_schedule: str = choice("constant", "linear")
+    batch_size: int = number(1, 1 << 24)
+    gamma: float = number(0.0, 1.0)
+
+
+@dataclass(kw_only=True)
+class PPO(Network, Algorithm):
+    n_steps: int = number(1, 1 << 24)
+    n_epochs: int = number(1, 1000)
+    gae_lambda: float = number(0.0, 1.0)
+    clip_range: float = number(0.0, 10.0, open_low=True)
+    normalize_advantage: bool
+    ent_coef: float = number(0.0, 10.0)
+    vf_coef: float = number(0.0, 10.0)
+    max_grad_norm: float = number(0.0, 1e6, open_low=True)
+    log_std_init: float = number(-20.0, 5.0)
+
+
+@dataclass(kw_only=True)
+class OffPolicy(Network, Algorithm):
+    buffer_size: int = number(1, 1 << 31)
+    learning_starts: int = number(0, 1 << 40)
+    tau: float = number(0.0, 1.0, open_low=True)
+    train_freq: int = number(1, 1 << 24)
+    gradient_steps: int = number(-1, 1 << 24)
+
+
+@dataclass(kw_only=True)
+class SAC(OffPolicy):
+    ent_coef: str
+    target_entropy: str
+    target_update_interval: int = number(1, 1 << 24)
+
+
+@dataclass(kw_only=True)
+class DDPG(OffPolicy):
+    action_noise: float = number(0.0, 10.0)
+
+
+@dataclass(kw_only=True)
+class TD3(OffPolicy):
+    action_noise: float = number(0.0, 10.0)
+    policy_delay: int = number(1, 1000)
+    target_policy_noise: float = number(0.0, 10.0)
+    target_noise_clip: float = number(0.0, 10.0)
+
+
+@dataclass(kw_only=True)
+class PID(Algorithm):
+    bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
+    cruise_speed: float = number(0.0, 100.0, open_low=True)  # m/s
+    heading_gain: float = number(0.0, 100.0)  # 1/s
+    integral_gain: float = number(0.0, 100.0)  # 1/s
+    effort: float = number(0.0, 1.0, open_low=True)
+
+
+@dataclass(kw_only=True)
+class Random(Algorithm):
+    pass
+
+
+@dataclass(kw_only=True)
+class Protocol:
+    """A test: which scenarios, at which frequency."""
+
+    name: str = name()
+    episodes: int = number(1, 1_000_000)
+    seed: int = number(0, (1 << 32) - 1)
+    frequency: float | None = field(metadata={"low": 0.0, "high": 1000.0, "open_low": True})
+    batch: int = number(1, 65_536)
+    trajectories: int = number(0, 100_000)
+
+
+@dataclass(kw_only=True)
+class TrainConfig:
+    """Everything that `auvbench train` composes."""
+
+    seed: int = number(0, (1 << 32) - 1)
+    name: str = name()
+    output: str
+    vehicle: Any
+    simulator: Simulator
+    task: Task
+    reward: Reward
+    step: Step
+    noise: Noise
+    disturbance: Any
+    algo: Any
+    train: Train
+    launcher: Any

@@ -1,0 +1,139 @@
+"""Values: each field against the range that the schema states beside its type, then what spans several fields."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from auvbench.config import schema
+from auvbench.errors import ConfigError, closest
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
+
+
+def check(config: Any, prefix: str = "") -> None:
+    """Checks a schema dataclass and everything below it.
+
+    Raises:
+        ConfigError: names the key, the value and the valid range or the closest name.
+    """
+    names = [field.name for field in dataclasses.fields(config)]
+    for extra in vars(config).keys() - set(names):  # `+key=value` gets past Hydra's struct flag
+        raise ConfigError(f"{prefix}{extra}: unknown key; {closest(extra, names)}")
+    for field in dataclasses.fields(config):
+        key = f"{prefix}{field.name}"
+        value = getattr(config, field.name)
+        if dataclasses.is_dataclass(value):
+            check(value, f"{key}.")
+        elif value is not None:
+            _check_value(key, value, dict(field.metadata))
+
+
+def _check_value(key: str, value: Any, rule: dict[str, Any]) -> None:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(f"{key}={value}: must be a finite number")
+    if "choices" in rule and value not in rule["choices"]:
+        raise ConfigError(f"{key}={value}: unknown; {closest(str(value), rule['choices'])}")
+    if "name" in rule and not _NAME.fullmatch(str(value)):
+        raise ConfigError(
+            f"{key}={value!r}: must be a plain name (letters, digits, dots, dashes, underscores), since it names a folder"
+        )
+    if "low" in rule:
+        low, high, open_low = rule["low"], rule["high"], rule["open_low"]
+        if value < low or (open_low and value == low) or value > high:
+            raise ConfigError(f"{key}={_show(value)}: must be {_range(low, high, open_low)}")
+
+
+def _show(value: Any) -> str:
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
+
+
+def _range(low: float, high: float, open_low: bool) -> str:
+    lower = f"{'more than' if open_low else 'at least'} {low:.12g}"
+    upper = f"at most {high:.12g}"
+    if math.isinf(high):
+        return lower
+    return upper if math.isinf(low) else f"{lower} and {upper}"
+
+
+def train_config(config: DictConfig) -> schema.TrainConfig:
+    """The typed configuration of a run, its values checked.
+
+    Raises:
+        ConfigError: a value is out of range, missing, or at odds with another.
+    """
+    if isinstance(config.get("algo"), DictConfig) and OmegaConf.is_missing(config.algo, "agent"):
+        raise ConfigError("algo: a value is missing; algo=ppo chooses an algorithm")
+    missing = sorted(str(key) for key in OmegaConf.missing_keys(config))
+    if missing:
+        raise ConfigError(f"{missing[0]}: a value is missing")
+    typed = OmegaConf.to_object(config)
+    if not isinstance(typed, schema.TrainConfig):
+        raise ConfigError("this is no training configuration")
+    if not dataclasses.is_dataclass(typed.algo):
+        raise ConfigError(
+            "algo: name an algorithm, e.g. algo=ppo; its file must start from a schema (see conf/algo)"
+        )
+    check(typed)
+    _across(typed)
+    return typed
+
+
+def _across(config: schema.TrainConfig) -> None:
+    task = config.task
+    for key in ("start", "waypoint_low", "waypoint_high"):
+        value = getattr(task, key)
+        if len(value) != 3 or not all(math.isfinite(v) for v in value):
+            raise ConfigError(f"task.{key}={value}: must be three finite numbers [x, y, z] in m")
+    if task.depth_low >= task.depth_high:
+        raise ConfigError(
+            f"task.depth_low={task.depth_low:g}: must be below task.depth_high={task.depth_high:g}"
+        )
+    for axis, low, high in zip("xyz", task.waypoint_low, task.waypoint_high, strict=True):
+        if low > high:
+            raise ConfigError(f"task.waypoint_low={task.waypoint_low}: {axis} exceeds task.waypoint_high")
+    if not task.depth_low <= task.start[2] <= task.depth_high:
+        raise ConfigError(f"task.start={task.start}: z must lie within the depth limits")
+    for name in ("position", "yaw", "command"):
+        span = getattr(config.noise, name)
+        if span.low > span.high:
+            raise ConfigError(
+                f"noise.{name}.low={span.low:g}: must be at most noise.{name}.high={span.high:g}"
+            )
+    algo = config.algo
+    if isinstance(algo, schema.PPO):
+        rollout = algo.n_steps * algo.n_envs
+        if rollout % algo.batch_size:
+            raise ConfigError(
+                f"algo.batch_size={algo.batch_size}: must divide algo.n_steps x algo.n_envs = {rollout}"
+            )
+        if rollout < 2:
+            raise ConfigError("algo.n_steps=1: with one environment PPO needs at least 2 steps")
+    if isinstance(algo, schema.Network) and not all(width > 0 for width in algo.net_arch):
+        raise ConfigError(f"algo.net_arch={algo.net_arch}: widths must be at least 1")
+    if isinstance(algo, schema.OffPolicy):
+        if algo.gradient_steps == 0:
+            raise ConfigError(
+                "algo.gradient_steps=0: must be at least 1, or -1 for as many as environment steps"
+            )
+        if algo.buffer_size < algo.n_envs:
+            raise ConfigError(
+                f"algo.buffer_size={algo.buffer_size}: must be at least algo.n_envs={algo.n_envs}"
+            )
+    if isinstance(algo, schema.SAC):
+        _number_or_auto("algo.ent_coef", algo.ent_coef)
+        _number_or_auto("algo.target_entropy", algo.target_entropy)
+
+
+def _number_or_auto(key: str, value: str) -> None:
+    body = value.removeprefix("auto").removeprefix("_")
+    if value == "auto":
+        return
+    try:
+        float(body)
+    except ValueError:
+        raise ConfigError(f"{key}={value}: must be auto, auto_<initial value> or a number") from None
