@@ -1,0 +1,66 @@
+"""Rows of the kernel's workspace and columns of its tables.
+
+The kernel works on blocks of `LANES` vehicles. Everything a vehicle needs for a step lies in one workspace of
+rows of `LANES` numbers, so that the innermost loops run over vehicles with constant trip count and constant
+offsets from one base pointer; LLVM then turns each loop into vector instructions without run-time checks.
+"""
+
+from __future__ import annotations
+
+LANES = 16
+
+# State, stage state and Runge-Kutta sum: x y z qw qx qy qz u v w p q r.
+STATE_ROWS = 13
+X = 0
+Y = X + STATE_ROWS
+S = Y + STATE_ROWS
+# Wrench of everything but water and weight, body axes at the body origin.
+TAU = S + STATE_ROWS
+
+# Parameters of each vehicle (a block of these rows is stored per block of vehicles).
+PARAMETERS = TAU + 6
+MASS = PARAMETERS  # m
+MOMENT = MASS + 1  # m r_g (3)
+INERTIA = MOMENT + 3  # I_o: xx yy zz xy xz yz
+ADDED = INERTIA + 6  # diagonal of M_A
+CORIOLIS = ADDED + 6  # diagonal of M_A as C_A uses it: zero where C_A is switched off
+LINEAR = CORIOLIS + 6
+QUADRATIC = LINEAR + 6
+NET = QUADRATIC + 6  # B - W
+LEVER = NET + 1  # B r_b - W r_g (3)
+INVERSE = LEVER + 3  # upper triangle of (M_RB + M_A)^-1, row by row (21)
+ADDED_OFF = INVERSE + 21  # strict upper triangle of M_A, row by row (15)
+CORIOLIS_OFF = ADDED_OFF + 15  # the same as C_A uses it (15)
+THRUST = CORIOLIS_OFF + 15  # scale of all thrust
+PARAMETERS_END = THRUST + 1
+
+# Current of each vehicle: velocity at the top depth (3), difference to the bottom (3), z of the top, 1/thickness.
+CURRENT = PARAMETERS_END
+CURRENT_COLUMNS = 8
+
+# Scratch of the full added-mass path: momentum (6) and current terms (6) from off-diagonal entries.
+EXTRA = CURRENT + CURRENT_COLUMNS
+ROWS = EXTRA + 12
+
+# Columns of the table of actuators (n_u, ACTUATOR_COLUMNS).
+KIND = 0
+CURVE = 1
+LOW = 2
+HIGH = 3
+NEUTRAL = 4
+TABLE = 5  # row of the table of curves
+ORDER = 6
+FIRST_STATE = 7  # first column of this actuator in the actuator states
+ROTOR = 8
+FORCE_SCALE = 9
+POWER_SCALE = 10
+RATE = 11
+ACTUATOR_COLUMNS = 12
+
+THRUSTER, FIN, MASS_SHIFTER, BUOYANCY_ENGINE, DROP_WEIGHT = range(5)
+LINEAR_CURVE, TABLE_CURVE, POLYNOMIAL_CURVE = range(3)
+
+# Columns of the table of exact discretisations (n_u, DISCRETE_COLUMNS): Ad (9), Bd (3), C (3).
+DISCRETE_B = 9
+DISCRETE_C = 12
+DISCRETE_COLUMNS = 15

@@ -1,0 +1,122 @@
+"""Counter-based random numbers: every draw is a pure function of its key and counter.
+
+Philox4x32-10 of Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3" (SC 2011),
+checked against the known-answer vectors of their Random123 library.
+
+A draw is addressed by `(seed, stream, channel, step, episode, environment)`:
+
+=========  ====================================================================
+key 0      seed, 0 .. 2^32 - 1
+key 1      stream: what the draw is for (the constants below)
+counter 0  block of four channels: channel // 4
+counter 1  step within the episode
+counter 2  episode: how many resets the environment had
+counter 3  environment
+=========  ====================================================================
+
+so it does not depend on batch size, worker count or what was drawn before, and there is nothing to save for
+it but these counters. All functions are compiled and may be called from other compiled functions.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+SCENARIO = 0
+SENSOR = 1
+COMMAND = 2
+CURRENT = 3
+FAULT = 4
+RANDOMISATION = 5
+BIAS = 6
+DRIFT = 7
+TEST = 0x100
+"""Test protocols draw from `stream | TEST`, so that no training scenario is a test scenario."""
+
+_MASK = np.uint64(0xFFFFFFFF)
+_SHIFT = np.uint64(32)
+_MULTIPLIER_0 = np.uint64(0xD2511F53)
+_MULTIPLIER_1 = np.uint64(0xCD9E8D57)
+_WEYL_0 = np.uint64(0x9E3779B9)
+_WEYL_1 = np.uint64(0xBB67AE85)
+_TWO_PI = 2.0 * math.pi
+
+
+@njit(cache=True, nogil=True)
+def words(
+    key0: int, key1: int, c0: int, c1: int, c2: int, c3: int
+) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
+    """The four 32-bit words of one Philox4x32-10 block (as unsigned 64-bit integers below 2^32)."""
+    k0 = np.uint64(key0) & _MASK
+    k1 = np.uint64(key1) & _MASK
+    x0 = np.uint64(c0) & _MASK
+    x1 = np.uint64(c1) & _MASK
+    x2 = np.uint64(c2) & _MASK
+    x3 = np.uint64(c3) & _MASK
+    for _ in range(10):
+        product0 = _MULTIPLIER_0 * x0
+        product1 = _MULTIPLIER_1 * x2
+        x0 = (product1 >> _SHIFT) ^ x1 ^ k0
+        x1 = product1 & _MASK
+        x2 = (product0 >> _SHIFT) ^ x3 ^ k1
+        x3 = product0 & _MASK
+        k0 = (k0 + _WEYL_0) & _MASK
+        k1 = (k1 + _WEYL_1) & _MASK
+    return x0, x1, x2, x3
+
+
+@njit(cache=True, nogil=True)
+def _unit(word: np.uint64) -> float:
+    return (np.float64(word) + 0.5) * 2.0**-32
+
+
+@njit(cache=True, nogil=True)
+def uniform4(key0: int, key1: int, c0: int, c1: int, c2: int, c3: int) -> tuple[float, float, float, float]:
+    """Four numbers uniform in the open interval (0, 1): (word + 1/2) 2^-32."""
+    w0, w1, w2, w3 = words(key0, key1, c0, c1, c2, c3)
+    return _unit(w0), _unit(w1), _unit(w2), _unit(w3)
+
+
+@njit(cache=True, nogil=True)
+def normal4(key0: int, key1: int, c0: int, c1: int, c2: int, c3: int) -> tuple[float, float, float, float]:
+    """Four independent standard normal numbers: Box-Muller (1958) on each pair of words."""
+    u0, u1, u2, u3 = uniform4(key0, key1, c0, c1, c2, c3)
+    radius0 = math.sqrt(-2.0 * math.log(u0))
+    radius1 = math.sqrt(-2.0 * math.log(u2))
+    return (
+        radius0 * math.cos(_TWO_PI * u1),
+        radius0 * math.sin(_TWO_PI * u1),
+        radius1 * math.cos(_TWO_PI * u3),
+        radius1 * math.sin(_TWO_PI * u3),
+    )
+
+
+@njit(cache=True, nogil=True)
+def uniform(seed: int, stream: int, channel: int, step: int, episode: int, environment: int) -> float:
+    """The uniform draw of one channel; channel c is entry c % 4 of `uniform4` at block c // 4."""
+    u = uniform4(seed, stream, channel // 4, step, episode, environment)
+    entry = channel % 4
+    if entry == 0:
+        return u[0]
+    if entry == 1:
+        return u[1]
+    if entry == 2:
+        return u[2]
+    return u[3]
+
+
+@njit(cache=True, nogil=True)
+def normal(seed: int, stream: int, channel: int, step: int, episode: int, environment: int) -> float:
+    """The standard normal draw of one channel; channel c is entry c % 4 of `normal4` at block c // 4."""
+    z = normal4(seed, stream, channel // 4, step, episode, environment)
+    entry = channel % 4
+    if entry == 0:
+        return z[0]
+    if entry == 1:
+        return z[1]
+    if entry == 2:
+        return z[2]
+    return z[3]

@@ -1,0 +1,60 @@
+"""What every simulator offers: N copies of one vehicle, advanced together.
+
+A simulator knows nothing of tasks and rewards. World ENU with the surface at z = 0, body FLU, quaternion
+(w, x, y, z) body to world, SI units.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auvbench.vehicles.model import VehicleModel
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.integer[Any]]
+
+
+class Simulator(Protocol):
+    """N vehicles in water."""
+
+    vehicle: VehicleModel
+    n: int
+    pose: FloatArray  # (n, 7) x y z qw qx qy qz, m
+    velocity: FloatArray  # (n, 6) u v w p q r in body axes, m/s and rad/s
+    actuators: FloatArray  # (n, n_actuator_states)
+    command_force: FloatArray  # (n, n_u) N that the last command stands for
+    power: FloatArray  # (n,) W, electrical, of the last command
+    effectiveness: FloatArray  # (n, n_u) multiplies each thruster's force: 1 healthy, 0 dead
+
+    def reset(
+        self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike, scales: ArrayLike | None = None
+    ) -> None:
+        """Put vehicles `indices` (k,) at `pose` (k, 7) with `velocity` (k, 6), actuators at rest.
+
+        `scales` (k, 6) multiplies mass, buoyancy, inertia, added mass, damping and thrust (1 = the sheet, which
+        is also what None means). Effectiveness returns to 1; the current stays.
+        """
+
+    def set_current(
+        self,
+        velocity: ArrayLike,
+        bottom: ArrayLike | None = None,
+        depths: tuple[ArrayLike, ArrayLike] = (0.0, 1.0),
+    ) -> None:
+        """Set the current: `velocity` (3,) or (n, 3) in m/s, world axes, the same at all depths.
+
+        With `bottom` (3,) or (n, 3) the current is `velocity` down to `depths[0]`, `bottom` from `depths[1]` on
+        (m, positive down; scalars or (n,)), and linear in depth between them.
+        """
+
+    def step(self, command: ArrayLike, duration: float) -> None:
+        """Hold normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds."""
+
+    def state_dict(self) -> dict[str, FloatArray]:
+        """Copies of all that an exact resume needs."""
+
+    def load_state_dict(self, state: dict[str, FloatArray]) -> None:
+        """Return to a state that `state_dict` gave."""

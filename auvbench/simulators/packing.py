@@ -1,0 +1,117 @@
+"""From a `VehicleModel` to the arrays that the compiled kernel reads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.dynamics import layout
+from auvbench.dynamics.kernel import PARAMETER_ROWS
+from auvbench.dynamics.rigid_body import rigid_body_mass
+from auvbench.vehicles.actuators import t200_power, t200_table
+from auvbench.vehicles.model import VehicleModel
+
+FloatArray = NDArray[np.float64]
+
+_KINDS = {
+    "thruster": layout.THRUSTER,
+    "fin": layout.FIN,
+    "mass_shifter": layout.MASS_SHIFTER,
+    "buoyancy_engine": layout.BUOYANCY_ENGINE,
+    "drop_weight": layout.DROP_WEIGHT,
+}
+_CURVES = {
+    "linear": layout.LINEAR_CURVE,
+    "table": layout.TABLE_CURVE,
+    "polynomial": layout.POLYNOMIAL_CURVE,
+}
+
+
+def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
+    """Parameters (k, PARAMETER_ROWS) of vehicles whose properties are scaled by `scales` (k, 6)."""
+    mass, buoyancy, inertia, added, damping, thrust = (scales[:, j, None] for j in range(6))
+    r_g = vehicle.center_of_gravity
+    no_inertia = np.zeros((3, 3))
+    M_mass = rigid_body_mass(vehicle.mass, r_g, no_inertia)
+    M_inertia = rigid_body_mass(0.0, r_g, vehicle.inertia)
+    M_RB = mass[..., None] * M_mass + inertia[..., None] * M_inertia
+    M_A = added[..., None] * vehicle.M_A
+    rows = np.zeros((scales.shape[0], PARAMETER_ROWS))
+
+    def put(row: int, values: NDArray[np.floating[Any]]) -> None:
+        first = row - layout.PARAMETERS
+        rows[:, first : first + values.shape[1]] = values
+
+    upper = np.triu_indices(6)
+    strict = np.triu_indices(6, 1)
+    angular = M_RB[:, 3:, 3:]
+    coriolis = M_A if vehicle.added_mass_coriolis else 0.0 * M_A
+    put(layout.MASS, M_RB[:, :1, 0])
+    put(layout.MOMENT, mass * (vehicle.mass * r_g))
+    put(layout.INERTIA, angular[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    put(layout.ADDED, np.diagonal(M_A, axis1=1, axis2=2))
+    put(layout.CORIOLIS, np.diagonal(coriolis, axis1=1, axis2=2))
+    put(layout.LINEAR, damping * vehicle.linear_damping)
+    put(layout.QUADRATIC, damping * vehicle.quadratic_damping)
+    weight, lift = mass * vehicle.weight, buoyancy * vehicle.buoyancy
+    put(layout.NET, lift - weight)
+    put(layout.LEVER, lift * vehicle.center_of_buoyancy - weight * r_g)
+    put(layout.INVERSE, np.linalg.inv(M_RB + M_A)[:, upper[0], upper[1]])
+    put(layout.ADDED_OFF, M_A[:, strict[0], strict[1]])
+    put(layout.CORIOLIS_OFF, coriolis[:, strict[0], strict[1]])
+    put(layout.THRUST, thrust)
+    return rows
+
+
+def unit_table(vehicle: VehicleModel) -> tuple[FloatArray, FloatArray]:
+    """The table of actuators (n_u, ACTUATOR_COLUMNS) and the table of curves (1 + curves, points).
+
+    Row 0 of the curves is electrical power over force: lowest force, highest force, then powers at equally
+    spaced forces. The others start with their number of entries.
+    """
+    table = np.zeros((len(vehicle.units), layout.ACTUATOR_COLUMNS))
+    force = t200_table()["force_N"]
+    curves = [np.concatenate(([force[0], force[-1]], t200_power()))]
+    state = 0
+    for row, unit in zip(table, vehicle.units, strict=True):
+        row[layout.KIND] = _KINDS[unit.kind]
+        row[layout.CURVE] = _CURVES[unit.curve.kind]
+        row[layout.LOW], row[layout.HIGH] = unit.curve.limits
+        row[layout.NEUTRAL] = unit.curve.neutral
+        if unit.curve.kind != "linear":
+            values = unit.curve.table if unit.curve.kind == "table" else unit.curve.coefficients
+            row[layout.TABLE] = len(curves)
+            curves.append(np.concatenate(([values.size], values)))
+        row[layout.ORDER] = unit.lag.order
+        row[layout.FIRST_STATE] = state
+        state += unit.lag.order
+        row[layout.ROTOR] = unit.rotor_constant
+        row[layout.FORCE_SCALE] = 1.0 / unit.power.force_scale
+        row[layout.POWER_SCALE] = unit.power.power_scale
+    packed = np.zeros((len(curves), max(curve.size for curve in curves)))
+    for target, curve in zip(packed, curves, strict=True):
+        target[: curve.size] = curve
+    return table, packed
+
+
+def geometry_table(vehicle: VehicleModel) -> FloatArray:
+    """Wrench (n_u, 6) per newton of each thruster."""
+    return np.ascontiguousarray(vehicle.allocation.T)
+
+
+def discretise(vehicle: VehicleModel, duration: float) -> FloatArray:
+    """Exact discretisations (n_u, DISCRETE_COLUMNS) of all actuators for one duration in s."""
+    table = np.zeros((len(vehicle.units), layout.DISCRETE_COLUMNS))
+    for row, unit in zip(table, vehicle.units, strict=True):
+        order = unit.lag.order
+        if order == 0:
+            continue
+        A, B = unit.lag.discretise(duration)
+        square = np.zeros((3, 3))
+        square[:order, :order] = A
+        row[:9] = square.ravel()
+        row[layout.DISCRETE_B : layout.DISCRETE_B + order] = B
+        row[layout.DISCRETE_C : layout.DISCRETE_C + order] = unit.lag.C
+    return table

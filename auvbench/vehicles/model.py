@@ -1,0 +1,100 @@
+"""A vehicle as the simulators see it: checked arrays in body FLU at the body origin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auvbench.dynamics.rigid_body import rigid_body_mass
+from auvbench.vehicles.actuators import Actuator
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VehicleModel:
+    """Parameters of a vehicle; built by `auvbench.vehicles.sheet.load`, which checks them.
+
+    Matrices are at the body origin CO, axes forward, port, up; positive numbers are the entries of the
+    matrices M_A and D (Fossen's derivatives carry the opposite sign).
+    """
+
+    name: str
+    title: str
+    gravity: float  # m/s2
+    density: float  # kg/m3
+    mass: float  # kg
+    center_of_gravity: FloatArray  # (3,) m
+    inertia: FloatArray  # (3, 3) kg m2, about the centre of gravity
+    weight: float  # N
+    buoyancy: float  # N
+    center_of_buoyancy: FloatArray  # (3,) m
+    M_A: FloatArray  # (6, 6) added mass, symmetric
+    added_mass_coriolis: bool  # False switches C_A off, as some sources do
+    linear_damping: FloatArray  # (6,) N s/m, N m s
+    quadratic_damping: FloatArray  # (6,) N s2/m2, N m s2
+    units: tuple[Actuator, ...]
+    controllable: tuple[str, ...] = ()  # degrees of freedom that the allocation must span
+    sources: tuple[tuple[str, str], ...] = ()  # (key, one-line citation)
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Names of the actuators, in the order of the action."""
+        return tuple(unit.name for unit in self.units)
+
+    @property
+    def M_RB(self) -> FloatArray:
+        """Rigid-body mass matrix (6, 6) at the body origin."""
+        return rigid_body_mass(self.mass, self.center_of_gravity, self.inertia)
+
+    @property
+    def M(self) -> FloatArray:
+        """M_RB + M_A (6, 6)."""
+        return self.M_RB + self.M_A
+
+    @property
+    def M_inverse(self) -> FloatArray:
+        """Inverse of M (6, 6)."""
+        return np.asarray(np.linalg.inv(self.M))
+
+    @property
+    def allocation(self) -> FloatArray:
+        """Wrench (6, n_u) at the body origin per newton of each thruster; zero columns for other actuators."""
+        B = np.zeros((6, len(self.units)))
+        for column, unit in enumerate(self.units):
+            if unit.kind == "thruster":
+                B[:3, column] = unit.direction
+                B[3:, column] = np.cross(unit.position, unit.direction)
+        return B
+
+    @property
+    def command_limits(self) -> FloatArray:
+        """Physical command (n_u, 2) at -1 and at +1: N, rad/s, rad, m or m3."""
+        return np.array([unit.curve.limits for unit in self.units])
+
+    @property
+    def force_limits(self) -> FloatArray:
+        """Force (n_u, 2) in N at command -1 and at +1; zero for what is no thruster."""
+        return self.force(np.array([[-1.0], [1.0]]) * np.ones(len(self.units))).T
+
+    def force(self, action: ArrayLike) -> FloatArray:
+        """Steady thruster forces (..., n_u) in N at normalised commands (..., n_u)."""
+        action = np.asarray(action, dtype=np.float64)
+        return np.stack([unit.force(action[..., i]) for i, unit in enumerate(self.units)], axis=-1)
+
+    def action(self, force: ArrayLike) -> FloatArray:
+        """Normalised commands (..., n_u) that give `force` (..., n_u) in N, clipped to what can be reached."""
+        force = np.asarray(force, dtype=np.float64)
+        return np.stack([unit.command(force[..., i]) for i, unit in enumerate(self.units)], axis=-1)
+
+    def power(self, action: ArrayLike) -> FloatArray:
+        """Electrical power (...,) in W of all thrusters at normalised commands (..., n_u)."""
+        force = self.force(action)
+        total = np.zeros(force.shape[:-1])
+        for i, unit in enumerate(self.units):
+            if unit.kind == "thruster":
+                total = total + unit.power(force[..., i])
+        return np.asarray(total)

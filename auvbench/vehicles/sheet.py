@@ -1,0 +1,195 @@
+"""A vehicle sheet, in which every number names its source, becomes a checked `VehicleModel`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.dynamics.rigid_body import rigid_body_mass
+from auvbench.errors import closest
+from auvbench.vehicles.actuator_sheet import read_actuators
+from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.reader import Document, read
+
+FloatArray = NDArray[np.float64]
+
+DEGREES_OF_FREEDOM = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+_ASYMMETRY = 1e-9
+
+
+def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
+    """The vehicle that a sheet describes.
+
+    Args:
+        source: the content of a sheet as a mapping, the path of a YAML file, or the name of one of the sheets
+            that come with auvbench.
+
+    Raises:
+        VehicleError: the sheet breaks a rule; the message names the line (when read from a file) and the rule.
+
+    >>> load("bluerov2").mass
+    15.22
+    """
+    document = read(source)
+    document.section(
+        (),
+        ("name", "title", "frame", "sources", "environment", "rigid_body", "buoyancy", "hydrodynamics",
+         "actuators", "controllable"),
+        ("remarks",),
+    )  # fmt: skip
+    sources = _sources(document)
+    frame = document.text(("frame",), ("enu", "ned"))
+    # NED/FRD and ENU/FLU body axes differ by half a turn about x.
+    turn = np.array([1.0, -1.0, -1.0]) if frame == "ned" else np.ones(3)
+    document.section(("environment",), ("gravity", "density"))
+    gravity = document.number(("environment", "gravity"), "m/s2", above=0.0)
+    density = document.number(("environment", "density"), "kg/m3", above=0.0)
+    mass, weight, r_g, inertia = _rigid_body(document, gravity, turn)
+    buoyancy, r_b = _buoyancy(document, gravity, density, turn)
+    M_A, coriolis, linear, quadratic = _hydrodynamics(document, turn)
+    _check_mass(document, rigid_body_mass(mass, r_g, inertia), M_A)
+    vehicle = VehicleModel(
+        name=document.text(("name",)),
+        title=document.text(("title",)),
+        gravity=gravity,
+        density=density,
+        mass=mass,
+        center_of_gravity=r_g,
+        inertia=inertia,
+        weight=weight,
+        buoyancy=buoyancy,
+        center_of_buoyancy=r_b,
+        M_A=M_A,
+        added_mass_coriolis=coriolis,
+        linear_damping=linear,
+        quadratic_damping=quadratic,
+        units=read_actuators(document, turn, density),
+        controllable=_controllable(document),
+        sources=sources,
+        remarks=tuple(str(remark) for remark in document.data.get("remarks", ())),
+    )
+    _check_allocation(document, vehicle)
+    return vehicle
+
+
+def _sources(document: Document) -> tuple[tuple[str, str], ...]:
+    citations = []
+    for key in document.section(("sources",), (), tuple(document.get(("sources",)))):
+        path = ("sources", str(key))
+        document.section(path, ("title",), ("repository", "version", "licence", "note"))
+        fields = document.get(path)
+        parts = [
+            str(fields[name]) for name in ("title", "repository", "version", "licence") if name in fields
+        ]
+        citations.append((str(key), ", ".join(parts)))
+    return tuple(citations)
+
+
+def _rigid_body(
+    document: Document, gravity: float, turn: FloatArray
+) -> tuple[float, float, FloatArray, FloatArray]:
+    at = ("rigid_body",)
+    section = document.section(at, ("mass", "center_of_gravity", "inertia"), ("weight",))
+    mass = document.number((*at, "mass"), "kg", above=0.0)
+    weight = document.number((*at, "weight"), "N", above=0.0) if "weight" in section else mass * gravity
+    r_g = document.quantity((*at, "center_of_gravity"), "m", ((3,),)) * turn
+    inertia = document.quantity((*at, "inertia"), "kg m2", ((3,), (3, 3)))
+    if inertia.ndim == 1:
+        inertia = np.diag(inertia)
+    where = (*at, "inertia", "value")
+    if np.max(np.abs(inertia - inertia.T)) > _ASYMMETRY * np.max(np.abs(inertia)):
+        document.fail(where, "the inertia matrix is not symmetric")
+    if np.linalg.eigvalsh(inertia)[0] <= 0.0:
+        document.fail(where, "the inertia matrix is not positive definite")
+    return mass, weight, r_g, inertia * np.outer(turn, turn)
+
+
+def _buoyancy(
+    document: Document, gravity: float, density: float, turn: FloatArray
+) -> tuple[float, FloatArray]:
+    at = ("buoyancy",)
+    section = document.section(at, ("center",), ("volume", "force"))
+    if ("volume" in section) == ("force" in section):
+        document.fail(at, "give either 'volume' in m3 or 'force' in N")
+    if "volume" in section:
+        force = density * gravity * document.number((*at, "volume"), "m3", low=0.0)
+    else:
+        force = document.number((*at, "force"), "N", low=0.0)
+    return force, document.quantity((*at, "center"), "m", ((3,),)) * turn
+
+
+def _hydrodynamics(document: Document, turn: FloatArray) -> tuple[FloatArray, bool, FloatArray, FloatArray]:
+    at = ("hydrodynamics",)
+    section = document.section(
+        at, ("added_mass", "linear_damping", "quadratic_damping"), ("added_mass_coriolis", "symmetrise")
+    )
+    M_A = document.quantity((*at, "added_mass"), "kg, kg m, kg m2", ((6,), (6, 6)))
+    if M_A.ndim == 1:
+        M_A = np.diag(M_A)
+    asymmetry = float(np.max(np.abs(M_A - M_A.T)))
+    if asymmetry > _ASYMMETRY * float(np.max(np.abs(M_A))):
+        if section.get("symmetrise") is not True:
+            document.fail(
+                (*at, "added_mass", "value"),
+                f"the added-mass matrix is not symmetric (entries differ by up to {asymmetry:g}); correct it or "
+                "say 'symmetrise: true' to use the mean with its transpose",
+            )
+        M_A = 0.5 * (M_A + M_A.T)
+    if np.linalg.eigvalsh(M_A)[0] < 0.0:
+        document.fail((*at, "added_mass", "value"), "the added-mass matrix is indefinite")
+    coriolis = section.get("added_mass_coriolis", True)
+    if isinstance(coriolis, Mapping):
+        coriolis = document.sourced((*at, "added_mass_coriolis"), "1")
+    if not isinstance(coriolis, bool):
+        document.fail((*at, "added_mass_coriolis"), f"{coriolis!r} is neither true nor false")
+    damping = []
+    for key, unit in (("linear_damping", "N s/m, N m s"), ("quadratic_damping", "N s2/m2, N m s2")):
+        values = document.quantity((*at, key), unit, ((6,),))
+        if np.any(values < 0.0):
+            index = int(np.argmax(values < 0.0))
+            document.fail(
+                (*at, key, "value"),
+                f"negative damping {values[index]:g} in {DEGREES_OF_FREEDOM[index]}: entries are those of the matrix "
+                "D, which takes energy out; Fossen's derivatives have the opposite sign",
+            )
+        damping.append(values)
+    six = np.concatenate((turn, turn))
+    return M_A * np.outer(six, six), coriolis, damping[0], damping[1]
+
+
+def _check_mass(document: Document, M_RB: FloatArray, M_A: FloatArray) -> None:
+    smallest = float(np.linalg.eigvalsh(M_RB + M_A)[0])
+    if smallest <= 0.0:
+        document.fail(
+            ("rigid_body",), f"M_RB + M_A is not positive definite (smallest eigenvalue {smallest:g})"
+        )
+
+
+def _controllable(document: Document) -> tuple[str, ...]:
+    declared = document.get(("controllable",))
+    if not isinstance(declared, list) or not declared:
+        document.fail(
+            ("controllable",), f"expected a list of {', '.join(DEGREES_OF_FREEDOM)}, got {declared!r}"
+        )
+    for name in declared:
+        if name not in DEGREES_OF_FREEDOM:
+            document.fail(
+                ("controllable",),
+                f"{name!r} is no degree of freedom; {closest(str(name), DEGREES_OF_FREEDOM)}",
+            )
+    return tuple(declared)
+
+
+def _check_allocation(document: Document, vehicle: VehicleModel) -> None:
+    rows = [DEGREES_OF_FREEDOM.index(name) for name in vehicle.controllable]
+    rank = int(np.linalg.matrix_rank(vehicle.allocation[rows]))
+    if rank < len(rows):
+        document.fail(
+            ("controllable",),
+            f"rank-deficient allocation: the thrusters span {rank} of the {len(rows)} degrees of freedom declared "
+            f"({', '.join(vehicle.controllable)}); move a thruster or declare fewer",
+        )
