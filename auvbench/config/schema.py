@@ -179,10 +179,12 @@ class TD3(OffPolicy):
 
 @dataclass(kw_only=True)
 class PID(Algorithm):
-    bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
     cruise_speed: float = number(0.0, 100.0, open_low=True)  # m/s
-    heading_gain: float = number(0.0, 100.0)  # 1/s
-    integral_gain: float = number(0.0, 100.0)  # 1/s
+    approach: float = number(0.0, 100.0, open_low=True)  # 1/s
+    bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
+    heading_bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
+    integral_time: float = number(0.0, 1e6, open_low=True)  # s
+    filter_time: float = number(0.0, 1e3, open_low=True)  # s
     effort: float = number(0.0, 1.0, open_low=True)
 
 

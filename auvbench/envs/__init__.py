@@ -1,0 +1,1 @@
+"""Three faces of one batch of environments: gymnasium.Env, gymnasium.vector.VectorEnv, SB3's VecEnv."""

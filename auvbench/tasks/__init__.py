@@ -1,0 +1,1 @@
+"""What is asked of a controller: scenario, observation, reward, ends; disturbances."""

@@ -1,0 +1,44 @@
+"""What every agent offers, and the registry of those there are."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Observations = NDArray[np.float32]
+Actions = NDArray[np.floating]
+
+LEARNERS: dict[str, str] = {
+    "ppo": "stable_baselines3:PPO",
+    "sac": "stable_baselines3:SAC",
+    "ddpg": "stable_baselines3:DDPG",
+    "td3": "stable_baselines3:TD3",
+}
+CONTROLLERS: dict[str, str] = {
+    "pid": "auvbench.agents.pid:PIDController",
+    "random": "auvbench.agents.random:RandomAgent",
+}
+
+
+class Agent(Protocol):
+    """A controller in a test: acts on a batch of observations."""
+
+    def reset(self, n: int) -> None:
+        """Forgets everything: n new episodes begin."""
+
+    def act(self, observation: Observations) -> Actions:
+        """Actions (n, n_u) in [-1, 1] for observations (n, 4 + n_u)."""
+
+
+def resolve(target: str) -> Any:
+    """The object that a registry's "module:name" stands for."""
+    module, _, name = target.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def learns(agent: str) -> bool:
+    """Whether an agent has anything to learn."""
+    return agent in LEARNERS

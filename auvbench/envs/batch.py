@@ -1,0 +1,156 @@
+"""A batch of N environments: simulator, task and disturbances under one step, with automatic reset.
+
+The three faces (`gym_env`, `vector_env`, `sb3`) only translate between this and the interface they serve.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.errors import ConfigError
+from auvbench.simulators.base import Simulator
+from auvbench.simulators.fossen import FossenSimulator
+from auvbench.tasks.kernels import C_EPISODE, COLLISION, SUCCESS, TIMEOUT
+from auvbench.tasks.waypoint import Record, WaypointTask
+from auvbench.vehicles import sheet
+from auvbench.vehicles.model import VehicleModel
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+# Position errors stay far inside; a finite bound keeps Gymnasium's checker and normalisers quiet.
+POSITION_BOUND = 1e6
+
+
+@dataclass(slots=True)
+class Transition:
+    """What one step of the batch gives. Arrays are the batch's own: copy what must outlive the next step."""
+
+    observation: NDArray[np.float32]  # (n, 4 + n_u), already of the next episode where one ended
+    reward: Floats  # (n,)
+    terminated: Booleans  # (n,) success or collision
+    truncated: Booleans  # (n,) timeout
+    ended: NDArray[np.int64]  # indices of the episodes that ended
+    final_observation: NDArray[np.float32]  # (len(ended), 4 + n_u) their last observations
+    records: list[Record]  # a row for each of them
+
+
+class Batch:
+    """N environments.
+
+    Args:
+        config: the typed configuration.
+        n: how many environments; None takes `algo.n_envs`.
+        seed: of every draw; None takes `config.seed`.
+        test: draw from the streams of test protocols.
+        autoreset: begin the next episode in the step that ended one.
+        vehicle: another vehicle than the configuration's sheet (transfer protocols).
+    """
+
+    def __init__(
+        self,
+        config: schema.TrainConfig,
+        n: int | None = None,
+        *,
+        seed: int | None = None,
+        test: bool = False,
+        autoreset: bool = True,
+        vehicle: VehicleModel | None = None,
+    ) -> None:
+        self.config = config
+        self.n = int(config.algo.n_envs if n is None else n)
+        self.vehicle = sheet.load(config.vehicle) if vehicle is None else vehicle
+        self.simulator = make_simulator(config.simulator, self.vehicle, self.n)
+        self.task = WaypointTask(
+            config, self.vehicle, self.n, config.seed if seed is None else seed, test=test
+        )
+        self.autoreset = autoreset
+        self._all = np.arange(self.n, dtype=np.int64)
+        self._action: Floats = np.zeros((self.n, len(self.vehicle.actuators)))
+        self._none: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+
+    @property
+    def seed(self) -> int:
+        return self.task.seed
+
+    def reseed(self, seed: int) -> None:
+        """Starts again at episode 0 with another seed; `reset` must follow.
+
+        Raises:
+            ConfigError: the seed is not in 0 .. 2^32 - 1.
+        """
+        if not 0 <= seed < 1 << 32:
+            raise ConfigError(f"seed={seed}: must be at least 0 and at most {(1 << 32) - 1}")
+        self.task.seed = int(seed)
+        self.task.C[:, C_EPISODE] = -1
+
+    def reset(self) -> NDArray[np.float32]:
+        """Begins the next episode everywhere; observations (n, 4 + n_u)."""
+        self._reset(self._all)
+        return self.task.observe(self.simulator.pose)
+
+    def _reset(self, indices: NDArray[np.int64]) -> None:
+        pose = self.task.reset(indices)
+        self.simulator.reset(indices, pose, np.zeros((len(indices), 6)))
+
+    def step(self, action: NDArray[np.floating]) -> Transition:
+        """One agent step of 1/frequency seconds for actions (n, n_u), clipped to [-1, 1]."""
+        np.clip(action, -1.0, 1.0, out=self._action)
+        task, simulator = self.task, self.simulator
+        command = task.add_noise(self._action)
+        simulator.step(command, task.duration)
+        ended_count = task.advance(simulator.pose, self._action, simulator.command_force, simulator.power)
+        observation = task.observe(simulator.pose)
+        if not ended_count:
+            none = np.zeros(self.n, dtype=np.bool_)
+            return Transition(observation, task.reward, none, none, self._none, observation[:0], [])
+        outcome = task.outcome
+        terminated = (outcome == SUCCESS) | (outcome == COLLISION)
+        truncated = outcome == TIMEOUT
+        ended = np.flatnonzero(outcome >= 0)
+        records = task.records(ended)
+        final = observation[ended]
+        if self.autoreset:
+            self._reset(ended)
+            task.observe(simulator.pose, ended)
+        return Transition(observation, task.reward, terminated, truncated, ended, final, records)
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """Copies of everything that an exact resume needs, as plain arrays."""
+        state = {f"task.{key}": value for key, value in self.task.state_dict().items()}
+        state |= {f"simulator.{key}": value for key, value in self.simulator.state_dict().items()}
+        state["seed"] = np.asarray(self.seed, dtype=np.int64)
+        return state
+
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self.task.seed = int(state["seed"])
+        self.task.load_state_dict(_below(state, "task."))
+        self.simulator.load_state_dict(_below(state, "simulator."))
+
+
+def _below(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
+    return {key.removeprefix(prefix): value for key, value in state.items() if key.startswith(prefix)}
+
+
+def make_simulator(config: schema.Simulator, vehicle: VehicleModel, n: int) -> Simulator:
+    """The simulator that the configuration names."""
+    if config.name == "fossen":
+        return FossenSimulator(vehicle, n, max_step=config.max_step, threads=config.threads)
+    raise ConfigError(f"simulator.name={config.name}: unknown; valid: fossen")
+
+
+def at_frequency(config: schema.TrainConfig, frequency: float) -> schema.TrainConfig:
+    """The same configuration with another agent step."""
+    return dataclasses.replace(config, step=dataclasses.replace(config.step, frequency=frequency))
+
+
+def observation_bounds(n_u: int) -> NDArray[np.float32]:
+    """Upper bounds (4 + n_u,) of the observation: yaw error, position error, previous action."""
+    return np.array([np.pi, *[POSITION_BOUND] * 3, *[1.0] * n_u], dtype=np.float32)

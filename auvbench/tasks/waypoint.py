@@ -1,0 +1,248 @@
+"""The waypoint task of the thesis for N environments: scenario, observation, reward, ends, records.
+
+Section 2 of the thesis; the choices where its words leave room are in docs/task.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.dynamics.random import TEST
+from auvbench.errors import TrainingError
+from auvbench.tasks import kernels as k
+from auvbench.tasks.kernels import OUTCOMES
+from auvbench.vehicles.model import VehicleModel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+RECORD_COLUMNS = (
+    "episode",
+    "environment",
+    "outcome",
+    "steps",
+    "duration_s",
+    "return",
+    "initial_distance_m",
+    "final_distance_m",
+    "deviation_mean_m",
+    "deviation_std_m",
+    "command_norm_mean_N",
+    "command_norm_sum_N",
+    "energy_J",
+    "path_length_m",
+    "path_efficiency",
+    "smoothness_per_s",
+    "depth_margin_m",
+    "waypoint_x_m",
+    "waypoint_y_m",
+    "waypoint_z_m",
+    "start_yaw_rad",
+)
+"""A record: one row per episode, the same in training and in tests. Definitions in docs/protocol.md."""
+
+Record = dict[str, float | int | str]
+
+
+class WaypointTask:
+    """State of N waypoint episodes.
+
+    Args:
+        config: the typed configuration (task, reward, step, noise).
+        vehicle: what is controlled; fixes the number of actuators n_u.
+        n: environments.
+        seed: of everything drawn here, 0 .. 2^32 - 1.
+        test: draw from the streams of test protocols, which no training shares.
+    """
+
+    def __init__(
+        self, config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *, test: bool = False
+    ) -> None:
+        self.vehicle = vehicle
+        self.n = n
+        self.seed = seed
+        self.frequency = config.step.frequency
+        self.parameters = _parameters(config)
+        self.noise_scale = _command_noise_scale(config.noise, vehicle)
+        n_u = len(vehicle.actuators)
+        self.observation_size = 4 + n_u
+        self.F: Floats = np.zeros((n, k.N_FLOATS))
+        self.C: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
+        self.C[:, k.C_ENVIRONMENT] = np.arange(n)
+        self.C[:, k.C_EPISODE] = -1
+        self.previous: Floats = np.zeros((n, n_u))
+        self.offset: Floats = np.zeros((n, 4))
+        """added to the position (m) and yaw (rad) readings: bias, drift (see disturbances)"""
+        self.reward: Floats = np.zeros(n)
+        self.command: Floats = np.zeros((n, n_u))
+        self.observation = np.zeros((n, self.observation_size), dtype=np.float32)
+        self._test = TEST if test else 0
+
+    @property
+    def duration(self) -> float:
+        """Seconds of simulated time that one agent step lasts."""
+        return float(self.parameters[k.P_DURATION])
+
+    @property
+    def outcome(self) -> Integers:
+        """(n,) -1 while an episode is under way, else an index into OUTCOMES."""
+        return self.C[:, k.C_OUTCOME]
+
+    def assign(self, episodes: Integers, environment: int = 0) -> None:
+        """Makes row i the scenario of episode `episodes[i]` at its next reset (test protocols)."""
+        self.C[:, k.C_EPISODE] = np.asarray(episodes) - 1
+        self.C[:, k.C_ENVIRONMENT] = environment
+
+    def reset(self, indices: Integers) -> Floats:
+        """Begins the next episode of the given environments; returns their start poses (len, 7)."""
+        self.C[indices, k.C_EPISODE] += 1
+        self.previous[indices] = 0.0
+        self.offset[indices] = 0.0
+        pose = np.empty((len(indices), 7))
+        k.draw_scenarios(indices, self.F, self.C, self.parameters, self.seed, self._test, pose)
+        return pose
+
+    def add_noise(self, action: Floats) -> Floats:
+        """The command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
+        k.add_command_noise(
+            0,
+            self.n,
+            action,
+            self.C,
+            self.parameters,
+            self.noise_scale,
+            self.seed,
+            self._test,
+            self.command,
+        )
+        return self.command
+
+    def advance(self, pose: Floats, action: Floats, force: Floats, power: Floats) -> int:
+        """Reward and ends after one agent step; returns how many episodes ended.
+
+        Raises:
+            TrainingError: the simulation left the finite numbers.
+        """
+        ended = k.advance(
+            0,
+            self.n,
+            pose,
+            action,
+            self.previous,
+            force,
+            power,
+            self.F,
+            self.C,
+            self.parameters,
+            self.reward,
+        )
+        if ended < 0:
+            row = -1 - ended
+            raise TrainingError(
+                f"the simulated position of environment {row} is not finite after step {int(self.C[row, k.C_STEPS]) + 1} "
+                f"of its episode {int(self.C[row, k.C_EPISODE])}"
+            )
+        return int(ended)
+
+    def observe(self, pose: Floats, indices: Integers | None = None) -> NDArray[np.float32]:
+        """Observations (n, 4 + n_u) from (measured) poses; only the rows in `indices` are renewed if given."""
+        arguments = (
+            pose,
+            self.offset,
+            self.previous,
+            self.F,
+            self.C,
+            self.parameters,
+            self.seed,
+            self._test,
+            self.observation,
+        )
+        if indices is None:
+            k.observe(0, self.n, *arguments)
+        else:
+            k.observe_some(indices, *arguments)
+        return self.observation
+
+    def records(self, indices: Integers) -> list[Record]:
+        """The rows of episodes that just ended, columns RECORD_COLUMNS."""
+        return [self._record(int(i)) for i in indices]
+
+    def _record(self, i: int) -> Record:
+        f = self.F[i].tolist()
+        steps, episode, environment, outcome = self.C[i].tolist()
+        n = max(steps, 1)
+        mean = f[k.F_DEVIATION] / n
+        path = f[k.F_PATH]
+        gained = f[k.F_INITIAL_DISTANCE] - f[k.F_DISTANCE]
+        values: tuple[float | int | str, ...] = (
+            episode,
+            environment,
+            OUTCOMES[outcome],
+            steps,
+            steps * self.duration,
+            f[k.F_RETURN],
+            f[k.F_INITIAL_DISTANCE],
+            f[k.F_DISTANCE],
+            mean,
+            max(f[k.F_DEVIATION_SQUARED] / n - mean * mean, 0.0) ** 0.5,
+            f[k.F_COMMAND_NORM] / n,
+            f[k.F_COMMAND_NORM],
+            f[k.F_ENERGY],
+            path,
+            gained / path if path > 0.0 else 0.0,
+            f[k.F_CHANGE] / (n * self.duration),
+            f[k.F_DEPTH_MARGIN],
+            f[k.F_WAYPOINT],
+            f[k.F_WAYPOINT + 1],
+            f[k.F_WAYPOINT + 2],
+            f[k.F_START_YAW],
+        )
+        return dict(zip(RECORD_COLUMNS, values, strict=True))
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """Copies of everything that an exact resume needs."""
+        return {
+            name: np.copy(getattr(self, name)) for name in ("F", "C", "previous", "offset", "observation")
+        }
+
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
+        for name in ("F", "C", "previous", "offset", "observation"):
+            np.copyto(getattr(self, name), state[name], casting="no")
+
+
+def _parameters(config: schema.TrainConfig) -> Floats:
+    task, reward, noise = config.task, config.reward, config.noise
+    P = np.zeros(k.N_PARAMETERS)
+    P[k.P_GOAL] = task.goal_radius
+    P[k.P_DEPTH_LOW] = task.depth_low
+    P[k.P_DEPTH_HIGH] = task.depth_high
+    P[k.P_MAX_STEPS] = task.max_steps
+    P[k.P_K] = reward.k
+    P[k.P_LENGTH] = reward.length
+    P[k.P_SUCCESS] = reward.success
+    P[k.P_COLLISION] = reward.collision
+    P[k.P_REGRESS] = reward.regress
+    P[k.P_DURATION] = 1.0 / config.step.frequency
+    P[k.P_BODY_FRAME] = task.position_frame == "body"
+    P[k.P_START : k.P_START + 3] = task.start
+    P[k.P_BOX_LOW : k.P_BOX_LOW + 3] = task.waypoint_low
+    P[k.P_BOX_HIGH : k.P_BOX_HIGH + 3] = task.waypoint_high
+    P[k.P_POSITION_LOW : k.P_POSITION_HIGH + 1] = noise.position.low, noise.position.high
+    P[k.P_YAW_LOW : k.P_YAW_HIGH + 1] = noise.yaw.low, noise.yaw.high
+    P[k.P_COMMAND_LOW : k.P_COMMAND_HIGH + 1] = noise.command.low, noise.command.high
+    P[k.P_POSITION_LOW : k.P_COMMAND_HIGH + 1] *= noise.scale
+    P[k.P_BOTH_SIGNS] = noise.sign == "both"
+    return P
+
+
+def _command_noise_scale(noise: schema.Noise, vehicle: VehicleModel) -> Floats:
+    """(n_u,) what one unit of command noise is in units of the normalised action."""
+    if noise.command_unit == "normalised":
+        return np.ones(len(vehicle.actuators))
+    limits = np.asarray(vehicle.command_limits, dtype=np.float64)
+    return np.asarray(2.0 / (limits[:, 1] - limits[:, 0]), dtype=np.float64)
