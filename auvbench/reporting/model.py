@@ -61,7 +61,7 @@ class Problem:
     where: str
     """run id or path"""
     kind: str
-    """missing | failed | unfinished | damaged | foreign | duplicate"""
+    """missing | failed | unfinished | damaged | foreign | duplicate | mixed"""
     message: str
 
 

@@ -1,0 +1,61 @@
+"""Names of agents, as short as the grouping allows: 'PPO K=1 25 Hz', or 'PPO' where K and f are all the same."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+Key = Mapping[str, Any]
+
+
+def part(name: str, value: Any) -> str:
+    """One value of the grouping as it stands in a label.
+
+    >>> part("algo", "ppo"), part("reward.k", 1.0), part("step.frequency", 25.0), part("algo.n_envs", 32)
+    ('PPO', 'K=1', '25 Hz', 'n_envs=32')
+    """
+    if name == "algo":
+        text = str(value)
+        return text.upper() if len(text) <= 4 else text
+    shown = f"{value:g}" if isinstance(value, float) else str(value)
+    if name == "reward.k":
+        return f"K={shown}"
+    if name == "step.frequency":
+        return f"{shown} Hz"
+    if "." not in name:  # a group named by its choice: vehicle, noise, simulator
+        return f"{name} {shown}" if name == "seed" else shown
+    return f"{name.rpartition('.')[2]}={shown}"
+
+
+def labels(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:
+    """A unique label per key.
+
+    A value is left out where it is the same for all learners; a classical controller shows only what varies
+    among the agents of its own algorithm (K means nothing to a PID).
+    """
+    if not keys:
+        return []
+    names = list(keys[0])
+    short = []
+    for key, learner in zip(keys, learners, strict=True):
+        peers = [
+            k
+            for k, is_learner in zip(keys, learners, strict=True)
+            if (learner and is_learner) or k.get("algo") == key.get("algo")
+        ]
+        parts = [part(n, key[n]) for n in names if n == "algo" or len({str(k[n]) for k in peers}) > 1]
+        short.append(" ".join(parts) or "all runs")
+    full = [" ".join(part(n, v) for n, v in key.items()) or "all runs" for key in keys]
+    return [s if short.count(s) == 1 else f for s, f in zip(short, full, strict=True)]
+
+
+def sort_key(key: Key) -> tuple[tuple[int, float, str], ...]:
+    """Numbers in order of size, words in order of the alphabet, nothing last."""
+    return tuple(_sortable(v) for v in key.values())
+
+
+def _sortable(value: Any) -> tuple[int, float, str]:
+    if isinstance(value, int | float) and not math.isnan(value):
+        return 0, float(value), ""
+    return (2, 0.0, "") if value is None else (1, 0.0, str(value))

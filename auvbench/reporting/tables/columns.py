@@ -1,0 +1,93 @@
+"""The columns of the table: the thesis's, and what it would have needed; names, units and order of weight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from auvbench.reporting.model import Estimate, Ranking, Row
+from auvbench.reporting.rounding import NOTHING, rounded
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One metric as it stands in a table."""
+
+    metric: str
+    """key of `Row.estimates`"""
+    title: str
+    unit: str
+    tex: str
+    """the title in LaTeX, with the thesis's symbol where it has one"""
+    scale: float = 1.0
+
+    @property
+    def heading(self) -> str:
+        return f"{self.title} ({self.unit})" if self.unit else self.title
+
+
+SUCCESS = Column("success_rate", "success", "%", r"success (\%)", 100.0)
+STEPS = Column("mean_steps", "steps", "", "steps")
+OUTCOMES = (
+    SUCCESS,
+    Column("collision_rate", "collision", "%", r"collision (\%)", 100.0),
+    Column("timeout_rate", "timeout", "%", r"timeout (\%)", 100.0),
+    STEPS,
+    Column("mean_time_to_goal_s", "time to goal", "s", "time to goal (s)"),
+    Column("mean_final_distance_m", "final distance", "m", "final distance (m)"),
+)
+"""where episodes end"""
+MOTION = (
+    Column("mean_deviation_mean_m", "deviation", "m", r"mean $d_\delta$ (m)"),
+    Column("mean_deviation_std_m", "std of deviation", "m", r"std $d_\delta$ (m)"),
+    Column("mean_command_norm_mean_N", "norm u", "N", r"mean $\|u\|$ (N)"),
+    Column("mean_command_norm_sum_N", "sum of norm u", "N", r"mean $\sum\|u\|$ (N)"),
+    Column("mean_energy_J", "energy", "kJ", "energy (kJ)", 1e-3),
+)
+"""how they get there, and at what cost"""
+COLUMNS = OUTCOMES + MOTION
+
+BY_WEIGHT = (0, 3, 1, 2, 6, 4, 10, 7, 5, 8, 9)
+"""which columns a narrow terminal keeps first, as indices into `COLUMNS`"""
+
+DAGGER = "†"
+
+
+def present(columns: Sequence[Column], ranking: Ranking) -> tuple[Column, ...]:
+    """The columns that at least one row has a number for; what the table is ranked by is always among them."""
+    known = {metric for row in ranking.rows for metric in row.estimates}
+    return tuple(c for c in columns if c.metric in known)
+
+
+def extra(ranking: Ranking) -> tuple[Column, ...]:
+    """Columns for what the table is ranked by, where it is none of the usual ones."""
+    usual = {c.metric for c in COLUMNS}
+    wanted = dict.fromkeys((ranking.rank_by, ranking.then))
+    return tuple(
+        Column(m, m.replace("_", " "), "", m.replace("_", r"\_")) for m in wanted if m and m not in usual
+    )
+
+
+def cell(row: Row, column: Column) -> tuple[str, str]:
+    """Value and interval of a row as text: ('98.0', '[96.4, 98.9]'); an absent number is a dash, never zero."""
+    estimate: Estimate | None = row.estimates.get(column.metric)
+    if estimate is None:
+        return NOTHING, ""
+    value, low, high = rounded(estimate, column.scale)
+    return value, f"[{low}, {high}]" if low else ""
+
+
+def rank(row: Row) -> str:
+    """'1', or '2 (1–3)' where resampling leaves the rank open."""
+    low, high = row.rank_interval
+    return str(row.rank) if low == high == row.rank else f"{row.rank} ({low}–{high})"
+
+
+def one_seed_among_many(ranking: Ranking) -> frozenset[str]:
+    """Labels to mark: rows of one training seed in a table where others have several."""
+    single = {row.label for row in ranking.rows if len(row.seeds) < 2}
+    return frozenset(single if len(single) < len(ranking.rows) else ())
+
+
+def seeds(row: Row) -> str:
+    return str(len(row.seeds))

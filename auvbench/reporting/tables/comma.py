@@ -1,0 +1,58 @@
+"""The table as CSV in full precision, for whoever computes on."""
+
+from __future__ import annotations
+
+import csv as csv_module
+import io
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from auvbench.reporting.model import Comparison, Ranking
+
+
+def csv(ranking: Ranking) -> str:
+    """A row per agent: rank, key, seeds, runs, and value, low and high of every metric (rates from 0 to 1)."""
+    keys = list(dict.fromkeys(key for row in ranking.rows for key in row.key))
+    metrics = list(dict.fromkeys(metric for row in ranking.rows for metric in row.estimates))
+    header = ["rank", "rank_low", "rank_high", "probability_best", "group", "agent", *keys]
+    header += ["seeds", "runs", "episodes", "protocol", "condition", "fingerprint", "confidence", "covers"]
+    header += [name for metric in metrics for name in (metric, f"{metric}_low", f"{metric}_high")]
+    lines = []
+    for row in ranking.rows:
+        line: list[Any] = [row.rank, *row.rank_interval, row.probability_best, row.group, row.label]
+        line += [row.key.get(key) for key in keys]
+        covers = "; ".join(dict.fromkeys(estimate.covers for estimate in row.estimates.values()))
+        line += [" ".join(map(str, row.seeds)), " ".join(row.run_ids), row.episodes, ranking.protocol]
+        line += [ranking.condition, ranking.fingerprint, ranking.confidence, covers]
+        for metric in metrics:
+            estimate = row.estimates.get(metric)
+            line += [None] * 3 if estimate is None else [estimate.value, estimate.low, estimate.high]
+        lines.append(line)
+    return _text(header, lines)
+
+
+def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
+    """A row per paired comparison."""
+    header = ["first", "second", "metric", "difference", "difference_low", "difference_high", "p", "p_holm"]
+    header += ["probability_of_improvement", "probability_low", "probability_high"]
+    return _text(header, map(_comparison, comparisons))
+
+
+def _comparison(x: Comparison) -> list[Any]:
+    better = x.probability_of_improvement
+    line = [x.first, x.second, x.metric, x.difference.value, x.difference.low, x.difference.high]
+    return [*line, x.p_value, x.p_adjusted, better.value, better.low, better.high]
+
+
+def _text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """CSV whose floats are written by repr, so that they read back as the same number; NaN is an empty cell."""
+    buffer = io.StringIO()
+    writer = csv_module.writer(buffer, lineterminator="\n")
+    writer.writerow(header)
+    for row in rows:
+        writer.writerow(["" if value is None or value != value else _plain(value) for value in row])
+    return buffer.getvalue()
+
+
+def _plain(value: Any) -> Any:
+    return float(value) if isinstance(value, float) else value

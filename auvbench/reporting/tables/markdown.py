@@ -1,0 +1,52 @@
+"""The table as Markdown (GitHub's pipes)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from auvbench.reporting.model import Comparison, Ranking
+from auvbench.reporting.tables import columns as c
+from auvbench.reporting.tables.notes import grouped, notes
+from auvbench.reporting.tables.terminal import difference
+
+
+def escape(text: str) -> str:
+    r"""Text that Markdown takes literally inside a cell.
+
+    >>> print(escape("a|b_c<d>"))
+    a\|b\_c&lt;d&gt;
+    """
+    for character in "\\`*_|[]":
+        text = text.replace(character, f"\\{character}")
+    return text.replace("<", "&lt;").replace(">", "&gt;")
+
+
+def pipes(headings: Sequence[str], rows: Iterable[Sequence[str]], right_from: int) -> str:
+    """A pipe table; columns from `right_from` on are aligned right."""
+    rule = ["---" if i < right_from else "---:" for i in range(len(headings))]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (headings, rule, *rows))
+
+
+def markdown(ranking: Ranking) -> str:
+    """The ranked table, its note and the list of what is not in it."""
+    shown = (*c.extra(ranking), *c.present(c.COLUMNS, ranking))
+    marked = c.one_seed_among_many(ranking)
+    rows = []
+    for row in ranking.rows:
+        label = escape(row.label) + (f" {c.DAGGER}" if row.label in marked else "")
+        cells = [" ".join(filter(None, c.cell(row, column))) for column in shown]
+        rows.append([c.rank(row), row.group, label, c.seeds(row), *cells])
+    table = pipes(["rank", "group", "agent", "seeds", *(x.heading for x in shown)], rows, 3)
+    parts = [table, "\n".join(escape(line) for line in notes(ranking))]
+    for title, problems in grouped(ranking.problems):
+        lines = [f"- {escape(p.where)}: {escape(p.message)}" for p in problems]
+        parts.append("\n".join([f"**{title[0].upper()}{title[1:]} ({len(problems)})**", "", *lines]))
+    return "\n\n".join(parts) + "\n"
+
+
+def comparisons_markdown(comparisons: Sequence[Comparison]) -> str:
+    """Paired differences, Holm-corrected; an empty string where there are none."""
+    if not comparisons:
+        return ""
+    rows = [[escape(x.first), escape(x.second), escape(x.metric), *difference(x)] for x in comparisons]
+    return pipes(["agent", "against", "metric", "difference", "p (Holm)", "does better"], rows, 3) + "\n"

@@ -1,0 +1,67 @@
+"""Puts the parts of a report into files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from auvbench.reporting import tables
+from auvbench.reporting.figures import Figure
+from auvbench.reporting.model import Comparison, Finding, Ranking
+from auvbench.reporting.tables.markdown import escape
+
+
+def text(path: Path, content: str) -> Path:
+    """Writes a file whole or not at all, so that a report that was interrupted leaves the last one."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    draft.write_text(content, encoding="utf-8")
+    draft.replace(path)
+    return path
+
+
+def against_baseline(ranking: Ranking) -> tuple[Comparison, ...]:
+    """The comparisons worth a table of their own: all against the baseline, on what the table is ranked by."""
+    if ranking.baseline is None:
+        return ()
+    return tuple(
+        x
+        for x in ranking.comparisons
+        if ranking.baseline in (x.first, x.second) and x.metric == ranking.rank_by
+    )
+
+
+def markdown(ranking: Ranking, findings: Sequence[Finding], figures: Sequence[Figure], folder: Path) -> str:
+    """report.md: the table first, then comparisons, findings and figures; links are relative to `folder`."""
+    parts = ["# Report", tables.markdown(ranking).rstrip()]
+    if comparisons := against_baseline(ranking):
+        parts += [
+            f"## Against {escape(ranking.baseline or '')}",
+            tables.comparisons_markdown(comparisons).rstrip(),
+        ]
+    plain = [finding for finding in findings if not finding.verdict]
+    claims = [finding for finding in findings if finding.verdict]
+    if plain:
+        parts += ["## Findings", "\n".join(f"- {_finding(finding)}" for finding in plain)]
+    if claims:
+        parts += ["## Claims of the study", "\n".join(f"{i}. {_finding(f)}" for i, f in enumerate(claims, 1))]
+    if figures:
+        parts.append("## Figures")
+    for figure in figures:
+        link = Path(os.path.relpath(figure.png, folder)).as_posix()
+        parts += [
+            f"### {escape(figure.title)}",
+            f"![{escape(figure.title)}](<{link}>)",
+            escape(figure.caption),
+        ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _finding(finding: Finding) -> str:
+    text = escape(finding.text)
+    if finding.verdict:
+        text += f" **{escape(finding.verdict[0].upper() + finding.verdict[1:])}.**"
+    for more in (finding.statistic, finding.missing and f"Missing: {finding.missing}"):
+        text += f" {escape(more)}" if more else ""
+    return text

@@ -1,0 +1,156 @@
+"""Each shape of the table says the same, escapes what its format takes for markup, and never prints a zero for nothing."""
+
+import csv as csv_module
+import io
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from auvbench.reporting import tables
+from auvbench.reporting.load import agents, load
+from auvbench.reporting.model import Estimate, Problem, Ranking
+from tests.plain_ranking import plain_ranking
+from tests.synthetic import write_experiment
+
+PROBLEMS = tuple(Problem(f"sac_{i}", "failed", '100% <broken> & {lost} #1 a|b ~ ^ \\ "x"') for i in range(9))
+
+
+@pytest.fixture(scope="module")
+def ranking(tmp_path_factory: pytest.TempPathFactory) -> Ranking:
+    root = tmp_path_factory.mktemp("runs") / "grid"
+    write_experiment(
+        root, algorithms=("ppo", "sac", "pid", "random"), seeds=(0, 1), episodes=20, train_episodes=10
+    )
+    return plain_ranking(agents(load([root])[0])[0], PROBLEMS, baseline="PID")
+
+
+def on_screen(ranking: Ranking, width: int) -> str:
+    console = Console(width=width, file=io.StringIO(), record=True)
+    console.print(tables.terminal(ranking))
+    return console.export_text()
+
+
+def awkward(ranking: Ranking) -> Ranking:
+    """The ranking with labels that every format would misread."""
+    rows = tuple(replace(row, label=f"{row.label} a_b & 50% #{{x}} <|> ~^\\ $") for row in ranking.rows)
+    return replace(ranking, rows=rows)
+
+
+@pytest.mark.parametrize("width", [60, 80, 120, 250])
+def test_terminal_fits_and_keeps_what_matters_most(ranking: Ranking, width: int) -> None:
+    text = on_screen(ranking, width)
+    assert max(map(len, text.splitlines())) <= width
+    for row in ranking.rows:
+        assert row.label in text
+    assert "success" in text
+    assert ("sum of norm u" in text.splitlines()[0]) == (width == 250)
+    assert ("Not shown for want of width" in text) == (width < 250)
+    assert "failed (9)" in text
+    assert "and 3 more" in text
+
+
+def test_what_does_not_exist_is_a_dash(ranking: Ranking) -> None:
+    random = next(row for row in ranking.rows if row.label == "random")
+    assert random.estimates["success_rate"].value == 0
+    line = next(x for x in tables.markdown(ranking).splitlines() if "random" in x)
+    assert [cell.strip() for cell in line.split("|")][9] == "–"  # time to goal
+    absent = tuple(
+        replace(row, estimates={"success_rate": row.estimates["success_rate"]}) for row in ranking.rows
+    )
+    text = tables.markdown(replace(ranking, rows=(ranking.rows[0], *absent[1:])))
+    assert [cell.strip() for cell in text.splitlines()[3].split("|")][6:9] == ["–", "–", "–"]
+
+
+def test_markdown_is_one_rectangle_and_lists_every_problem(ranking: Ranking) -> None:
+    for case in (ranking, awkward(ranking)):
+        text = tables.markdown(case)
+        lines = [line for line in text.splitlines() if line.startswith("|")]
+        assert len(lines) == 2 + len(case.rows)
+        assert len({len(re.findall(r"(?<!\\)\|", line)) for line in lines}) == 1
+        assert text.count("\n- sac") == len(PROBLEMS)
+    assert "**Failed (9)**" in text
+    assert "&lt;broken&gt;" in text
+
+
+def test_notes_say_what_the_numbers_cover(ranking: Ranking) -> None:
+    text = tables.markdown(ranking)
+    assert "Protocol test, condition nominal" in text
+    assert f"scenarios {ranking.fingerprint}: 20 episodes per training seed" in text
+    assert "Brackets are 95 % intervals".replace("[", r"\[") in text
+    assert "† one training seed: the interval covers test episodes only" in text
+    assert "| PID † |" in text
+    single = replace(ranking, rows=tuple(replace(row, seeds=row.seeds[:1]) for row in ranking.rows))
+    text = tables.markdown(single)
+    assert "One training seed per agent: the intervals cover test episodes only" in text
+    assert "†" not in text
+
+
+def test_csv_reads_back_bit_for_bit(ranking: Ranking) -> None:
+    rows = list(csv_module.DictReader(io.StringIO(tables.csv(ranking))))
+    assert [row["agent"] for row in rows] == [row.label for row in ranking.rows]
+    for read, row in zip(rows, ranking.rows, strict=True):
+        assert read["algo"] == row.key["algo"]
+        assert read["runs"].split() == list(row.run_ids)
+        estimate = row.estimates["mean_deviation_mean_m"]
+        assert float(read["mean_deviation_mean_m"]) == estimate.value
+        assert float(read["mean_deviation_mean_m_low"]) == estimate.low
+    random = next(row for row in rows if row["algo"] == "random")
+    assert random["mean_time_to_goal_s"] == ""
+    comparisons = list(csv_module.DictReader(io.StringIO(tables.comparisons_csv(ranking.comparisons))))
+    assert {row["second"] for row in comparisons} == {"PID"}
+    assert float(comparisons[0]["difference_low"]) == -0.004
+
+
+def test_a_table_ranked_by_something_else_shows_it(ranking: Ranking) -> None:
+    other = replace(ranking, rank_by="mean_path_efficiency")
+    assert "mean path efficiency" in tables.markdown(other).splitlines()[0]
+    assert "mean path efficiency" in on_screen(other, 80)
+    assert r"mean\_path\_efficiency" in tables.latex(other)
+
+
+def test_comparisons(ranking: Ranking) -> None:
+    line = tables.comparisons_markdown(ranking.comparisons).splitlines()[2]
+    assert "+1.3 points [-0.4, 3.1] | 0.060 | 51.0 %" in line
+    assert tables.comparisons_markdown(()) == ""
+
+
+def test_latex_is_balanced_and_escaped(ranking: Ranking) -> None:
+    text = tables.latex(awkward(ranking))
+    assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 2
+    assert text.count("{") - text.count(r"\{") == text.count("}") - text.count(r"\}")
+    body = [line for line in text.splitlines() if line.endswith(r"\\[-2pt]")]
+    assert len(body) == 2 * len(ranking.rows)
+    assert {len(re.findall(r"(?<!\\)&", line)) for line in body} == {9, 8}
+    for line in body:
+        assert not re.search(r"(?<!\\)[%#$~^<>|]", line.replace(r"\textasciitilde", ""))
+
+
+def test_latex_of_many_agents_continues_in_another_float(ranking: Ranking) -> None:
+    rows = tuple(replace(ranking.rows[0], label=f"agent {i}") for i in range(60))
+    text = tables.latex(replace(ranking, rows=rows))
+    assert text.count(r"\begin{table}") == 6
+    assert text.count("(continued)") == 4
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs pdflatex (texlive-latex-recommended)")
+def test_latex_compiles(ranking: Ranking, tmp_path: Path) -> None:
+    rows = tuple(
+        replace(row, estimates=row.estimates | {"mean_steps": Estimate(1.0, 0.5, 1.5)})
+        for row in ranking.rows
+    )
+    (tmp_path / "table.tex").write_text(tables.latex(awkward(replace(ranking, rows=rows))), encoding="utf-8")
+    (tmp_path / "paper.tex").write_text(
+        r"\documentclass{article}\usepackage{booktabs}\usepackage[T1]{fontenc}\usepackage[utf8]{inputenc}"
+        r"\begin{document}\input{table.tex}\end{document}"
+    )
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, errors="replace", timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert (tmp_path / "paper.pdf").is_file()
