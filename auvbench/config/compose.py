@@ -86,6 +86,29 @@ def compose(entry: str, overrides: Sequence[str] = ()) -> DictConfig:
         raise translate(error, entry, overrides) from error
 
 
+def typed(config: DictConfig) -> schema.TrainConfig:
+    """The typed, checked configuration of a plain one, e.g. of a run's `config.yaml`.
+
+    Raises:
+        ConfigError: a key is unknown or missing, a type or a value is wrong.
+    """
+    from auvbench.config.validate import train_config
+
+    algorithm = ALGORITHM_SCHEMAS.get(f"{OmegaConf.select(config, 'algo.agent')}_schema")
+    if algorithm is None:
+        agent = str(OmegaConf.select(config, "algo.agent"))
+        names = [name.removesuffix("_schema") for name in ALGORITHM_SCHEMAS]
+        raise ConfigError(f"algo.agent={agent}: unknown; {closest(agent, names)}")
+    try:
+        merged = OmegaConf.structured(schema.TrainConfig)
+        merged.algo = OmegaConf.structured(algorithm)
+        merged = OmegaConf.merge(merged, config)
+    except OmegaConfBaseException as error:
+        raise translate(error) from error
+    assert isinstance(merged, DictConfig)
+    return train_config(merged)
+
+
 def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:
     from hydra import compose as hydra_compose
     from hydra import initialize_config_module

@@ -1,0 +1,1 @@
+"""Runs: identity, directory, manifest, checkpoints, the training loop, scheduling."""

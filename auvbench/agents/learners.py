@@ -1,0 +1,202 @@
+"""SB3's learners: made from the configuration, their policies read back as plain weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from auvbench.agents.base import LEARNERS, Actions, Observations, resolve
+from auvbench.config import schema
+from auvbench.errors import RunError
+
+ACTIVATIONS = {
+    "tanh": torch.nn.Tanh,
+    "relu": torch.nn.ReLU,
+    "elu": torch.nn.ELU,
+    "silu": torch.nn.SiLU,
+}
+
+# The policy's forward pass always runs on this many rows: matrix products of another shape may round
+# differently, and a row of a table must not depend on how many episodes were tested together.
+FORWARD_ROWS = 64
+
+
+def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
+    """The SB3 learner that `config.algo` describes, on an environment. One torch thread."""
+    torch.set_num_threads(1)
+    algo = config.algo
+    arguments: dict[str, Any] = {
+        "policy": "MlpPolicy",
+        "env": environment,
+        "learning_rate": _learning_rate(algo),
+        "batch_size": algo.batch_size,
+        "gamma": algo.gamma,
+        "policy_kwargs": _policy_arguments(algo),
+        "seed": config.seed,
+        "device": "cpu",
+        "verbose": 0,
+    }
+    if isinstance(algo, schema.PPO):
+        arguments |= {
+            "n_steps": algo.n_steps,
+            "n_epochs": algo.n_epochs,
+            "gae_lambda": algo.gae_lambda,
+            "clip_range": algo.clip_range,
+            "normalize_advantage": algo.normalize_advantage,
+            "ent_coef": algo.ent_coef,
+            "vf_coef": algo.vf_coef,
+            "max_grad_norm": algo.max_grad_norm,
+        }
+    else:
+        assert isinstance(algo, schema.OffPolicy)
+        arguments |= {
+            "buffer_size": algo.buffer_size,
+            "learning_starts": algo.learning_starts,
+            "tau": algo.tau,
+            "train_freq": (algo.train_freq, "step"),
+            "gradient_steps": algo.gradient_steps,
+        }
+        arguments |= _off_policy_arguments(algo, environment)
+    learner: BaseAlgorithm = resolve(LEARNERS[algo.agent])(**arguments)
+    return learner
+
+
+def _off_policy_arguments(algo: schema.OffPolicy, environment: VecEnv) -> dict[str, Any]:
+    if isinstance(algo, schema.SAC):
+        return {
+            "ent_coef": _number_or_auto(algo.ent_coef),
+            "target_entropy": _number_or_auto(algo.target_entropy),
+            "target_update_interval": algo.target_update_interval,
+        }
+    assert isinstance(algo, schema.DDPG | schema.TD3)
+    assert environment.action_space.shape is not None
+    n_u = environment.action_space.shape[0]
+    arguments: dict[str, Any] = {}
+    if algo.action_noise > 0.0:
+        base = NormalActionNoise(np.zeros(n_u), np.full(n_u, algo.action_noise))
+        arguments["action_noise"] = VectorizedActionNoise(base, environment.num_envs)
+    if isinstance(algo, schema.TD3):
+        arguments |= {
+            "policy_delay": algo.policy_delay,
+            "target_policy_noise": algo.target_policy_noise,
+            "target_noise_clip": algo.target_noise_clip,
+        }
+    return arguments
+
+
+def _number_or_auto(value: str) -> str | float:
+    return value if value.startswith("auto") else float(value)
+
+
+def _learning_rate(algo: schema.Network) -> Any:
+    if algo.learning_rate_schedule == "linear":
+        return LinearSchedule(algo.learning_rate, 0.0, 1.0)
+    return algo.learning_rate
+
+
+def _policy_arguments(algo: schema.Network) -> dict[str, Any]:
+    arguments: dict[str, Any] = {
+        "net_arch": list(algo.net_arch),
+        "activation_fn": ACTIVATIONS[algo.activation],
+    }
+    if isinstance(algo, schema.PPO):
+        arguments["log_std_init"] = algo.log_std_init
+    return arguments
+
+
+def save(model: BaseAlgorithm, normaliser: VecNormalize, folder: Path) -> None:
+    """Writes `policy.pt` (a plain dictionary of tensors) and `normalisation.npz`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    torch.save(dict(model.policy.state_dict()), folder / "policy.pt")
+    np.savez(folder / "normalisation.npz", **statistics(normaliser))  # type: ignore[arg-type]
+
+
+def statistics(normaliser: VecNormalize) -> dict[str, NDArray[np.float64]]:
+    """Running statistics of observations and returns as plain arrays."""
+    observations, returns = normaliser.obs_rms, normaliser.ret_rms
+    assert isinstance(observations, RunningMeanStd)
+    return {
+        "observation_mean": np.asarray(observations.mean, dtype=np.float64),
+        "observation_variance": np.asarray(observations.var, dtype=np.float64),
+        "observation_count": np.asarray(observations.count, dtype=np.float64),
+        "return_mean": np.asarray(returns.mean, dtype=np.float64),
+        "return_variance": np.asarray(returns.var, dtype=np.float64),
+        "return_count": np.asarray(returns.count, dtype=np.float64),
+        "epsilon": np.asarray(normaliser.epsilon, dtype=np.float64),
+        "clip_observations": np.asarray(normaliser.clip_obs, dtype=np.float64),
+    }
+
+
+class LearnedPolicy:
+    """A trained policy in a test: deterministic, frozen statistics, weights read without unpickling.
+
+    Args:
+        config: of the run that trained it.
+        folder: its `model/` folder.
+        n_u: actuators of the vehicle.
+
+    Raises:
+        RunError: the files are missing, damaged, or of another network than the configuration's.
+    """
+
+    def __init__(self, config: schema.TrainConfig, folder: Path, n_u: int) -> None:
+        torch.set_num_threads(1)
+        try:
+            weights = torch.load(folder / "policy.pt", map_location="cpu", weights_only=True)
+            with np.load(folder / "normalisation.npz", allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+            self.policy = _policy(config, n_u)
+            self.policy.load_state_dict(weights)
+        except FileNotFoundError as error:
+            raise RunError(f"{folder}: no trained model here ({error.filename} is missing)") from error
+        except Exception as error:
+            raise RunError(f"{folder}: the model cannot be read: {str(error).splitlines()[0]}") from error
+        self.policy.set_training_mode(False)
+        self._normalise = config.train.normalise_observations
+        self._mean = arrays["observation_mean"]
+        self._scale = np.sqrt(arrays["observation_variance"] + arrays["epsilon"])
+        self._clip = float(arrays["clip_observations"])
+        self._n_u = n_u
+
+    def reset(self, n: int) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: Observations) -> Actions:
+        """Deterministic actions (n, n_u)."""
+        if self._normalise:
+            scaled = (observation - self._mean) / self._scale
+            observation = np.clip(scaled, -self._clip, self._clip).astype(np.float32)
+        action = np.empty((len(observation), self._n_u), dtype=np.float32)
+        rows = np.zeros((FORWARD_ROWS, observation.shape[1]), dtype=np.float32)
+        with torch.no_grad():
+            for start in range(0, len(observation), FORWARD_ROWS):
+                part = observation[start : start + FORWARD_ROWS]
+                rows[: len(part)] = part
+                output = self.policy._predict(torch.from_numpy(rows), deterministic=True)
+                action[start : start + len(part)] = output.numpy()[: len(part)]
+        return np.clip(action, -1.0, 1.0)
+
+
+def _policy(config: schema.TrainConfig, n_u: int) -> BasePolicy:
+    """The network of `config.algo` without an environment or a learner around it."""
+    algo = config.algo
+    observation_space = spaces.Box(-np.inf, np.inf, (4 + n_u,), dtype=np.float32)
+    action_space = spaces.Box(-1.0, 1.0, (n_u,), dtype=np.float32)
+    learner = resolve(LEARNERS[algo.agent])
+    kind = learner.policy_aliases["MlpPolicy"]
+    arguments = _policy_arguments(algo)
+    if algo.agent == "ddpg":
+        arguments["n_critics"] = 1
+    policy: BasePolicy = kind(observation_space, action_space, lambda _: 0.0, **arguments)
+    return policy

@@ -1,0 +1,88 @@
+"""Live bars for a terminal, plain lines for a log."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from auvbench.runs.progress import Progress, Watch
+
+_PLAIN_INTERVAL = 10.0  # s between lines where the output is no terminal
+
+
+@contextmanager
+def training_bar(total_steps: int, *, shown: bool = True) -> Iterator[Watch | None]:
+    """Shows a run's steps/s, remaining time, success over the last 100 episodes and return."""
+    if not shown:
+        yield None
+    elif sys.stderr.isatty():
+        with _rich_bar(total_steps) as watch:
+            yield watch
+    else:
+        yield _plain_lines()
+
+
+@contextmanager
+def _rich_bar(total_steps: int) -> Iterator[Watch]:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    with Bar(
+        BarColumn(bar_width=None),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[line]}"),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+    ) as bar:
+        task = bar.add_task("", total=total_steps, line="compiling, first episodes")
+
+        def watch(progress: Progress) -> None:
+            bar.update(task, completed=min(progress.steps, total_steps), line=_line(progress))
+
+        yield watch
+
+
+def _plain_lines() -> Callable[[Progress], None]:
+    last = [time.monotonic()]
+
+    def watch(progress: Progress) -> None:
+        if time.monotonic() - last[0] >= _PLAIN_INTERVAL:
+            last[0] = time.monotonic()
+            print(
+                f"{progress.steps:,} of {progress.total_steps:,} steps, {_line(progress)}",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    return watch
+
+
+def _line(progress: Progress) -> str:
+    parts = [f"{progress.steps_per_s:,.0f} steps/s"]
+    if progress.steps_per_s > 0:
+        left = max(progress.total_steps - progress.steps, 0) / progress.steps_per_s
+        parts.append(f"{duration(left)} left")
+    if progress.success_rate is not None:
+        parts.append(f"success {100 * progress.success_rate:.0f} %")
+    if progress.mean_return is not None:
+        parts.append(f"return {progress.mean_return:,.0f}")
+    return ", ".join(parts)
+
+
+def duration(seconds: float) -> str:
+    """Seconds as a person says them.
+
+    >>> duration(42), duration(185), duration(7260)
+    ('42 s', '3 min 5 s', '2 h 1 min')
+    """
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"

@@ -1,0 +1,49 @@
+"""`auvbench train`: one run, or a grid of runs with -m."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+    from auvbench.runs.directory import RunDirectory
+
+
+def main(arguments: Sequence[str]) -> int:
+    from auvbench.config.compose import run
+
+    command = shlex.join(["auvbench", "train", *arguments])
+    result = run("train", arguments, lambda config: _one(config, command))
+    return int(result or 0)
+
+
+def _one(config: DictConfig, command: str) -> int:
+    from auvbench.runs.plan import prepare
+
+    run = prepare(config, command)
+    state = run.manifest()["state"]
+    if state == "complete":
+        print(
+            f"{run.path}: complete already, nothing to do (another seed, or any changed value, is another run)"
+        )
+        return 0
+    print(f"{run.path}: {'starting' if state == 'pending' else f'{state} before, going on'}", flush=True)
+    _carry_out(run, progress=bool(config.train.progress))
+    manifest = run.manifest()
+    rate = manifest["success_rate"]
+    success = "" if rate is None else f", success over the last 100 episodes {100 * rate:.0f} %"
+    print(f"complete: {manifest['steps']:,} steps in {manifest['wall_time_s']:.1f} s{success}")
+    print(f"{run.path}")
+    print(f"next: auvbench evaluate {shlex.quote(str(run.path))}")
+    return 0
+
+
+def _carry_out(run: RunDirectory, progress: bool) -> None:
+    from auvbench.commands.bars import training_bar
+    from auvbench.runs.training import execute
+
+    with training_bar(run.manifest()["total_steps"], shown=progress) as watch:
+        execute(run, watch)

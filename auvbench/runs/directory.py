@@ -1,0 +1,249 @@
+"""The directory of a run: `<output>/<name>/<run id>/`; the layout is in docs/runs.md."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from auvbench.errors import RunError
+from auvbench.runs import identity
+from auvbench.runs.files import write_atomic, write_json
+from auvbench.runs.identity import SCHEMA_VERSION
+
+STATES = ("pending", "running", "interrupted", "failed", "complete")
+
+HEADER = (
+    "# The resolved configuration of this run. Its hash is part of the folder's name: do not edit;\n"
+    "# type the command again with what you want changed.\n"
+)
+
+
+def now() -> str:
+    """UTC, ISO 8601, seconds."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+class RunDirectory:
+    """One run on disk.
+
+    Args:
+        path: the directory; it may not exist yet (see `freeze`).
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+
+    def __repr__(self) -> str:
+        return f"RunDirectory({str(self.path)!r})"
+
+    @property
+    def id(self) -> str:
+        return self.path.name
+
+    @property
+    def config_path(self) -> Path:
+        return self.path / "config.yaml"
+
+    @property
+    def manifest_path(self) -> Path:
+        return self.path / "manifest.json"
+
+    @property
+    def train(self) -> Path:
+        """Folder of the training records, TensorBoard events and the log."""
+        return self.path / "train"
+
+    @property
+    def model(self) -> Path:
+        """Folder of the trained weights and statistics."""
+        return self.path / "model"
+
+    @property
+    def checkpoints(self) -> Path:
+        return self.path / "checkpoints"
+
+    def evaluation(self, protocol: str) -> Path:
+        """Folder of one protocol's results."""
+        return self.path / "evaluations" / protocol
+
+    def exists(self) -> bool:
+        return self.manifest_path.is_file()
+
+    def config(self) -> dict[str, Any]:
+        """The resolved configuration as plain Python.
+
+        Raises:
+            RunError: it is missing or no YAML mapping.
+        """
+        try:
+            loaded = yaml.load(self.config_path.read_text(encoding="utf-8"), Loader=_LOADER)
+        except FileNotFoundError as error:
+            raise RunError(f"{self.path}: this is no run directory (config.yaml is missing)") from error
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise RunError(
+                f"{self.config_path}: damaged: {str(error).splitlines()[0]}; restore it, or remove the run"
+            ) from error
+        if not isinstance(loaded, dict):
+            raise RunError(f"{self.config_path}: damaged: not a mapping; restore it, or remove the run")
+        return loaded
+
+    def manifest(self) -> dict[str, Any]:
+        """manifest.json.
+
+        Raises:
+            RunError: it is missing, damaged, or of another schema version.
+        """
+        try:
+            loaded = json.loads(self.manifest_path.read_text(encoding="utf-8"))
+        except FileNotFoundError as error:
+            raise RunError(f"{self.path}: this is no run directory (manifest.json is missing)") from error
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise RunError(f"{self.manifest_path}: damaged: {error}") from error
+        if not isinstance(loaded, dict):
+            raise RunError(f"{self.manifest_path}: damaged: not a mapping")
+        version = loaded.get("schema_version")
+        if version != SCHEMA_VERSION:
+            raise RunError(
+                f"{self.manifest_path}: schema_version {version}, but this auvbench reads {SCHEMA_VERSION}; "
+                "use the auvbench that wrote it"
+            )
+        return loaded
+
+    def update_manifest(self, **changes: Any) -> dict[str, Any]:
+        """Writes the manifest with some entries replaced; returns it."""
+        manifest = self.manifest() | changes
+        write_json(self.manifest_path, manifest)
+        return manifest
+
+    def check(self) -> dict[str, Any]:
+        """The configuration, if its hash is the folder's.
+
+        Raises:
+            RunError: `config.yaml` was changed since the run was made; the message says how ids are formed.
+        """
+        config = self.config()
+        expected = identity.run_id(config)
+        if expected != self.id:
+            raise RunError(
+                f"{self.path}: config.yaml does not belong to this run: its id would be {expected}. "
+                "Restore config.yaml, or type the command with the changed values to make a run of its own"
+            )
+        return config
+
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def place(config: Mapping[str, Any]) -> RunDirectory:
+    """Where the run of a resolved configuration lies."""
+    return RunDirectory(Path(config["output"]) / config["name"] / identity.run_id(config))
+
+
+def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
+    """Makes the directory of a run with its configuration and a pending manifest; keeps one that is there.
+
+    Raises:
+        RunError: the directory is there with another configuration (the difference is shown), or it cannot be
+            written.
+    """
+    run = place(config)
+    if run.exists():
+        there = identity.relevant(run.config())
+        here = identity.relevant(dict(config))
+        if there != here and identity.run_id(run.config()) != run.id:
+            raise RunError(
+                f"{run.path}: config.yaml was changed after the run was made: {_difference(there, here)}. "
+                "Restore it, or remove the directory"
+            )
+        return run
+    try:
+        run.path.mkdir(parents=True, exist_ok=True)
+        write_atomic(run.config_path, HEADER + yaml.safe_dump(dict(config), sort_keys=False))
+        write_json(run.manifest_path, _fresh_manifest(run, config, command))
+    except OSError as error:
+        raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
+    return run
+
+
+def _fresh_manifest(run: RunDirectory, config: Mapping[str, Any], command: str) -> dict[str, Any]:
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "id": run.id,
+        "state": "pending",
+        "algo": config["algo"]["name"],
+        "seed": config["seed"],
+        "steps": 0,
+        "total_steps": config["train"]["total_steps"],
+        "episodes": 0,
+        "success_rate": None,
+        "created": now(),
+        "started": None,
+        "ended": None,
+        "wall_time_s": 0.0,
+        "phases": {},
+        "attempts": 0,
+        "error": None,
+        "command": command,
+    }
+
+
+def _difference(there: Any, here: Any, prefix: str = "") -> str:
+    """The first few keys that differ: "reward.k 1 -> 40"."""
+    found: list[str] = []
+
+    def walk(a: Any, b: Any, path: str) -> None:
+        if isinstance(a, dict) and isinstance(b, dict):
+            for key in sorted({*a, *b}, key=str):
+                walk(a.get(key), b.get(key), f"{path}.{key}" if path else str(key))
+        elif a != b:
+            found.append(f"{path} {b} -> {a}")
+
+    walk(there, here, prefix)
+    more = f" and {len(found) - 3} more" if len(found) > 3 else ""
+    return ", ".join(found[:3]) + more
+
+
+def find_runs(paths: Iterable[Path | str]) -> list[RunDirectory]:
+    """All run directories under the given paths, each once, sorted by path.
+
+    Raises:
+        RunError: a path does not exist, or holds no run.
+    """
+    found: dict[Path, RunDirectory] = {}
+    for given in paths:
+        path = Path(given)
+        if not path.exists():
+            raise RunError(f"{path}: no such file or directory")
+        here = sorted(_walk(path))
+        if not here:
+            raise RunError(f"{path}: this is no run directory, and there are none below it")
+        for run in here:
+            found.setdefault(run.resolve(), RunDirectory(run))
+    return [found[key] for key in sorted(found)]
+
+
+def _walk(path: Path) -> list[Path]:
+    """Directories with a manifest beside a config, at most three levels down: root, experiment, run."""
+    if path.is_file():
+        path = path.parent
+    if (path / "manifest.json").is_file() or (path / "config.yaml").is_file():
+        return [path]
+    runs: list[Path] = []
+    level = [path]
+    for _ in range(3):
+        following: list[Path] = []
+        for folder in level:
+            for child in folder.iterdir():
+                if not child.is_dir() or child.name.startswith("."):
+                    continue
+                if (child / "manifest.json").is_file():
+                    runs.append(child)
+                else:
+                    following.append(child)
+        level = following
+    return runs

@@ -1,0 +1,38 @@
+"""From a composed configuration to a frozen run: everything is checked before anything starts."""
+
+from __future__ import annotations
+
+from omegaconf import DictConfig, OmegaConf
+
+from auvbench.config.validate import train_config
+from auvbench.runs.directory import RunDirectory, freeze, place
+from auvbench.vehicles import sheet
+
+
+def check(config: DictConfig) -> RunDirectory:
+    """Checks types, values and the vehicle's sheet; returns where the run will lie. Writes nothing.
+
+    Raises:
+        ConfigError: a value is wrong.
+        VehicleError: the sheet breaks a rule.
+    """
+    typed = train_config(config)
+    sheet.load(typed.vehicle)
+    return place(_plain(config))
+
+
+def prepare(config: DictConfig, command: str = "") -> RunDirectory:
+    """`check`, then the run's directory on disk: from here on, editing YAML changes nothing.
+
+    Raises:
+        ConfigError, VehicleError: as `check`.
+        RunError: the directory holds another configuration, or cannot be written.
+    """
+    check(config)
+    return freeze(_plain(config), command)
+
+
+def _plain(config: DictConfig) -> dict[str, object]:
+    plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    assert isinstance(plain, dict)
+    return {str(key): value for key, value in plain.items()}

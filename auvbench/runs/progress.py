@@ -1,0 +1,85 @@
+"""How a run tells others how far it is: `progress.json`, at most once a second, and a callback."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+WINDOW = 100
+"""Episodes over which success rate and return are averaged."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Where a run is."""
+
+    steps: int
+    total_steps: int
+    steps_per_s: float
+    episodes: int
+    success_rate: float | None
+    """share of the last WINDOW training episodes; None before the first ended"""
+    mean_return: float | None
+    time: float
+    """Unix time of this report"""
+
+
+Watch = Callable[[Progress], None]
+
+
+class Reporter:
+    """Counts steps and episodes and reports them at most once a second. Never changes a run's result.
+
+    Args:
+        path: of `progress.json`.
+        total_steps: the budget.
+        watch: called with each report.
+    """
+
+    def __init__(self, path: Path, total_steps: int, watch: Watch | None = None) -> None:
+        self._path = path
+        self._total = total_steps
+        self._watch = watch
+        self._outcomes: deque[bool] = deque(maxlen=WINDOW)
+        self._returns: deque[float] = deque(maxlen=WINDOW)
+        self.episodes = 0
+        self._started = self._reported = time.monotonic()
+        self._first_step: int | None = None
+
+    def episode(self, success: bool, total_return: float) -> None:
+        self.episodes += 1
+        self._outcomes.append(success)
+        self._returns.append(total_return)
+
+    @property
+    def success_rate(self) -> float | None:
+        return sum(self._outcomes) / len(self._outcomes) if self._outcomes else None
+
+    def step(self, steps: int, *, force: bool = False) -> None:
+        """Reports if a second has passed since the last report."""
+        moment = time.monotonic()
+        if self._first_step is None:
+            self._first_step, self._started = steps, moment
+        if not force and moment - self._reported < 1.0:
+            return
+        self._reported = moment
+        elapsed = moment - self._started
+        progress = Progress(
+            steps=steps,
+            total_steps=self._total,
+            steps_per_s=(steps - self._first_step) / elapsed if elapsed > 0.0 else 0.0,
+            episodes=self.episodes,
+            success_rate=self.success_rate,
+            mean_return=sum(self._returns) / len(self._returns) if self._returns else None,
+            time=time.time(),
+        )
+        # Not flushed to disk: a lost report costs nothing, a synchronous write every second would.
+        staged = self._path.with_name(f".{self._path.name}")
+        staged.write_text(json.dumps(asdict(progress)), encoding="utf-8")
+        staged.replace(self._path)
+        if self._watch is not None:
+            self._watch(progress)

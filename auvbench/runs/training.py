@@ -1,0 +1,75 @@
+"""Carrying out one run: from a frozen directory to a trained model, or to an error that the manifest names."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from auvbench.agents.base import learns
+from auvbench.config import schema
+from auvbench.config.compose import typed
+from auvbench.errors import AuvbenchError, TrainingError
+from auvbench.runs import provenance
+from auvbench.runs.directory import RunDirectory, now
+from auvbench.runs.progress import Watch
+
+
+def load_config(run: RunDirectory) -> schema.TrainConfig:
+    """The typed configuration of a run directory, its identity checked.
+
+    Raises:
+        RunError: the directory is no run, or its configuration was changed.
+        ConfigError: a value is out of range.
+    """
+    return typed(OmegaConf.create(run.check()))
+
+
+def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
+    """Trains a run to completion and returns its manifest; a complete run is left as it is.
+
+    Raises:
+        TrainingError: it failed; the manifest holds the error.
+        KeyboardInterrupt: it was interrupted; the manifest says so.
+    """
+    manifest = run.manifest()
+    if manifest["state"] == "complete":
+        return manifest
+    config = load_config(run)
+    begun = time.monotonic()
+    before = float(manifest["wall_time_s"])
+    run.update_manifest(
+        state="running",
+        started=manifest["started"] or now(),
+        ended=None,
+        error=None,
+        attempts=int(manifest["attempts"]) + 1,
+        versions=provenance.versions(),
+        git=provenance.git(),
+        host=provenance.host(),
+    )
+
+    def close(state: str, **changes: Any) -> dict[str, Any]:
+        wall = before + time.monotonic() - begun
+        return run.update_manifest(state=state, ended=now(), wall_time_s=round(wall, 3), **changes)
+
+    try:
+        result = _learn(run, config, watch) if learns(config.algo.agent) else {}
+    except KeyboardInterrupt:
+        close("interrupted")
+        raise
+    except Exception as error:
+        detail = {"type": type(error).__name__, "message": str(error), "traceback": traceback.format_exc()}
+        close("failed", error=detail)
+        if isinstance(error, AuvbenchError):
+            raise
+        raise TrainingError(f"{run.id}: {type(error).__name__}: {error}") from error
+    return close("complete", **result)
+
+
+def _learn(run: RunDirectory, config: schema.TrainConfig, watch: Watch | None) -> dict[str, Any]:
+    from auvbench.runs.learning import learn
+
+    return learn(run, config, watch)
