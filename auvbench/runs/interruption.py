@@ -1,0 +1,80 @@
+"""Ctrl-C and SIGTERM as a request to save and leave, instead of a death in mid-step.
+
+    with interruption.deferred() as request:
+        while training:
+            step()
+            if request.signal:          # at a place where the run can be saved
+                save()
+                raise Interrupted(request.signal)
+
+The first signal only sets `request.signal`; the second one raises `Interrupted` at once, for those who cannot
+wait. Outside `deferred`, `immediate` makes the first raise already.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import FrameType
+from typing import Any
+
+from auvbench.errors import AuvbenchError
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Interrupted(AuvbenchError):
+    """Asked to leave; what was saved before is the place to go on from. Exit code 128 + signal (130, 143)."""
+
+    def __init__(self, number: int, message: str = "") -> None:
+        self.signal = signal.Signals(number)
+        self.exit_code = 128 + number
+        super().__init__(message or f"interrupted by {self.signal.name}")
+
+
+@dataclass(slots=True)
+class Request:
+    """Whether somebody asked this process to leave."""
+
+    signal: signal.Signals | None = None
+
+
+@contextlib.contextmanager
+def deferred() -> Iterator[Request]:
+    """Signals set the request; a second one raises `Interrupted`. Without effect outside the main thread."""
+    request = Request()
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        if request.signal is not None:
+            raise Interrupted(number)
+        request.signal = signal.Signals(number)
+
+    with _handlers(note):
+        yield request
+
+
+@contextlib.contextmanager
+def immediate() -> Iterator[None]:
+    """Signals raise `Interrupted` where the process happens to be."""
+
+    def leave(number: int, _frame: FrameType | None) -> None:
+        raise Interrupted(number)
+
+    with _handlers(leave):
+        yield
+
+
+@contextlib.contextmanager
+def _handlers(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, previous in before.items():
+            signal.signal(number, previous)

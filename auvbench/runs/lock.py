@@ -1,0 +1,327 @@
+"""One process per run directory, also on network file systems and after any kind of death.
+
+A lock is a file `lock/<generation>` in the run directory. The highest generation counts: it is either free
+(its holder released it) or held by the process it names. Whoever wants the lock creates the *next*
+generation, with link(2), which is atomic on NFS too: of several contenders one wins, and because the highest
+generation is never removed or renamed away, a contender that was slow cannot take what somebody else took in
+the meantime. So taking over from a dead holder needs no second lock.
+
+When is a holder dead?
+
+* On this machine: when no process with its pid and its start mark lives.
+* Elsewhere: when it has not touched its file for `STALE_AFTER` seconds, both times read from the file
+  server's clock (we touch a file too and compare), and then does not touch it either while we watch, timed by
+  our monotonic clock. So a clock that jumps, here or on the server, never costs a living holder its run.
+* The same cluster job in an earlier life (a requeue): the same, without waiting for `STALE_AFTER`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import threading
+import time
+import uuid
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, fields
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+
+from auvbench.errors import RunError, TrainingError
+from auvbench.runs import processes
+
+HEARTBEAT = 10.0  # s between two touches of a held lock
+STALE_AFTER = 300.0  # s without a touch after which a holder on another machine is suspected dead
+WATCH = 3 * HEARTBEAT  # s that a suspect is watched before its lock is taken over
+
+FOLDER = "lock"
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Who holds, or last held, a run."""
+
+    host: str
+    pid: int
+    started: str  # the process's start mark, see processes.start_mark
+    machine: str  # the boot and pid namespace in which pid and started mean something
+    since: str  # ISO 8601, UTC; for people, never compared
+    token: str  # unique for each acquisition
+    job: str | None = None  # the cluster's job, for example "slurm:17"
+    free: bool = False  # released
+
+    @property
+    def here(self) -> bool:
+        """Whether its process, if it lives, lives among ours."""
+        return self.host == processes.host() and self.machine == processes.machine()
+
+    def __str__(self) -> str:
+        job = f", {self.job.replace(':', ' job ')}" if self.job else ""
+        return f"{self.host}, pid {self.pid}{job}, since {self.since}"
+
+
+class RunHeld(RunError):
+    """Somebody else works on the run; it is left alone."""
+
+    def __init__(self, run: Path, holder: Holder) -> None:
+        super().__init__(f"{run} is held by {holder}; left alone")
+        self.run = run
+        self.holder = holder
+
+
+class LockLost(TrainingError):
+    """The run was taken over while this process stood still (a suspended machine, an unreachable server)."""
+
+
+@dataclass(slots=True)
+class RunLock:
+    """A held lock. Use `with lock.acquire(run) as held:`; a thread of it touches the file meanwhile."""
+
+    run: Path
+    generation: int
+    holder: Holder
+    heartbeat: float = HEARTBEAT
+    _released: threading.Event = field(default_factory=threading.Event)
+    _lost: str | None = None
+
+    @property
+    def path(self) -> Path:
+        return _file(self.run, self.generation)
+
+    def verify(self) -> None:
+        """Raises `LockLost` when the run belongs to somebody else by now. Call it before anything is written."""
+        self._look()
+        if self._lost is not None:
+            raise LockLost(self._lost)
+
+    def release(self) -> None:
+        """Frees the lock; does nothing the second time, or when it was lost."""
+        if self._released.is_set():
+            return
+        self._released.set()
+        with contextlib.suppress(OSError):
+            if _highest(self.run) == self.generation:
+                text = json.dumps({**asdict(self.holder), "free": True})
+                _write(_temporary(self.run, self.holder.token), text).replace(self.path)
+
+    def __enter__(self) -> RunLock:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def _look(self) -> None:
+        highest = _highest(self.run)
+        if highest == self.generation:
+            return
+        other = _read(self.run, highest) if highest else None
+        taker = f"{other[0]} has taken it over" if other and other[0] else "its lock was removed"
+        self._lost = f"{self.run}: {taker} while this process stood still; it stops without writing more"
+
+    def _beat(self) -> None:
+        while not self._released.wait(self.heartbeat):
+            # A server that does not answer for a while is no reason to stop: the next touch may succeed.
+            with contextlib.suppress(OSError):
+                os.utime(self.path)  # "now" is the file server's, not ours
+            with contextlib.suppress(OSError):
+                self._look()
+
+
+def acquire(
+    run: str | Path,
+    *,
+    job: str | None = None,
+    gone: str | None = None,
+    heartbeat: float = HEARTBEAT,
+    stale_after: float = STALE_AFTER,
+    watch: float = WATCH,
+) -> RunLock:
+    """Takes the run's lock, over from a dead holder if need be.
+
+    Args:
+        run: the run directory.
+        job: the cluster job that this process is, if any; an earlier life of the same job is suspected at once.
+        gone: a cluster job that the cluster says has ended; its lock is taken over without more ado.
+        heartbeat: seconds between two touches.
+        stale_after: seconds without a touch after which a holder on another machine is suspected dead.
+        watch: seconds that a suspect is watched.
+
+    Raises:
+        RunHeld: a living process holds it.
+        RunError: the directory cannot be written.
+    """
+    run = Path(run)
+    mine = Holder(
+        host=processes.host(),
+        pid=os.getpid(),
+        started=processes.start_mark(os.getpid()) or "",
+        machine=processes.machine(),
+        since=datetime.now(UTC).isoformat(timespec="seconds"),
+        token=uuid.uuid4().hex,
+        job=job,
+    )
+    try:
+        (run / FOLDER).mkdir(exist_ok=True)
+        while True:
+            last = _highest(run)
+            if last and not _may_take(run, last, job, gone, stale_after, watch):
+                holder = current(run)
+                if holder is None:  # released while we looked
+                    continue
+                raise RunHeld(run, holder)
+            if _create(run, last + 1, mine):
+                break
+    except OSError as error:
+        raise RunError(f"{run} cannot be locked: {error.strerror or error}") from error
+    held = RunLock(run, last + 1, mine, heartbeat)
+    for generation in _generations(run):
+        if generation < held.generation:
+            _file(run, generation).unlink(missing_ok=True)
+    threading.Thread(target=held._beat, name="run-lock", daemon=True).start()
+    return held
+
+
+def current(run: str | Path) -> Holder | None:
+    """Who the lock file names at present, alive or not; None when the run is free."""
+    run = Path(run)
+    last = _highest(run)
+    found = _read(run, last) if last else None
+    return None if found is None or found[0].free else found[0]
+
+
+def living_holder(
+    run: str | Path, *, now: float | None = None, stale_after: float = STALE_AFTER
+) -> Holder | None:
+    """Who holds the run, as far as one look can tell; None when it is free or its holder is dead.
+
+    Args:
+        run: the run directory.
+        now: the file server's time (`server_time`), to ask it once for many runs.
+        stale_after: as in `acquire`.
+    """
+    run = Path(run)
+    last = _highest(run)
+    found = _read(run, last) if last else None
+    if found is None or found[0].free:
+        return None
+    holder, touched = found
+    if holder.here:
+        return holder if processes.start_mark(holder.pid) == holder.started else None
+    age = (server_time(run) if now is None else now) - touched
+    return holder if abs(age) <= stale_after else None
+
+
+def server_time(folder: Path) -> float:
+    """The clock of the file server that `folder` lies on, in seconds of its epoch."""
+    probe = folder / f".clock-{uuid.uuid4().hex}"
+    try:
+        probe.touch()
+        return probe.stat().st_mtime
+    except OSError:  # read-only: a look is all we can have then, and the local clock has to do
+        return time.time()
+    finally:
+        with contextlib.suppress(OSError):
+            probe.unlink()
+
+
+def _may_take(
+    run: Path, generation: int, job: str | None, gone: str | None, stale_after: float, watch: float
+) -> bool:
+    """Whether the lock of this generation is free or its holder dead."""
+    found = _read(run, generation)
+    if found is None:  # somebody newer cleaned it away: look again
+        return _highest(run) == generation
+    holder, touched = found
+    if holder.free or (gone is not None and holder.job == gone):
+        return True
+    if holder.here:
+        return processes.start_mark(holder.pid) != holder.started
+    # A touch "in the future" means that a clock jumped back: age says nothing then, only watching does.
+    suspect = abs(server_time(run) - touched) > stale_after or (job is not None and holder.job == job)
+    return suspect and not _stirs(run, generation, touched, watch)
+
+
+def _stirs(run: Path, generation: int, touched: float, watch: float) -> bool:
+    deadline = time.monotonic() + watch
+    while time.monotonic() < deadline:
+        time.sleep(min(1.0, watch / 10))
+        found = _read(run, generation)
+        if found is None or found[0].free:
+            return False
+        if found[1] != touched:
+            return True
+    return False
+
+
+def _file(run: Path, generation: int) -> Path:
+    return run / FOLDER / f"{generation:06d}"
+
+
+def _temporary(run: Path, token: str) -> Path:
+    return run / FOLDER / f".{token}"
+
+
+def _generations(run: Path) -> Iterator[int]:
+    try:
+        names = os.listdir(run / FOLDER)
+    except FileNotFoundError:
+        return
+    yield from (int(name) for name in names if name.isdigit())
+
+
+def _highest(run: Path) -> int:
+    return max(_generations(run), default=0)
+
+
+def _read(run: Path, generation: int) -> tuple[Holder, float] | None:
+    """The holder of a generation and its last touch; None when the file is gone."""
+    try:
+        # Opening it makes an NFS client ask the server for the attributes instead of its cache.
+        with _file(run, generation).open(encoding="utf-8") as file:
+            touched = os.fstat(file.fileno()).st_mtime
+            text = file.read()
+    except FileNotFoundError:
+        return None
+    try:
+        data = json.loads(text)
+        return Holder(**{f.name: data[f.name] for f in fields(Holder)}), touched
+    except (ValueError, KeyError, TypeError):
+        # Being written without link(2), or damaged: only its touches tell whether somebody is there.
+        return Holder("unknown host", 0, "", "", "unknown", ""), touched
+
+
+def _create(run: Path, generation: int, holder: Holder) -> bool:
+    """Creates the generation's file for `holder`; False when somebody else was faster."""
+    temporary = _write(_temporary(run, holder.token), json.dumps(asdict(holder)))
+    target = _file(run, generation)
+    try:
+        try:
+            os.link(temporary, target)
+        except FileExistsError:
+            # An NFS server may have done it although its answer was lost: then our file has two names.
+            if temporary.stat().st_nlink != 2:
+                return False
+        except OSError:  # a file system without hard links
+            try:
+                with target.open("x", encoding="utf-8") as file:
+                    file.write(temporary.read_text(encoding="utf-8"))
+            except FileExistsError:
+                return False
+    finally:
+        temporary.unlink(missing_ok=True)
+    if _highest(run) == generation:
+        return True
+    target.unlink(missing_ok=True)  # we were so slow that the generation had come and gone
+    return False
+
+
+def _write(path: Path, text: str) -> Path:
+    with path.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    return path

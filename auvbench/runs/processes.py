@@ -1,0 +1,74 @@
+"""Who a process is, in a way that survives recycled process ids and clocks that jump.
+
+A pid alone is reused by the system. A pid together with the tick of the kernel's own counter at which the
+process started, the boot and the pid namespace is not, and none of these depends on the wall clock.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import socket
+import sys
+from functools import cache
+from pathlib import Path
+
+_PR_SET_PDEATHSIG = 1
+_STARTTIME = 19  # field 22 of /proc/PID/stat, counted from the state (field 3), see proc(5)
+
+
+def host() -> str:
+    return socket.gethostname()
+
+
+@cache
+def machine() -> str:
+    """Names this boot of this kernel and this pid namespace: where a pid means what it means here."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+        return f"{boot}/{os.readlink('/proc/self/ns/pid')}"
+    except OSError:  # not Linux: the host name has to do
+        return host()
+
+
+def start_mark(pid: int) -> str | None:
+    """A mark that no other process with the same pid has; None when there is no such living process.
+
+    A zombie counts as dead: it holds nothing any more, and in a container without an init nobody may ever
+    collect it.
+    """
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
+    except FileNotFoundError:
+        return _portable_start_mark(pid) if not sys.platform.startswith("linux") else None
+    except OSError:  # ESRCH: it ended while we read
+        return None
+    fields = text.rpartition(")")[2].split()  # the command before it may hold blanks and brackets
+    return None if fields[0] in "ZX" else fields[_STARTTIME]
+
+
+def _portable_start_mark(pid: int) -> str | None:
+    import psutil
+
+    try:
+        process = psutil.Process(pid)
+        return None if process.status() == psutil.STATUS_ZOMBIE else repr(process.create_time())
+    except psutil.Error:
+        return None
+
+
+def die_with_parent(parent: int) -> None:
+    """Asks the kernel to kill this process when the thread of `parent` that forked it ends (Linux only)."""
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:  # it ended before we asked
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def prefer_in_memory_shortage() -> None:
+    """Tells the kernel to kill this process before those that watch over it when memory runs out."""
+    try:
+        Path("/proc/self/oom_score_adj").write_text("500", encoding="ascii")
+    except OSError:  # not Linux, or not allowed: then the kernel's own choice stands
+        return
