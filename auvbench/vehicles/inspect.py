@@ -1,0 +1,351 @@
+"""What a vehicle's numbers imply before anything is simulated: trim, reach, speed, stability, and what looks odd.
+
+Everything here is closed form or linear algebra on a `VehicleModel`; the simulator is not involved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.dynamics.rigid_body import coriolis
+from auvbench.vehicles.model import VehicleModel
+
+FloatArray = NDArray[np.float64]
+
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+DIRECTIONS = (
+    ("ahead", "astern"),
+    ("to port", "to starboard"),
+    ("up", "down"),
+    ("starboard down", "port down"),
+    ("bow down", "bow up"),
+    ("to port", "to starboard"),
+)
+"""What + and - mean along each axis in FLU."""
+
+_PRIORITY = (0, 1, 2, 5, 3, 4)
+"""The order in which axes are granted their own actuation: a vehicle that lacks one lacks roll or pitch first."""
+
+
+def net_buoyancy(vehicle: VehicleModel) -> float:
+    """B - W in N: positive rises."""
+    return float(vehicle.buoyancy - vehicle.weight)
+
+
+def rank(vehicle: VehicleModel) -> int:
+    """Rank of the thruster allocation (6, n_u): how many axes the thrusters can command independently."""
+    return int(np.linalg.matrix_rank(vehicle.allocation))
+
+
+def independent_axes(vehicle: VehicleModel) -> tuple[int, ...]:
+    """Indices of the axes that the thrusters command independently of each other, in ascending order."""
+    kept: list[int] = []
+    for axis in _PRIORITY:
+        if np.linalg.matrix_rank(vehicle.allocation[[*kept, axis]]) > len(kept):
+            kept.append(axis)
+    return tuple(sorted(kept))
+
+
+@dataclass(frozen=True, slots=True)
+class Trim:
+    """Attitude at rest without thrust, in the FLU/ENU convention."""
+
+    roll: float  # rad
+    pitch: float  # rad, positive = bow down
+    moment: float  # N m/rad that bring it back, W BG for a vehicle that is level at rest
+
+    @property
+    def determined(self) -> bool:
+        """False where weight and buoyancy act at one point, so that every attitude is one of rest."""
+        return self.moment > 1e-9
+
+
+def static_trim(vehicle: VehicleModel) -> Trim:
+    """The stable equilibrium of the restoring moment.
+
+    The moment is (W r_g - B r_b) x d, with d the direction of gravity in the body: at rest d is parallel to
+    W r_g - B r_b.
+    """
+    m = vehicle.weight * vehicle.center_of_gravity - vehicle.buoyancy * vehicle.center_of_buoyancy
+    moment = float(np.linalg.norm(m))
+    if moment <= 1e-9:
+        return Trim(0.0, 0.0, 0.0)
+    up = -m / moment  # third row of R: (-sin theta, cos theta sin phi, cos theta cos phi)
+    # Adding 0.0 turns a negative zero into a plain one.
+    roll, pitch = np.arctan2(up[1], up[2]) + 0.0, -np.arcsin(np.clip(up[0], -1.0, 1.0)) + 0.0
+    return Trim(float(roll), float(pitch), moment)
+
+
+def largest_force(vehicle: VehicleModel, axis: int, sign: float) -> tuple[float, FloatArray]:
+    """The most that the thrusters can give along one axis alone, N or N m, and their forces (n_u,) in N.
+
+    The other axes get none, except those that the thrusters cannot command independently: a BlueROV2 cannot
+    surge without a pitching moment.
+    """
+    from scipy.optimize import linprog
+
+    B = vehicle.allocation
+    free = [other for other in independent_axes(vehicle) if other != axis]
+    limits = np.sort(vehicle.force_limits, axis=1)
+    solution = linprog(
+        -sign * B[axis],
+        A_eq=B[free] if free else None,
+        b_eq=np.zeros(len(free)) if free else None,
+        bounds=limits,
+    )
+    if not solution.success:
+        return 0.0, np.zeros(B.shape[1])
+    return float(abs(B[axis] @ solution.x)), np.asarray(solution.x)
+
+
+def terminal_speed(force: float, linear: float, quadratic: float) -> float:
+    """The speed v >= 0 with linear v + quadratic v^2 = force; infinite without damping, zero without force."""
+    if force <= 0.0:
+        return 0.0
+    if quadratic == 0.0:
+        return force / linear if linear > 0.0 else float("inf")
+    # The form of the root that loses no digits where the linear part dominates.
+    return 2.0 * force / (linear + float(np.sqrt(linear**2 + 4.0 * quadratic * force)))
+
+
+def rise_time(mass: float, force: float, linear: float, quadratic: float) -> float:
+    """Seconds from rest to 1 - 1/e of the terminal speed under a constant force, in closed form.
+
+    mass v' = force - linear v - quadratic v^2. For quadratic = 0 this is mass / linear; for linear = 0 it is
+    0.745 mass / sqrt(force quadratic), v being a hyperbolic tangent.
+    """
+    if force <= 0.0 or (linear == 0.0 and quadratic == 0.0):
+        return float("inf")
+    if quadratic == 0.0:
+        return mass / linear
+    fast = terminal_speed(force, linear, quadratic)
+    other = fast + linear / quadratic  # minus the negative root
+    v = fast * (1.0 - np.exp(-1.0))
+    return float(mass / (quadratic * (fast + other)) * np.log(fast * (v + other) / (other * (fast - v))))
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """What the thrusters achieve along one axis in one direction, level and steady."""
+
+    axis: int
+    sign: int  # +1 or -1 along the axis in FLU
+    force: float  # N or N m
+    speed: float  # m/s or rad/s, by thrust alone
+    speed_with_buoyancy: float  # the same with B - W along heave; equal to `speed` elsewhere
+    rise_time: float  # s from rest to 63 % of the speed
+
+    @property
+    def direction(self) -> str:
+        return DIRECTIONS[self.axis][0 if self.sign > 0 else 1]
+
+
+def reach(vehicle: VehicleModel) -> list[Reach]:
+    """Two rows per axis that has any force at all."""
+    rows = []
+    mass = np.diag(vehicle.M)
+    for axis in range(6):
+        d, q = float(vehicle.linear_damping[axis]), float(vehicle.quadratic_damping[axis])
+        for sign in (1, -1):
+            force, _ = largest_force(vehicle, axis, sign)
+            if force <= 1e-9:
+                continue
+            lift = sign * net_buoyancy(vehicle) if axis == 2 else 0.0
+            rows.append(
+                Reach(
+                    axis,
+                    sign,
+                    force,
+                    terminal_speed(force, d, q),
+                    terminal_speed(force + lift, d, q),
+                    rise_time(float(mass[axis]), force, d, q),
+                )
+            )
+    return rows
+
+
+def free_speed(vehicle: VehicleModel) -> float:
+    """m/s at which the level vehicle rises (positive) or sinks without thrust."""
+    net = net_buoyancy(vehicle)
+    speed = terminal_speed(abs(net), float(vehicle.linear_damping[2]), float(vehicle.quadratic_damping[2]))
+    return float(np.copysign(speed, net)) if speed else 0.0
+
+
+def _linearised(vehicle: VehicleModel, speed: float) -> FloatArray:
+    """Jacobian (8, 8) of (roll, pitch, u, v, w, p, q, r) about level flight ahead at `speed`, trimmed."""
+    M_A = vehicle.M_A if vehicle.added_mass_coriolis else np.zeros((6, 6))
+    r_g, r_b = vehicle.center_of_gravity, vehicle.center_of_buoyancy
+
+    def acceleration(x: FloatArray) -> FloatArray:
+        phi, theta, nu = x[0], x[1], x[2:]
+        up = np.array([-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)])
+        restoring = np.concatenate(
+            [
+                (vehicle.buoyancy - vehicle.weight) * up,
+                np.cross(vehicle.buoyancy * r_b - vehicle.weight * r_g, up),
+            ]
+        )
+        damping = (vehicle.linear_damping + vehicle.quadratic_damping * np.abs(nu)) * nu
+        return np.asarray(vehicle.M_inverse @ (restoring - damping - coriolis(vehicle.M_RB + M_A, nu) @ nu))
+
+    x0 = np.zeros(8)
+    x0[2] = speed
+    J = np.zeros((8, 8))
+    J[0, 5] = J[1, 6] = 1.0  # level: the angles' rates are p and q
+    h = 1e-6
+    for k in range(8):
+        step = np.zeros(8)
+        step[k] = h
+        # The steady thrust drops out of the difference. |nu| nu is differentiable at 0 with slope 0.
+        J[2:, k] = (acceleration(x0 + step) - acceleration(x0 - step)) / (2.0 * h)
+    return J
+
+
+@dataclass(frozen=True, slots=True)
+class Instability:
+    """Straight flight ahead is unstable above a speed when nobody steers."""
+
+    plane: str  # pitch (vertical plane) or yaw (horizontal plane)
+    above: float  # m/s
+    growth: float  # 1/s at top speed
+    speed: float  # m/s, the top speed
+
+
+_PLANES = {"pitch": [1, 2, 4, 6], "yaw": [0, 3, 5, 7]}
+"""States that move together in a vehicle with a left-right symmetry; each plane alone is looked at."""
+
+
+def instabilities(vehicle: VehicleModel) -> list[Instability]:
+    """Where the Munk moment beats damping and restoring moment, from the eigenvalues of straight flight ahead."""
+    rows = [row for row in reach(vehicle) if row.axis == 0 and row.sign > 0]
+    if not rows or not np.isfinite(rows[0].speed):
+        return []
+    top = rows[0].speed
+
+    def growth(speed: float, states: list[int]) -> float:
+        return float(np.linalg.eigvals(_linearised(vehicle, speed)[np.ix_(states, states)]).real.max())
+
+    found = []
+    for plane, states in _PLANES.items():
+        speeds = np.linspace(0.02, 1.0, 50) * top
+        unstable = np.array([growth(speed, states) > 1e-6 for speed in speeds])
+        if not unstable[-1]:
+            continue
+        stable = np.flatnonzero(~unstable)
+        low, high = (speeds[stable[-1]], speeds[stable[-1] + 1]) if stable.size else (0.0, speeds[0])
+        for _ in range(20):
+            middle = (low + high) / 2.0
+            low, high = (low, middle) if growth(middle, states) > 1e-6 else (middle, high)
+        found.append(Instability(plane, float(high), growth(top, states), top))
+    return found
+
+
+def gyration(vehicle: VehicleModel) -> tuple[FloatArray, float]:
+    """Radii of gyration (3,) in m about the centre of gravity, and the distance of the farthest actuator in m."""
+    radii = np.sqrt(np.diag(vehicle.inertia) / vehicle.mass)
+    arms = [np.linalg.norm(unit.position - vehicle.center_of_gravity) for unit in vehicle.units]
+    return radii, float(max(arms, default=0.0))
+
+
+def warnings(vehicle: VehicleModel) -> list[str]:
+    """What a pilot or a modeller should know about these numbers, a sentence each."""
+    return [
+        *_buoyancy_warnings(vehicle),
+        *_actuation_warnings(vehicle),
+        *_stability_warnings(vehicle),
+        *_inertia_warnings(vehicle),
+        *vehicle.remarks,
+    ]
+
+
+def _buoyancy_warnings(vehicle: VehicleModel) -> list[str]:
+    net, share = net_buoyancy(vehicle), abs(net_buoyancy(vehicle)) / vehicle.weight
+    found = []
+    if share > 1e-9:
+        verb = "rises" if net > 0 else "sinks"
+        how = "buoyancy exceeds weight" if net > 0 else "weight exceeds buoyancy"
+        found.append(
+            f"{verb} at {abs(free_speed(vehicle)):.3f} m/s without thrust: {how} by {abs(net):.3g} N"
+            f" ({100 * share:.2g} % of the weight)"
+        )
+    trim = static_trim(vehicle)
+    if not trim.determined:
+        found.append(
+            "no restoring moment: weight and buoyancy act at the same point, nothing brings it level"
+        )
+    elif max(abs(trim.roll), abs(trim.pitch)) > np.pi / 2:
+        found.append(
+            "upright is unstable: the centre of gravity lies above the centre of buoyancy, it turns over"
+        )
+    elif max(abs(trim.roll), abs(trim.pitch)) > np.radians(1.0):
+        found.append(
+            f"does not rest level: roll {np.degrees(trim.roll):.1f} deg, pitch {np.degrees(trim.pitch):.1f} deg"
+        )
+    return found
+
+
+def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
+    own, B = independent_axes(vehicle), vehicle.allocation
+    others = [unit.name for unit in vehicle.units if unit.kind != "thruster"]
+    missing = [axis for axis in range(6) if axis not in own]
+    found = []
+    if missing:
+        names = " and ".join([", ".join(AXES[a] for a in missing[:-1]), AXES[missing[-1]]]).removeprefix(
+            " and "
+        )
+        verb = "is" if len(missing) == 1 else "are"
+        text = f"rank {len(own)}: {names} {verb} not independently actuated by the thrusters"
+        ties = [t for axis in missing if (t := _tie(B, axis, own))]
+        text += f" ({'; '.join(ties)})" if ties else ""
+        text += f"; besides them act {', '.join(others)}" if others else ""
+        found.append(text)
+    for unit in vehicle.units:
+        if unit.kind == "thruster":
+            commands = np.linspace(0.0, 1.0, 1001)
+            force = unit.force(commands)
+            peak = int(np.argmax(np.abs(force)))
+            if abs(force[peak]) > abs(force[-1]) * (1 + 1e-9):
+                found.append(
+                    f"{unit.name}: the thrust curve peaks at command {commands[peak]:.3f} with"
+                    f" {force[peak]:.2f} N and falls to {force[-1]:.2f} N at 1"
+                )
+                break  # thrusters of a vehicle share their curve: said once
+    return found
+
+
+def _tie(B: FloatArray, axis: int, own: tuple[int, ...]) -> str:
+    """How a dependent row of the allocation follows from the independent ones, as an equation."""
+    if not np.any(np.abs(B[axis]) > 1e-12):
+        return ""
+    coefficients = np.linalg.lstsq(B[list(own)].T, B[axis], rcond=None)[0]
+    terms = [
+        f"{c:+.4g} {COMPONENTS[other]}" for c, other in zip(coefficients, own, strict=True) if abs(c) > 1e-9
+    ]
+    return f"{COMPONENTS[axis]} = {' '.join(terms).removeprefix('+')}"
+
+
+def _stability_warnings(vehicle: VehicleModel) -> list[str]:
+    found = [
+        f"open loop, straight flight ahead is unstable in {case.plane} above {case.above:.2f} m/s (Munk moment;"
+        f" deviations grow by {case.growth:.2g} 1/s at {case.speed:.2f} m/s): a controller must hold it"
+        for case in instabilities(vehicle)
+    ]
+    for axis in range(6):
+        if vehicle.linear_damping[axis] == 0.0 and vehicle.quadratic_damping[axis] == 0.0:
+            found.append(f"no damping in {AXES[axis]}: what moves there never stops by itself")
+    return found
+
+
+def _inertia_warnings(vehicle: VehicleModel) -> list[str]:
+    radii, arm = gyration(vehicle)
+    worst = int(np.argmax(radii))
+    if arm > 0.0 and radii[worst] > 1.5 * arm:
+        return [
+            f"inertia looks too large: a radius of gyration of {radii[worst]:.2f} m in {AXES[3 + worst]}, though the"
+            f" farthest actuator is {arm:.2f} m from the centre of gravity"
+        ]
+    return []
