@@ -18,6 +18,8 @@ COMMANDS: dict[str, str] = {
     "train": "train one run, or a grid of runs with -m",
     "evaluate": "apply a test protocol to trained runs",
     "report": "rank runs and write tables, figures and a page",
+    "vehicles": "list vehicles, or show what one vehicle's numbers imply",
+    "simulate": "integrate one vehicle open loop, to CSV or a plot",
     "runs": "list runs with state, progress and success",
 }
 

@@ -69,7 +69,7 @@ class FossenSimulator:
         self._units = unit_table(vehicle)
         self._table, self._curves = self._units
         self._geometry = geometry_table(vehicle)
-        self._rest = np.concatenate([unit.lag.steady(0.0) for unit in vehicle.units])
+        self._rest = np.concatenate([np.zeros(0), *(unit.lag.steady(0.0) for unit in vehicle.units)])
         self._flags = (
             bool(np.any(np.diag(np.diag(vehicle.M_A)) != vehicle.M_A)),
             bool(any(unit.lag.order for unit in vehicle.units)),

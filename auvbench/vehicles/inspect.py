@@ -16,6 +16,7 @@ from auvbench.vehicles.model import VehicleModel
 FloatArray = NDArray[np.float64]
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+SYMBOLS = ("u", "v", "w", "p", "q", "r")
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 DIRECTIONS = (
     ("ahead", "astern"),
@@ -80,26 +81,28 @@ def static_trim(vehicle: VehicleModel) -> Trim:
     return Trim(float(roll), float(pitch), moment)
 
 
-def largest_force(vehicle: VehicleModel, axis: int, sign: float) -> tuple[float, FloatArray]:
-    """The most that the thrusters can give along one axis alone, N or N m, and their forces (n_u,) in N.
+def heel(vehicle: VehicleModel, moment: float) -> float | None:
+    """Angle in rad from trim at which the righting moment balances `moment` in N m; None where none does."""
+    righting = static_trim(vehicle).moment
+    return float(np.arcsin(moment / righting)) if moment < righting else None
+
+
+def largest_force(vehicle: VehicleModel, axis: int, sign: float, *, moments: bool = True) -> float:
+    """The most that the thrusters can give along one axis alone, N or N m.
 
     The other axes get none, except those that the thrusters cannot command independently: a BlueROV2 cannot
-    surge without a pitching moment.
+    surge without a pitching moment. Without `moments` only the other two forces must vanish, as on a bollard.
     """
     from scipy.optimize import linprog
 
     B = vehicle.allocation
-    free = [other for other in independent_axes(vehicle) if other != axis]
-    limits = np.sort(vehicle.force_limits, axis=1)
-    solution = linprog(
-        -sign * B[axis],
-        A_eq=B[free] if free else None,
-        b_eq=np.zeros(len(free)) if free else None,
-        bounds=limits,
-    )
-    if not solution.success:
-        return 0.0, np.zeros(B.shape[1])
-    return float(abs(B[axis] @ solution.x)), np.asarray(solution.x)
+    if B.shape[1] == 0:
+        return 0.0
+    held = independent_axes(vehicle) if moments else (0, 1, 2)
+    free = [other for other in held if other != axis]
+    limits = [(float(low), float(high)) for low, high in np.sort(vehicle.force_limits, axis=1)]
+    solution = linprog(-sign * B[axis], A_eq=B[free], b_eq=np.zeros(len(free)), bounds=limits)
+    return float(max(0.0, sign * (B[axis] @ solution.x))) if solution.success else 0.0
 
 
 def terminal_speed(force: float, linear: float, quadratic: float) -> float:
@@ -138,6 +141,8 @@ class Reach:
     speed: float  # m/s or rad/s, by thrust alone
     speed_with_buoyancy: float  # the same with B - W along heave; equal to `speed` elsewhere
     rise_time: float  # s from rest to 63 % of the speed
+    bollard_force: float  # N with moments left unbalanced; `force` for the three rotations
+    bollard_speed: float  # m/s that this force would give to a vehicle held straight
 
     @property
     def direction(self) -> str:
@@ -151,9 +156,10 @@ def reach(vehicle: VehicleModel) -> list[Reach]:
     for axis in range(6):
         d, q = float(vehicle.linear_damping[axis]), float(vehicle.quadratic_damping[axis])
         for sign in (1, -1):
-            force, _ = largest_force(vehicle, axis, sign)
+            force = largest_force(vehicle, axis, sign)
             if force <= 1e-9:
                 continue
+            bollard = largest_force(vehicle, axis, sign, moments=False) if axis < 3 else force
             lift = sign * net_buoyancy(vehicle) if axis == 2 else 0.0
             rows.append(
                 Reach(
@@ -163,9 +169,17 @@ def reach(vehicle: VehicleModel) -> list[Reach]:
                     terminal_speed(force, d, q),
                     terminal_speed(force + lift, d, q),
                     rise_time(float(mass[axis]), force, d, q),
+                    bollard,
+                    terminal_speed(bollard, d, q),
                 )
             )
     return rows
+
+
+def linear_time_constants(vehicle: VehicleModel) -> dict[str, float | None]:
+    """M_ii / D_ii in s of small motions about rest, by axis; None without linear damping."""
+    mass, damping = np.diag(vehicle.M).tolist(), vehicle.linear_damping.tolist()
+    return {axis: m / d if d > 0.0 else None for axis, m, d in zip(AXES, mass, damping, strict=True)}
 
 
 def free_speed(vehicle: VehicleModel) -> float:

@@ -1,0 +1,156 @@
+"""`auvbench simulate`: one vehicle, open loop, to a CSV file or a plot."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from auvbench.errors import ConfigError, closest
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+    from auvbench.simulators.openloop import Trajectory
+    from auvbench.vehicles.model import VehicleModel
+
+PICTURES = (".png", ".svg", ".pdf")
+
+
+def main(arguments: Sequence[str]) -> int:
+    from hydra.core.config_store import ConfigStore
+
+    from auvbench.config.compose import run
+    from auvbench.config.simulation import Simulation
+
+    ConfigStore.instance().store(name="simulate_schema", node=Simulation)
+    run("simulate", _plot_as_override(arguments), simulate)
+    return 0
+
+
+def _plot_as_override(arguments: Sequence[str]) -> list[str]:
+    """`--plot [FILE]` and `--plot=FILE` become `plot=FILE`, with the output's name where no FILE follows."""
+    rest, plot = [], None
+    given = list(arguments)
+    while given:
+        argument = given.pop(0)
+        if argument == "--plot":
+            # A file has no `=`; an override does.
+            follows = given and "=" not in given[0] and not given[0].startswith("-")
+            plot = given.pop(0) if follows else ""
+        elif argument.startswith("--plot="):
+            plot = argument.removeprefix("--plot=")
+        else:
+            rest.append(argument)
+    if plot is None:
+        return rest
+    if not plot:
+        output = [a.removeprefix("output=") for a in rest if a.startswith("output=")]
+        plot = str(Path(output[-1]).with_suffix(".png")) if output else "trajectory.png"
+    # Quoted, because a path may hold characters that mean something to Hydra.
+    escaped = plot.replace("\\", "\\\\").replace("'", "\\'")
+    return [*rest, f"plot='{escaped}'"]
+
+
+def simulate(config: DictConfig) -> None:
+    """Run what `config` says, write its files and say where they are."""
+    import numpy as np
+
+    from auvbench.config.simulation import simulation_config
+    from auvbench.simulators import openloop
+    from auvbench.vehicles import sheet
+
+    settings = simulation_config(config)
+    files = _writable(settings.output, settings.plot)
+    vehicle = sheet.load(settings.vehicle)
+    given = settings.input
+    command = _command(vehicle, given.command)
+    if settings.thrusters == "off":
+        if given.command is not None and np.any(command):
+            raise ConfigError("input.command: thrusters=off leaves none to command; give one of the two")
+        vehicle, command = openloop.without_actuators(vehicle), np.zeros(0)
+    trajectory = openloop.integrate(
+        vehicle,
+        duration=settings.duration,
+        sample=settings.sample,
+        wrench=np.array(given.wrench),
+        command=command,
+        pose=np.array(given.pose),
+        velocity=np.array(given.velocity),
+        current=np.array(given.current),
+        frame=given.frame,
+        max_step=settings.max_step,
+    )
+    _deliver(trajectory, vehicle, *files)
+
+
+def _command(vehicle: VehicleModel, given: Any) -> Any:
+    """Commands (n_u,) from a list, from a mapping of actuators' names, or zeros.
+
+    Raises:
+        ConfigError: a wrong number of commands, an unknown actuator, or a command outside [-1, 1].
+    """
+    import numpy as np
+
+    names = vehicle.actuators
+    if given is None:
+        return np.zeros(len(names))
+    if isinstance(given, Mapping):
+        unknown = [str(name) for name in given if name not in names]
+        if unknown:
+            raise ConfigError(
+                f"input.command.{unknown[0]}: {vehicle.name} has no such actuator; {closest(unknown[0], names)}"
+            )
+        values = [given.get(name, 0.0) for name in names]
+    elif isinstance(given, list | tuple):
+        values = list(given)
+        if len(values) != len(names):
+            raise ConfigError(
+                f"input.command={values}: has {len(values)} numbers, {vehicle.name} has {len(names)}"
+                f" actuators: {', '.join(names)}"
+            )
+    else:
+        raise ConfigError(f"input.command={given}: must be a list of numbers or {{actuator: number}}")
+    for name, value in zip(names, values, strict=True):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not -1.0 <= value <= 1.0:
+            raise ConfigError(f"input.command: {name} is {value}: must be a number in [-1, 1]")
+    return np.array(values, dtype=np.float64)
+
+
+def _writable(output: str | None, plot: str | None) -> tuple[Path | None, Path | None]:
+    """The files to write, tried before anything is computed."""
+    paths = []
+    for key, name in (("output", output), ("plot", plot)):
+        path = None if name is None else Path(name)
+        if path is not None:
+            if key == "plot" and path.suffix.lower() not in PICTURES:
+                raise ConfigError(f"plot={name}: must end with one of {', '.join(PICTURES)}")
+            if path.is_dir():
+                raise ConfigError(f"{key}={name}: is a directory, name a file")
+            fresh = not path.exists()
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.open("a").close()
+            except OSError as error:
+                raise ConfigError(f"{key}={name}: cannot write there: {error.strerror}") from None
+            if fresh:
+                path.unlink()
+        paths.append(path)
+    return paths[0], paths[1]
+
+
+def _deliver(trajectory: Trajectory, vehicle: VehicleModel, output: Path | None, plot: Path | None) -> None:
+    from auvbench.simulators import openloop
+
+    if output is None and plot is None:
+        sys.stdout.write(trajectory.csv())
+        return
+    if output is not None:
+        openloop.write(trajectory, output)
+        print(f"{len(trajectory.time)} rows: {output}")
+    if plot is not None:
+        from auvbench.simulators.trajectory_plot import draw
+
+        draw(trajectory, plot, title=vehicle.title)
+        print(f"plot: {plot}")

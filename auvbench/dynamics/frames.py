@@ -1,0 +1,78 @@
+"""Attitude in other words, and the other convention of axes: NED/FRD for ENU/FLU.
+
+Marine papers have the body's axes forward, starboard, down (FRD); auvbench has forward, port, up (FLU). One is
+the other turned by half a turn about x, which changes the sign of the second and third component of every
+vector. The same half turn takes a world with z down to one with z up: north, east, down becomes north, west, up.
+Since water does not know where north is, a motion computed in north-west-up is the motion in east-north-up, seen
+with another zero of yaw. Turning only signs, it costs no rounding.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+_SIGNS = np.array([1.0, -1.0, -1.0])
+
+
+def flip(vectors: ArrayLike) -> FloatArray:
+    """Vectors (..., 3) or wrenches and velocities (..., 6) in the other convention; its own inverse.
+
+    >>> flip([1.0, 2.0, 3.0])
+    array([ 1., -2., -3.])
+    """
+    array = np.asarray(vectors, dtype=np.float64)
+    # Adding zero turns -0 into 0, which is what a reader of a file expects.
+    return np.asarray(array * np.tile(_SIGNS, array.shape[-1] // 3) + 0.0)
+
+
+def flip_pose(pose: ArrayLike) -> FloatArray:
+    """Poses (..., 7) = x y z qw qx qy qz in the other convention; its own inverse."""
+    signs = np.concatenate([_SIGNS, [1.0], _SIGNS])
+    return np.asarray(np.asarray(pose, dtype=np.float64) * signs + 0.0)
+
+
+def rotation(quaternion: ArrayLike) -> FloatArray:
+    """R (..., 3, 3), body to world, of unit quaternions (..., 4) = (w, x, y, z) (Fossen 2021, eq. 2.68)."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def euler(quaternion: ArrayLike) -> FloatArray:
+    """Roll, pitch, yaw (..., 3) in rad of unit quaternions (..., 4), z-y-x convention (Fossen 2021, eq. 2.74).
+
+    Pitch is in [-pi/2, pi/2], roll and yaw in [-pi, pi]. At a pitch of a quarter turn roll and yaw cannot be told
+    apart and their sum or difference is arbitrary.
+    """
+    R = rotation(quaternion)
+    phi = np.arctan2(R[..., 2, 1], R[..., 2, 2])
+    # Better than arcsin near a quarter turn, where the slope of arcsin is infinite.
+    theta = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 2, 1], R[..., 2, 2]))
+    return np.stack([phi, theta, np.arctan2(R[..., 1, 0], R[..., 0, 0])], axis=-1)
+
+
+def quaternion(angles: ArrayLike) -> FloatArray:
+    """Unit quaternions (..., 4) = (w, x, y, z) of roll, pitch, yaw (..., 3) in rad (Fossen 2021, eq. 2.78).
+
+    >>> quaternion([0.0, 0.0, 0.0])
+    array([1., 0., 0., 0.])
+    """
+    half = np.asarray(angles, dtype=np.float64) / 2.0
+    cx, cy, cz = np.moveaxis(np.cos(half), -1, 0)
+    sx, sy, sz = np.moveaxis(np.sin(half), -1, 0)
+    return np.stack(
+        [
+            cx * cy * cz + sx * sy * sz,
+            sx * cy * cz - cx * sy * sz,
+            cx * sy * cz + sx * cy * sz,
+            cx * cy * sz - sx * sy * cz,
+        ],
+        axis=-1,
+    )

@@ -1,0 +1,130 @@
+"""One vehicle, constant inputs, no controller: a trajectory, in ENU/FLU or in NED/FRD."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auvbench.dynamics import frames
+from auvbench.errors import AuvbenchError
+from auvbench.simulators.fossen import FossenSimulator
+from auvbench.vehicles.model import VehicleModel
+
+FloatArray = NDArray[np.float64]
+
+HEADER = "t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad,u_mps,v_mps,w_mps,p_radps,q_radps,r_radps"
+
+
+REST = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+"""Pose at the origin, axes aligned."""
+
+
+class IntegrationError(AuvbenchError):
+    """The motion grew beyond all bounds: the step is too long for the vehicle, or the input absurd."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """What a vehicle did, at its sample times, in `frame` ("enu": ENU/FLU, "ned": NED/FRD)."""
+
+    frame: str
+    time: FloatArray  # (T,) s
+    pose: FloatArray  # (T, 7) x y z qw qx qy qz
+    velocity: FloatArray  # (T, 6) u v w p q r over ground, body axes
+
+    def rows(self) -> FloatArray:
+        """(T, 13) in the order of `HEADER`; psi is unwrapped, so that it grows beyond 2 pi in a long turn."""
+        angles = frames.euler(self.pose[:, 3:])
+        angles[:, 2] = np.unwrap(angles[:, 2])
+        return np.column_stack([self.time, self.pose[:, :3], angles, self.velocity])
+
+    def csv(self) -> str:
+        """The trajectory as text, 12 significant digits."""
+        lines = (",".join(f"{value + 0.0:.12g}" for value in row) for row in self.rows().tolist())
+        return "\n".join([HEADER, *lines, ""])
+
+
+def sample_times(duration: float, sample: float) -> FloatArray:
+    """0, sample, 2 sample, ... and `duration` itself, (T,) in s."""
+    # The margin forgives the last bit of the quotient: 20 s at 0.1 s are 200 intervals.
+    whole = math.floor(duration / sample * (1 + 1e-12))
+    times: FloatArray = np.arange(whole + 1, dtype=np.float64) * sample
+    if duration - times[-1] > 1e-9 * duration:
+        return np.append(times, duration)
+    times[-1] = duration
+    return times
+
+
+def integrate(
+    vehicle: VehicleModel,
+    *,
+    duration: float,
+    sample: float,
+    wrench: ArrayLike | None = None,
+    command: ArrayLike | None = None,
+    pose: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    current: ArrayLike | None = None,
+    frame: str = "enu",
+    max_step: float = 0.001,
+) -> Trajectory:
+    """Integrate `vehicle` from `pose` (7,) and `velocity` (6,) under constant inputs, read in `frame`.
+
+    Args:
+        vehicle: the model.
+        duration: s.
+        sample: s between the samples, which are hit exactly.
+        wrench: (6,) N and N m on the body at its origin.
+        command: (n_u,) in [-1, 1]; None = 0 for all.
+        pose: (7,) x y z qw qx qy qz, body to world; None = the origin, axes aligned.
+        velocity: (6,) over ground, body axes.
+        current: (3,) m/s, world axes.
+        frame: "enu" or "ned", of all inputs and of the result.
+        max_step: s, the longest step of RK4.
+
+    Raises:
+        IntegrationError: the state left the range of floating point.
+    """
+    turn, turn_pose = (frames.flip, frames.flip_pose) if frame == "ned" else (np.array, np.array)
+    start = np.array(REST if pose is None else pose, dtype=np.float64)
+    start[3:] /= np.linalg.norm(start[3:])
+    simulator = FossenSimulator(vehicle, 1, max_step=max_step)
+    simulator.reset(
+        np.array([0]), turn_pose(start)[None], turn(np.zeros(6) if velocity is None else velocity)[None]
+    )
+    if wrench is not None:
+        simulator.external_wrench[0] = turn(wrench)
+    if current is not None:
+        simulator.set_current(turn(current))
+    action = np.zeros((1, len(vehicle.actuators)))
+    if command is not None:
+        action[0] = command
+    times = sample_times(duration, sample)
+    poses, velocities = [simulator.pose[0].copy()], [simulator.velocity[0].copy()]
+    for before, after in pairwise(times.tolist()):
+        # One duration for all whole intervals, not the difference of rounded times: the same floats each time.
+        simulator.step(action, min(sample, duration - before) if after == duration else sample)
+        if not (np.isfinite(simulator.pose).all() and np.isfinite(simulator.velocity).all()):
+            raise IntegrationError(
+                f"the motion left all bounds between {before:g} and {after:g} s: use a max_step below {max_step:g} s"
+            )
+        poses.append(simulator.pose[0].copy())
+        velocities.append(simulator.velocity[0].copy())
+    return Trajectory(frame, times, turn_pose(np.array(poses)), turn(np.array(velocities)))
+
+
+def without_actuators(vehicle: VehicleModel) -> VehicleModel:
+    """The same body in water with nothing mounted that acts on it: neither thrusters nor fins nor ballast."""
+    return dataclasses.replace(vehicle, units=(), controllable=())
+
+
+def write(trajectory: Trajectory, path: Path) -> None:
+    """Write `trajectory` as CSV."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(trajectory.csv(), encoding="utf-8")
