@@ -1,0 +1,135 @@
+"""How often do the intervals hold what they promise? `python -m auvbench.reporting.statistics.coverage` measures.
+
+Agents are simulated whose true rate and mean are known: training seeds differ, scenarios differ in difficulty,
+and for a difference two agents meet the same scenarios. The share of simulated experiments whose interval contains
+the truth is printed for the t-type interval that the tables use and for the two hierarchical bootstraps.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit
+from scipy.stats import gamma, norm
+
+from auvbench.reporting.statistics.bootstrap import multiplicities, paired_means, seed_weights
+from auvbench.reporting.statistics.crossed import crossed, means, pairs
+from auvbench.reporting.statistics.intervals import FloatArray
+
+METHODS = ("t-type (used)", "bootstrap", "bootstrap, rescaled")
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """Where simulated agents come from: success by a logistic model, steps gamma distributed and cut at 1000."""
+
+    level: float
+    """logit of the success rate of a middling seed on a middling scenario"""
+    seed_sd: float
+    """standard deviation of a training seed's logit"""
+    scenario_sd: float = 1.0
+    """standard deviation of a scenario's logit"""
+
+    def draw(
+        self, S: int, E: int, scenarios: FloatArray, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray]:
+        """Success (S, E) in {0, 1} and steps (S, E) of an agent on scenarios (E,) of standard normal difficulty."""
+        logit = self.level + self.seed_sd * rng.normal(size=(S, 1)) + self.scenario_sd * scenarios
+        success = (rng.random((S, E)) < expit(logit)).astype(np.float64)
+        steps = np.minimum(rng.gamma(2.0, 100.0 * np.exp(-0.3 * logit)), 1000.0)
+        return success, steps
+
+    def truth(self) -> tuple[float, float]:
+        """The rate and the mean number of steps over all seeds and scenarios there could be."""
+        nodes, weights = np.polynomial.hermite_e.hermegauss(80)
+        weights = weights / weights.sum()
+        logit = self.level + np.hypot(self.seed_sd, self.scenario_sd) * nodes
+        scale = 100.0 * np.exp(-0.3 * logit)
+        cut = 1000.0 / scale
+        # E[min(G, c)] of a gamma variable of shape 2: 2 F_3(c) + c (1 - F_2(c))
+        steps = scale * (2 * gamma.cdf(cut, 3) + cut * gamma.sf(cut, 2))
+        return float(weights @ expit(logit)), float(weights @ steps)
+
+
+def coverage(
+    world: World,
+    S: int,
+    E: int,
+    *,
+    replications: int,
+    resamples: int = 400,
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> dict[str, FloatArray]:
+    """By method the share (4,) of experiments whose interval holds the truth, the truth being known.
+
+    Of the success rate, the mean steps, and the differences of both to a second agent of the same world (truth 0).
+    """
+    rng = np.random.default_rng(seed)
+    rate, steps = world.truth()
+    truth = np.array([rate, steps, 0.0, 0.0])
+    inside = {method: np.zeros(4) for method in METHODS}
+    tail = (1 - confidence) / 2
+    for _ in range(replications):
+        scenarios = rng.normal(size=E)
+        agents = [world.draw(S, E, scenarios, rng) for _ in range(2)]
+        lows, highs = _t_type(agents, confidence)
+        inside[METHODS[0]] += (lows <= truth) & (truth <= highs)
+        for method, rescaled in ((METHODS[1], False), (METHODS[2], True)):
+            if resamples == 0 or S == 1:
+                continue
+            drawn = multiplicities(E, resamples, rng)
+            weights = [seed_weights(S, resamples, rng, rescaled=rescaled) for _ in range(2)] * 2
+            data = [agents[0][0], agents[1][0], agents[0][1], agents[1][1]]
+            r = paired_means(data, drawn, weights)
+            r = np.column_stack([r[:, 0], r[:, 2], r[:, 0] - r[:, 1], r[:, 2] - r[:, 3]])
+            low, high = np.quantile(r, [tail, 1 - tail], axis=0)
+            inside[method] += (low <= truth) & (truth <= high)
+    return {method: count / replications for method, count in inside.items()}
+
+
+def _t_type(
+    agents: Sequence[tuple[FloatArray, FloatArray]], confidence: float
+) -> tuple[FloatArray, FloatArray]:
+    """Ends (4,) of the intervals that the tables use."""
+    found = []
+    for metric in (0, 1):
+        table = crossed([agent[metric] for agent in agents], rate=metric == 0)
+        one, both = means(table, confidence)[0], pairs(table, confidence)
+        found += [(one.low, one.high), (both.low[0, 1], both.high[0, 1])]
+    ends = np.array(found)[[0, 2, 1, 3]]
+    return ends[:, 0], ends[:, 1]
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the table of docs/statistics.md."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--replications", type=int, default=2000)
+    parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--resamples", type=int, default=400)
+    options = parser.parse_args(argv)
+    error = norm.ppf(0.975) * np.sqrt(0.95 * 0.05 / options.replications)
+    print(
+        f"nominal 0.95, {options.episodes} episodes, {options.replications} experiments (95 % +- {error:.3f})\n"
+    )
+    print(
+        "| seeds differ by | true rate | seeds | interval | rate | mean steps | rate difference | steps difference |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    for seed_sd in (0.0, 0.5, 1.0):
+        for level in (0.5, 3.0):
+            world = World(level, seed_sd)
+            for S in (2, 3, 5, 10):
+                found = coverage(
+                    world, S, options.episodes, replications=options.replications, resamples=options.resamples
+                )
+                for method, share in found.items():
+                    cells = " | ".join(f"{value:.3f}" for value in share)
+                    print(f"| {seed_sd} | {world.truth()[0]:.2f} | {S} | {method} | {cells} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
