@@ -47,6 +47,7 @@ ALGORITHM_SCHEMAS: dict[str, type] = {
 def register_schemas() -> None:
     store = ConfigStore.instance()
     store.store(name="train_schema", node=schema.TrainConfig)
+    store.store(name="evaluate_schema", node=schema.EvaluateConfig)
     for name, node in ALGORITHM_SCHEMAS.items():
         store.store(name=name, node=node)  # at the top level: the algo folder lists algorithms alone
 

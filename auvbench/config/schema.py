@@ -194,8 +194,17 @@ class Random(Algorithm):
 
 
 @dataclass(kw_only=True)
+class Condition:
+    """One circumstance of a test: the scenarios under changed configuration values."""
+
+    name: str
+    frequency: float | None = field(metadata={"low": 0.0, "high": 1000.0, "open_low": True})
+    overrides: list[str]
+
+
+@dataclass(kw_only=True)
 class Protocol:
-    """A test: which scenarios, at which frequency."""
+    """A test: which scenarios, at which frequency, under which conditions."""
 
     name: str = name()
     episodes: int = number(1, 1_000_000)
@@ -203,6 +212,16 @@ class Protocol:
     frequency: float | None = field(metadata={"low": 0.0, "high": 1000.0, "open_low": True})
     batch: int = number(1, 65_536)
     trajectories: int = number(0, 100_000)
+    conditions: list[Condition]
+
+
+@dataclass(kw_only=True)
+class EvaluateConfig:
+    """Everything that `auvbench evaluate` composes."""
+
+    protocol: Protocol
+    workers: int = number(0, 4096)
+    force: bool
 
 
 @dataclass(kw_only=True)

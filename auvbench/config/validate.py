@@ -83,6 +83,28 @@ def train_config(config: DictConfig) -> schema.TrainConfig:
     return typed
 
 
+def evaluate_config(config: DictConfig) -> schema.EvaluateConfig:
+    """The typed configuration of a test, its values checked.
+
+    Raises:
+        ConfigError: a value is out of range or missing.
+    """
+    missing = sorted(str(key) for key in OmegaConf.missing_keys(config))
+    if missing:
+        raise ConfigError(f"{missing[0]}: a value is missing")
+    typed = OmegaConf.to_object(config)
+    assert isinstance(typed, schema.EvaluateConfig)
+    check(typed)
+    names = [condition.name for condition in typed.protocol.conditions]
+    if not names:
+        raise ConfigError("protocol.conditions: at least one condition is needed")
+    for index, condition in enumerate(typed.protocol.conditions):
+        check(condition, f"protocol.conditions[{index}].")
+        if names.count(condition.name) > 1:
+            raise ConfigError(f"protocol.conditions: the name {condition.name!r} occurs twice")
+    return typed
+
+
 def _across(config: schema.TrainConfig) -> None:
     task = config.task
     for key in ("start", "waypoint_low", "waypoint_high"):

@@ -1,0 +1,1 @@
+"""Tests: a fixed protocol, the same scenarios for every agent, a row per episode."""

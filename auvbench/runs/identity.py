@@ -32,7 +32,7 @@ def relevant(config: Mapping[str, Any]) -> dict[str, Any]:
     """The part of a resolved configuration that determines the result."""
     kept = _without_neutral(config, "")
     if isinstance(kept.get("vehicle"), dict):
-        kept["vehicle"] = _without_descriptions(kept["vehicle"])
+        kept["vehicle"] = without_descriptions(kept["vehicle"])
     if kept.get("algo", {}).get("agent") in ("pid", "random"):
         kept.pop("train", None)  # nothing to learn: the budget changes nothing
     return kept
@@ -48,23 +48,24 @@ def _without_neutral(node: Mapping[str, Any], prefix: str) -> dict[str, Any]:
     return kept
 
 
-def _without_descriptions(node: Any) -> Any:
+def without_descriptions(node: Any) -> Any:
+    """A vehicle sheet without its citations and units: what changes the physics."""
     if isinstance(node, Mapping):
-        return {key: _without_descriptions(value) for key, value in node.items() if key not in _DESCRIPTIVE}
+        return {key: without_descriptions(value) for key, value in node.items() if key not in _DESCRIPTIVE}
     if isinstance(node, list):
-        return [_without_descriptions(value) for value in node]
+        return [without_descriptions(value) for value in node]
     return node
 
 
 def digest(config: Mapping[str, Any]) -> str:
     """Eight hexadecimal digits of the SHA-256 of the relevant configuration."""
-    canonical = json.dumps(
-        {"schema_version": SCHEMA_VERSION, "config": _numbers(relevant(config))},
-        sort_keys=True,
-        separators=(",", ":"),
-        allow_nan=False,
-    )
-    return hashlib.sha256(canonical.encode()).hexdigest()[:8]
+    return digest_of({"schema_version": SCHEMA_VERSION, "config": relevant(config)}, 8)
+
+
+def digest_of(value: Any, digits: int) -> str:
+    """The first hexadecimal digits of the SHA-256 of a plain value as canonical JSON."""
+    canonical = json.dumps(_numbers(value), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()[:digits]
 
 
 def _numbers(node: Any) -> Any:

@@ -1,0 +1,101 @@
+"""Rolling out one agent on all episodes of a condition, as one batch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.agents.base import Agent
+from auvbench.config import schema
+from auvbench.envs.batch import Batch
+from auvbench.tasks.kernels import F_WAYPOINT
+from auvbench.tasks.waypoint import Record
+from auvbench.vehicles.model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(slots=True)
+class Trajectory:
+    """The path of one episode."""
+
+    position: list[Floats] = field(default_factory=list)  # (3,) m each
+    yaw: list[float] = field(default_factory=list)  # rad
+    command: list[Floats] = field(default_factory=list)  # (n_u,) N each
+    waypoint: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) m
+
+    def arrays(self, duration: float) -> dict[str, NDArray[np.float32]]:
+        """As float32 arrays: position (T + 1, 3), yaw (T + 1,), command (T, n_u), waypoint (3,), time (T + 1,)."""
+        return {
+            "position": np.asarray(self.position, dtype=np.float32),
+            "yaw": np.asarray(self.yaw, dtype=np.float32),
+            "command": np.asarray(self.command, dtype=np.float32),
+            "waypoint": np.asarray(self.waypoint, dtype=np.float32),
+            "time": np.asarray(duration * np.arange(len(self.position)), dtype=np.float32),
+        }
+
+
+@dataclass(slots=True)
+class Rollout:
+    """What a test of one condition gives."""
+
+    records: list[Record]  # in the order of the episodes
+    trajectories: dict[int, Trajectory]  # by episode
+    duration: float  # s of an agent step
+
+
+def roll_out(
+    config: schema.TrainConfig,
+    agent: Agent,
+    *,
+    episodes: int,
+    seed: int,
+    batch: int,
+    trajectories: int = 0,
+    vehicle: VehicleModel | None = None,
+) -> Rollout:
+    """Runs an agent through episodes 0 .. episodes - 1 of a seed, `batch` at a time, each to its end.
+
+    Episode e is a function of (seed, e): its row is the same at any `batch`.
+    """
+    records: list[Record] = []
+    paths: dict[int, Trajectory] = {}
+    duration = 1.0 / config.step.frequency
+    for start in range(0, episodes, batch):
+        numbers = np.arange(start, min(start + batch, episodes))
+        environments = Batch(config, len(numbers), seed=seed, test=True, autoreset=False, vehicle=vehicle)
+        environments.task.assign(numbers)
+        followed = [int(e) for e in numbers if e < trajectories]
+        records += _one_batch(environments, agent, followed, paths)
+    return Rollout(records, paths, duration)
+
+
+def _one_batch(
+    environments: Batch, agent: Agent, followed: list[int], paths: dict[int, Trajectory]
+) -> list[Record]:
+    agent.reset(environments.n)
+    observation = environments.reset()
+    rows: dict[int, Record] = {}
+    task, simulator = environments.task, environments.simulator
+    for i, episode in enumerate(followed):
+        paths[episode] = Trajectory(waypoint=task.F[i, F_WAYPOINT : F_WAYPOINT + 3].copy())
+        _follow(paths[episode], simulator.pose[i])
+    while len(rows) < environments.n:
+        running = [i for i in range(len(followed)) if i not in rows]
+        result = environments.step(agent.act(observation))
+        observation = result.observation
+        for i in running:
+            _follow(paths[followed[i]], simulator.pose[i])
+            paths[followed[i]].command.append(simulator.command_force[i].copy())
+        for i, record in zip(result.ended.tolist(), result.records, strict=True):
+            # An episode that ended swims on unobserved until the last one has: only its first end counts.
+            rows.setdefault(i, record)
+    return [rows[i] for i in range(environments.n)]
+
+
+def _follow(path: Trajectory, pose: Floats) -> None:
+    w, x, y, z = pose[3:7]
+    path.position.append(pose[:3].copy())
+    path.yaw.append(float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))
