@@ -21,13 +21,14 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Any
 
-from auvbench.errors import AuvbenchError
-
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-class Interrupted(AuvbenchError):
-    """Asked to leave; what was saved before is the place to go on from. Exit code 128 + signal (130, 143)."""
+class Interrupted(KeyboardInterrupt):
+    """Asked to leave; what was saved before is the place to go on from. Exit code 128 + signal (130, 143).
+
+    A KeyboardInterrupt, so that no `except Exception` on the way, ours or a library's, takes it for an error.
+    """
 
     def __init__(self, number: int, message: str = "") -> None:
         self.signal = signal.Signals(number)

@@ -62,7 +62,7 @@ class Holder:
         return f"{self.host}, pid {self.pid}{job}, since {self.since}"
 
 
-class RunHeld(RunError):
+class RunHeldError(RunError):
     """Somebody else works on the run; it is left alone."""
 
     def __init__(self, run: Path, holder: Holder) -> None:
@@ -71,7 +71,7 @@ class RunHeld(RunError):
         self.holder = holder
 
 
-class LockLost(TrainingError):
+class LockLostError(TrainingError):
     """The run was taken over while this process stood still (a suspended machine, an unreachable server)."""
 
 
@@ -91,10 +91,10 @@ class RunLock:
         return _file(self.run, self.generation)
 
     def verify(self) -> None:
-        """Raises `LockLost` when the run belongs to somebody else by now. Call it before anything is written."""
+        """Raises `LockLostError` when the run belongs to somebody else by now. Call it before anything is written."""
         self._look()
         if self._lost is not None:
-            raise LockLost(self._lost)
+            raise LockLostError(self._lost)
 
     def release(self) -> None:
         """Frees the lock; does nothing the second time, or when it was lost."""
@@ -151,7 +151,7 @@ def acquire(
         watch: seconds that a suspect is watched.
 
     Raises:
-        RunHeld: a living process holds it.
+        RunHeldError: a living process holds it.
         RunError: the directory cannot be written.
     """
     run = Path(run)
@@ -172,7 +172,7 @@ def acquire(
                 holder = current(run)
                 if holder is None:  # released while we looked
                     continue
-                raise RunHeld(run, holder)
+                raise RunHeldError(run, holder)
             if _create(run, last + 1, mine):
                 break
     except OSError as error:

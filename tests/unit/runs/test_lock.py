@@ -54,7 +54,7 @@ def test_release_frees_and_can_be_repeated(tmp_path: Path) -> None:
 def test_the_second_says_who_holds_it(tmp_path: Path) -> None:
     process = hold_elsewhere(tmp_path)
     try:
-        with pytest.raises(lock.RunHeld) as caught:
+        with pytest.raises(lock.RunHeldError) as caught:
             lock.acquire(tmp_path)
         for word in (str(tmp_path), processes.host(), f"pid {process.pid}", "since 20"):
             assert word in str(caught.value)
@@ -90,7 +90,7 @@ def test_a_recycled_pid_is_another_process(tmp_path: Path) -> None:
 def test_a_fresh_foreign_lock_is_left_alone(tmp_path: Path) -> None:
     holder = leave_foreign_lock(tmp_path, age=20)
     assert lock.living_holder(tmp_path) == holder
-    with pytest.raises(lock.RunHeld, match="node7"):
+    with pytest.raises(lock.RunHeldError, match="node7"):
         lock.acquire(tmp_path, **QUICK)
 
 
@@ -112,7 +112,7 @@ def test_an_old_touch_of_a_holder_that_still_stirs_is_no_death(tmp_path: Path) -
         while file.stat().st_mtime < time.time() - 60:
             time.sleep(0.01)
         os.utime(file, (1.0, 1.0))
-        with pytest.raises(lock.RunHeld):
+        with pytest.raises(lock.RunHeldError):
             lock.acquire(tmp_path, stale_after=60.0, watch=2.0)
     finally:
         toucher.kill()
@@ -140,7 +140,7 @@ def test_a_clock_that_jumps_back_costs_a_local_holder_nothing(
     try:
         monkeypatch.setattr(time, "time", lambda: 1.0)
         os.utime(max((tmp_path / lock.FOLDER).iterdir()), (1.0, 1.0))
-        with pytest.raises(lock.RunHeld):
+        with pytest.raises(lock.RunHeldError):
             lock.acquire(tmp_path, **QUICK)
     finally:
         process.kill()
@@ -149,7 +149,7 @@ def test_a_clock_that_jumps_back_costs_a_local_holder_nothing(
 
 def test_a_requeued_job_does_not_wait_for_its_own_ghost(tmp_path: Path) -> None:
     leave_foreign_lock(tmp_path, age=5, job="slurm:17")
-    with pytest.raises(lock.RunHeld, match="slurm job 17"):
+    with pytest.raises(lock.RunHeldError, match="slurm job 17"):
         lock.acquire(tmp_path, job="slurm:18", **QUICK)
     lock.acquire(tmp_path, job="slurm:17", **QUICK).release()
 
@@ -164,7 +164,7 @@ def test_a_holder_that_stood_still_learns_that_it_lost(tmp_path: Path) -> None:
     held.verify()
     text = json.dumps(asdict(replace(held.holder, host="node7", token="other")))
     (tmp_path / lock.FOLDER / f"{held.generation + 1:06d}").write_text(text)
-    with pytest.raises(lock.LockLost, match="node7"):
+    with pytest.raises(lock.LockLostError, match="node7"):
         held.verify()
     held.release()
     assert lock.current(tmp_path) is not None  # it did not free what is not its own
@@ -174,7 +174,7 @@ def test_a_damaged_lock_is_judged_by_its_touches(tmp_path: Path) -> None:
     (tmp_path / lock.FOLDER).mkdir()
     file = tmp_path / lock.FOLDER / "000004"
     file.write_text("{")
-    with pytest.raises(lock.RunHeld):
+    with pytest.raises(lock.RunHeldError):
         lock.acquire(tmp_path, **QUICK)
     os.utime(file, (1.0, 1.0))
     lock.acquire(tmp_path, **QUICK).release()
@@ -204,7 +204,7 @@ def contend(run: str, turns: int, answers: multiprocessing.Queue) -> None:  # ty
             try:
                 held = lock.acquire(run)
                 break
-            except lock.RunHeld:
+            except lock.RunHeldError:
                 time.sleep(0.001)
         value = int(counter.read_text())
         time.sleep(0.0005)
@@ -232,7 +232,7 @@ def take_over(run: str, start: float, answers: multiprocessing.Queue) -> None:  
         lock.acquire(run, stale_after=60.0, watch=0.1)
         answers.put("took")
         time.sleep(1.5)
-    except lock.RunHeld:
+    except lock.RunHeldError:
         answers.put("left")
 
 

@@ -1,0 +1,139 @@
+"""What a sweep is about to do, said in one table before it does it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from auvbench.runs import lock, standing
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.standing import Standing, State
+
+
+class Action(StrEnum):
+    """What happens to a run, in the order of the table."""
+
+    SKIP = "skip"
+    RESUME = "resume"
+    START = "start"
+    RETRY = "retry"
+    LEAVE = "leave alone"
+
+
+WHY = {
+    Action.SKIP: "complete",
+    Action.RESUME: "partial",
+    Action.START: "missing",
+    Action.RETRY: "failed",
+    Action.LEAVE: "held by others",
+}
+
+_ACTIONS = {
+    State.COMPLETE: Action.SKIP,
+    State.INTERRUPTED: Action.RESUME,
+    State.PENDING: Action.START,
+    State.FAILED: Action.RETRY,
+    State.RUNNING: Action.LEAVE,
+}
+
+LISTED = 12
+"""How many runs of a kind are named one by one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One run and what happens to it."""
+
+    standing: Standing
+    action: Action
+
+    @property
+    def run(self) -> RunDirectory:
+        return self.standing.run
+
+    @property
+    def detail(self) -> str:
+        """How far it is, what went wrong, or who holds it."""
+        manifest = self.standing.manifest
+        if self.action is Action.LEAVE:
+            return f"by {self.standing.holder}"
+        if self.action is Action.RETRY:
+            error = manifest.get("error") or {}
+            return f"{error.get('message', 'no reason given')} (step {manifest['steps']})"
+        if self.action is Action.RESUME:
+            return f"from step {manifest['steps']} of {manifest['total_steps']}"
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """All runs of a sweep."""
+
+    steps: tuple[Step, ...]
+
+    def of(self, action: Action) -> list[Step]:
+        return [step for step in self.steps if step.action is action]
+
+    @property
+    def todo(self) -> list[RunDirectory]:
+        """What is to be carried out, in the order given."""
+        return [step.run for step in self.steps if step.action not in (Action.SKIP, Action.LEAVE)]
+
+
+def make(runs: Sequence[RunDirectory], watched: Callable[[Path], bool] = lambda _: False) -> Plan:
+    """Looks at every run once.
+
+    Args:
+        runs: the runs of the sweep.
+        watched: whether a held run is one of the backend's own jobs, to be waited for and not left alone.
+    """
+    now = lock.server_time(runs[0].path) if runs else None
+    steps = []
+    for run in runs:
+        found = standing.of(run, now=now)
+        action = _ACTIONS[found.state]
+        if action is Action.LEAVE and watched(run.path):
+            action = Action.RESUME
+        steps.append(Step(found, action))
+    return Plan(tuple(steps))
+
+
+def show(plan: Plan, console: Console) -> None:
+    """The table: a line per kind of run, and each partial, failed or held one by name."""
+    count = len(plan.steps)
+    table = Table(
+        title=f"{count} run{'s' if count != 1 else ''}", title_justify="left", box=None, pad_edge=False
+    )
+    table.add_column("state")
+    table.add_column("runs", justify="right")
+    table.add_column("now")
+    for action in Action:
+        steps = plan.of(action)
+        if steps:
+            table.add_row(WHY[action], str(len(steps)), _VERBS[action])
+    console.print(table)
+    for action in (Action.RESUME, Action.RETRY, Action.LEAVE):
+        steps = plan.of(action)
+        for step in steps[:LISTED]:
+            console.print(
+                f"  {WHY[action]}: {step.standing.name} {step.detail}",
+                soft_wrap=True,
+                highlight=False,
+                markup=False,
+            )
+        if len(steps) > LISTED:
+            console.print(f"  {WHY[action]}: and {len(steps) - LISTED} more")
+
+
+_VERBS = {
+    Action.SKIP: "skipped",
+    Action.RESUME: "resumed",
+    Action.START: "started",
+    Action.RETRY: "retried",
+    Action.LEAVE: "left alone",
+}

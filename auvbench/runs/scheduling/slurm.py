@@ -1,0 +1,248 @@
+"""Runs as jobs of a SLURM cluster, through `sbatch`, `squeue`, `scontrol` and `scancel` alone.
+
+Not through submitit: what it would do for us is to write the batch script, and what it does besides is in the
+way. It learns a job's state from `sacct` only, so on a cluster without accounting a killed job never ends; it
+hands over a pickled function where we have a directory and a command; and its requeue at the time limit counts
+attempts, where a run that resumes exactly may be requeued as often as it takes.
+
+The truth about a run is in its manifest; the cluster is asked only whether a job is still there. Asking is one
+`squeue` for all jobs every `poll` seconds.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from auvbench.errors import UserError
+from auvbench.runs.scheduling.base import TARGET, Phase, Status, SubmitError
+from auvbench.runs.worker import LOG
+
+JOB_FILE = "slurm.json"
+"""In the run directory: the job that was last submitted for it, so that the next sweep finds it again."""
+
+WAITING = {
+    "PENDING",
+    "CONFIGURING",
+    "REQUEUED",
+    "REQUEUE_HOLD",
+    "REQUEUE_FED",
+    "RESV_DEL_HOLD",
+    "SPECIAL_EXIT",
+}
+RUNNING = {"RUNNING", "COMPLETING", "STAGE_OUT", "SIGNALING", "SUSPENDED", "STOPPED", "RESIZING"}
+
+
+@dataclass(frozen=True, slots=True)
+class SlurmOptions:
+    """What `launcher=slurm` takes; each key is explained in conf/launcher/slurm.yaml."""
+
+    partition: str | None = None
+    account: str | None = None
+    time: str | None = None
+    mem: str | None = "2G"
+    cpus: int = 1
+    parallel: int = 0
+    signal_before: int = 120
+    poll: float = 10.0
+    grace: float = 30.0
+    setup: Sequence[str] = ()
+    sbatch: Sequence[str] = ()
+
+
+@dataclass(slots=True, eq=False)
+class SlurmJob:
+    """A job of the cluster."""
+
+    run: Path
+    number: str
+    backend: SlurmBackend
+    status: Status = field(default_factory=lambda: Status(Phase.QUEUED))
+    gone_since: float | None = None  # monotonic time at which it was first missed
+
+    @property
+    def mark(self) -> str | None:
+        return f"slurm:{self.number}"
+
+    def poll(self) -> Status:
+        self.backend.update()
+        return self.status
+
+    def cancel(self, *, force: bool = False) -> None:
+        if self.status.ended:
+            return
+        if force:
+            command(["scancel", self.number], check=False)
+        else:
+            # A waiting job has nothing to save; a running one is told as by Ctrl-C, the batch process included.
+            command(["scancel", "--state=PENDING", self.number], check=False)
+            command(["scancel", "--signal=TERM", "--full", self.number], check=False)
+        self.backend.look_again()
+
+    def __str__(self) -> str:
+        return f"slurm job {self.number}"
+
+
+class SlurmBackend:
+    """A SLURM cluster that this machine can submit to; run directories lie on a file system that it shares."""
+
+    name = "slurm"
+
+    def __init__(self, options: SlurmOptions, *, target: str = TARGET) -> None:
+        for program in ("sbatch", "squeue", "scontrol", "scancel"):
+            if shutil.which(program) is None:
+                raise UserError(f"launcher=slurm: there is no {program} on this machine; valid: a login node")
+        self.options = options
+        self.target = target
+        self.limit = options.parallel or None
+        self.jobs: dict[str, SlurmJob] = {}
+        self._next = 0.0
+
+    def submit(self, run: Path) -> SlurmJob:
+        run = run.absolute()
+        (run / LOG).parent.mkdir(exist_ok=True)
+        number = command(["sbatch", "--parsable"], text=self.script(run)).split(";")[0].strip()
+        (run / JOB_FILE).write_text(json.dumps({"job": number, "submitted": time.time()}), encoding="utf-8")
+        return self._watch(run, number)
+
+    def adopt(self, run: Path) -> SlurmJob | None:
+        try:
+            number = str(json.loads((run / JOB_FILE).read_text(encoding="utf-8"))["job"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        state = self._states([number]).get(number)
+        # Numbers are given out again after a reinstallation: the job's name has to be the run's as well.
+        if state is None or state[0] not in WAITING | RUNNING or state[1] != run.name:
+            return None
+        return self._watch(run, number)
+
+    def wait(self, seconds: float) -> None:
+        time.sleep(seconds)
+
+    def close(self) -> None:
+        """Jobs that are still queued or running go on; the next sweep finds them (`adopt`)."""
+
+    def script(self, run: Path) -> str:
+        """The batch script of a run. The worker is the batch process itself, so signals reach it."""
+        options = self.options
+        directives = {
+            "job-name": run.name,
+            "output": str(run / LOG).replace("%", "%%"),
+            "open-mode": "append",
+            "chdir": str(run).replace("%", "%%"),
+            "nodes": "1",
+            "ntasks": "1",
+            "cpus-per-task": str(options.cpus),
+            "partition": options.partition,
+            "account": options.account,
+            "time": options.time,
+            "mem": options.mem,
+            "signal": f"B:USR1@{options.signal_before}" if options.time else None,
+        }
+        lines = [f"#SBATCH --{key}={value}" for key, value in directives.items() if value]
+        worker = [sys.executable, "-P", "-m", "auvbench.runs.worker", str(run), "--target", self.target]
+        return "\n".join(
+            [
+                "#!/bin/bash",
+                *lines,
+                "#SBATCH --requeue",
+                *(f"#SBATCH {extra}" for extra in options.sbatch),
+                *options.setup,
+                f"exec {shlex.join(worker)} --requeue",
+                "",
+            ]
+        )
+
+    def update(self) -> None:
+        """Asks the cluster about all jobs, at most every `poll` seconds."""
+        now = time.monotonic()
+        open_jobs = {number: job for number, job in self.jobs.items() if not job.status.ended}
+        if now < self._next or not open_jobs:
+            return
+        self._next = now + self.options.poll
+        try:
+            states = self._states(list(open_jobs))
+        except SubmitError:
+            return  # the controller does not answer; that says nothing about the jobs
+        for number, job in open_jobs.items():
+            state = states.get(number, ("", ""))[0]
+            if state in WAITING:
+                job.status = Status(Phase.QUEUED)
+            elif state in RUNNING:
+                job.status = Status(Phase.RUNNING)
+            else:
+                self._missing(job, state)
+                continue
+            job.gone_since = None
+
+    def look_again(self) -> None:
+        """Makes the next update ask at once."""
+        self._next = 0.0
+
+    def _missing(self, job: SlurmJob, state: str) -> None:
+        """Believes that a job has ended when its manifest says so too, or after a grace for slow file servers."""
+        job.gone_since = job.gone_since or time.monotonic()
+        if _settled(job.run) or time.monotonic() - job.gone_since >= self.options.grace:
+            job.status = Status(Phase.ENDED, reason=self._reason(job.number, state))
+        else:
+            self._next = min(self._next, time.monotonic() + 1.0)
+
+    def _reason(self, number: str, state: str) -> str:
+        fields = _fields(command(["scontrol", "--oneliner", "show", "job", number], check=False))
+        if not fields:
+            return f"slurm job {number} is no longer known to the cluster"
+        code, _, caught = fields.get("ExitCode", "0:0").partition(":")
+        how = f"killed by signal {caught}" if caught not in ("", "0") else f"exit code {code}"
+        hint = (
+            ", possibly out of memory" if caught == "9" or fields.get("JobState") == "OUT_OF_MEMORY" else ""
+        )
+        return f"slurm job {number} ended as {fields.get('JobState', state)} ({how}{hint})"
+
+    def _watch(self, run: Path, number: str) -> SlurmJob:
+        self.jobs[number] = SlurmJob(run, number, self)
+        return self.jobs[number]
+
+    def _states(self, numbers: Sequence[str]) -> dict[str, tuple[str, str]]:
+        """State and name of each job that the cluster still knows."""
+        # --me instead of --jobs: squeue refuses a list that names a job it has forgotten.
+        text = command(["squeue", "--me", "--noheader", "--states=all", "--format=%i|%T|%j"])
+        rows = [line.split("|", 2) for line in text.splitlines() if line.count("|") >= 2]
+        return {number: (state, name) for number, state, name in rows if number in numbers}
+
+
+def _settled(run: Path) -> bool:
+    from auvbench.runs.directory import RunDirectory
+
+    return RunDirectory(run).manifest()["state"] in ("complete", "failed", "interrupted")
+
+
+def _fields(text: str) -> dict[str, str]:
+    """`scontrol --oneliner`'s KEY=VALUE words."""
+    return dict(word.split("=", 1) for word in text.split() if "=" in word)
+
+
+def command(arguments: Sequence[str], *, text: str | None = None, check: bool = True) -> str:
+    """Runs one of SLURM's programs and returns what it prints.
+
+    Raises:
+        SubmitError: it failed (with `check`); the message is its own last line.
+    """
+    environment: dict[str, Any] = {**os.environ, "SLURM_TIME_FORMAT": "standard"}
+    # A sweep that runs inside a job must not hand that job's settings on to those it submits.
+    environment = {k: v for k, v in environment.items() if not k.startswith("SBATCH_")}
+    done = subprocess.run(
+        arguments, input=text, capture_output=True, text=True, check=False, env=environment, timeout=120
+    )
+    if done.returncode and check:
+        last = (done.stderr.strip() or done.stdout.strip() or f"exit code {done.returncode}").splitlines()[-1]
+        raise SubmitError(f"{arguments[0]} refused: {last}")
+    return done.stdout

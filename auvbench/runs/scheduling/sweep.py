@@ -1,0 +1,54 @@
+"""A whole sweep: look at what is there, say so, carry out the rest, sum up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.scheduling import plan, views
+from auvbench.runs.scheduling.base import Backend
+from auvbench.runs.scheduling.loop import Loop, Outcome, Result
+
+
+def sweep(runs: Sequence[RunDirectory], backend: Backend, console: Console | None = None) -> Result:
+    """Brings every run to its end as far as it can be brought.
+
+    Args:
+        runs: frozen run directories, each once.
+        backend: where they are carried out.
+        console: where the tables go; standard output by default.
+
+    Raises:
+        SubmitError: the backend refuses even the only run it has.
+        UserError: the backend cannot work here.
+    """
+    console = console or Console()
+    steps = plan.make(runs, watched=lambda path: backend.adopt(path) is not None)
+    plan.show(steps, console)
+    todo = steps.todo
+    result = Result()
+    if todo:
+        result = Loop(todo, backend, views.view(todo, backend.limit, console)).drive()
+    else:
+        backend.close()
+    for step in steps.of(plan.Action.SKIP):
+        result.outcomes[step.run.path] = (Outcome.COMPLETE, "")
+    for step in steps.of(plan.Action.LEAVE):
+        result.outcomes[step.run.path] = (Outcome.HELD, step.detail)
+    if todo:
+        summarise(result, console)
+    return result
+
+
+def summarise(result: Result, console: Console) -> None:
+    """Counts, then each run that needs somebody's attention, by name."""
+    counts = {outcome: result.of(outcome) for outcome in Outcome}
+    text = ", ".join(f"{len(runs)} {outcome}" for outcome, runs in counts.items() if runs)
+    console.print(f"{len(result.outcomes)} runs: {text}", highlight=False)
+    for outcome in (Outcome.FAILED, Outcome.INTERRUPTED, Outcome.HELD):
+        for path, message in counts[outcome].items():
+            console.print(f"  {outcome}: {path}: {message}", soft_wrap=True, highlight=False, markup=False)
+    if counts[Outcome.INTERRUPTED] or counts[Outcome.NOT_STARTED]:
+        console.print("the same command goes on from here", highlight=False)

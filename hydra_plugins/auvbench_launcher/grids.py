@@ -1,0 +1,130 @@
+"""Grids: the union of products that an experiment asks for, narrowed by what is typed after it.
+
+A grid maps keys to axes, for example `{algo: "sac,ppo", reward.k: "1,40,100"}`: 2 x 3 jobs. An experiment may
+hold several, `{algo: pid}` as well for example. For each key that is typed on the command line:
+
+* when no grid varies it, it applies to all jobs, itself an axis when it has several values;
+* else, for each typed value: when some grid's axis has it, it selects that value there, and a grid whose axis
+  has none of the typed values is dropped; when no grid's axis has it, it replaces the axis wherever the key is
+  varied. Grids that do not vary the key stay as they are: `reward.k=40` takes the column K = 40 of the grid
+  above and leaves PID, which has no K, as the baseline that it is.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from omegaconf import DictConfig, ListConfig
+
+from auvbench.errors import ConfigError
+
+Axis = list[str]
+Grid = dict[str, Axis]
+
+
+def axes(parser: OverridesParser, lines: Iterable[str]) -> Grid:
+    """Overrides by key, each with its values as written; the last of a key counts.
+
+    Raises:
+        ConfigError: a sweep that is not a list of values.
+    """
+    result: Grid = {}
+    for override in parser.parse_overrides(list(lines)):
+        key = override.get_key_element()
+        result.pop(key, None)  # the last one also decides the order
+        result[key] = _values(override)
+    return result
+
+
+def _values(override: Override) -> Axis:
+    if not override.is_sweep_override():
+        return [override.get_value_element_as_str()]
+    if not override.is_discrete_sweep():
+        raise ConfigError(f"{override.input_line}: a grid takes lists of values, e.g. 1,2,3 or range(0,5)")
+    return list(override.sweep_string_iterator())
+
+
+def from_config(parser: OverridesParser, node: Any) -> list[Grid]:
+    """The grids of `hydra.sweeper.grids`.
+
+    Raises:
+        ConfigError: it is not a list of mappings from keys to values.
+    """
+    if node is None:
+        return []
+    if not isinstance(node, Sequence | ListConfig) or isinstance(node, str):
+        raise ConfigError(f"hydra.sweeper.grids={node}: must be a list of mappings from keys to values")
+    grids = []
+    for entry in node:
+        if not isinstance(entry, Mapping | DictConfig):
+            raise ConfigError(
+                f"hydra.sweeper.grids: {entry} must map keys to values, e.g. {{algo: 'sac,ppo'}}"
+            )
+        grids.append(axes(parser, [f"{key}={_written(value)}" for key, value in entry.items()]))
+    return grids
+
+
+def _written(value: Any) -> str:
+    """A YAML value in the grammar of overrides: a list is an axis."""
+    if isinstance(value, Sequence | ListConfig) and not isinstance(value, str):
+        return ",".join(map(_written, value))
+    if value is None:
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _override(key: str, value: str) -> str:
+    return key if key.startswith("~") and not value else f"{key}={value}"  # ~key deletes it
+
+
+def narrow(grids: Sequence[Grid], typed: Grid) -> list[Grid]:
+    """Applies what is typed to each grid; see the module's rules."""
+    varied = {key for grid in grids for key in grid}
+    narrowed = []
+    for grid in grids or [{}]:
+        result: Grid | None = dict(grid)
+        for key, values in typed.items():
+            if key not in varied:
+                result = {**result, key: values} if result is not None else None
+            elif result is not None and key in grid:
+                axis = _restrict(grid[key], values, [other[key] for other in grids if key in other])
+                result = {**result, key: axis} if axis else None
+        if result is not None:
+            narrowed.append(result)
+    return narrowed
+
+
+def _restrict(axis: Axis, values: Axis, every: Sequence[Axis]) -> Axis:
+    """The typed values that a grid's axis takes: those it has, as it writes them, and those that nobody has."""
+    own = {_plain(value): value for value in axis}
+    known = {_plain(value) for other in every for value in other}
+    return [
+        own.get(_plain(value), value)
+        for value in values
+        if _plain(value) in own or _plain(value) not in known
+    ]
+
+
+def _plain(value: str) -> object:
+    """Compares 1 and 1.0, 'ppo' and ppo."""
+    text = value.strip()
+    if len(text) >= 2 and text[0] == text[-1] and text[0] in "'\"":
+        return text[1:-1]
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def jobs(grids: Iterable[Grid]) -> list[list[str]]:
+    """The overrides of each job, grid after grid, each once; the last axis varies fastest."""
+    lists = [
+        [_override(key, value) for key, value in zip(grid, values, strict=True)]
+        for grid in grids
+        for values in itertools.product(*grid.values())
+    ]
+    return [list(job) for job in dict.fromkeys(map(tuple, lists))]
