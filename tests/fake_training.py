@@ -80,3 +80,11 @@ def execute(run: RunDirectory) -> None:
                 raise Interrupted(request.signal)
     (run.path / "result.txt").write_text(value)
     run.update_manifest(state="complete", steps=total)
+
+
+def report_threads(run: RunDirectory) -> None:
+    import torch
+
+    threads = {"torch": torch.get_num_threads(), "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS")}
+    (run.path / "threads.json").write_text(json.dumps(threads))
+    run.update_manifest(state="complete")

@@ -268,7 +268,7 @@ def _temporary(run: Path, token: str) -> Path:
 def _generations(run: Path) -> Iterator[int]:
     try:
         names = os.listdir(run / FOLDER)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return
     yield from (int(name) for name in names if name.isdigit())
 

@@ -74,6 +74,8 @@ def carry_out(run: RunDirectory, function: Target) -> None:
     """Calls `function(run)` with the run's lock held; what it raises is in the manifest before it gets out."""
     job = f"slurm:{os.environ['SLURM_JOB_ID']}" if "SLURM_JOB_ID" in os.environ else None
     with lock.acquire(run.path, job=job):
+        if run.manifest()["state"] == "complete":  # somebody else's work, since we were sent
+            return
         try:
             function(run)
         except KeyboardInterrupt:

@@ -178,6 +178,8 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
     if state == "interrupted" and status.code is None:
         return Outcome.INTERRUPTED, status.describe()
     message = status.describe() if status.code != 0 else "ended without an error and without being complete"
+    if status.code is not None and status.code >= 0:
+        message = f"{message}; {run.train / 'log.txt'} may say why"
     try:
         with lock.acquire(run.path, gone=job.mark):
             worker.fail(run, kind="WorkerDied", message=message)
