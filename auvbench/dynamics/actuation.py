@@ -8,8 +8,6 @@ substep, so that the stages of RK4 at 0, h/2 and h see the exact state) -> rotor
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -18,8 +16,12 @@ from auvbench.dynamics.layout import (
     CURVE,
     DISCRETE_B,
     DISCRETE_C,
+    DROP_WEIGHT,
+    EXTERNAL,
     FIRST_STATE,
+    FORCE,
     FORCE_SCALE,
+    HALF_STEP,
     HIGH,
     KIND,
     LANES,
@@ -27,7 +29,9 @@ from auvbench.dynamics.layout import (
     LOW,
     NEUTRAL,
     ORDER,
+    POWER_POINTS,
     POWER_SCALE,
+    RATE,
     ROTOR,
     TABLE,
     TABLE_CURVE,
@@ -41,72 +45,98 @@ L = LANES
 
 
 @njit(cache=True, nogil=True)
-def interpolate(table: FloatArray, fraction: float) -> Any:
-    """Linear interpolation in a table at equally spaced points; `fraction` in [0, 1] of its range."""
-    last = table.size - 1
-    position = min(max(fraction, 0.0), 1.0) * last
-    index = min(int(position), last - 1)
-    return table[index] + (position - index) * (table[index + 1] - table[index])
-
-
-@njit(cache=True, nogil=True)
-def _static(unit: FloatArray, tables: FloatArray, command: float) -> Any:
-    a = min(max(command, -1.0), 1.0)
-    if unit[CURVE] == LINEAR_CURVE:
-        neutral = unit[NEUTRAL]
-        if a < 0.0:
-            return neutral + a * (neutral - unit[LOW])
-        return neutral + a * (unit[HIGH] - neutral)
-    row = tables[int(unit[TABLE])]
-    if unit[CURVE] == TABLE_CURVE:
-        points = int(row[0])
-        return interpolate(row[1 : points + 1], 0.5 * (a + 1.0))
-    total: Any = 0.0
-    for k in range(int(row[0]), 0, -1):
-        total = total * a + row[k]
-    return total
-
-
-@njit(cache=True, nogil=True)
-def _rotor(unit: FloatArray, value: float) -> Any:
-    if unit[ROTOR] == 0.0:
-        return value
-    return unit[ROTOR] * value * abs(value)
-
-
-@njit(cache=True, nogil=True)
-def _apply(
-    ws: FloatArray,
-    block: int,
-    external: FloatArray,
-    units: FloatArray,
-    geometry: FloatArray,
-    output: FloatArray,
-    thrust: FloatArray,
-) -> None:
-    """TAU = external wrench + allocation of the present actuator outputs; `thrust` holds effectiveness."""
-    n_u = units.shape[0]
-    n = external.shape[0]
-    for j in range(6):
+def _static_curves(units: FloatArray, tables: FloatArray, value: FloatArray) -> None:
+    """Replace commands (n_u, LANES), clipped to [-1, 1], by what the static curves make of them."""
+    for a in range(units.shape[0]):
         for l in range(L):
-            i = block * L + l
-            if i >= n:
-                i = block * L
-            ws[(TAU + j) * L + l] = external[i, j]
-    for a in range(n_u):
+            value[a, l] = min(max(value[a, l], -1.0), 1.0)
+        if units[a, CURVE] == LINEAR_CURVE:
+            neutral = units[a, NEUTRAL]
+            below = neutral - units[a, LOW]
+            above = units[a, HIGH] - neutral
+            for l in range(L):
+                x = value[a, l]
+                value[a, l] = neutral + x * (below if x < 0.0 else above)
+            continue
+        row = int(units[a, TABLE])
+        points = int(tables[row, 0])
+        if units[a, CURVE] == TABLE_CURVE:
+            for l in range(L):
+                position = 0.5 * (value[a, l] + 1.0) * (points - 1)
+                k = max(min(int(position), points - 2), 0)
+                low = tables[row, 1 + k]
+                value[a, l] = low + (position - k) * (tables[row, 2 + k] - low)
+        else:
+            for l in range(L):
+                x = value[a, l]
+                total = tables[row, points]
+                for k in range(points - 1, 0, -1):
+                    total = total * x + tables[row, k]
+                value[a, l] = total
+
+
+@njit(cache=True, nogil=True)
+def _report(
+    first: int,
+    units: FloatArray,
+    tables: FloatArray,
+    value: FloatArray,
+    force: FloatArray,
+    power: FloatArray,
+) -> None:
+    """Forces that the commands stand for, and the electrical power they take."""
+    low = tables[0, 0]
+    points = POWER_POINTS
+    per_newton = (points - 1) / (tables[0, 1] - low)
+    for l in range(min(L, force.shape[0] - first)):
+        watts = 0.0
+        for a in range(units.shape[0]):
+            if units[a, KIND] != THRUSTER:
+                force[first + l, a] = 0.0
+                continue
+            newtons = value[a, l]
+            if units[a, ROTOR] != 0.0:
+                newtons = units[a, ROTOR] * newtons * abs(newtons)
+            force[first + l, a] = newtons
+            position = (newtons * units[a, FORCE_SCALE] - low) * per_newton
+            position = min(max(position, 0.0), points - 1.0)
+            k = max(min(int(position), points - 2), 0)
+            left = tables[0, 2 + k]
+            watts += (left + (position - k) * (tables[0, 3 + k] - left)) * units[a, POWER_SCALE]
+        power[first + l] = watts
+
+
+@njit(cache=True, nogil=True)
+def apply_thrust(
+    ws: FloatArray, units: FloatArray, geometry: FloatArray, output: FloatArray, thrust: FloatArray
+) -> None:
+    """TAU = external wrench + allocation of the present outputs; `thrust` is what multiplies each of them."""
+    for l in range(6 * L):
+        ws[TAU * L + l] = ws[EXTERNAL * L + l]
+    for a in range(units.shape[0]):
         if units[a, KIND] != THRUSTER:
             continue
         rotor = units[a, ROTOR]
-        for j in range(6):
-            arm = geometry[a, j]
-            if arm == 0.0:
-                continue
-            if rotor == 0.0:
-                for l in range(L):
-                    ws[(TAU + j) * L + l] += arm * (output[a, l] * thrust[a, l])
-            else:
-                for l in range(L):
-                    ws[(TAU + j) * L + l] += arm * (rotor * output[a, l] * abs(output[a, l]) * thrust[a, l])
+        if rotor == 0.0:
+            for l in range(L):
+                ws[FORCE * L + l] = output[a, l] * thrust[a, l]
+        else:
+            for l in range(L):
+                ws[FORCE * L + l] = rotor * output[a, l] * abs(output[a, l]) * thrust[a, l]
+        b0 = geometry[a, 0]
+        b1 = geometry[a, 1]
+        b2 = geometry[a, 2]
+        b3 = geometry[a, 3]
+        b4 = geometry[a, 4]
+        b5 = geometry[a, 5]
+        for l in range(L):
+            f = ws[FORCE * L + l]
+            ws[TAU * L + l] += b0 * f
+            ws[(TAU + 1) * L + l] += b1 * f
+            ws[(TAU + 2) * L + l] += b2 * f
+            ws[(TAU + 3) * L + l] += b3 * f
+            ws[(TAU + 4) * L + l] += b4 * f
+            ws[(TAU + 5) * L + l] += b5 * f
 
 
 @njit(cache=True, nogil=True)
@@ -116,7 +146,6 @@ def hold_commands(
     states: FloatArray,
     command: FloatArray,
     effectiveness: FloatArray,
-    external: FloatArray,
     force: FloatArray,
     power: FloatArray,
     units: FloatArray,
@@ -129,34 +158,28 @@ def hold_commands(
     inner: FloatArray,
 ) -> None:
     """Start a step: static curves, commanded forces and power, present outputs, first wrench."""
-    n_u = units.shape[0]
-    n = command.shape[0]
-    curve = tables[0, 2:]
-    low = tables[0, 0]
-    inverse_span = 1.0 / (tables[0, 1] - low)
+    last = command.shape[0] - 1
     for l in range(L):
-        i = block * L + l
-        real = i < n
-        if not real:
-            i = block * L
-        watts = 0.0
-        for a in range(n_u):
-            unit = units[a]
-            value[a, l] = _static(unit, tables, command[i, a])
-            newtons = 0.0
-            if unit[KIND] == THRUSTER:
-                newtons = _rotor(unit, value[a, l])
-                fraction = (newtons * unit[FORCE_SCALE] - low) * inverse_span
-                watts += interpolate(curve, fraction) * unit[POWER_SCALE]
-            if real:
-                force[i, a] = newtons
-            thrust[a, l] = effectiveness[i, a] * ws[THRUST * L + l]
-        if real:
-            power[i] = watts
+        i = min(block * L + l, last)
+        for a in range(units.shape[0]):
+            value[a, l] = command[i, a]
+            thrust[a, l] = effectiveness[i, a]
         for j in range(states.shape[1]):
             inner[j, l] = states[i, j]
+    for a in range(units.shape[0]):
+        for l in range(L):
+            thrust[a, l] *= ws[THRUST * L + l]
+    _static_curves(units, tables, value)
+    for a in range(units.shape[0]):
+        if units[a, KIND] == DROP_WEIGHT:
+            first = int(units[a, FIRST_STATE])
+            for l in range(L):
+                # Released for good by a command above one half.
+                if value[a, l] > 0.5:
+                    inner[first, l] = 1.0
+    _report(block * L, units, tables, value, force, power)
     _outputs(units, value, output, inner, discrete)
-    _apply(ws, block, external, units, geometry, output, thrust)
+    apply_thrust(ws, units, geometry, output, thrust)
 
 
 @njit(cache=True, nogil=True)
@@ -181,8 +204,6 @@ def _outputs(
 @njit(cache=True, nogil=True)
 def advance_actuators(
     ws: FloatArray,
-    block: int,
-    external: FloatArray,
     units: FloatArray,
     geometry: FloatArray,
     discrete: FloatArray,
@@ -196,7 +217,13 @@ def advance_actuators(
         order = int(units[a, ORDER])
         first = int(units[a, FIRST_STATE])
         D = discrete[a]
-        if order == 1:
+        if units[a, RATE] > 0.0:
+            reach = units[a, RATE] * D[HALF_STEP]
+            for l in range(L):
+                inner[first, l] += min(max(value[a, l] - inner[first, l], -reach), reach)
+        elif units[a, KIND] == DROP_WEIGHT:
+            continue
+        elif order == 1:
             for l in range(L):
                 inner[first, l] = D[0] * inner[first, l] + D[DISCRETE_B] * value[a, l]
         elif order == 2:
@@ -214,4 +241,4 @@ def advance_actuators(
                 inner[first + 1, l] = D[3] * x0 + D[4] * x1 + D[5] * x2 + D[DISCRETE_B + 1] * value[a, l]
                 inner[first + 2, l] = D[6] * x0 + D[7] * x1 + D[8] * x2 + D[DISCRETE_B + 2] * value[a, l]
     _outputs(units, value, output, inner, discrete)
-    _apply(ws, block, external, units, geometry, output, thrust)
+    apply_thrust(ws, units, geometry, output, thrust)

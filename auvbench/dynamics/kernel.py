@@ -22,7 +22,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from auvbench.dynamics import layout
-from auvbench.dynamics.actuation import advance_actuators, hold_commands
+from auvbench.dynamics.actuation import advance_actuators, apply_thrust, hold_commands
+from auvbench.dynamics.appendages import add_appendages
 from auvbench.dynamics.layout import (
     ADDED,
     ADDED_OFF,
@@ -338,23 +339,23 @@ def _gather(
     pose: FloatArray,
     velocity: FloatArray,
     current: FloatArray,
+    external: FloatArray,
     parameters: FloatArray,
 ) -> None:
-    """Copy one block into the workspace; lanes past the end repeat its first vehicle."""
-    n = pose.shape[0]
+    """Copy one block into the workspace; lanes past the end repeat the last vehicle."""
+    last = pose.shape[0] - 1
     for l in range(L):
-        i = block * L + l
-        if i >= n:
-            i = block * L
+        i = min(block * L + l, last)
         for j in range(7):
             ws[(X + j) * L + l] = pose[i, j]
         for j in range(6):
             ws[(X + 7 + j) * L + l] = velocity[i, j]
         for j in range(layout.CURRENT_COLUMNS):
             ws[(CURRENT + j) * L + l] = current[i, j]
-    source = parameters[block]
+        for j in range(6):
+            ws[(layout.EXTERNAL + j) * L + l] = external[i, j]
     for l in range(PARAMETER_ROWS * L):
-        ws[PARAMETERS * L + l] = source[l]
+        ws[PARAMETERS * L + l] = parameters[block, l]
 
 
 @njit(cache=True, nogil=True)
@@ -365,6 +366,30 @@ def _scatter(ws: FloatArray, block: int, pose: FloatArray, velocity: FloatArray)
             pose[i, j] = ws[(X + j) * L + l]
         for j in range(6):
             velocity[i, j] = ws[(X + 7 + j) * L + l]
+
+
+@njit(cache=True, nogil=True)
+def _derivative_stage(
+    ws: FloatArray,
+    weight: float,
+    ahead: float,
+    full: bool,
+    special: bool,
+    units: FloatArray,
+    geometry: FloatArray,
+    output: FloatArray,
+    thrust: FloatArray,
+) -> None:
+    """One stage with what only some vehicles need before it."""
+    if not full and not special:
+        _stage(ws, weight, ahead, False)
+        return
+    if full:
+        _off_diagonal(ws)
+    if special:
+        apply_thrust(ws, units, geometry, output, thrust)
+        add_appendages(ws, units, geometry, output)
+    _stage(ws, weight, ahead, full)
 
 
 @njit(cache=True, nogil=True)
@@ -380,48 +405,41 @@ def advance(
     external: FloatArray,  # (n, 6) body wrench
     parameters: FloatArray,  # (n_blocks, rows * LANES)
     units: FloatArray,  # (n_u, ACTUATOR_COLUMNS)
-    geometry: FloatArray,  # (n_u, ...): wrench per newton (6), then what special actuators need
+    geometry: FloatArray,  # (n_u, GEOMETRY_COLUMNS)
     discrete: FloatArray,  # (n_u, DISCRETE_COLUMNS) for half a substep
     tables: FloatArray,  # (k, points)
-    flags: tuple[bool, bool],  # off-diagonal added mass, any actuator with dynamics
+    flags: tuple[
+        bool, bool, bool
+    ],  # off-diagonal added mass, actuators with dynamics, actuators without thrust
     blocks: tuple[int, int],  # first block, one past the last
     substeps: int,
     h: float,
 ) -> None:
     """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
-    full, dynamic = flags
-    ws = np.empty(ROWS * L)
+    full, dynamic, special = flags
+    ws = np.zeros(ROWS * L)
     n_u = units.shape[0]
     value = np.empty((n_u, L))  # static curve of the command
     output = np.empty((n_u, L))  # after the dynamics
-    thrust = np.empty((n_u, L))  # newtons after effectiveness
+    thrust = np.empty((n_u, L))  # effectiveness times thrust scale
     inner = np.zeros((max(states.shape[1], 1), L))
     for block in range(blocks[0], blocks[1]):
-        _gather(ws, block, pose, velocity, current, parameters)
-        hold_commands(ws, block, states, command, effectiveness, external, force, power, units, geometry, discrete,
+        _gather(ws, block, pose, velocity, current, external, parameters)
+        hold_commands(ws, block, states, command, effectiveness, force, power, units, geometry, discrete,
                       tables, value, output, thrust, inner)  # fmt: skip
         for _ in range(substeps):
             _begin(ws)
-            if full:
-                _off_diagonal(ws)
-            _stage(ws, h / 6.0, h / 2.0, full)
+            _derivative_stage(ws, h / 6.0, h / 2.0, full, special, units, geometry, output, thrust)
             if dynamic:
-                advance_actuators(ws, block, external, units, geometry, discrete,
-                                  value, output, thrust, inner)  # fmt: skip
-            if full:
-                _off_diagonal(ws)
-            _stage(ws, h / 3.0, h / 2.0, full)
-            if full:
-                _off_diagonal(ws)
-            _stage(ws, h / 3.0, h, full)
+                advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
+            _derivative_stage(ws, h / 3.0, h / 2.0, full, special, units, geometry, output, thrust)
+            _derivative_stage(ws, h / 3.0, h, full, special, units, geometry, output, thrust)
             if dynamic:
-                advance_actuators(ws, block, external, units, geometry, discrete,
-                                  value, output, thrust, inner)  # fmt: skip
-            if full:
-                _off_diagonal(ws)
-            _stage(ws, h / 6.0, 0.0, full)
+                advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
+            _derivative_stage(ws, h / 6.0, 0.0, full, special, units, geometry, output, thrust)
             _finish(ws)
         _scatter(ws, block, pose, velocity)
-        for l in range(min(L, pose.shape[0] - block * L)):
-            for j in range(states.shape[1]):
-                states[block * L + l, j] = inner[j, l]
+        if states.shape[1] > 0:
+            for l in range(min(L, pose.shape[0] - block * L)):
+                for j in range(states.shape[1]):
+                    states[block * L + l, j] = inner[j, l]

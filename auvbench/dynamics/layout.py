@@ -40,7 +40,10 @@ CURRENT_COLUMNS = 8
 
 # Scratch of the full added-mass path: momentum (6) and current terms (6) from off-diagonal entries.
 EXTRA = CURRENT + CURRENT_COLUMNS
-ROWS = EXTRA + 12
+# External wrench (6), and the force of the actuator at hand.
+EXTERNAL = EXTRA + 12
+FORCE = EXTERNAL + 6
+ROWS = FORCE + 1
 
 # Columns of the table of actuators (n_u, ACTUATOR_COLUMNS).
 KIND = 0
@@ -54,13 +57,32 @@ FIRST_STATE = 7  # first column of this actuator in the actuator states
 ROTOR = 8
 FORCE_SCALE = 9
 POWER_SCALE = 10
-RATE = 11
+RATE = 11  # largest rate of a rate-limited actuator, per second; 0 = none
 ACTUATOR_COLUMNS = 12
+
+# Points of the table of electrical power over force.
+POWER_POINTS = 1024
 
 THRUSTER, FIN, MASS_SHIFTER, BUOYANCY_ENGINE, DROP_WEIGHT = range(5)
 LINEAR_CURVE, TABLE_CURVE, POLYNOMIAL_CURVE = range(3)
 
-# Columns of the table of exact discretisations (n_u, DISCRETE_COLUMNS): Ad (9), Bd (3), C (3).
+# Columns of the table of geometry (n_u, GEOMETRY_COLUMNS): wrench per newton (6) of a thruster; position (3) and
+# axis (3) of everything else, then what its kind needs.
+POSITION = 0
+AXIS = 3
+AREA = 6  # fin: m2
+LIFT_SLOPE = 7  # 1/rad
+LIFT_SLOPE_STALL = 8
+DRAG_SLOPE = 9
+DRAG_SLOPE_STALL = 10
+STALL_ANGLE = 11  # rad
+DENSITY = 12
+UPWARD = 6  # mass shifter: N m per m; buoyancy engine: N per m3; drop weight: N when released
+GEOMETRY_COLUMNS = 13
+
+# Columns of the table of exact discretisations (n_u, DISCRETE_COLUMNS) for half a substep: Ad (9), Bd (3), C (3),
+# and the half substep itself.
 DISCRETE_B = 9
 DISCRETE_C = 12
-DISCRETE_COLUMNS = 15
+HALF_STEP = 15
+DISCRETE_COLUMNS = 16

@@ -66,13 +66,13 @@ class FossenSimulator:
         self.max_step = max_step
         self.threads = threads
         n_u = len(vehicle.units)
-        self._units = unit_table(vehicle)
-        self._table, self._curves = self._units
+        self._table, self._curves = unit_table(vehicle)
         self._geometry = geometry_table(vehicle)
-        self._rest = np.concatenate([np.zeros(0), *(unit.lag.steady(0.0) for unit in vehicle.units)])
+        self._rest = np.concatenate([np.zeros(0), *(unit.rest for unit in vehicle.units)])
         self._flags = (
             bool(np.any(np.diag(np.diag(vehicle.M_A)) != vehicle.M_A)),
-            bool(any(unit.lag.order for unit in vehicle.units)),
+            any(unit.rest.size > 0 for unit in vehicle.units),
+            any(unit.kind != "thruster" for unit in vehicle.units),
         )
         self._discrete: dict[float, FloatArray] = {}
         self._n_blocks = -(-n // layout.LANES)

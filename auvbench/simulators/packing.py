@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from auvbench.dynamics import layout
 from auvbench.dynamics.kernel import PARAMETER_ROWS
 from auvbench.dynamics.rigid_body import rigid_body_mass
-from auvbench.vehicles.actuators import t200_power, t200_table
+from auvbench.vehicles.actuators import FIN_PARAMETERS, t200_power, t200_table
 from auvbench.vehicles.model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -84,9 +84,10 @@ def unit_table(vehicle: VehicleModel) -> tuple[FloatArray, FloatArray]:
             values = unit.curve.table if unit.curve.kind == "table" else unit.curve.coefficients
             row[layout.TABLE] = len(curves)
             curves.append(np.concatenate(([values.size], values)))
-        row[layout.ORDER] = unit.lag.order
+        row[layout.ORDER] = unit.rest.size
         row[layout.FIRST_STATE] = state
-        state += unit.lag.order
+        state += unit.rest.size
+        row[layout.RATE] = unit.rate
         row[layout.ROTOR] = unit.rotor_constant
         row[layout.FORCE_SCALE] = 1.0 / unit.power.force_scale
         row[layout.POWER_SCALE] = unit.power.power_scale
@@ -97,16 +98,40 @@ def unit_table(vehicle: VehicleModel) -> tuple[FloatArray, FloatArray]:
 
 
 def geometry_table(vehicle: VehicleModel) -> FloatArray:
-    """Wrench (n_u, 6) per newton of each thruster."""
-    return np.ascontiguousarray(vehicle.allocation.T)
+    """The table of geometry (n_u, GEOMETRY_COLUMNS)."""
+    table = np.zeros((len(vehicle.units), layout.GEOMETRY_COLUMNS))
+    table[:, :6] = vehicle.allocation.T
+    fin = (
+        layout.AREA,
+        layout.LIFT_SLOPE,
+        layout.LIFT_SLOPE_STALL,
+        layout.DRAG_SLOPE,
+        layout.DRAG_SLOPE_STALL,
+        layout.STALL_ANGLE,
+    )
+    for row, unit in zip(table, vehicle.units, strict=True):
+        if unit.kind == "thruster":
+            continue
+        row[layout.POSITION : layout.POSITION + 3] = unit.position
+        row[layout.AXIS : layout.AXIS + 3] = unit.direction
+        if unit.kind == "fin":
+            row[list(fin)] = [unit.parameters[name] for name in FIN_PARAMETERS]
+            row[layout.DENSITY] = vehicle.density
+        elif unit.kind == "buoyancy_engine":
+            row[layout.UPWARD] = vehicle.density * vehicle.gravity
+        else:
+            row[layout.UPWARD] = unit.parameters["mass"] * vehicle.gravity
+    return table
 
 
 def discretise(vehicle: VehicleModel, duration: float) -> FloatArray:
     """Exact discretisations (n_u, DISCRETE_COLUMNS) of all actuators for one duration in s."""
     table = np.zeros((len(vehicle.units), layout.DISCRETE_COLUMNS))
+    table[:, layout.HALF_STEP] = duration
     for row, unit in zip(table, vehicle.units, strict=True):
         order = unit.lag.order
         if order == 0:
+            row[layout.DISCRETE_C] = 1.0  # a rate-limited actuator's state is its output
             continue
         A, B = unit.lag.discretise(duration)
         square = np.zeros((3, 3))

@@ -9,6 +9,8 @@ from importlib import resources
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from auvbench.dynamics.layout import POWER_POINTS
+
 FloatArray = NDArray[np.float64]
 
 
@@ -129,9 +131,6 @@ def t200_table() -> dict[str, FloatArray]:
     return {"pwm_us": rows[:, 0], "force_N": rows[:, 1], "power_W": rows[:, 2]}
 
 
-POWER_POINTS = 1024
-
-
 @cache
 def t200_power() -> FloatArray:
     """Electrical power (W) of a T200 at 16 V at `POWER_POINTS` equally spaced forces over its range.
@@ -160,19 +159,43 @@ class Power:
         return np.asarray(np.interp(scaled, grid, t200_power()) * self.power_scale)
 
 
+FIN_PARAMETERS = (
+    "area",
+    "lift_slope",
+    "lift_slope_stall",
+    "drag_slope",
+    "drag_slope_stall",
+    "stall_angle",
+)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Actuator:
-    """One actuator of a vehicle, in body FLU."""
+    """One actuator of a vehicle, in body FLU.
+
+    `direction` is the force for a positive command of a thruster, the hinge of a fin (positive angles by the right
+    hand), the way that a mass shifter moves. `parameters` holds `FIN_PARAMETERS` of a fin (m2, 1/rad, rad), and the
+    `mass` (kg) of a mass shifter or a drop weight.
+    """
 
     name: str
     kind: str  # thruster | fin | mass_shifter | buoyancy_engine | drop_weight
     curve: Curve
     lag: Lag
     position: FloatArray  # (3,) m from the body origin
-    direction: FloatArray  # (3,) unit vector of the force for a positive command
+    direction: FloatArray  # (3,) unit vector
     rotor_constant: float = 0.0  # k rho D^4 in N s2 of F = k rho D^4 n|n|; 0 where the curve gives newtons
     power: Power = field(default_factory=Power)
-    parameters: dict[str, float] = field(default_factory=dict)  # what a special actuator needs besides
+    rate: float = 0.0  # largest change per second of a rate-limited actuator; 0 = unlimited
+    parameters: dict[str, float] = field(default_factory=dict)  # what other kinds need besides
+
+    @property
+    def rest(self) -> FloatArray:
+        """State of the actuator's dynamics when its command has been 0 for long; empty if it has none."""
+        if self.kind == "drop_weight":
+            return np.zeros(1)  # 0 attached, 1 released
+        neutral = float(self.curve(0.0))
+        return np.array([neutral]) if self.rate > 0.0 else self.lag.steady(neutral)
 
     def force(self, command: ArrayLike) -> FloatArray:
         """Steady force (...) in N at a command (...) in [-1, 1]; zero for what is no thruster."""

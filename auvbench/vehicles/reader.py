@@ -34,6 +34,7 @@ class Document:
     data: dict[str, Any]
     places: dict[Keys, str] = field(default_factory=dict)  # key path -> "file line n"
     label: str = "vehicle"
+    used: set[str] = field(default_factory=set)  # sources that a quantity named
 
     def fail(self, path: Keys, rule: str) -> NoReturn:
         """Raise a `VehicleError` that names the place of `path` and the rule."""
@@ -48,9 +49,7 @@ class Document:
 
     def section(self, path: Keys, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, Any]:
         """The mapping at `path`, which must hold `required` and may hold `optional` keys, no others."""
-        node = self.get(path)
-        if not isinstance(node, Mapping):
-            self.fail(path, f"expected keys below it, got {node!r}")
+        node = self.mapping(path)
         valid = (*required, *optional)
         for key in node:
             if key not in valid:
@@ -59,6 +58,12 @@ class Document:
             if key not in node:
                 self.fail(path, f"key {key!r} is missing")
         return dict(node)
+
+    def mapping(self, path: Keys) -> Mapping[str, Any]:
+        node = self.get(path)
+        if not isinstance(node, Mapping) or not node:
+            self.fail(path, f"expected keys below it, got {node!r}")
+        return node
 
     def get(self, path: Keys) -> Any:
         node: Any = self.data
@@ -97,6 +102,8 @@ class Document:
         node = self.get(path)
         if not isinstance(node, Mapping):
             self.fail(path, f"expected value, unit and source, got {node!r}")
+        if "source" not in node:
+            self.fail(path, "every number names its source: key 'source' is missing")
         self.section(path, ("value", "source"), ("unit", "note"))
         if str(node.get("unit", "1")) != unit:
             self.fail(
@@ -108,10 +115,18 @@ class Document:
     def source(self, path: Keys) -> None:
         """Check that every source named at `path` is listed in `sources`."""
         named = self.get(path)
-        known = self.get(("sources",))
-        for key in named if isinstance(named, list) else [named]:
+        known = self.mapping(("sources",))
+        for key in named if isinstance(named, (list, tuple)) else [named]:
             if not isinstance(key, str) or key not in known:
                 self.fail(path, f"source {key!r} is not listed in 'sources'; {closest(str(key), known)}")
+            self.used.add(key)
+
+    def sequence(self, path: Keys, unit: str) -> FloatArray:
+        """The numbers of a sourced list of any length but 0."""
+        value = self.sourced(path, unit)
+        if not isinstance(value, (list, tuple)) or not value:
+            self.fail((*path, "value"), f"expected a list of numbers, got {value!r}")
+        return self.numbers((*path, "value"), value, ((len(value),),))
 
     def numbers(self, path: Keys, value: Any, shapes: tuple[tuple[int, ...], ...]) -> FloatArray:
         """`value` as an array of finite numbers with one of `shapes`."""

@@ -18,6 +18,7 @@ from auvbench.vehicles.reader import Document, read
 FloatArray = NDArray[np.float64]
 
 DEGREES_OF_FREEDOM = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+_BUOYANCY = ("volume", "force", "net")
 _ASYMMETRY = 1e-9
 
 
@@ -41,7 +42,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
          "actuators", "controllable"),
         ("remarks",),
     )  # fmt: skip
-    sources = _sources(document)
+    document.section(("sources",), (), tuple(document.mapping(("sources",))))
     frame = document.text(("frame",), ("enu", "ned"))
     # NED/FRD and ENU/FLU body axes differ by half a turn about x.
     turn = np.array([1.0, -1.0, -1.0]) if frame == "ned" else np.ones(3)
@@ -49,9 +50,10 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
     gravity = document.number(("environment", "gravity"), "m/s2", above=0.0)
     density = document.number(("environment", "density"), "kg/m3", above=0.0)
     mass, weight, r_g, inertia = _rigid_body(document, gravity, turn)
-    buoyancy, r_b = _buoyancy(document, gravity, density, turn)
+    buoyancy, r_b = _buoyancy(document, weight, gravity, density, turn)
     M_A, coriolis, linear, quadratic = _hydrodynamics(document, turn)
     _check_mass(document, rigid_body_mass(mass, r_g, inertia), M_A)
+    units = read_actuators(document, turn)
     vehicle = VehicleModel(
         name=document.text(("name",)),
         title=document.text(("title",)),
@@ -67,9 +69,9 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
         added_mass_coriolis=coriolis,
         linear_damping=linear,
         quadratic_damping=quadratic,
-        units=read_actuators(document, turn, density),
+        units=units,
         controllable=_controllable(document),
-        sources=sources,
+        sources=_sources(document),
         remarks=tuple(str(remark) for remark in document.data.get("remarks", ())),
     )
     _check_allocation(document, vehicle)
@@ -77,11 +79,14 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
 
 
 def _sources(document: Document) -> tuple[tuple[str, str], ...]:
+    """Citations of the sources that a number of the sheet names; inherited ones may have fallen out of use."""
     citations = []
-    for key in document.section(("sources",), (), tuple(document.get(("sources",)))):
+    for key in document.mapping(("sources",)):
         path = ("sources", str(key))
         document.section(path, ("title",), ("repository", "version", "licence", "note"))
-        fields = document.get(path)
+        if key not in document.used:
+            continue
+        fields = document.mapping(path)
         parts = [
             str(fields[name]) for name in ("title", "repository", "version", "licence") if name in fields
         ]
@@ -109,16 +114,22 @@ def _rigid_body(
 
 
 def _buoyancy(
-    document: Document, gravity: float, density: float, turn: FloatArray
+    document: Document, weight: float, gravity: float, density: float, turn: FloatArray
 ) -> tuple[float, FloatArray]:
     at = ("buoyancy",)
-    section = document.section(at, ("center",), ("volume", "force"))
-    if ("volume" in section) == ("force" in section):
-        document.fail(at, "give either 'volume' in m3 or 'force' in N")
-    if "volume" in section:
+    section = document.section(at, ("center",), _BUOYANCY)
+    given = [key for key in _BUOYANCY if section.get(key) is not None]
+    if len(given) != 1:
+        document.fail(
+            at,
+            f"give exactly one of 'volume' in m3, 'force' in N, 'net' (force minus weight) in N; got {given}",
+        )
+    if given == ["volume"]:
         force = density * gravity * document.number((*at, "volume"), "m3", low=0.0)
-    else:
+    elif given == ["force"]:
         force = document.number((*at, "force"), "N", low=0.0)
+    else:
+        force = weight + document.number((*at, "net"), "N", low=-weight)
     return force, document.quantity((*at, "center"), "m", ((3,),)) * turn
 
 
