@@ -73,7 +73,7 @@ class VehicleModel:
     @property
     def command_limits(self) -> FloatArray:
         """Physical command (n_u, 2) at -1 and at +1: N, rad/s, rad, m or m3."""
-        return np.array([unit.curve.limits for unit in self.units])
+        return np.array([unit.curve.limits for unit in self.units]).reshape(-1, 2)
 
     @property
     def force_limits(self) -> FloatArray:
@@ -83,12 +83,18 @@ class VehicleModel:
     def force(self, action: ArrayLike) -> FloatArray:
         """Steady thruster forces (..., n_u) in N at normalised commands (..., n_u)."""
         action = np.asarray(action, dtype=np.float64)
-        return np.stack([unit.force(action[..., i]) for i, unit in enumerate(self.units)], axis=-1)
+        force = np.empty(action.shape)
+        for i, unit in enumerate(self.units):
+            force[..., i] = unit.force(action[..., i])
+        return force
 
     def action(self, force: ArrayLike) -> FloatArray:
         """Normalised commands (..., n_u) that give `force` (..., n_u) in N, clipped to what can be reached."""
         force = np.asarray(force, dtype=np.float64)
-        return np.stack([unit.command(force[..., i]) for i, unit in enumerate(self.units)], axis=-1)
+        action = np.empty(force.shape)
+        for i, unit in enumerate(self.units):
+            action[..., i] = unit.command(force[..., i])
+        return action
 
     def power(self, action: ArrayLike) -> FloatArray:
         """Electrical power (...,) in W of all thrusters at normalised commands (..., n_u)."""
