@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from stable_baselines3.common.callbacks import BaseCallback
@@ -40,6 +40,13 @@ class Checkpointer(BaseCallback):
         keep: complete checkpoints that stay.
         logs: files that only grow, relative to `run`; cut back on resume.
         stop: asked at every step whether somebody wants the run to stop.
+
+    Attributes:
+        parts: carriers of state beside the learner, by name.
+        flush: called before the logs are measured; hands over what their writers still hold back.
+        resumed: the checkpoint that the run goes on from; None for a new run.
+        saved: checkpoints written by this process.
+        spent: s of wall time that writing them took.
     """
 
     def __init__(
@@ -54,9 +61,10 @@ class Checkpointer(BaseCallback):
         super().__init__()
         self.store = CheckpointStore(run, keep)
         self.parts: Mapping[str, Stateful] = {}
+        self.flush: Callable[[], object] = _nothing
         self.resumed: Checkpoint | None = None
-        self.spent = 0.0  # s of wall time that saving has cost
-        self.saved = 0  # checkpoints written by this process
+        self.spent = 0.0
+        self.saved = 0
         self._every_steps, self._every_seconds = every_steps, every_seconds
         self._logs = {name: GrowingLog(run / name) for name in logs}
         self._replay = ReplayStore(self.store.replay_folder)
@@ -142,6 +150,7 @@ class Checkpointer(BaseCallback):
         buffer = self.subject.replay_buffer
         try:
             with storage(f"cannot write the checkpoint of step {step}"):
+                self.flush()
                 marks = {name: log.mark() for name, log in self._logs.items()}
                 segments = [] if buffer is None else self._replay.save(buffer, rows_added(buffer, step))
             self.store.save(step, components, tuple(segments), marks)
@@ -166,3 +175,7 @@ class Checkpointer(BaseCallback):
             self._stop.signum,
             f"{self.store.run}: stopped by {cause}, {what}; the same command goes on from there",
         )
+
+
+def _nothing() -> None:
+    """Logs whose writers hold nothing back need no flushing."""

@@ -6,6 +6,8 @@ A run that goes on with a NaN wastes its budget and would overwrite its last goo
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from auvbench.errors import TrainingError
+from auvbench.errors import AuvbenchError, TrainingError
 
 
 def check_step(
@@ -55,6 +57,25 @@ def check_parameters(model: BaseAlgorithm) -> None:
     bad = non_finite_parameter(model)
     if bad is not None:
         raise TrainingError(f"step {model.num_timesteps}: the weights {bad} of the policy are not finite")
+
+
+@contextmanager
+def diagnosed(model: BaseAlgorithm) -> Iterator[None]:
+    """Names the weights as the cause of an error that they have caused.
+
+    A NaN that appears within an update makes torch's distributions complain about their arguments in many
+    lines before anybody could look at the weights.
+    """
+    try:
+        yield
+    except AuvbenchError:
+        raise
+    except Exception as error:
+        try:
+            check_parameters(model)
+        except TrainingError as cause:
+            raise cause from error
+        raise
 
 
 def non_finite_parameter(model: BaseAlgorithm) -> str | None:

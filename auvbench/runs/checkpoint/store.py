@@ -161,6 +161,19 @@ class CheckpointStore:
             RunError: only a log that somebody changed keeps the checkpoints from being used.
             TrainingError: the directory cannot be read or cleaned.
         """
+        found, damaged = self._find()
+        with storage(f"cannot clean {self.folder}"):
+            self._remove_leftovers()
+            for step in damaged:
+                self._remove(self.folder / str(step))
+        return found
+
+    def peek(self) -> Checkpoint | None:
+        """As `latest_valid`, but nothing is removed."""
+        return self._find()[0]
+
+    def _find(self) -> tuple[Checkpoint | None, list[int]]:
+        """The newest whole checkpoint and the steps of newer ones that are damaged; warns of those."""
         damaged: list[tuple[int, ValueError]] = []
         found = None
         for step in self.steps():
@@ -169,14 +182,13 @@ class CheckpointStore:
                 break
             except ValueError as error:
                 damaged.append((step, error))
-        if found is None:
-            for step, reason in damaged:
-                if isinstance(reason, LogMismatchError):
-                    # Starting over would throw away good training for a table that an editor touched.
-                    raise RunError(
-                        f"cannot resume {self.run} at step {step}: {reason}; restore that file, or remove "
-                        f"{self.folder} to train from step 0"
-                    )
+        for step, reason in damaged:
+            if found is None and isinstance(reason, LogMismatchError):
+                # Starting over would throw away good training for a table that an editor touched.
+                raise RunError(
+                    f"cannot resume {self.run} at step {step}: {reason}; restore that file, or remove "
+                    f"{self.folder} to train from step 0"
+                )
         for step, reason in damaged:
             instead = (
                 f"the one of step {found.step}" if found else "no older one is whole: starting at step 0"
@@ -184,13 +196,9 @@ class CheckpointStore:
             warnings.warn(
                 f"checkpoint of step {step} in {self.folder} is damaged ({reason}); using {instead}",
                 CheckpointWarning,
-                stacklevel=2,
+                stacklevel=3,
             )
-        with storage(f"cannot clean {self.folder}"):
-            self._remove_leftovers()
-            for step, _ in damaged:
-                self._remove(self.folder / str(step))
-        return found
+        return found, [step for step, _ in damaged]
 
     def read(self, step: int) -> Checkpoint:
         """Reads and verifies one checkpoint.
