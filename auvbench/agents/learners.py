@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -118,7 +119,9 @@ def _policy_arguments(algo: schema.Network) -> dict[str, Any]:
 def save(model: BaseAlgorithm, normaliser: VecNormalize, folder: Path) -> None:
     """Writes `policy.pt` (a plain dictionary of tensors) and `normalisation.npz`."""
     folder.mkdir(parents=True, exist_ok=True)
-    torch.save(dict(model.policy.state_dict()), folder / "policy.pt")
+    weights = io.BytesIO()  # torch turns the OSError of a full disk into an error of its own
+    torch.save(dict(model.policy.state_dict()), weights)
+    (folder / "policy.pt").write_bytes(weights.getvalue())
     np.savez(folder / "normalisation.npz", **statistics(normaliser))  # type: ignore[arg-type]
 
 

@@ -1,21 +1,29 @@
-"""The training loop of a learner: SB3 on the batch, normalised, recorded, watched."""
+"""The training loop of a learner: SB3 on the batch, normalised, recorded, watched, resumed where it stopped."""
 
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import configure
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecNormalize
 
 from auvbench.agents import learners
 from auvbench.config import schema
 from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.runs.checkpoint import events, finite
+from auvbench.runs.checkpoint.callback import Checkpointer
+from auvbench.runs.checkpoint.files import storage
 from auvbench.runs.directory import RunDirectory
+from auvbench.runs.interruption import Request
 from auvbench.runs.progress import Reporter, Watch
 from auvbench.runs.records import EpisodeLog
+
+EPISODES = "train/episodes.csv"
+EVENTS = f"train/{events.NAME}"
 
 
 class Recorder(BaseCallback):
@@ -37,11 +45,28 @@ class Recorder(BaseCallback):
         return True
 
 
-def learn(run: RunDirectory, config: schema.TrainConfig, watch: Watch | None) -> dict[str, Any]:
-    """Trains the learner of a run; returns what its manifest is to say."""
+def learn(
+    run: RunDirectory, config: schema.TrainConfig, watch: Watch | None, stop: Request | None = None
+) -> dict[str, Any]:
+    """Trains the learner of a run, from its last checkpoint on; returns what its manifest is to say.
+
+    Raises:
+        TrainingError: a NaN, or a disk that is full, read-only or failing.
+        Interrupted: `stop` was set; a checkpoint is written.
+    """
     begun = time.monotonic()
     train = config.train
-    environment = WaypointVecEnv(Batch(config))
+    checkpointer = Checkpointer(
+        run.path,
+        every_steps=train.checkpoint.steps,
+        every_seconds=train.checkpoint.seconds,
+        keep=train.checkpoint.keep,
+        logs=(EPISODES, EVENTS),
+        stop=stop,
+    )
+    resumed = checkpointer.prepare()
+    batch = Batch(config)
+    environment = WaypointVecEnv(batch)
     normaliser = VecNormalize(
         environment,
         norm_obs=train.normalise_observations,
@@ -51,33 +76,44 @@ def learn(run: RunDirectory, config: schema.TrainConfig, watch: Watch | None) ->
         gamma=config.algo.gamma,
     )
     model = learners.make(config, normaliser)
-    model.set_logger(configure(str(run.train), ["tensorboard"]))
-    log = EpisodeLog(run.train / "episodes.csv")
     reporter = Reporter(run.path / "progress.json", train.total_steps, watch)
+    checkpointer.parts = {"environment": batch, "progress": reporter}
     ready = time.monotonic()
-    try:
-        model.learn(
-            train.total_steps,
-            callback=Recorder(environment, log, reporter),
-            log_interval=_log_interval(config),
-        )
-        reporter.step(model.num_timesteps, force=True)
-    finally:
-        log.flush(sync=True)
-        log.close()
-        model.logger.close()
+    with storage(f"cannot write the records of {run.path}"):
+        log = EpisodeLog(run.path / EPISODES, keep=resumed.logs[EPISODES].length if resumed else None)
+        model.set_logger(Logger(str(run.train), [events.EventWriter(run.train)]))
+        checkpointer.flush = log.flush
+        try:
+            with finite.diagnosed(model):
+                model.learn(
+                    train.total_steps,
+                    callback=[checkpointer, Recorder(environment, log, reporter)],
+                    log_interval=_log_interval(config),
+                )
+            reporter.step(model.num_timesteps, force=True)
+        except BaseException:
+            with suppress(OSError):
+                run.update_manifest(**_reached(model.num_timesteps, reporter))
+            raise
+        finally:
+            log.close()
+            model.logger.close()
     trained = time.monotonic()
-    learners.save(model, normaliser, run.model)
+    with storage(f"cannot write {run.model}"):
+        learners.save(model, normaliser, run.model)
     return {
-        "steps": model.num_timesteps,
-        "episodes": reporter.episodes,
-        "success_rate": reporter.success_rate,
+        **_reached(model.num_timesteps, reporter),
         "phases": {
             "setup_s": round(ready - begun, 3),
             "training_s": round(trained - ready, 3),
+            "checkpoints_s": round(checkpointer.spent, 3),
             "saving_s": round(time.monotonic() - trained, 3),
         },
     }
+
+
+def _reached(steps: int, reporter: Reporter) -> dict[str, Any]:
+    return {"steps": steps, "episodes": reporter.episodes, "success_rate": reporter.success_rate}
 
 
 def _log_interval(config: schema.TrainConfig) -> int:

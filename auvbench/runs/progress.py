@@ -5,9 +5,13 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 WINDOW = 100
 """Episodes over which success rate and return are averaged."""
@@ -58,6 +62,19 @@ class Reporter:
     @property
     def success_rate(self) -> float | None:
         return sum(self._outcomes) / len(self._outcomes) if self._outcomes else None
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """What a resumed run needs to report the same numbers."""
+        return {
+            "episodes": np.asarray(self.episodes),
+            "outcomes": np.asarray(self._outcomes, dtype=np.bool_),
+            "returns": np.asarray(self._returns, dtype=np.float64),
+        }
+
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self.episodes = int(state["episodes"])
+        self._outcomes = deque((bool(one) for one in state["outcomes"]), maxlen=WINDOW)
+        self._returns = deque((float(one) for one in state["returns"]), maxlen=WINDOW)
 
     def step(self, steps: int, *, force: bool = False) -> None:
         """Reports if a second has passed since the last report."""

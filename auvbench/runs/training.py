@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
+from contextlib import suppress
 from typing import Any
 
 from omegaconf import OmegaConf
@@ -12,7 +13,8 @@ from auvbench.agents.base import learns
 from auvbench.config import schema
 from auvbench.config.compose import typed
 from auvbench.errors import AuvbenchError, TrainingError
-from auvbench.runs import provenance
+from auvbench.runs import interruption, provenance
+from auvbench.runs.checkpoint.files import storage
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.progress import Watch
 
@@ -28,7 +30,9 @@ def load_config(run: RunDirectory) -> schema.TrainConfig:
 
 
 def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
-    """Trains a run to completion and returns its manifest; a complete run is left as it is.
+    """Trains a run to completion, from its last checkpoint on, and returns its manifest.
+
+    A complete run is left as it is. Ctrl-C and SIGTERM save and leave; a second one leaves at once.
 
     Raises:
         TrainingError: it failed; the manifest holds the error.
@@ -40,36 +44,55 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
     config = load_config(run)
     begun = time.monotonic()
     before = float(manifest["wall_time_s"])
-    run.update_manifest(
-        state="running",
-        started=manifest["started"] or now(),
-        ended=None,
-        error=None,
-        attempts=int(manifest["attempts"]) + 1,
-        versions=provenance.versions(),
-        git=provenance.git(),
-        host=provenance.host(),
-    )
+    with storage(f"cannot write {run.path}"):
+        run.update_manifest(
+            state="running",
+            started=manifest["started"] or now(),
+            ended=None,
+            error=None,
+            attempts=int(manifest["attempts"]) + 1,
+            versions=provenance.versions(),
+            git=provenance.git(),
+            host=provenance.host(),
+        )
 
     def close(state: str, **changes: Any) -> dict[str, Any]:
         wall = before + time.monotonic() - begun
         return run.update_manifest(state=state, ended=now(), wall_time_s=round(wall, 3), **changes)
 
-    try:
-        result = _learn(run, config, watch) if learns(config.algo.agent) else {}
-    except KeyboardInterrupt:
-        close("interrupted")
-        raise
-    except Exception as error:
-        detail = {"type": type(error).__name__, "message": str(error), "traceback": traceback.format_exc()}
-        close("failed", error=detail)
-        if isinstance(error, AuvbenchError):
+    with interruption.deferred() as stop:
+        try:
+            result = _learn(run, config, watch, stop) if learns(config.algo.agent) else {}
+            with storage(f"cannot write {run.path}"):
+                manifest = close("complete", **result)
+        except (KeyboardInterrupt, interruption.Interrupted):
+            with suppress(OSError):
+                close("interrupted")
             raise
-        raise TrainingError(f"{run.id}: {type(error).__name__}: {error}") from error
-    return close("complete", **result)
+        except Exception as error:
+            with suppress(OSError):  # a full disk takes no manifest either, and the first error is the cause
+                close("failed", error=_detail(error, run.manifest()["steps"]))
+            if isinstance(error, AuvbenchError):
+                raise
+            raise TrainingError(f"{run.id}: {type(error).__name__}: {error}") from error
+    if stop.signal is not None:
+        # It came when nothing was left to stop here; whoever runs several runs must know of it.
+        raise interruption.Interrupted(stop.signal, f"{run.path}: complete")
+    return manifest
 
 
-def _learn(run: RunDirectory, config: schema.TrainConfig, watch: Watch | None) -> dict[str, Any]:
+def _detail(error: Exception, step: int) -> dict[str, Any]:
+    return {
+        "type": type(error).__name__,
+        "message": str(error),
+        "step": step,
+        "traceback": traceback.format_exc(),
+    }
+
+
+def _learn(
+    run: RunDirectory, config: schema.TrainConfig, watch: Watch | None, stop: interruption.Request
+) -> dict[str, Any]:
     from auvbench.runs.learning import learn
 
-    return learn(run, config, watch)
+    return learn(run, config, watch, stop)

@@ -17,7 +17,8 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
 from stable_baselines3.common.vec_env import VecNormalize
 
-from auvbench.runs.checkpoint import Checkpointer, state
+from auvbench.runs.checkpoint import state
+from auvbench.runs.checkpoint.callback import Checkpointer
 from auvbench.runs.checkpoint.events import NAME, EventWriter
 from tests.soak.pendulum import Pendulums
 

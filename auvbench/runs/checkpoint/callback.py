@@ -14,9 +14,11 @@ from auvbench.runs.checkpoint import finite, state
 from auvbench.runs.checkpoint.files import storage
 from auvbench.runs.checkpoint.logs import GrowingLog, LogMark, cut
 from auvbench.runs.checkpoint.replay import ReplayStore, rows_added
-from auvbench.runs.checkpoint.signals import RunInterruptedError, StopRequest
 from auvbench.runs.checkpoint.state import Stateful, Subject
 from auvbench.runs.checkpoint.store import Checkpoint, CheckpointStore
+from auvbench.runs.interruption import Interrupted, Request
+
+GRACE = 20.0  # s to reach the end of a rollout after SIGTERM; SLURM kills 30 s after it by default
 
 
 class Checkpointer(BaseCallback):
@@ -39,7 +41,7 @@ class Checkpointer(BaseCallback):
         every_seconds: save after this much wall time, 0 for never.
         keep: complete checkpoints that stay.
         logs: files that only grow, relative to `run`; cut back on resume.
-        stop: asked at every step whether somebody wants the run to stop.
+        stop: looked at in every step: whether somebody wants the run to stop.
 
     Attributes:
         parts: carriers of state beside the learner, by name.
@@ -56,7 +58,7 @@ class Checkpointer(BaseCallback):
         every_seconds: float = 0.0,
         keep: int = 2,
         logs: Sequence[str] = (),
-        stop: StopRequest | None = None,
+        stop: Request | None = None,
     ) -> None:
         super().__init__()
         self.store = CheckpointStore(run, keep)
@@ -68,7 +70,8 @@ class Checkpointer(BaseCallback):
         self._every_steps, self._every_seconds = every_steps, every_seconds
         self._logs = {name: GrowingLog(run / name) for name in logs}
         self._replay = ReplayStore(self.store.replay_folder)
-        self._stop = stop or StopRequest()
+        self._stop = stop or Request()
+        self._asked_at: float | None = None
         self._saved_step = -1
         self._saved_at = 0.0
         self._draws_to_restore: Checkpoint | None = None
@@ -114,9 +117,9 @@ class Checkpointer(BaseCallback):
         if isinstance(self.model, OnPolicyAlgorithm):
             # A rollout of many steps follows, so looking at every weight costs nothing beside it.
             finite.check_parameters(self.model)
-        if self._stop:
+        if self._stop.signal is not None:
             self.save()
-            self._leave(f"saved at step {self.model.num_timesteps}")
+            self._leave(f"saved at step {self.model.num_timesteps:,}")
         if self._is_due():
             self.save()
 
@@ -124,8 +127,10 @@ class Checkpointer(BaseCallback):
         finite.check_step(
             self.locals["new_obs"], self.locals["rewards"], self.subject.normalize, self.num_timesteps
         )
-        if self._stop.urgent:
-            self._leave(f"the checkpoint of step {max(0, self._saved_step)} is the last one")
+        if self._stop.signal is not None:
+            self._asked_at = self._asked_at or time.monotonic()
+            if time.monotonic() - self._asked_at > GRACE:
+                self._leave(f"the last checkpoint is of step {self._saved_step:,}")
         return True
 
     def _on_training_end(self) -> None:
@@ -169,10 +174,10 @@ class Checkpointer(BaseCallback):
         )
 
     def _leave(self, what: str) -> None:
-        assert self._stop.signum is not None
-        cause = "Ctrl-C" if self._stop.signum == 2 else f"signal {self._stop.signum}"
-        raise RunInterruptedError(
-            self._stop.signum,
+        assert self._stop.signal is not None
+        cause = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM"}.get(self._stop.signal.name, self._stop.signal.name)
+        raise Interrupted(
+            self._stop.signal,
             f"{self.store.run}: stopped by {cause}, {what}; the same command goes on from there",
         )
 
