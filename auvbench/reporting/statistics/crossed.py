@@ -72,13 +72,14 @@ class Crossed:
         return np.maximum(np.diagonal(self.between_scenarios) - self.residual, 0.0)
 
 
-def crossed(data: Sequence[FloatArray], *, rate: bool = False) -> Crossed:
+def crossed(data: Sequence[FloatArray], *, rate: bool = False, paired: bool = True) -> Crossed:
     """Decompose the arrays (S_i, E), one per agent, whose columns are the same E scenarios.
 
     NaN is "no value": means are over what is there (few missing values: the pieces of the variance are those of
     the unweighted means). `rate` says that the values are 0 or 1: an agent at exactly 0 or 1 in several seeds
     then gets the between-seeds variance of the rate (x + 1)/(n + 2), because no failure in n trials does not
-    prove that there are none.
+    prove that there are none. Without `paired` the covariances of agents are left out (NaN), which `means` does
+    not need.
     """
     if len({x.shape[1] for x in data}) > 1:
         raise ValueError(
@@ -97,7 +98,7 @@ def crossed(data: Sequence[FloatArray], *, rate: bool = False) -> Crossed:
         if rate and len(x) > 1 and mean[i] in (0.0, 1.0):
             shrunk = (mean[i] * values[i] + 1) / (values[i] + 2)
             between[i] = shrunk * (1 - shrunk) / values[i]
-    covariance, episodes = _covariance(columns)
+    covariance, episodes = _covariance(columns, paired)
     return Crossed(mean, seeds, between, residual, covariance, episodes, values, rate)
 
 
@@ -121,13 +122,19 @@ def _layout(
     return mean, columns, between, float((left**2).sum() / ((S - 1) * (E - 1)) / total)
 
 
-def _covariance(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _covariance(columns: FloatArray, paired: bool) -> tuple[FloatArray, FloatArray]:
     """Covariance (n, n) of the means over scenarios, and the number of scenarios (n,) each is over."""
     valid = np.isfinite(columns)
     weight = valid.astype(np.float64)
     episodes = weight.sum(axis=1)
     center = np.where(valid, columns, 0.0).sum(axis=1) / np.maximum(episodes, 1)
     deviation = np.where(valid, columns - center[:, None], 0.0)
+    if not paired:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            own = (deviation**2).sum(axis=1) / (episodes - 1) / episodes
+        covariance = np.full((len(columns), len(columns)), np.nan)
+        np.fill_diagonal(covariance, np.where(episodes < 2, np.nan, own))
+        return covariance, episodes
     common = weight @ weight.T
     with np.errstate(divide="ignore", invalid="ignore"):
         covariance = (deviation @ deviation.T) / (common - 1) * common / np.outer(episodes, episodes)

@@ -48,15 +48,19 @@ class Spread:
 
 
 def _invert(size: FloatArray, spread: Spread) -> FloatArray:
-    """Two-sided p at which the half width is `size` (k,), by bisection in log p, from 1e-30 to 1."""
-    low, high = np.full(size.shape, np.log(1e-30)), np.zeros(size.shape)
-    target = size**2
-    for _ in range(40):
+    """Two-sided p at which the half width is `size` (k,), by bisection in log p, to 1e-7 of p or better.
+
+    It lies between those of the two sources alone, were each all of the variance.
+    """
+    reach = -size / np.sqrt(spread.seeds + spread.scenarios)
+    ends = [np.log(np.maximum(2 * stdtr(df, reach), 1e-300)) for df in (spread.seeds_df, spread.scenarios_df)]
+    low, high = np.minimum(*ends), np.maximum(*ends)
+    for _ in range(30):
         middle = (low + high) / 2
         tail = np.exp(middle) / 2
         seeds = spread.seeds * stdtrit(spread.seeds_df, tail) ** 2
         scenarios = spread.scenarios * stdtrit(spread.scenarios_df, tail) ** 2
-        wide = seeds + scenarios > target
+        wide = seeds + scenarios > size**2
         low, high = np.where(wide, middle, low), np.where(wide, high, middle)
     return np.asarray(np.exp((low + high) / 2), dtype=np.float64)
 

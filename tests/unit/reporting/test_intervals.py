@@ -199,3 +199,11 @@ def test_the_truth_of_the_simulated_world_is_its_average():
     for metric in (0, 1):
         per = np.array([d[metric].mean() for d in draws])
         assert per.mean() == pytest.approx(world.truth()[metric], abs=4 * per.std() / np.sqrt(len(per)))
+
+
+def test_means_do_not_need_the_covariances():
+    rng = np.random.default_rng(9)
+    data = [rng.normal(size=(S, 30)) for S in (1, 3, 2)]
+    data[1][:, :4] = np.nan
+    for alone, together in zip(means(crossed(data, paired=False)), means(crossed(data)), strict=True):
+        assert (alone.low, alone.high) == pytest.approx((together.low, together.high))
