@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -19,12 +20,23 @@ FloatArray = NDArray[np.float64]
 Keys = tuple[str, ...]
 
 
+def sheets() -> dict[str, Traversable]:
+    """Vehicle sheets by name: those that come with auvbench, and those in `conf/vehicle` of the working directory.
+
+    The latter win, as they do in Hydra's search path.
+    """
+    found: dict[str, Traversable] = {}
+    for folder in (resources.files("auvbench.conf") / "vehicle", Path("conf") / "vehicle"):
+        if folder.is_dir():
+            for entry in folder.iterdir():
+                if entry.name.endswith(".yaml"):
+                    found[entry.name.removesuffix(".yaml")] = entry
+    return dict(sorted(found.items()))
+
+
 def sheet_names() -> list[str]:
-    """Names of the vehicle sheets that come with auvbench."""
-    folder = resources.files("auvbench.conf") / "vehicle"
-    return sorted(
-        entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml")
-    )
+    """Names of the vehicle sheets that can be loaded by name."""
+    return list(sheets())
 
 
 @dataclass
@@ -157,13 +169,14 @@ def read(source: str | Path | Mapping[str, Any]) -> Document:
 
 
 def _named(name: str, folder: Path | None) -> Document:
+    """The sheet `name`, from `folder` if it lies there."""
     if folder is not None and (folder / f"{name}.yaml").is_file():
         path = folder / f"{name}.yaml"
         return _compose(path.read_text(encoding="utf-8"), str(path), folder)
-    if name not in sheet_names():
-        raise VehicleError(f"vehicle {name!r} is not known; {closest(name, sheet_names())}")
-    resource = resources.files("auvbench.conf") / "vehicle" / f"{name}.yaml"
-    return _compose(resource.read_text(encoding="utf-8"), f"conf/vehicle/{name}.yaml", None)
+    known = sheets()
+    if name not in known:
+        raise VehicleError(f"vehicle {name!r} is not known; {closest(name, known)}")
+    return _compose(known[name].read_text(encoding="utf-8"), f"conf/vehicle/{name}.yaml", None)
 
 
 def _compose(text: str, label: str, folder: Path | None) -> Document:
