@@ -16,8 +16,19 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.config.compose import run
 
     command = shlex.join(["auvbench", "train", *arguments])
-    result = run("train", arguments, lambda config: _one(config, command))
+    result = run(
+        "train",
+        arguments,
+        job=lambda config: _one(config, command),
+        grid=lambda configs: _grid(configs, command),
+    )
     return int(result or 0)
+
+
+def _grid(configs: Sequence[DictConfig], command: str) -> int:
+    from auvbench.runs.scheduling import grid
+
+    return grid.carry_out(configs, command).exit_code
 
 
 def _one(config: DictConfig, command: str) -> int:

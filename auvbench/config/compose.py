@@ -29,8 +29,9 @@ from omegaconf.errors import (
     ValidationError,
 )
 
-from auvbench.config import schema
+from auvbench.config import launchers, schema
 from auvbench.errors import ConfigError, closest
+from hydra_plugins import auvbench_launcher
 
 CONFIG_MODULE = "auvbench.conf"
 
@@ -48,8 +49,9 @@ def register_schemas() -> None:
     store = ConfigStore.instance()
     store.store(name="train_schema", node=schema.TrainConfig)
     store.store(name="evaluate_schema", node=schema.EvaluateConfig)
-    for name, node in ALGORITHM_SCHEMAS.items():
-        store.store(name=name, node=node)  # at the top level: the algo folder lists algorithms alone
+    # At the top level: the folders algo and launcher then list their answers alone.
+    for name, node in (ALGORITHM_SCHEMAS | launchers.SCHEMAS).items():
+        store.store(name=name, node=node)
 
 
 class WorkingDirectory(SearchPathPlugin):
@@ -70,6 +72,7 @@ def _prepare() -> None:
 
     version.setbase("1.3")
     register_schemas()
+    auvbench_launcher.register()
     plugins = Plugins.instance()
     if WorkingDirectory not in plugins.discover(SearchPathPlugin):
         plugins.register(WorkingDirectory)
@@ -122,9 +125,16 @@ def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:
 
 
 def run(
-    entry: str, arguments: Sequence[str], job: Callable[[DictConfig], Any], program: str = "auvbench"
+    entry: str,
+    arguments: Sequence[str],
+    job: Callable[[DictConfig], Any],
+    grid: Callable[[list[DictConfig]], Any] | None = None,
+    program: str = "auvbench",
 ) -> Any:
-    """Hydra's command line for `conf/<entry>.yaml`: flags, `-m` and overrides; calls `job` with the config.
+    """Hydra's command line for `conf/<entry>.yaml`: flags, `-m` and overrides.
+
+    Calls `job` with the configuration, or `grid` with those of all jobs when there may be several: with `-m`, or
+    for an experiment that sets `hydra.mode: MULTIRUN`.
 
     Raises:
         ConfigError: as `compose`.
@@ -156,6 +166,8 @@ def run(
     except (HydraException, OmegaConfBaseException) as error:
         raise translate(error, entry, parsed.overrides) from error
     # Outside Hydra's job, which would print a line of its own before an error reaches us.
+    if grid is not None and (parsed.multirun or len(composed) > 1):
+        return grid(composed)
     return job(composed[0]) if composed else None
 
 

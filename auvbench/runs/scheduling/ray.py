@@ -15,19 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from auvbench.config.launchers import Ray
 from auvbench.errors import UserError
 from auvbench.runs import lock
 from auvbench.runs.scheduling.base import TARGET, Phase, Status
-
-
-@dataclass(frozen=True, slots=True)
-class RayOptions:
-    """What `launcher=ray` takes; each key is explained in conf/launcher/ray.yaml."""
-
-    address: str | None = None
-    cpus: float = 1.0
-    memory: int = 0
-    workers: int = 0
 
 
 @dataclass(slots=True, eq=False)
@@ -61,7 +52,7 @@ class RayBackend:
 
     name = "ray"
 
-    def __init__(self, options: RayOptions, *, target: str = TARGET) -> None:
+    def __init__(self, options: Ray, *, target: str = TARGET) -> None:
         try:
             import ray
         except ImportError as error:

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from auvbench.config.launchers import Slurm
 from auvbench.errors import UserError
 from auvbench.runs.scheduling.base import TARGET, Phase, Status, SubmitError
 from auvbench.runs.worker import LOG
@@ -40,23 +41,6 @@ WAITING = {
     "SPECIAL_EXIT",
 }
 RUNNING = {"RUNNING", "COMPLETING", "STAGE_OUT", "SIGNALING", "SUSPENDED", "STOPPED", "RESIZING"}
-
-
-@dataclass(frozen=True, slots=True)
-class SlurmOptions:
-    """What `launcher=slurm` takes; each key is explained in conf/launcher/slurm.yaml."""
-
-    partition: str | None = None
-    account: str | None = None
-    time: str | None = None
-    mem: str | None = "2G"
-    cpus: int = 1
-    parallel: int = 0
-    signal_before: int = 120
-    poll: float = 10.0
-    grace: float = 30.0
-    setup: Sequence[str] = ()
-    sbatch: Sequence[str] = ()
 
 
 @dataclass(slots=True, eq=False)
@@ -97,13 +81,13 @@ class SlurmBackend:
 
     name = "slurm"
 
-    def __init__(self, options: SlurmOptions, *, target: str = TARGET) -> None:
+    def __init__(self, options: Slurm, *, target: str = TARGET) -> None:
         for program in ("sbatch", "squeue", "scontrol", "scancel"):
             if shutil.which(program) is None:
                 raise UserError(f"launcher=slurm: there is no {program} on this machine; valid: a login node")
         self.options = options
         self.target = target
-        self.limit = options.parallel or None
+        self.limit = options.workers or None
         self.jobs: dict[str, SlurmJob] = {}
         self._next = 0.0
 
