@@ -1,0 +1,107 @@
+"""Heat maps: success over K and step frequency, and who does better than whom."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
+
+from auvbench.reporting.figures import style
+from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
+from auvbench.reporting.labels import part
+from auvbench.reporting.model import Row
+
+MOST_IN_MATRIX = 15
+
+
+def success_over_grid(scene: Scene) -> Drawing | None:
+    """Success rate over K and step frequency, a panel per algorithm; None where neither of them varies."""
+    rows = [r for r in scene.ranking.rows if {"reward.k", "step.frequency"} <= r.key.keys()]
+    algos: dict[str, list[Row]] = {}
+    for row in rows:
+        algos.setdefault(str(row.key.get("algo", "")), []).append(row)
+    algos = {name: members for name, members in sorted(algos.items()) if len(members) > 1}
+    if not algos:
+        return None
+    members = [row for group in algos.values() for row in group]
+    ks = sorted({float(row.key["reward.k"]) for row in members})
+    fs = sorted({float(row.key["step.frequency"]) for row in members}, reverse=True)
+    if len(ks) * len(fs) > 150:
+        return None  # drawn at random, not a grid
+    columns = min(3, len(algos))
+    lines = -(-len(algos) // columns)
+    width = max(1.0, 0.62 * len(ks)) + 0.9
+    figure = style.canvas(max(4.2, columns * width + 1.0), max(2.2, lines * (0.5 * len(fs) + 0.9)))
+    grid = figure.subplots(lines, columns, squeeze=False)
+    image: AxesImage | None = None
+    for i, ax in enumerate(grid.flat):
+        ax.set_visible(i < len(algos))
+    lowest = 10 * np.floor(10 * min(row.estimates["success_rate"].value for row in members))
+    for ax, (name, group) in zip(grid.flat, algos.items(), strict=False):
+        values = np.full((len(fs), len(ks)), np.nan)
+        for row in group:
+            where = fs.index(float(row.key["step.frequency"])), ks.index(float(row.key["reward.k"]))
+            values[where] = 100 * row.estimates["success_rate"].value
+        image = _heat(ax, values, "cividis", min(lowest, 90.0), 100, "{:.1f}")
+        ax.set_title(part("algo", name) if name else "all", loc="left")
+        ax.set_xticks(range(len(ks)), [f"{k:g}" for k in ks])
+        ax.set_yticks(range(len(fs)), [f"{f:g}" for f in fs])
+        ax.set_xlabel("K")
+    for ax in grid[:, 0]:
+        ax.set_ylabel("step frequency (Hz)")
+    if image is not None:
+        figure.colorbar(image, ax=grid, label="test success (%)", shrink=0.8)
+    caption = (
+        "Test success over reward coefficient K and training step frequency. A cell with a cross has no evaluated "
+        "run. Intervals are in the table."
+    )
+    return Drawing(figure, "Success over K and step frequency", caption)
+
+
+def improvement(scene: Scene) -> Drawing | None:
+    """Probability that the row's agent does better than the column's on a scenario."""
+    labels = [row.label for row in scene.ranking.rows][:MOST_IN_MATRIX]
+    matrix = np.asarray(scene.ranking.improvement, dtype=np.float64)[: len(labels), : len(labels)]
+    if len(labels) < 2 or matrix.shape != (len(labels), len(labels)):
+        return None
+    values = 100 * matrix
+    np.fill_diagonal(values, np.nan)
+    side = 2.6 + 0.42 * len(labels)
+    figure = style.canvas(side + 1.4, side)
+    ax = figure.subplots()
+    image = _heat(ax, values, "PuOr", 0, 100, "{:.0f}", cross=False)
+    ax.set_xticks(range(len(labels)), labels, rotation=45, ha="right", rotation_mode="anchor")
+    ax.set_yticks(range(len(labels)), labels)
+    figure.colorbar(image, ax=ax, label="row better than column (%)", shrink=0.8)
+    caption = (
+        "Probability that the row's agent does better than the column's on a random test scenario "
+        f"(by {scene.ranking.rank_by}, ties by {scene.ranking.then}); 50 % is no difference."
+        + shown(scene.agents[: len(labels)], scene.agents)
+    )
+    return Drawing(figure, "Probability of improvement", caption)
+
+
+def _heat(
+    ax: Axes, values: FloatArray, colours: str, low: float, high: float, form: str, *, cross: bool = True
+) -> AxesImage:
+    """An image with its numbers written in; NaN cells are crossed out or left blank."""
+    image = ax.imshow(values, cmap=colours, vmin=low, vmax=high, aspect="auto")
+    ax.grid(visible=False)
+    ax.spines[:].set_visible(False)
+    ax.tick_params(length=0)
+    for (i, j), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            red, green, blue, _ = image.to_rgba(np.array([value]))[0]
+            dark = 0.299 * red + 0.587 * green + 0.114 * blue < 0.55
+            ax.text(
+                j,
+                i,
+                form.format(value),
+                ha="center",
+                va="center",
+                color="white" if dark else "black",
+                size=7.5,
+            )
+        elif cross:
+            ax.text(j, i, "✕", ha="center", va="center", color="#a0a0a0")
+    return image

@@ -1,0 +1,118 @@
+"""What a figure is drawn from: agents in the order of the ranking, their looks, and records read once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure as Canvas
+from numpy.typing import NDArray
+
+from auvbench.reporting.figures.style import Look, colour_of
+from auvbench.reporting.model import Agent, Ranking, RunRecord
+
+FloatArray = NDArray[np.float64]
+
+MANY = 8
+"""more lines than this in one panel are a thicket"""
+
+MOST_TRAINING_FILES = 90
+"""training records are long; beyond this many a figure shows fewer agents and says so"""
+
+TRAINING_COLUMNS = ("step", "outcome", "steps", "return", "final_distance_m")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawing:
+    """A figure before it is saved."""
+
+    canvas: Canvas
+    title: str
+    caption: str
+
+
+@dataclass(slots=True, eq=False)
+class Scene:
+    """Everything the figures of one report share."""
+
+    agents: tuple[Agent, ...]
+    """in the order of the ranking"""
+    ranking: Ranking
+    looks: Mapping[str, Look]
+    _training: dict[str, pd.DataFrame | None] = field(default_factory=dict)
+
+    def top(self, k: int, among: Sequence[Agent] | None = None) -> tuple[Agent, ...]:
+        """The k best-ranked agents, with the baseline in the last place if it is not among them."""
+        agents = self.agents if among is None else tuple(among)
+        chosen = agents[:k]
+        baseline = [agent for agent in agents if agent.label == self.ranking.baseline]
+        if baseline and baseline[0] not in chosen:
+            return (*chosen[:-1], baseline[0])
+        return chosen
+
+    def learners(self) -> tuple[Agent, ...]:
+        """Agents with training records."""
+        return tuple(
+            a for a in self.agents if any((r.directory / "train/episodes.csv").is_file() for r in a.runs)
+        )
+
+    def looks_of(self, agents: Sequence[Agent]) -> dict[str, Look]:
+        return {agent.label: self.looks[agent.label] for agent in agents}
+
+    def training(self, run: RunRecord) -> pd.DataFrame | None:
+        """The columns of train/episodes.csv that figures use; None where it is absent or cannot be read."""
+        if run.id not in self._training:
+            self._training[run.id] = _read_training(run)
+        return self._training[run.id]
+
+
+def scene(agents: Sequence[Agent], ranking: Ranking) -> Scene:
+    """Agents that the ranking has, in its order, with their looks."""
+    by_label = {agent.label: agent for agent in agents}
+    ordered = tuple(by_label[row.label] for row in ranking.rows if row.label in by_label)
+    return Scene(ordered, ranking, colour_of(ordered))
+
+
+def _read_training(run: RunRecord) -> pd.DataFrame | None:
+    try:
+        frame = pd.read_csv(
+            run.directory / "train" / "episodes.csv", usecols=list(TRAINING_COLUMNS), engine="c"
+        )
+    except (OSError, ValueError):
+        return None  # a figure without one seed is better than none; the tables name damage that counts
+    return frame.dropna() if len(frame) else None
+
+
+def shown(chosen: Sequence[Agent], of: Sequence[Agent]) -> str:
+    """'' or the sentence of a caption that says what was left out."""
+    if len(chosen) >= len(of):
+        return ""
+    return f" Shown: {len(chosen)} of {len(of)} agents, the best-ranked."
+
+
+def seeds_sentence(agents: Sequence[Agent], band: str = "the range over training seeds") -> str:
+    """What lines and bands are, given the seeds there are."""
+    if all(len(agent.runs) < 2 for agent in agents):
+        return " One training seed per agent."
+    return f" Lines: mean over training seeds; bands: {band}."
+
+
+def wants_symlog(values: Sequence[FloatArray]) -> bool:
+    """Whether rewards of different K would squeeze the smaller ones onto the axis."""
+    sizes = [float(np.nanpercentile(np.abs(v), 90)) for v in values if v.size and np.isfinite(v).any()]
+    return len(sizes) > 1 and max(sizes) > 10 * max(min(sizes), 1.0)
+
+
+def summary(run: RunRecord, protocol: str) -> Mapping[str, Any] | None:
+    """summary.json of an evaluation, read only if `load` did not; None where there is none."""
+    if protocol in run.evaluations:
+        return run.evaluations[protocol].summary
+    try:
+        data = json.loads((run.directory / "evaluations" / protocol / "summary.json").read_bytes())
+    except (OSError, ValueError):
+        return None
+    return data if isinstance(data, dict) and data.get("schema_version") == 1 else None

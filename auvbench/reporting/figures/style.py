@@ -1,0 +1,144 @@
+"""How the figures look: colours that colour-blind readers tell apart, markers and line styles for grey print."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Canvas
+from matplotlib.lines import Line2D
+
+from auvbench.reporting.model import Agent
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#882255")
+"""Okabe and Ito (2008) without yellow, which does not show on white; the last from Tol's muted scheme"""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
+Linestyle = Literal["-", "--", "-.", ":"]
+LINESTYLES: tuple[Linestyle, ...] = ("-", "--", "-.", ":")
+
+OUTCOME_LOOK = {"success": ("#009E73", "o"), "collision": ("#D55E00", "X"), "timeout": ("#0072B2", "s")}
+"""colour and marker of an outcome, the same everywhere"""
+
+DPI = 150
+
+_RC: Any = {
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "lines.linewidth": 1.6,
+    "lines.markersize": 5,
+    "svg.fonttype": "none",  # text stays text: smaller, searchable
+    "svg.hashsalt": "auvbench",  # the same figure has the same bytes
+    "path.simplify": True,
+}
+
+
+class Look(NamedTuple):
+    """How an agent is drawn, in every figure of a report."""
+
+    colour: str
+    marker: str
+    linestyle: Linestyle
+
+
+def colour_of(agents: Iterable[Agent] | Sequence[str]) -> dict[str, Look]:
+    """The look of each agent, by label.
+
+    The first eight differ in colour. Handed agents in the order of the ranking, the eight best are therefore
+    distinct; beyond, colours return with another marker and line style.
+    """
+    labels = [agent if isinstance(agent, str) else agent.label for agent in agents]
+    return {
+        label: Look(
+            COLOURS[i % len(COLOURS)],
+            MARKERS[i % len(MARKERS)],
+            LINESTYLES[(i + i // len(COLOURS)) % len(LINESTYLES)],
+        )
+        for i, label in enumerate(labels)
+    }
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """The style of the figures, without touching that of the caller."""
+    with mpl.rc_context(_RC):
+        yield
+
+
+def canvas(width: float, height: float) -> Canvas:
+    """An empty figure, inches; not one of pyplot's, so nothing is kept open."""
+    figure = Canvas(figsize=(width, height), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
+    """Writes `path`.png and `path`.svg; returns both."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.draw_without_rendering()  # lays out once for both formats
+    figure.set_layout_engine("none")
+    png, svg = path.with_suffix(".png"), path.with_suffix(".svg")
+    figure.savefig(png, metadata={"Software": None})
+    figure.savefig(svg, metadata={"Date": None, "Creator": None})
+    return png, svg
+
+
+def legend(figure: Canvas, looks: dict[str, Look], *, lines: bool = True, markers: bool = True) -> None:
+    """One legend for the whole figure, under the panels, in as many columns as its width holds."""
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=look.colour,
+            marker=look.marker if markers else "",
+            linestyle=look.linestyle if lines else "",
+            label=label,
+        )
+        for label, look in looks.items()
+    ]
+    length = max(map(len, looks), default=1)
+    columns = max(1, min(len(handles), int(figure.get_figwidth() / (0.08 * length + 0.75))))
+    rows = -(-len(handles) // columns)
+    columns = -(-len(handles) // rows)  # even rows: 3 + 3, not 5 + 1
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=columns, handlelength=3.2 if lines else 1.5
+    )
+
+
+def outcome_legend(figure: Canvas) -> None:
+    handles = [
+        Line2D([], [], color=colour, marker=marker, linestyle="", label=name)
+        for name, (colour, marker) in OUTCOME_LOOK.items()
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+
+
+def engineering(axis: Any) -> None:
+    """Ticks such as 250k for 250000."""
+    from matplotlib.ticker import EngFormatter
+
+    axis.set_major_formatter(EngFormatter(sep=""))
+
+
+def symlog(ax: Axes) -> None:
+    """A return axis that holds K = 1 and K = 100: linear up to ±1000, logarithmic beyond."""
+    from matplotlib.ticker import FixedLocator, NullLocator
+
+    ax.set_yscale("symlog", linthresh=1000)
+    powers = [1e3, 1e4, 1e5, 1e6]
+    ax.yaxis.set_major_locator(FixedLocator([*(-p for p in reversed(powers)), 0.0, *powers]))
+    ax.yaxis.set_minor_locator(NullLocator())
+    engineering(ax.yaxis)

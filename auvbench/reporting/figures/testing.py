@@ -1,0 +1,241 @@
+"""Figures of the test: cumulative means, steps against deviation, success over time, profiles, where failures lie."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from auvbench.reporting.figures import style
+from auvbench.reporting.figures.scene import (
+    MANY,
+    Drawing,
+    FloatArray,
+    Scene,
+    seeds_sentence,
+    shown,
+    wants_symlog,
+)
+from auvbench.reporting.model import OUTCOMES, Agent
+
+MOST_LABELS = 12
+"""points with their names written beside them; more would overlap"""
+
+
+def cumulative_means(scene: Scene) -> Drawing | None:
+    """Mean of the first n test episodes, over n: whether the number of episodes suffices (thesis, figure 3.4)."""
+    chosen = scene.top(MANY)
+    figure = style.canvas(9.6, 3.6)
+    panels = {"final_distance_m": "final distance (m)", "return": "return", "steps": "steps"}
+    axes = figure.subplots(1, 3)
+    returns = []
+    for ax, (name, title) in zip(axes, panels.items(), strict=True):
+        settled = []
+        for agent in chosen:
+            values = agent.metrics[name]
+            n = np.arange(1, values.shape[1] + 1)
+            means = np.cumsum(values, axis=1) / n
+            if name == "return":
+                returns.append(means)
+            _line_and_band(ax, scene, agent, n.astype(np.float64), means)
+            settled.append(means[:, len(n) // 20 :])
+        ax.set_title(f"mean {title}", loc="left")
+        _span(ax, settled)
+        ax.set_xlabel("test episodes so far")
+    log = wants_symlog(returns)
+    if log:
+        axes[1].autoscale()
+        style.symlog(axes[1])
+    style.legend(figure, scene.looks_of(chosen), markers=False)
+    caption = (
+        "Mean over the first n test episodes. Where the lines have become level, more episodes would change little."
+        + seeds_sentence(chosen)
+        + (" The return's axis is linear up to ±1000 and logarithmic beyond." if log else "")
+        + shown(chosen, scene.agents)
+    )
+    return Drawing(figure, "Test: cumulative means", caption)
+
+
+def _span(ax: Axes, settled: Sequence[FloatArray]) -> None:
+    """Limits from the means after the first twentieth: the leaps of the first few say nothing."""
+    low, high = min(float(v.min()) for v in settled), max(float(v.max()) for v in settled)
+    margin = 0.06 * (high - low) or 1.0
+    ax.set_ylim(low - margin, high + margin)
+
+
+def _line_and_band(ax: Axes, scene: Scene, agent: Agent, x: FloatArray, y: FloatArray) -> None:
+    """Mean over seeds and their range; x (n,), y (seeds, n)."""
+    look = scene.looks[agent.label]
+    alpha = 0.15 if len(scene.agents) <= 4 else 0.08
+    ax.plot(x, y.mean(axis=0), color=look.colour, linestyle=look.linestyle)
+    if len(y) > 1:
+        ax.fill_between(x, y.min(axis=0), y.max(axis=0), color=look.colour, alpha=alpha, linewidth=0)
+
+
+def steps_deviation(scene: Scene) -> Drawing | None:
+    """One point per agent: how long against how straight (thesis, figure 3.5)."""
+    rows = {row.label: row for row in scene.ranking.rows}
+    figure = style.canvas(6.4, 4.6)
+    ax = figure.subplots()
+    named = scene.top(MOST_LABELS)
+    points = []
+    for agent in reversed(scene.agents):
+        steps, deviation = (
+            rows[agent.label].estimates.get(m) for m in ("mean_steps", "mean_deviation_mean_m")
+        )
+        if steps is None or deviation is None:
+            continue
+        look = scene.looks[agent.label]
+        colour = look.colour if agent in named else "#b0b0b0"
+        bars = [[[max(0.0, e.value - e.low)], [max(0.0, e.high - e.value)]] for e in (steps, deviation)]
+        ax.errorbar(
+            steps.value,
+            deviation.value,
+            xerr=np.nan_to_num(bars[0]),
+            yerr=np.nan_to_num(bars[1]),
+            color=colour,
+            marker=look.marker,
+            markersize=7,
+            linewidth=1,
+            capsize=2,
+            alpha=0.95,
+        )
+        points.append((steps.value, deviation.value))
+    if not points:
+        return None
+    ax.set_xlabel("mean steps per episode")
+    ax.set_ylabel("mean deviation from the straight line (m)")
+    style.legend(figure, scene.looks_of(named), lines=False)
+    percent = f"{100 * scene.ranking.confidence:g} %"
+    correlation = _correlation(np.array(points))
+    rest = (
+        f" In grey: the other {len(scene.agents) - len(named)} agents."
+        if len(named) < len(scene.agents)
+        else ""
+    )
+    caption = (
+        f"Mean steps against mean deviation from the straight line, one point per agent, with {percent} "
+        f"intervals; lower left is better.{correlation}{rest}"
+    )
+    return Drawing(figure, "Test: steps against deviation", caption)
+
+
+def _correlation(points: FloatArray) -> str:
+    if len(points) < 4 or np.ptp(points, axis=0).min() == 0:
+        return ""
+    ranks = points.argsort(axis=0).argsort(axis=0)
+    rho = float(np.corrcoef(ranks[:, 0], ranks[:, 1])[0][1])
+    return f" Rank correlation over the {len(points)} agents: {rho:.2f}."
+
+
+def success_over_time(scene: Scene) -> Drawing | None:
+    """Share of the test episodes that have reached the goal, over simulated time."""
+    chosen = scene.top(MANY)
+    longest = max(float(a.metrics["duration_s"].max()) for a in chosen)
+    t = np.linspace(0, longest, 240)
+    figure = style.canvas(6.4, 4.2)
+    ax = figure.subplots()
+    for agent in chosen:
+        times = np.where(agent.outcome == 0, agent.metrics["duration_s"], np.inf)
+        share = 100 * np.array([np.searchsorted(np.sort(row), t, side="right") / row.size for row in times])
+        _line_and_band(ax, scene, agent, t, share)
+    ax.set_xlabel("simulated time since the start (s)")
+    ax.set_ylabel("episodes that reached the goal (%)")
+    ax.set_ylim(0, 101)
+    ax.set_xlim(0, longest)
+    style.legend(figure, scene.looks_of(chosen), markers=False)
+    caption = (
+        "Share of the test episodes that have ended in success by a simulated time: the faster, the further left; "
+        "the end of a line is the success rate." + seeds_sentence(chosen) + shown(chosen, scene.agents)
+    )
+    return Drawing(figure, "Test: success over simulated time", caption)
+
+
+def performance_profiles(scene: Scene) -> Drawing | None:
+    """Dolan and Moré's profiles of the time to goal (Math. Program. 91, 2002)."""
+    chosen = scene.top(MANY)
+    if len(chosen) < 2:
+        return None
+    times = [np.where(a.outcome == 0, a.metrics["duration_s"], np.inf) for a in chosen]
+    best = np.min([row.min(axis=0) for row in times], axis=0)  # (E,) over all seeds of the agents shown
+    solved = np.isfinite(best)
+    if not solved.any():
+        return None
+    tau = np.geomspace(1, 5, 200)
+    figure = style.canvas(6.4, 4.2)
+    ax = figure.subplots()
+    for agent, time in zip(chosen, times, strict=True):
+        ratio = np.sort(np.divide(time, best, out=np.full_like(time, np.inf), where=solved), axis=1)
+        share = 100 * np.array(
+            [np.searchsorted(row, tau * (1 + 1e-12), side="right") / row.size for row in ratio]
+        )
+        _line_and_band(ax, scene, agent, tau, share)
+    ax.set_xscale("log")
+    ax.set_xlim(1, 5)
+    ax.set_xticks([1, 1.5, 2, 3, 4, 5], ["1", "1.5", "2", "3", "4", "5"])
+    ax.minorticks_off()
+    ax.set_ylim(0, 101)
+    ax.set_xlabel("τ, times the shortest time to goal on the same scenario")
+    ax.set_ylabel("test episodes within τ (%)")
+    style.legend(figure, scene.looks_of(chosen), markers=False)
+    caption = (
+        "Performance profiles: the share of test episodes that an agent finishes within τ times the shortest time "
+        "that any of the agents shown needed on that scenario; a failure never finishes. At the left, how often "
+        "it is the fastest; at the right, how often it arrives."
+        + seeds_sentence(chosen)
+        + shown(chosen, scene.agents)
+    )
+    return Drawing(figure, "Test: performance profiles", caption)
+
+
+def failures(scene: Scene) -> Drawing | None:
+    """Waypoints of the test coloured by outcome, from above and from the side."""
+    chosen = scene.top(4)
+    if "waypoint_x_m" not in chosen[0].metrics:
+        return None
+    figure = style.canvas(max(4.4, 2.7 * len(chosen)), 6.4)
+    grid = figure.subplots(2, len(chosen), squeeze=False, sharex=True, sharey="row")
+    for column, agent in enumerate(chosen):
+        x, y, z = (agent.metrics[f"waypoint_{axis}_m"].ravel() for axis in "xyz")
+        _waypoints(grid[0, column], x, y, agent.outcome.ravel())
+        _waypoints(grid[1, column], x, z, agent.outcome.ravel())
+        failed = int((agent.outcome != 0).sum())
+        grid[0, column].set_title(f"{agent.label}\n{failed} of {agent.outcome.size} failed", loc="left")
+        grid[0, column].set_aspect("equal")
+        grid[1, column].set_xlabel("x (m)")
+    low, high = depth_limits(chosen[0])
+    for ax in grid[1]:
+        ax.axhline(high, color="#444444", linestyle="--", linewidth=0.9)
+        ax.axhline(low, color="#444444", linestyle="--", linewidth=0.9)
+        ax.plot(0, -20, marker="+", color="black", markersize=8)
+    for ax in grid[0]:
+        ax.plot(0, 0, marker="+", color="black", markersize=8)
+    grid[0, 0].set_ylabel("y (m)")
+    grid[1, 0].set_ylabel("z (m)")
+    style.outcome_legend(figure)
+    caption = (
+        "Where failures lie: the waypoint of every test episode, seeds together, from above (top) and from the "
+        "side (bottom); dashed the depth limits, + the start." + shown(chosen, scene.agents)
+    )
+    return Drawing(figure, "Test: where failures lie", caption)
+
+
+def _waypoints(ax: Axes, x: FloatArray, y: FloatArray, outcome: np.ndarray) -> None:
+    for code, name in enumerate(OUTCOMES):  # successes first, beneath the failures
+        here = outcome == code
+        colour, marker = style.OUTCOME_LOOK[name]
+        size, alpha = (5, 0.3) if code == 0 else (24, 0.9)
+        ax.scatter(
+            x[here], y[here], s=size, color=colour, marker=marker, alpha=alpha, linewidth=0, rasterized=True
+        )
+
+
+def depth_limits(agent: Agent) -> tuple[float, float]:
+    """Lowest and highest z of the task, from the configuration of the runs."""
+    config = agent.runs[0].config
+    return float(config.get("task.depth_low", -60.0)), float(config.get("task.depth_high", -1.0))
+
+
+def goal_radius(agents: Sequence[Agent]) -> float:
+    return float(agents[0].runs[0].config.get("task.goal_radius", 3.0))
