@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from auvbench.reporting import tables
@@ -22,13 +23,25 @@ def text(path: Path, content: str) -> Path:
 
 
 def against_baseline(ranking: Ranking) -> tuple[Comparison, ...]:
-    """The comparisons worth a table of their own: all against the baseline, on what the table is ranked by."""
-    if ranking.baseline is None:
-        return ()
-    return tuple(
-        x
-        for x in ranking.comparisons
-        if ranking.baseline in (x.first, x.second) and x.metric == ranking.rank_by
+    """The comparisons that get a table of their own: each agent against the baseline, in the ranking's order."""
+    found = {}
+    for x in ranking.comparisons:
+        if x.second == ranking.baseline:
+            found[x.first] = x
+        elif x.first == ranking.baseline:
+            found[x.second] = _reversed(x)
+    return tuple(found[row.label] for row in ranking.rows if row.label in found)
+
+
+def _reversed(x: Comparison) -> Comparison:
+    """The same comparison seen from the other agent."""
+    d, p = x.difference, x.probability_of_improvement
+    return replace(
+        x,
+        first=x.second,
+        second=x.first,
+        difference=replace(d, value=-d.value, low=-d.high, high=-d.low),
+        probability_of_improvement=replace(p, value=1 - p.value, low=1 - p.high, high=1 - p.low),
     )
 
 

@@ -74,7 +74,7 @@ def _float(
     ranking: Ranking, rows: Sequence[Row], shown: Sequence[c.Column], caption: str, label: str, *, full: bool
 ) -> str:
     marked = c.one_seed_among_many(ranking)
-    headings = ["rank", "", "agent", "seeds", *(_split_heading(column.tex) for column in shown)]
+    headings = ["rank", "group", "agent", "seeds", *(_split_heading(column.tex) for column in shown)]
     lines = [
         r"\begin{table}[htbp]",
         r"\centering\scriptsize\setlength{\tabcolsep}{3pt}",

@@ -50,7 +50,7 @@ class RankingTable:
     def _table(self, shown: Sequence[c.Column]) -> Table:
         table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 1))
         table.add_column("rank", justify="left", no_wrap=True)
-        table.add_column("", no_wrap=True)
+        table.add_column("group", overflow="fold", max_width=8)
         widest = max((len(word) for row in self.ranking.rows for word in row.label.split()), default=5)
         table.add_column("agent", overflow="fold", min_width=max(widest, 5))
         table.add_column("seeds", justify="right", no_wrap=True)

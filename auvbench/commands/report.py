@@ -1,0 +1,253 @@
+"""`auvbench report`: ranks runs and writes tables, figures and a page."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from auvbench.errors import UserError, closest
+
+if TYPE_CHECKING:
+    from auvbench.reporting.figures import Figure
+    from auvbench.reporting.model import Agent, Finding, Ranking, RunRecord
+
+FORMATS = ("terminal", "md", "tex", "csv", "html")
+STUDIES = ("thesis",)
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """The keys of conf/report.yaml, which explains them."""
+
+    rank_by: str
+    then: str
+    group_by: tuple[str, ...]
+    baseline: str | None
+    protocol: str
+    condition: str
+    format: tuple[str, ...]
+    figures: bool
+    out: Path | None
+    study: str | None
+    confidence: float
+    seed: int
+
+
+def main(argv: Sequence[str]) -> int:
+    """Exit code 0 when there is a report, whatever had to be left out of it: the report names that."""
+    paths, options = parse(argv)
+    from auvbench.reporting.load import agents, load
+    from auvbench.reporting.measures import measure
+    from auvbench.reporting.ranking import rank
+
+    measure(options.rank_by)  # a wrong name is said before anything is read
+    measure(options.then, "--then")
+    runs, problems = load(paths, options.protocol)
+    grouped, more = agents(runs, options.group_by, options.protocol, options.condition)
+    ranking = rank(
+        grouped,
+        rank_by=options.rank_by,
+        then=options.then,
+        baseline=options.baseline,
+        confidence=options.confidence,
+        seed=options.seed,
+        protocol=options.protocol,
+        condition=options.condition,
+        problems=(*problems, *more),
+    )
+    by_label = {agent.label: agent for agent in grouped}
+    ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
+    findings = _findings(runs, ordered, ranking, options)
+    written = write(runs, ordered, ranking, findings, options)
+    _show(ranking, findings, options, written)
+    return 0
+
+
+def write(
+    runs: Sequence[RunRecord],
+    agents: Sequence[Agent],
+    ranking: Ranking,
+    findings: Sequence[Finding],
+    options: Options,
+) -> list[Path]:
+    """Writes the formats asked for; returns the files."""
+    from auvbench.reporting import tables
+    from auvbench.reporting import write as files
+
+    out = options.out or beside(runs)
+    written = []
+    figures: Sequence[Figure] = ()
+    if options.figures and {"md", "html"} & set(options.format):
+        from auvbench.reporting.figures import draw_all
+
+        figures = draw_all(runs, agents, ranking, out)
+    if "md" in options.format:
+        written.append(files.text(out / "report.md", files.markdown(ranking, findings, figures, out)))
+    if "tex" in options.format:
+        written.append(files.text(out / "table.tex", tables.latex(ranking)))
+    if "csv" in options.format:
+        written.append(files.text(out / "table.csv", tables.csv(ranking)))
+        if ranking.comparisons:
+            text = tables.comparisons_csv(ranking.comparisons)
+            written.append(files.text(out / "comparisons.csv", text))
+    return written
+
+
+def _findings(
+    runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Ranking, options: Options
+) -> list[Finding]:
+    return []
+
+
+def _show(ranking: Ranking, findings: Sequence[Finding], options: Options, written: Sequence[Path]) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    from auvbench.reporting import tables
+    from auvbench.reporting.write import against_baseline
+
+    console = Console(highlight=False)
+    if "terminal" in options.format:
+        console.print(tables.terminal(ranking))
+        if comparisons := against_baseline(ranking):
+            console.print()
+            console.print(tables.comparisons_terminal(comparisons))
+        if findings:
+            console.print()
+        for finding in findings:
+            verdict = (f" {finding.verdict}.", "bold") if finding.verdict else ""
+            rest = " ".join(
+                filter(None, (finding.statistic, finding.missing and f"Missing: {finding.missing}"))
+            )
+            console.print(Text.assemble("• ", finding.text, verdict, (f" {rest}", "dim")))
+    if written:
+        console.print()
+    for path in written:
+        console.print(Text.assemble(("wrote ", "dim"), os.path.relpath(path)), soft_wrap=True)
+
+
+def beside(runs: Sequence[RunRecord]) -> Path:
+    """<experiment>/report, where the experiment is the folder that all the runs have in common."""
+    parents = {str(run.directory.absolute().parent) for run in runs}
+    return Path(os.path.commonpath(sorted(parents))) / "report"
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        unknown = re.search(r"unrecognized arguments: (\S+)", message)
+        if unknown:
+            valid = [name for action in self._actions for name in action.option_strings]
+            message = f"unknown option {unknown[1]!r}; {closest(unknown[1].partition('=')[0], valid)}"
+        raise UserError(f"report: {message}")
+
+
+def parse(argv: Sequence[str]) -> tuple[list[Path], Options]:
+    """Paths and options: conf/report.yaml, then the preset, then the command line."""
+    values = vars(_parser().parse_args(argv))
+    paths = values.pop("paths")
+    preset = values.pop("preset")
+    settings = _read_preset(resources.files("auvbench.conf") / "report.yaml")
+    if preset is not None:
+        settings |= _read_preset(preset)
+    settings |= {key: value for key, value in values.items() if value is not None}
+    return paths, _options(settings)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="auvbench report",
+        allow_abbrev=False,
+        description="Ranks runs and writes tables, figures and a page beside them. "
+        "Defaults: conf/report.yaml; --preset FILE holds your own.",
+        epilog="example: auvbench report outputs/quickstart --baseline pid --format terminal,tex --out paper/",
+    )
+    add = parser.add_argument
+    add("paths", nargs="+", type=Path, metavar="PATH", help="run directories, or folders above them")
+    add("--preset", type=Path, metavar="FILE", help="a YAML file of these options (rank_by: mean_steps)")
+    add("--rank-by", metavar="METRIC", help="success_rate, collision_rate, timeout_rate or mean_<column>")
+    add("--then", metavar="METRIC", help="decides between equals")
+    add("--group-by", metavar="KEY,...", help="configuration keys whose values make a row: algo,reward.k")
+    add(
+        "--baseline",
+        metavar="AGENT",
+        help="compare all with this agent: pid, or a label like 'SAC K=1 10 Hz'",
+    )
+    add("--protocol", metavar="NAME", help="the evaluation that is reported: test, thesis, robustness")
+    add("--condition", metavar="NAME", help="the test condition within the protocol: nominal, current=0.5")
+    add("--format", metavar="NAME,...", help=",".join(FORMATS))
+    add("--figures", action=argparse.BooleanOptionalAction, default=None, help="draw the figures")
+    add("--out", metavar="DIR", help="folder of the report; default <experiment>/report")
+    add("--study", metavar="NAME", help=f"answer the claims of a study: {', '.join(STUDIES)}")
+    add("--confidence", metavar="P", help="of every interval, between 0.5 and 0.999")
+    add("--seed", metavar="N", help="of the bootstrap")
+    return parser
+
+
+def _read_preset(path: Any) -> dict[str, Any]:
+    import yaml
+
+    try:
+        settings = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"cannot read the preset {path}") from error
+    except yaml.YAMLError as error:
+        raise UserError(f"the preset {path} is not valid YAML") from error
+    if not isinstance(settings, Mapping):
+        raise UserError(f"the preset {path} holds no options")
+    known = [field.name for field in fields(Options)]
+    settings = {str(key).replace("-", "_"): value for key, value in settings.items()}
+    for key in settings:
+        if key not in known:
+            raise UserError(f"unknown option {key!r} in {path}; {closest(key, known)}")
+    return settings
+
+
+def _options(settings: Mapping[str, Any]) -> Options:
+    formats = _names(settings["format"])
+    for name in formats:
+        if name not in FORMATS:
+            raise UserError(f"unknown format {name!r}; {closest(name, FORMATS)}")
+    study = settings["study"]
+    if study is not None and study not in STUDIES:
+        raise UserError(f"unknown study {study!r}; {closest(str(study), STUDIES)}")
+    confidence = _number("confidence", settings["confidence"], 0.5, 0.999)
+    if not isinstance(settings["figures"], bool):
+        raise UserError(f"figures={settings['figures']!r} is neither true nor false")
+    return Options(
+        rank_by=str(settings["rank_by"]),
+        then=str(settings["then"]),
+        group_by=_names(settings["group_by"]),
+        baseline=None if settings["baseline"] is None else str(settings["baseline"]),
+        protocol=str(settings["protocol"]),
+        condition=str(settings["condition"]),
+        format=formats,
+        figures=settings["figures"],
+        out=None if settings["out"] is None else Path(settings["out"]),
+        study=study,
+        confidence=confidence,
+        seed=int(_number("seed", settings["seed"], 0, 2**32 - 1)),
+    )
+
+
+def _names(value: str | Iterable[str]) -> tuple[str, ...]:
+    names = value.split(",") if isinstance(value, str) else list(value)
+    cleaned = tuple(dict.fromkeys(name.strip() for name in names if name.strip()))
+    if not cleaned:
+        raise UserError(f"an empty list of names: {value!r}")
+    return cleaned
+
+
+def _number(name: str, value: Any, low: float, high: float) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not low <= number <= high:
+        raise UserError(f"{name}={value!r} is not a number from {low:g} to {high:g}")
+    return number

@@ -1,0 +1,175 @@
+"""`auvbench report` as a user calls it, on directories that look like trained runs."""
+
+import csv
+import shutil
+from pathlib import Path
+
+import pytest
+
+from auvbench.cli import main
+from tests.synthetic import damage, set_state, write_experiment
+
+
+@pytest.fixture
+def grid(tmp_path: Path) -> list[Path]:
+    """2 algorithms x 2 K x 3 seeds and a PID: 13 runs."""
+    return write_experiment(
+        tmp_path / "outputs" / "grid",
+        algorithms=("ppo", "sac", "pid"),
+        reward_k=(1, 100),
+        seeds=(0, 1, 2),
+        episodes=40,
+        train_episodes=150,
+    )
+
+
+def report(*arguments: object) -> int:
+    return main(["report", *map(str, arguments)])
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "table.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_all_files_lie_beside_the_runs(grid: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert report(grid[0].parent, "--format", "terminal,md,tex,csv", "--baseline", "pid") == 0
+    out = grid[0].parent / "report"
+    names = {path.name for path in out.iterdir()}
+    assert {"report.md", "table.tex", "table.csv", "comparisons.csv", "figures"} <= names
+    screen = capsys.readouterr().out
+    table = rows(out)
+    assert {row["agent"] for row in table} == {"PID", "PPO K=1", "PPO K=100", "SAC K=1", "SAC K=100"}
+    for row in table:
+        assert row["agent"] in screen
+    success = [float(row["success_rate"]) for row in table]
+    assert success == sorted(success, reverse=True)
+    text = (out / "report.md").read_text()
+    assert "## Against PID" in text
+    for figure in (out / "figures").glob("*.png"):
+        assert f"(<figures/{figure.name}>)" in text
+        assert figure.with_suffix(".svg").is_file()
+    assert "training_curves.png" in text
+
+
+def test_the_rates_are_those_of_the_episodes(grid: list[Path], tmp_path: Path) -> None:
+    report(grid[0].parent, "--format", "csv", "--out", tmp_path / "out")
+    outcomes = []
+    for run in grid[:3]:  # PPO K=1
+        with (run / "evaluations" / "test" / "episodes.csv").open() as file:
+            outcomes += [row["outcome"] for row in csv.DictReader(file)]
+    row = next(row for row in rows(tmp_path / "out") if row["agent"] == "PPO K=1")
+    assert float(row["success_rate"]) == pytest.approx(outcomes.count("success") / 120)
+    assert float(row["timeout_rate"]) == pytest.approx(outcomes.count("timeout") / 120)
+    assert float(row["success_rate_low"]) < float(row["success_rate"]) < float(row["success_rate_high"])
+    assert row["seeds"] == "0 1 2"
+
+
+def test_the_same_runs_give_the_same_bytes(grid: list[Path], tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        report(grid[0].parent, "--format", "md,tex,csv", "--out", tmp_path / name)
+    files = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
+    assert len(files) > 10
+    for file in files:
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
+
+
+def test_what_can_be_reported_is_and_the_rest_is_named(
+    grid: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    set_state([grid[0]], "failed", "loss is nan")
+    damage(grid[4] / "evaluations" / "test" / "episodes.csv", "cut")
+    shutil.rmtree(grid[7] / "evaluations")
+    shutil.rmtree(grid[11])
+    assert report(grid[0].parent, "--format", "terminal,md", "--no-figures") == 0
+    screen, text = capsys.readouterr().out, (grid[0].parent / "report" / "report.md").read_text()
+    for piece in (
+        grid[0].name,
+        "loss is nan",
+        grid[4].name,
+        "cut short",
+        grid[7].name,
+        "SAC K=100 25 Hz",
+        "no run with seed 2",
+    ):
+        assert piece in text.replace("\\", "")
+        assert piece in " ".join(screen.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--rank-by", "succes_rate"), "did you mean 'success_rate'?"),
+        (("--then", "mean_stps"), "did you mean 'mean_steps'?"),
+        (("--rankby", "x"), "unknown option '--rankby'; did you mean '--rank-by'?"),
+        (("--group-by", "algo,reward.kk"), "did you mean 'reward.k'?"),
+        (("--baseline", "pit"), "is not among the agents; valid: PID"),
+        (("--baseline", "ppo"), "PPO K=1"),
+        (("--protocol", "robust"), "robust"),
+        (("--condition", "nominel"), "did you mean 'nominal'?"),
+        (("--format", "pdf"), "unknown format 'pdf'"),
+        (("--confidence", "95"), "confidence='95' is not a number from 0.5 to 0.999"),
+        (("--seed", "x"), "seed='x' is not a number"),
+        (("--study", "thesys"), "did you mean 'thesis'?"),
+        (("--preset", "nowhere.yaml"), "cannot read the preset nowhere.yaml"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    grid: list[Path], capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str
+) -> None:
+    assert report(grid[0].parent, *arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("auvbench: ")
+    assert message in error
+    assert len(error.splitlines()) == 1
+    assert not (grid[0].parent / "report").exists()
+
+
+def test_nothing_to_report_is_exit_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert report(tmp_path / "nowhere") == 2
+    assert "no such folder" in capsys.readouterr().err
+    assert report(tmp_path) == 2
+    assert "no run under" in capsys.readouterr().err
+    runs = write_experiment(tmp_path / "grid", algorithms=("pid",), protocols={}, episodes=5)
+    assert report(runs[0]) == 2
+    assert "none of the 1 runs has a usable evaluation by protocol 'test'" in capsys.readouterr().err
+    assert main(["report"]) == 2
+
+
+def test_a_preset_holds_options_and_the_command_line_beats_it(grid: list[Path], tmp_path: Path) -> None:
+    preset = tmp_path / "report.yaml"
+    preset.write_text(
+        "rank-by: mean_steps\nthen: success_rate\ngroup_by: [algo]\nformat: csv\nfigures: false\n"
+    )
+    assert report(grid[0].parent, "--preset", preset, "--out", tmp_path / "a") == 0
+    table = rows(tmp_path / "a")
+    assert {row["agent"] for row in table} == {"PID", "PPO", "SAC"}
+    steps = [float(row["mean_steps"]) for row in table]
+    assert steps == sorted(steps)
+    assert (
+        report(
+            grid[0].parent,
+            "--preset",
+            preset,
+            "--rank-by",
+            "success_rate",
+            "--then",
+            "mean_steps",
+            "--out",
+            tmp_path / "b",
+        )
+        == 0
+    )
+    success = [float(row["success_rate"]) for row in rows(tmp_path / "b")]
+    assert success == sorted(success, reverse=True)
+    preset.write_text("rank_bye: mean_steps\n")
+    assert report(grid[0].parent, "--preset", preset) == 2
+
+
+def test_help_lists_the_options(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as leaving:
+        report("--help")
+    assert leaving.value.code == 0
+    text = capsys.readouterr().out
+    for option in ("--rank-by", "--then", "--group-by", "--baseline", "--preset", "--study", "--out"):
+        assert option in text
