@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+Integers = NDArray[np.int64]
 Observations = NDArray[np.float32]
 Actions = NDArray[np.floating]
 
@@ -26,8 +27,8 @@ CONTROLLERS: dict[str, str] = {
 class Agent(Protocol):
     """A controller in a test: acts on a batch of observations."""
 
-    def reset(self, n: int) -> None:
-        """Forgets everything: n new episodes begin."""
+    def reset(self, episodes: Integers) -> None:
+        """Forgets everything: the given episodes (n,) begin, one per row."""
 
     def act(self, observation: Observations) -> Actions:
         """Actions (n, n_u) in [-1, 1] for observations (n, 4 + n_u)."""

@@ -17,7 +17,7 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from auvbench.agents.base import LEARNERS, Actions, Observations, resolve
+from auvbench.agents.base import LEARNERS, Actions, Integers, Observations, resolve
 from auvbench.config import schema
 from auvbench.errors import RunError
 
@@ -172,7 +172,7 @@ class LearnedPolicy:
         self._clip = float(arrays["clip_observations"])
         self._n_u = n_u
 
-    def reset(self, n: int) -> None:
+    def reset(self, episodes: Integers) -> None:
         """Nothing to forget."""
 
     def act(self, observation: Observations) -> Actions:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.agents.base import Actions, Observations
+from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.config import schema
 from auvbench.vehicles.model import VehicleModel
 
@@ -44,9 +44,10 @@ class PIDController:
         # Exact discretisation of a first-order low-pass filter.
         self.smoothing = 1.0 - np.exp(-self.dt / gains.filter_time)
         self.lift = vehicle.buoyancy - vehicle.weight
-        self.reset(0)
+        self.reset(np.empty(0, dtype=np.int64))
 
-    def reset(self, n: int) -> None:
+    def reset(self, episodes: Integers) -> None:
+        n = len(episodes)
         self.first = True
         self.error: Floats = np.zeros((n, 3))
         self.yaw: Floats = np.zeros(n)
@@ -75,7 +76,10 @@ class PIDController:
         wrench = np.zeros((len(observation), 6))
         wrench[:, :3] = force
         wrench[:, YAW] = moment
-        thrust = wrench @ self.allocation.T
+        # Column by column: a matrix product may round a row differently in a batch of another size.
+        thrust = np.zeros((len(observation), self.allocation.shape[0]))
+        for row in range(6):
+            thrust += wrench[:, row : row + 1] * self.allocation[:, row]
         action, saturated = self._within_limits(thrust)
         # Conditional integration: no wind-up while the thrusters give all they have.
         step = g.bandwidth / g.integral_time * self.dt

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from auvbench.agents.base import Actions, Observations
+from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.config import schema
 from auvbench.dynamics.random import uniform
 from auvbench.vehicles.model import VehicleModel
@@ -16,25 +16,27 @@ ACTION = 0x80
 
 
 @njit(cache=True, nogil=True)
-def _draw(seed: int, step: int, action: NDArray[np.float64]) -> None:
+def _draw(seed: int, step: int, episodes: Integers, action: NDArray[np.float64]) -> None:
     for i in range(action.shape[0]):
         for j in range(action.shape[1]):
-            action[i, j] = 2.0 * uniform(seed, ACTION, j, step, i, 0) - 1.0
+            action[i, j] = 2.0 * uniform(seed, ACTION, j, step, episodes[i], 0) - 1.0
 
 
 class RandomAgent:
-    """Row i at step t draws from (seed, i, t): the same actions at any batch size."""
+    """Episode e at step t draws from (seed, e, t): the same actions at any batch size."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         self._seed = config.seed
         self._n_u = len(vehicle.actuators)
         self._step = 0
+        self._episodes: Integers = np.empty(0, dtype=np.int64)
 
-    def reset(self, n: int) -> None:
+    def reset(self, episodes: Integers) -> None:
         self._step = 0
+        self._episodes = episodes
 
     def act(self, observation: Observations) -> Actions:
         action = np.empty((len(observation), self._n_u))
-        _draw(self._seed, self._step, action)
+        _draw(self._seed, self._step, self._episodes, action)
         self._step += 1
         return action

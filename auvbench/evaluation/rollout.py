@@ -68,6 +68,7 @@ def roll_out(
         environments = Batch(config, len(numbers), seed=seed, test=True, autoreset=False, vehicle=vehicle)
         environments.task.assign(numbers)
         followed = [int(e) for e in numbers if e < trajectories]
+        agent.reset(numbers)
         records += _one_batch(environments, agent, followed, paths)
     return Rollout(records, paths, duration)
 
@@ -75,7 +76,6 @@ def roll_out(
 def _one_batch(
     environments: Batch, agent: Agent, followed: list[int], paths: dict[int, Trajectory]
 ) -> list[Record]:
-    agent.reset(environments.n)
     observation = environments.reset()
     rows: dict[int, Record] = {}
     task, simulator = environments.task, environments.simulator

@@ -39,7 +39,7 @@ CORE_COLUMNS = (
 """without these, finite in every row, an evaluation is not reported on"""
 
 
-class _Damage(Exception):  # noqa: N818  (caught here, never seen by a caller)
+class _Damage(Exception):
     """Why a file cannot be used; `kind` is that of the `Problem`."""
 
     def __init__(self, message: str, kind: str = "damaged") -> None:

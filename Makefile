@@ -1,0 +1,59 @@
+# Every target makes the environment it needs: on a fresh machine with Python 3.11 to 3.13, `make demo` and
+# `make test` are all there is to type.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+# One torch thread per process; tests run side by side on the cores there are.
+JOBS ?= auto
+export OMP_NUM_THREADS ?= 1
+
+.DEFAULT_GOAL := help
+.PHONY: help install demo test check format lint type layers bench verification soak test-cluster clean
+
+help: ## what there is to make
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
+
+install: $(STAMP) ## the virtual environment .venv with auvbench and its tools
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if (3, 11) <= v < (3, 14) else \
+	  f"auvbench needs Python 3.11 to 3.13, this is {v[0]}.{v[1]}; name another one: make $(MAKECMDGOALS) PYTHON=python3.12")'
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo "installing into $(VENV) (torch and its friends: some minutes the first time)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+demo: $(STAMP) ## train PPO twice, PID and random; test them; rank them
+	$(BIN)/auvbench train -m experiment=quickstart
+	$(BIN)/auvbench evaluate outputs/quickstart
+	$(BIN)/auvbench report outputs/quickstart
+
+test: $(STAMP) ## the test suite
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -q
+
+check: $(STAMP) ## format, lint, types, layers
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(STAMP) ## rewrite the code in the house's format
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: $(STAMP) ## how fast everything is, as a table
+	$(BIN)/python -m benchmarks
+
+verification: $(STAMP) ## compute docs/verification.md anew
+	$(BIN)/python -m tests.verification.page
+
+soak: $(STAMP) ## kill and resume runs for a long time
+	$(BIN)/python -m pytest tests/soak -q -s --override-ini testpaths=tests/soak
+
+test-cluster: $(STAMP) ## SLURM and Ray backends against real ones (installs them: root, Debian)
+	tests/cluster/run.sh
+
+clean: ## remove the environment and caches, keep outputs
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis build *.egg-info

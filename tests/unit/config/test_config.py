@@ -1,0 +1,102 @@
+"""Every answer composes; every mistake is one line that says what to type instead."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from auvbench.config.compose import compose, typed
+from auvbench.config.validate import evaluate_config, train_config
+from auvbench.errors import ConfigError
+
+CONF = Path(__file__).resolve().parents[3] / "conf"
+
+
+def options(group: str) -> list[str]:
+    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+
+
+@pytest.mark.parametrize("algo", options("algo"))
+@pytest.mark.parametrize("vehicle", ["bluerov2"])
+def test_every_algorithm_composes_and_is_valid(algo, vehicle):
+    config = compose("train", [f"algo={algo}", f"vehicle={vehicle}"])
+    result = train_config(config)
+    assert result.algo.name == algo
+    assert typed(config) == result
+
+
+@pytest.mark.parametrize(
+    "override",
+    [f"{g}={o}" for g in ("vehicle", "reward", "step", "noise", "disturbance", "train") for o in options(g)],
+)
+def test_every_answer_composes_and_is_valid(override):
+    train_config(compose("train", [override]))
+
+
+@pytest.mark.parametrize("experiment", options("experiment"))
+def test_every_experiment_composes_and_is_valid(experiment):
+    assert train_config(compose("train", [f"experiment={experiment}"])).name == experiment
+
+
+@pytest.mark.parametrize("protocol", options("protocol"))
+def test_every_protocol_composes_and_is_valid(protocol):
+    assert evaluate_config(compose("evaluate", [f"protocol={protocol}"])).protocol.name == protocol
+
+
+@pytest.mark.parametrize(
+    "path",
+    [p for p in sorted(CONF.rglob("*.yaml")) if "hydra" not in p.parts],
+    ids=lambda p: str(p.relative_to(CONF)),
+)
+def test_every_file_begins_with_a_comment_that_says_what_it_is(path):
+    assert path.read_text(encoding="utf-8").startswith("# ")
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("reward.k=-1", "reward.k=-1: must be at least 0"),
+        ("reward.k=inf", "reward.k=inf: must be a finite number"),
+        ("reward.k=nan", "reward.k=nan: must be a finite number"),
+        ("reward.k=a", "reward.k: 'a' is not a number"),
+        ("reward.kk=1", r"reward.kk: unknown key; did you mean reward.k\?"),
+        ("+reward.kk=1", r"reward.kk: unknown key; did you mean 'k'\?"),
+        ("rewards=thesis", r"rewards: unknown key; did you mean reward\?"),
+        ("algo=dqn", "algo=dqn: no such option; .*valid: ddpg, pid, ppo"),
+        ("reward=thesiss", "reward=thesiss: no such option; did you mean 'thesis'"),
+        ("step.frequency=0", "step.frequency=0: must be more than 0 and at most 1000"),
+        ("seed=abc", "seed: 'abc' is not a whole number"),
+        ("seed=-1", "seed=-1: must be at least 0 and at most 4294967295"),
+        ("seed=1.5", "seed: '1.5' is not a whole number"),
+        ("algo.batch_size=1000", "algo.batch_size=1000: must divide .* = 4096"),
+        ("task.depth_low=-0.5", "task.depth_low=-0.5: must be below task.depth_high=-1"),
+        ("task.start=[0,0]", r"task.start=\[0.0, 0.0\]: must be three finite numbers"),
+        ("task.start=[0,0,-70]", "z must lie within the depth limits"),
+        ("noise.yaw.low=0.2", "noise.yaw.low=0.2: must be at most noise.yaw.high=0.1"),
+        ("noise.sign=up", "noise.sign=up: unknown; valid: both, positive"),
+        ("name=a/b", "name='a/b': must be a plain name"),
+        ("train.total_steps=0", "train.total_steps=0: must be at least 1"),
+        ("nonsense", "'nonsense': an override is written key=value"),
+        ("train.progress=maybe", "train.progress: .*'maybe'"),
+    ],
+)
+def test_a_mistake_is_one_line(override, message):
+    with pytest.raises(ConfigError, match=message) as caught:
+        train_config(compose("train", [override]))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_algorithms_own_keys_are_suggested():
+    with pytest.raises(ConfigError, match=r"did you mean algo.buffer_size\?"):
+        compose("train", ["algo=sac", "algo.bufer_size=3"])
+
+
+def test_the_working_directory_adds_answers(tmp_path, monkeypatch):
+    (tmp_path / "conf" / "reward").mkdir(parents=True)
+    (tmp_path / "conf" / "reward" / "mine.yaml").write_text(
+        (CONF / "reward" / "thesis.yaml").read_text(encoding="utf-8").replace("k: 1.0", "k: 7.0"),
+        encoding="utf-8",
+    )
+    monkeypatch.chdir(tmp_path)
+    assert compose("train", ["reward=mine"]).reward.k == 7.0

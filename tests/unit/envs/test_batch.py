@@ -1,0 +1,148 @@
+"""The batch and its three faces."""
+
+from __future__ import annotations
+
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env as gymnasium_check
+from stable_baselines3.common.env_checker import check_env as sb3_check
+
+import auvbench
+from auvbench.config.compose import compose
+from auvbench.config.validate import train_config
+from auvbench.envs.batch import Batch
+from auvbench.envs.sb3 import WaypointVecEnv
+
+assert auvbench.__version__
+
+
+def configuration(*overrides: str):
+    return train_config(compose("train", overrides))
+
+
+def actions(steps: int, n: int, n_u: int = 6) -> np.ndarray:
+    """Actions of environment i do not depend on n."""
+    return np.stack([np.random.default_rng(i).uniform(-1, 1, (steps, n_u)) for i in range(n)], axis=1)
+
+
+def run(batch: Batch, steps: int) -> tuple[np.ndarray, np.ndarray, list]:
+    observations, rewards, records = [batch.reset().copy()], [], []
+    for action in actions(steps, batch.n):
+        result = batch.step(action)
+        observations.append(result.observation.copy())
+        rewards.append(result.reward.copy())
+        records += [(r["environment"], r) for r in result.records]
+    return np.array(observations), np.array(rewards), records
+
+
+def test_the_same_floats_at_any_batch_size():
+    config = configuration("task.max_steps=40", "step.frequency=25")
+    large = run(Batch(config, 37, seed=5), 130)
+    assert len(large[2]) >= 37 * 3, "episodes must have ended and begun anew"
+    for n in (1, 2, 16, 17):
+        small = run(Batch(config, n, seed=5), 130)
+        np.testing.assert_array_equal(small[0], large[0][:, :n])
+        np.testing.assert_array_equal(small[1], large[1][:, :n])
+        assert small[2] == [row for row in large[2] if row[0] < n]
+
+
+def test_another_seed_and_a_test_draw_other_scenarios():
+    config = configuration()
+
+    def waypoints(**arguments):
+        batch = Batch(config, 4, **arguments)
+        batch.reset()
+        return batch.task.F[:, :3].copy()
+
+    base = waypoints(seed=1)
+    np.testing.assert_array_equal(base, waypoints(seed=1))
+    assert not np.isclose(base, waypoints(seed=2)).any()
+    assert not np.isclose(base, waypoints(seed=1, test=True)).any()
+    assert np.unique(base).size == base.size
+
+
+@pytest.mark.parametrize("frequency", [10, 25, 55, 7.3])
+def test_a_step_lasts_one_over_f_whatever_f(frequency):
+    # In still water without thrust the vehicle rises: after the same time by the same height.
+    still = ("noise=none", "simulator.max_step=0.002", "task.max_steps=100000", "task.goal_radius=0.001")
+    config = configuration(f"step.frequency={frequency}", *still)
+    batch = Batch(config, 1)
+    batch.reset()
+    steps = round(20 * frequency)
+    for _ in range(steps):
+        batch.step(np.zeros((1, 6)))
+    assert batch.task.duration == 1 / frequency
+    # Terminal rise 0.1543 m/s, reached within a second or so: the height is almost exactly linear in time.
+    reference = Batch(configuration("step.frequency=100", *still), 1)
+    reference.reset()
+    for _ in range(round(100 * steps / frequency)):
+        reference.step(np.zeros((1, 6)))
+    assert batch.simulator.pose[0, 2] == pytest.approx(reference.simulator.pose[0, 2], abs=0.1543 * 0.011)
+
+
+def test_state_restores_to_the_same_bits():
+    config = configuration("task.max_steps=30")
+    batch = Batch(config, 5, seed=3)
+    batch.reset()
+    plan = actions(80, 5)
+    for action in plan[:37]:
+        batch.step(action)
+    saved = batch.state_dict()
+    expected = [batch.step(action).observation.copy() for action in plan[37:]]
+    other = Batch(config, 5, seed=99)
+    other.reset()
+    other.load_state_dict(saved)
+    got = [other.step(action).observation.copy() for action in plan[37:]]
+    np.testing.assert_array_equal(expected, got)
+
+
+@pytest.mark.filterwarnings("error")
+def test_gymnasium_accepts_the_environment_without_warnings():
+    env = gymnasium.make("auvbench/Waypoint-v0", overrides=["task.max_steps=20"])
+    with warnings.catch_warnings():
+        # It has no picture to render, and says so in its metadata.
+        warnings.filterwarnings("ignore", message=".*render.*")
+        gymnasium_check(env.unwrapped, skip_render_check=True)
+
+
+@pytest.mark.filterwarnings("error")
+def test_stable_baselines_accepts_the_environment_without_warnings():
+    sb3_check(gymnasium.make("auvbench/Waypoint-v0").unwrapped, warn=True)
+
+
+def test_vector_environment_is_the_single_one_many_times():
+    vector = gymnasium.make_vec("auvbench/Waypoint-v0", num_envs=3, vectorization_mode="vector_entry_point")
+    single = gymnasium.make("auvbench/Waypoint-v0")
+    observations, _ = vector.reset(seed=11)
+    observation, _ = single.reset(seed=11)
+    np.testing.assert_array_equal(observations[0], observation)
+    for action in actions(50, 3).astype(np.float32):
+        observations, rewards, *_ = vector.step(action)
+        observation, reward, *_ = single.step(action[0])
+        np.testing.assert_array_equal(observations[0], observation)
+        assert rewards[0] == reward
+    assert vector.observation_space.contains(observations)
+    assert vector.metadata["autoreset_mode"].name == "SAME_STEP"
+
+
+def test_episodes_end_and_begin_anew_in_the_same_step():
+    env = WaypointVecEnv(Batch(configuration("task.max_steps=5"), 4))
+    env.reset()
+    for step in range(1, 11):
+        env.step_async(np.zeros((4, 6), dtype=np.float32))
+        observation, _, done, infos = env.step_wait()
+        assert done.all() == (step % 5 == 0)
+        assert len(env.finished) == (4 if step % 5 == 0 else 0)
+        if done.all():
+            assert all(info["TimeLimit.truncated"] for info in infos)
+            assert not np.array_equal(infos[0]["terminal_observation"], observation[0])
+            assert infos[0]["episode"]["l"] == 5
+
+
+def test_a_seed_out_of_range_is_the_users_mistake():
+    env = gymnasium.make("auvbench/Waypoint-v0")
+    with pytest.raises(auvbench.errors.ConfigError, match="seed=4294967296"):
+        env.unwrapped.batch.reseed(1 << 32)

@@ -1,0 +1,120 @@
+"""The same configuration is the same directory; nothing else is."""
+
+from __future__ import annotations
+
+import pytest
+from omegaconf import OmegaConf
+
+from auvbench.config.compose import compose
+from auvbench.errors import RunError
+from auvbench.runs import identity
+from auvbench.runs.directory import RunDirectory, find_runs, freeze, place
+from auvbench.runs.plan import prepare
+
+
+def plain(*overrides: str) -> dict:
+    return OmegaConf.to_container(compose("train", list(overrides)), resolve=True)
+
+
+BASE = identity.run_id(plain())
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "name=other",
+        "output=elsewhere",
+        "launcher.workers=7",
+        "train.progress=false",
+        "train.checkpoint.seconds=5",
+        "simulator.threads=2",
+        "reward.k=1.0",
+        "+vehicle.rigid_body.mass.source=wu2018",
+    ],
+)
+def test_what_cannot_change_the_result_is_not_part_of_the_id(override):
+    assert identity.run_id(plain(override.removeprefix("+"))) == BASE
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "seed=43",
+        "reward.k=2",
+        "step.frequency=25",
+        "algo.gamma=0.98",
+        "train.total_steps=10",
+        "noise.sign=positive",
+        "simulator.max_step=0.005",
+        "vehicle.rigid_body.mass.value=16",
+        "task.max_steps=999",
+    ],
+)
+def test_what_changes_the_result_changes_the_id(override):
+    assert identity.run_id(plain(override)) != BASE
+
+
+def test_an_id_is_readable():
+    config = plain("algo=sac", "reward.k=40", "step.frequency=55", "seed=7")
+    assert identity.run_id(config).startswith("sac-k40-f55-s7-")
+
+
+def test_the_id_is_the_one_of_older_runs():
+    # A change here orphans everybody's runs: raise SCHEMA_VERSION instead of mending this number.
+    minimal = {
+        "algo": {"name": "ppo", "agent": "ppo"},
+        "reward": {"k": 1.0},
+        "step": {"frequency": 10.0},
+        "seed": 42,
+        "name": "x",
+    }
+    assert identity.run_id(minimal) == "ppo-k1-f10-s42-" + identity.digest(minimal)
+    assert identity.digest(minimal) == "777dc6c1"
+
+
+def test_controllers_have_no_budget():
+    assert identity.run_id(plain("algo=pid", "train.total_steps=5")) == identity.run_id(plain("algo=pid"))
+
+
+def test_a_changed_config_is_refused_with_the_difference(tmp_path):
+    config = plain(f"output={tmp_path}")
+    run = freeze(config)
+    assert freeze(config).path == run.path
+    text = run.config_path.read_text(encoding="utf-8")
+    run.config_path.write_text(text.replace("k: 1.0", "k: 40.0"), encoding="utf-8")
+    with pytest.raises(RunError, match=r"config.yaml was changed.*reward.k 1.0 -> 40.0"):
+        freeze(config)
+    with pytest.raises(RunError, match="does not belong to this run"):
+        run.check()
+
+
+def test_freezing_writes_what_resolves_to_the_same_run(tmp_path):
+    run = prepare(compose("train", [f"output={tmp_path}", "algo=td3"]), "auvbench train algo=td3")
+    assert place(run.config()).path == run.path
+    assert run.check()["algo"]["name"] == "td3"
+    manifest = run.manifest()
+    assert (manifest["state"], manifest["command"]) == ("pending", "auvbench train algo=td3")
+
+
+def test_finding_runs(tmp_path):
+    runs = [freeze(plain(f"output={tmp_path}", f"seed={seed}", "name=a")) for seed in range(3)]
+    assert {run.id for run in find_runs([tmp_path])} == {run.id for run in runs}
+    assert [run.id for run in find_runs([runs[0].path, runs[0].path])] == [runs[0].id]
+    with pytest.raises(RunError, match="no such file or directory"):
+        find_runs([tmp_path / "nowhere"])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RunError, match="no run directory"):
+        find_runs([tmp_path / "empty"])
+
+
+def test_damaged_files_are_named(tmp_path):
+    run = RunDirectory(freeze(plain(f"output={tmp_path}")).path)
+    run.manifest_path.write_text('{"schema_version": 1,', encoding="utf-8")
+    with pytest.raises(RunError, match=r"manifest.json: damaged"):
+        run.manifest()
+    run.manifest_path.write_text('{"schema_version": 99}', encoding="utf-8")
+    with pytest.raises(RunError, match=r"schema_version 99, but this auvbench reads 1"):
+        run.manifest()
+    run.config_path.write_text("a: [", encoding="utf-8")
+    with pytest.raises(RunError, match=r"config.yaml: damaged"):
+        run.config()
