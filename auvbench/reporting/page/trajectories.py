@@ -1,0 +1,195 @@
+"""Trajectories for the 3-D view: read from the runs, thinned, and packed small enough for a page.
+
+A run's `evaluations/<protocol>/trajectories.npz` holds `position_<condition>_<episode>` (T+1, 3) m,
+`time_...` (T+1,) s and `waypoint_...` (3,) m for its first few episodes. Here each path becomes at most
+`POINTS` positions, equally spaced in steps, as little-endian int16 counts of `unit` metres in base64: 1 cm
+where the path stays within 327 m, and the smallest unit that holds it otherwise.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+import re
+import zipfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.reporting.model import OUTCOMES, Agent, Problem, RunRecord
+
+POINTS = 320
+"""most positions kept of one path"""
+RUNS = 200
+"""most runs whose paths go into a page, best-ranked agents first"""
+EPISODES = 10
+"""most episodes of a run that go into a page"""
+BUDGET = 3_500_000
+"""characters that all packed paths of a page may take; paths are thinned further to keep to it"""
+UNIT = 0.01
+"""m per count"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """The path of one run through one episode."""
+
+    agent: int
+    """index into the agents the page was given"""
+    run: RunRecord
+    position: NDArray[np.float64]
+    """(T+1, 3) m, world ENU"""
+    time: NDArray[np.float64]
+    """(T+1,) s"""
+    outcome: str
+    """success | collision | timeout, or '' where the table of episodes does not say"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """One test episode: where the waypoint lay and how each run went there."""
+
+    episode: int
+    waypoint: tuple[float, float, float]
+    """m, world ENU"""
+    tracks: tuple[Track, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scenes:
+    """All episodes that the 3-D view offers, and what could not be read."""
+
+    scenes: tuple[Scene, ...] = ()
+    problems: tuple[Problem, ...] = ()
+    left_out: int = 0
+    """runs whose paths were left out to keep the page small"""
+
+
+@dataclass(slots=True)
+class _Collected:
+    waypoints: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    tracks: dict[int, list[Track]] = field(default_factory=dict)
+
+
+def read(
+    agents: Sequence[Agent], *, protocol: str, condition: str, runs: int = RUNS, episodes: int = EPISODES
+) -> Scenes:
+    """Read the paths of the agents' runs; every agent's first seed comes before any agent's second.
+
+    Args:
+        agents: in the order of the ranking.
+        protocol: the protocol's name, as in `RunRecord.evaluations`.
+        condition: the test condition within the protocol.
+        runs: most runs to read.
+        episodes: most episodes to read of a run.
+
+    Returns:
+        The episodes in ascending order; a file that cannot be read becomes a `Problem`, never an exception.
+    """
+    candidates = [c for c in _by_seed(agents) if (f := _file(c[2], protocol)) is not None and f.is_file()]
+    problems: list[Problem] = []
+    found = _Collected()
+    for index, row, run in candidates[:runs]:
+        path = _file(run, protocol)
+        assert path is not None
+        try:
+            for episode, waypoint, position, time in _paths(path, condition, episodes):
+                outcome = _outcome(agents[index], row, episode)
+                found.waypoints.setdefault(episode, waypoint)
+                found.tracks.setdefault(episode, []).append(Track(index, run, position, time, outcome))
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            message = f"trajectories.npz cannot be read: {error}"
+            problems.append(Problem(where=run.id, kind="damaged", message=message))
+    scenes = tuple(
+        Scene(episode, found.waypoints[episode], tuple(sorted(tracks, key=lambda t: (t.agent, t.run.seed))))
+        for episode, tracks in sorted(found.tracks.items())
+    )
+    return Scenes(scenes, tuple(problems), max(0, len(candidates) - runs))
+
+
+def pack(scenes: Scenes, *, budget: int = BUDGET) -> list[dict[str, Any]]:
+    """The episodes as plain data for JSON, `budget` characters of positions at most (about).
+
+    A track becomes `{agent, seed, run, outcome, dt, end, unit, start, distance, points}`: `points` is base64
+    of int16 (n, 3) counts of `unit` metres; point i lies at min(i dt, end) seconds after the start.
+    """
+    count = sum(len(scene.tracks) for scene in scenes.scenes)
+    # 6 bytes a point, 4 characters for 3 bytes
+    points = max(24, min(POINTS, budget // max(1, count) // 8))
+    return [
+        {
+            "episode": scene.episode,
+            "waypoint": [round(value, 3) for value in scene.waypoint],
+            "tracks": [_pack_track(track, points) for track in scene.tracks],
+        }
+        for scene in scenes.scenes
+    ]
+
+
+def _pack_track(track: Track, points: int) -> dict[str, Any]:
+    steps = len(track.position) - 1
+    stride = max(1, math.ceil(steps / (points - 1)))
+    kept = np.minimum(np.arange(0, math.ceil(steps / stride) + 1) * stride, steps)
+    elapsed = track.time - track.time[0]
+    duration = float(elapsed[-1])
+    position = track.position[kept]
+    unit = max(UNIT, float(np.abs(position).max(initial=0.0)) / 32767.0)
+    counts = np.rint(position / unit).astype("<i2")
+    return {
+        "agent": track.agent,
+        "seed": track.run.seed,
+        "run": track.run.id,
+        "outcome": track.outcome,
+        "dt": round(duration / max(1, steps) * stride, 9),
+        "end": round(duration, 6),
+        "unit": unit if unit > UNIT else UNIT,
+        "points": base64.b64encode(counts.tobytes()).decode("ascii"),
+    }
+
+
+def _by_seed(agents: Sequence[Agent]) -> Iterator[tuple[int, int, RunRecord]]:
+    """(agent, row, run): the first run of every agent, then the second of every agent, and so on."""
+    for row in range(max((len(agent.runs) for agent in agents), default=0)):
+        for index, agent in enumerate(agents):
+            if row < len(agent.runs):
+                yield index, row, agent.runs[row]
+
+
+def _file(run: RunRecord, protocol: str) -> Path | None:
+    evaluation = run.evaluations.get(protocol)
+    return evaluation.directory / "trajectories.npz" if evaluation else None
+
+
+def _paths(
+    path: Path, condition: str, episodes: int
+) -> Iterator[tuple[int, tuple[float, float, float], NDArray[np.float64], NDArray[np.float64]]]:
+    """(episode, waypoint, position, time) of the first episodes of one condition in one file."""
+    name = re.compile(rf"position_{re.escape(condition)}_(\d+)")
+    with np.load(path, allow_pickle=False) as arrays:
+        numbers = sorted(int(match[1]) for key in arrays.files if (match := name.fullmatch(key)))
+        for episode in numbers[:episodes]:
+            suffix = f"{condition}_{episode}"
+            position = np.asarray(arrays[f"position_{suffix}"], dtype=np.float64)
+            time = np.asarray(arrays[f"time_{suffix}"], dtype=np.float64)
+            waypoint = np.asarray(arrays[f"waypoint_{suffix}"], dtype=np.float64)
+            if position.ndim != 2 or position.shape[1] != 3 or len(position) == 0:
+                raise ValueError(f"position_{suffix} has shape {position.shape}, expected (steps + 1, 3)")
+            if time.shape != (len(position),):
+                raise ValueError(f"time_{suffix} has shape {time.shape}, expected ({len(position)},)")
+            if waypoint.shape != (3,):
+                raise ValueError(f"waypoint_{suffix} has shape {waypoint.shape}, expected (3,)")
+            if not (np.isfinite(position).all() and np.isfinite(time).all() and np.isfinite(waypoint).all()):
+                raise ValueError(f"episode {episode} holds numbers that are not finite")
+            x, y, z = waypoint.tolist()
+            yield episode, (x, y, z), position, time
+
+
+def _outcome(agent: Agent, row: int, episode: int) -> str:
+    if row < agent.outcome.shape[0] and episode < agent.outcome.shape[1]:
+        code = int(agent.outcome[row, episode])
+        return OUTCOMES[code] if 0 <= code < len(OUTCOMES) else ""
+    return ""
