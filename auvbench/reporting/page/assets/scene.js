@@ -1,0 +1,412 @@
+// Drawing the water volume and the paths on a canvas. World ENU: x east, y north, z up, metres.
+const Scene = (() => {
+  "use strict";
+  const DASHES = { solid: [], dashed: [7, 4], dashdot: [8, 3, 2, 3], dotted: [2, 3] };
+  const LIGHT = { ink: "#1c2830", soft: "#566570", rule: "#c9d2d6", raised: "#ffffff", water: "#2b7a8c" };
+  const FOCAL = 1.6;
+  const VIEWS = {
+    free: { azimuth: -1.05, elevation: 0.38, flat: false },
+    top: { azimuth: -Math.PI / 2, elevation: Math.PI / 2, flat: true },
+    south: { azimuth: -Math.PI / 2, elevation: 0, flat: true },
+    east: { azimuth: 0, elevation: 0, flat: true },
+  };
+
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+
+  /** Colours of the page as it looks now; those of paper while printing. */
+  function palette(printing) {
+    if (printing) return LIGHT;
+    const style = getComputedStyle(document.documentElement);
+    return Object.fromEntries(Object.keys(LIGHT).map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+  }
+
+  function luminance(hex) {
+    const parts = [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16) / 255);
+    const linear = parts.map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
+  }
+
+  /** Contrast ratio of two colours (WCAG 2). */
+  function contrast(a, b) {
+    const [low, high] = [luminance(a), luminance(b)].sort((x, y) => x - y);
+    return (high + 0.05) / (low + 0.05);
+  }
+
+  /** A canvas that keeps to its size on the page and the screen's pixels. */
+  function prepare(canvas) {
+    const scale = Math.min(3, window.devicePixelRatio || 1);
+    const [width, height] = [canvas.clientWidth || 600, canvas.clientHeight || 300];
+    const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
+    if (canvas.width !== w) canvas.width = w;
+    if (canvas.height !== h) canvas.height = h;
+    const context = canvas.getContext("2d");
+    context.setTransform(scale, 0, 0, scale, 0, 0);
+    context.clearRect(0, 0, width, height);
+    context.lineJoin = context.lineCap = "round";
+    context.font = '12px system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
+    return { context, width, height };
+  }
+
+  class Camera {
+    constructor() {
+      this.distance = 100;
+      this.target = [0, 0, -30];
+      this.turnTo("free");
+    }
+    turnTo(view) {
+      Object.assign(this, VIEWS[view]);
+    }
+    turn(azimuth, elevation) {
+      this.flat = false;
+      this.azimuth += azimuth;
+      this.elevation = Math.max(-1.2, Math.min(Math.PI / 2, this.elevation + elevation));
+    }
+    zoom(factor) {
+      this.distance = Math.max(2, Math.min(5000, this.distance / factor));
+    }
+    axes() {
+      const [ca, sa] = [Math.cos(this.azimuth), Math.sin(this.azimuth)];
+      const [ce, se] = [Math.cos(this.elevation), Math.sin(this.elevation)];
+      return { right: [-sa, ca, 0], up: [-se * ca, -se * sa, ce], back: [ce * ca, ce * sa, se] };
+    }
+    /** A function from a point (m) to [x, y, metres-to-pixels], null behind the camera. */
+    projector(width, height) {
+      const { right, up, back } = this.axes();
+      const focal = FOCAL * Math.min(width, height);
+      const { target, distance, flat } = this;
+      return (p) => {
+        const rel = [p[0] - target[0], p[1] - target[1], p[2] - target[2]];
+        const depth = flat ? distance : distance - dot(rel, back);
+        if (depth < 0.3) return null;
+        const scale = focal / depth;
+        return [width / 2 + dot(rel, right) * scale, height / 2 - dot(rel, up) * scale, scale];
+      };
+    }
+    /** Move by pixels in the plane of the picture. */
+    pan(dx, dy, width, height) {
+      const { right, up } = this.axes();
+      const metres = this.distance / (FOCAL * Math.min(width, height));
+      this.target = this.target.map((v, i) => v - right[i] * dx * metres + up[i] * dy * metres);
+    }
+    /** Centre the box in the picture and make it fill it, with room for labels. */
+    fit(box, width, height) {
+      this.target = box.low.map((low, i) => (low + box.high[i]) / 2);
+      const size = Math.hypot(...box.low.map((low, i) => box.high[i] - low));
+      this.distance = 2 * FOCAL * size;
+      const room = [Math.max(60, width - 96), Math.max(60, height - 72)];
+      for (let round = 0; round < 6; round++) {
+        const project = this.projector(width, height);
+        const seen = corners(box).map(project).filter(Boolean);
+        const [xs, ys] = [seen.map((p) => p[0]), seen.map((p) => p[1])];
+        const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
+        this.pan(width / 2 - (x0 + x1) / 2, height / 2 - (y0 + y1) / 2, width, height);
+        this.distance *= Math.max((x1 - x0) / room[0], (y1 - y0) / room[1]);
+      }
+    }
+  }
+
+  function corners({ low, high }) {
+    const found = [];
+    for (const x of [low[0], high[0]]) for (const y of [low[1], high[1]]) for (const z of [low[2], high[2]]) found.push([x, y, z]);
+    return found;
+  }
+
+  /** The box around start, waypoint, depth limits and the paths shown, in whole tens of metres sideways. */
+  function bounds(world, waypoint, tracks) {
+    const low = [-20, -20, world.depth[0]];
+    const high = [20, 20, Math.max(world.depth[1], 0)];
+    const take = (x, y) => {
+      low[0] = Math.min(low[0], x); high[0] = Math.max(high[0], x);
+      low[1] = Math.min(low[1], y); high[1] = Math.max(high[1], y);
+    };
+    take(world.start[0], world.start[1]);
+    take(waypoint[0], waypoint[1]);
+    for (const { xyz } of tracks) for (let i = 0; i < xyz.length; i += 3) take(xyz[i], xyz[i + 1]);
+    const step = Math.max(high[0] - low[0], high[1] - low[1]) > 160 ? 50 : 10;
+    for (const i of [0, 1]) {
+      low[i] = Math.floor(low[i] / step) * step;
+      high[i] = Math.ceil(high[i] / step) * step;
+    }
+    return { low, high, step };
+  }
+
+  function line(context, project, points) {
+    context.beginPath();
+    let pen = false;
+    for (const point of points) {
+      const at = project(point);
+      if (!at) { pen = false; continue; }
+      if (pen) context.lineTo(at[0], at[1]);
+      else context.moveTo(at[0], at[1]);
+      pen = true;
+    }
+    context.stroke();
+  }
+
+  function plane(context, project, box, z, colours, fill) {
+    const { low, high, step } = box;
+    const edge = [[low[0], low[1], z], [high[0], low[1], z], [high[0], high[1], z], [low[0], high[1], z]].map(project);
+    if (edge.every(Boolean)) {
+      context.beginPath();
+      edge.forEach((p, i) => (i ? context.lineTo(p[0], p[1]) : context.moveTo(p[0], p[1])));
+      context.closePath();
+      context.globalAlpha = fill;
+      context.fillStyle = colours.water;
+      context.fill();
+    }
+    context.globalAlpha = 0.55;
+    context.strokeStyle = colours.rule;
+    context.lineWidth = 1;
+    for (let x = low[0]; x <= high[0]; x += step) line(context, project, [[x, low[1], z], [x, high[1], z]]);
+    for (let y = low[1]; y <= high[1]; y += step) line(context, project, [[low[0], y, z], [high[0], y, z]]);
+    context.globalAlpha = 1;
+  }
+
+  const text = (value) => String(value).replace("-", "−");
+
+  /** Tick labels along one edge of the box; none where the edge is seen end on. */
+  function axis(context, project, from, to, values, along, name, shift, colours) {
+    const [a, b] = [project(from), project(to)];
+    if (!a || !b || Math.hypot(b[0] - a[0], b[1] - a[1]) < 48) return;
+    const room = Math.hypot(b[0] - a[0], b[1] - a[1]) / Math.max(1, values.length - 1);
+    const every = Math.max(1, Math.ceil(26 / room));
+    context.fillStyle = colours.soft;
+    context.textAlign = shift[0] < 0 ? "right" : shift[0] > 0 ? "left" : "center";
+    context.textBaseline = "middle";
+    values.forEach((value, i) => {
+      if (i % every) return;
+      const point = [...from];
+      point[along] = value;
+      const at = project(point);
+      if (at) context.fillText(text(value), at[0] + shift[0], at[1] + shift[1]);
+    });
+    const middle = [(a[0] + b[0]) / 2 + shift[0] * 3.4, (a[1] + b[1]) / 2 + shift[1] * 2.3];
+    context.fillStyle = colours.ink;
+    context.fillText(name, middle[0], middle[1]);
+  }
+
+  function range(low, high, step) {
+    const values = [];
+    for (let v = Math.ceil(low / step) * step; v <= high + 1e-9; v += step) values.push(v);
+    return values;
+  }
+
+  function axes(context, project, camera, box, world, colours) {
+    const { low, high, step } = box;
+    const { back } = camera.axes();
+    // The edges nearest to the eye, so that labels do not lie over the paths.
+    const x = back[0] >= 0 ? high[0] : low[0];
+    const y = back[1] > 0 ? high[1] : low[1];
+    const z = world.depth[0];
+    const centre = project([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, z]);
+    const side = (p) => (p && centre ? Math.sign(Math.round((p[0] - centre[0]) / 25)) : 0);
+    const drop = camera.elevation >= -0.05 ? 15 : -15;
+    const middleX = project([(low[0] + high[0]) / 2, y, z]);
+    const middleY = project([x, (low[1] + high[1]) / 2, z]);
+    axis(context, project, [low[0], y, z], [high[0], y, z], range(low[0], high[0], step), 0, "east, m", [side(middleX) * 10, drop], colours);
+    const above = camera.flat && camera.elevation > 1;
+    axis(context, project, [x, low[1], z], [x, high[1], z], range(low[1], high[1], step), 1, "north, m", above ? [12, 0] : [side(middleY) * 10, drop], colours);
+    // Depths stand on the box's leftmost vertical edge.
+    const edges = [[low[0], low[1]], [low[0], high[1]], [high[0], low[1]], [high[0], high[1]]];
+    const seen = edges.map((edge) => ({ edge, at: project([...edge, z]) })).filter((entry) => entry.at);
+    seen.sort((a, b) => a.at[0] - b.at[0]);
+    if (!seen.length || above) return;
+    const [ex, ey] = seen[0].edge;
+    context.strokeStyle = colours.rule;
+    line(context, project, [[ex, ey, z], [ex, ey, 0]]);
+    const depths = range(z, 0, 10).map(Math.round);
+    axis(context, project, [ex, ey, z], [ex, ey, 0], depths, 2, "up, m", [-9, 0], colours);
+  }
+
+  /** The sphere around the waypoint that counts as reached: outline, equator and two meridians. */
+  function goal(context, project, waypoint, radius, colours) {
+    const centre = project(waypoint);
+    if (!centre) return;
+    context.beginPath();
+    context.arc(centre[0], centre[1], radius * centre[2], 0, 2 * Math.PI);
+    context.globalAlpha = 0.16;
+    context.fillStyle = colours.water;
+    context.fill();
+    context.globalAlpha = 0.85;
+    context.strokeStyle = colours.water;
+    context.lineWidth = 1.2;
+    context.stroke();
+    context.globalAlpha = 0.5;
+    context.lineWidth = 0.8;
+    const turn = Array.from({ length: 49 }, (_, i) => (i * Math.PI) / 24);
+    const circle = (place) => line(context, project, turn.map((t) => place(radius * Math.cos(t), radius * Math.sin(t))));
+    const [x, y, z] = waypoint;
+    circle((a, b) => [x + a, y + b, z]);
+    circle((a, b) => [x + a, y, z + b]);
+    circle((a, b) => [x, y + a, z + b]);
+    context.globalAlpha = 1;
+    mark(context, centre, "waypoint", colours, radius * centre[2] + 10);
+  }
+
+  function mark(context, at, name, colours, shift) {
+    context.fillStyle = colours.ink;
+    context.textAlign = "center";
+    context.textBaseline = "bottom";
+    context.lineWidth = 3;
+    context.strokeStyle = colours.raised;
+    context.strokeText(name, at[0], at[1] - shift + 6);
+    context.fillText(name, at[0], at[1] - shift + 6);
+  }
+
+  /** The position (m) of a track at a time (s). */
+  function position(track, time) {
+    const { xyz, dt, end } = track;
+    const last = xyz.length / 3 - 1;
+    const t = Math.min(time, end);
+    if (last < 1 || dt <= 0) return [xyz[0], xyz[1], xyz[2]];
+    const i = Math.min(Math.floor(t / dt), last - 1);
+    const [from, to] = [i * dt, Math.min((i + 1) * dt, end)];
+    const part = to > from ? Math.min(1, (t - from) / (to - from)) : 1;
+    return [0, 1, 2].map((k) => xyz[3 * i + k] + part * (xyz[3 * i + 3 + k] - xyz[3 * i + k]));
+  }
+
+  /** Points of a track up to a time, or from it on. */
+  function stretch(track, time, after) {
+    const { xyz, dt } = track;
+    const at = position(track, time);
+    const found = after ? [at] : [];
+    for (let i = 0; i < xyz.length / 3; i++) {
+      if (i * dt > time === after) found.push([xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]]);
+    }
+    if (!after) found.push(at);
+    return found;
+  }
+
+  function path(context, project, track, time, world, colours) {
+    const past = stretch(track, time, false);
+    context.strokeStyle = track.colour;
+    context.globalAlpha = 0.13;
+    context.lineWidth = 1;
+    line(context, project, past.map((p) => [p[0], p[1], world.depth[0]]));
+    if (time < track.end) {
+      context.globalAlpha = 0.28;
+      context.lineWidth = 1.2;
+      line(context, project, stretch(track, time, true));
+    }
+    context.globalAlpha = 1;
+    if (contrast(track.colour, colours.raised) < 2) {
+      context.strokeStyle = colours.soft;
+      context.lineWidth = 4.2;
+      line(context, project, past);
+      context.strokeStyle = track.colour;
+    }
+    context.lineWidth = 2.2;
+    context.setLineDash(DASHES[track.dash] ?? []);
+    line(context, project, past);
+    context.setLineDash([]);
+  }
+
+  /** Where the vehicle is: a dot on its way and at success, a cross at a collision, a square at a timeout. */
+  function vehicle(context, project, track, time, colours) {
+    const at = project(position(track, time));
+    if (!at) return;
+    const ended = time >= track.end - 1e-9;
+    context.fillStyle = track.colour;
+    context.strokeStyle = colours.raised;
+    context.lineWidth = 1.5;
+    const [x, y] = at;
+    if (ended && track.outcome === "collision") {
+      for (const [colour, width] of [[colours.raised, 5], [track.colour, 2.6]]) {
+        context.strokeStyle = colour;
+        context.lineWidth = width;
+        context.beginPath();
+        context.moveTo(x - 5, y - 5); context.lineTo(x + 5, y + 5);
+        context.moveTo(x + 5, y - 5); context.lineTo(x - 5, y + 5);
+        context.stroke();
+      }
+      return;
+    }
+    context.beginPath();
+    if (ended && track.outcome === "timeout") context.rect(x - 4.5, y - 4.5, 9, 9);
+    else context.arc(x, y, 5, 0, 2 * Math.PI);
+    context.fill();
+    context.stroke();
+  }
+
+  /** Draw everything. `show` = {world, waypoint, tracks, time, printing}. */
+  function draw(canvas, camera, show) {
+    const { context, width, height } = prepare(canvas);
+    const { world, waypoint, tracks, time } = show;
+    const colours = palette(show.printing);
+    const project = camera.projector(width, height);
+    const box = bounds(world, waypoint, tracks);
+    const below = camera.elevation < 0;
+    plane(context, project, box, world.depth[below ? 1 : 0], colours, 0.08);
+    axes(context, project, camera, box, world, colours);
+    goal(context, project, waypoint, world.goal_radius, colours);
+    const start = project(world.start);
+    if (start) {
+      context.strokeStyle = colours.ink;
+      context.lineWidth = 1.5;
+      context.beginPath();
+      context.arc(start[0], start[1], 4, 0, 2 * Math.PI);
+      context.stroke();
+    }
+    for (const track of tracks) path(context, project, track, time, world, colours);
+    for (const track of tracks) vehicle(context, project, track, time, colours);
+    if (start) mark(context, start, "start", colours, 12);
+    plane(context, project, box, world.depth[below ? 0 : 1], colours, 0.04);
+    return box;
+  }
+
+  /** Distance to the waypoint over time, with the moment shown in the picture above. */
+  function chart(canvas, show) {
+    const { context, width, height } = prepare(canvas);
+    const { world, tracks, time, longest } = show;
+    const colours = palette(show.printing);
+    const area = { left: 40, right: width - 12, top: 12, bottom: height - 30 };
+    let most = 10;
+    for (const track of tracks) for (const d of track.distance) most = Math.max(most, d);
+    const x = (t) => area.left + ((area.right - area.left) * t) / (longest || 1);
+    const y = (d) => area.bottom - ((area.bottom - area.top) * d) / most;
+    context.fillStyle = colours.soft;
+    context.lineWidth = 1;
+    const step = most > 60 ? 50 : most > 25 ? 20 : 10;
+    for (let d = 0; d <= most; d += step) {
+      context.strokeStyle = colours.rule;
+      context.globalAlpha = d ? 0.5 : 1;
+      stroke(context, [[area.left, y(d)], [area.right, y(d)]]);
+      context.globalAlpha = 1;
+      context.textAlign = "right";
+      context.textBaseline = "middle";
+      context.fillText(text(d), area.left - 7, y(d));
+    }
+    const ticks = [1, 2, 5, 10, 20, 50, 100, 200, 500].find((s) => longest / s <= Math.max(3, width / 90)) ?? 1000;
+    context.textBaseline = "top";
+    context.textAlign = "center";
+    for (let t = 0; t <= longest; t += ticks) context.fillText(text(t), x(t), area.bottom + 5);
+    context.textAlign = "right";
+    context.fillStyle = colours.ink;
+    context.fillText("time, s", area.right, area.bottom + 17);
+    context.textAlign = "left";
+    context.fillText("distance to the waypoint, m", area.left + 6, 0);
+    context.strokeStyle = colours.water;
+    context.setLineDash([4, 3]);
+    stroke(context, [[area.left, y(world.goal_radius)], [area.right, y(world.goal_radius)]]);
+    context.setLineDash([]);
+    context.lineWidth = 1.6;
+    for (const track of tracks) {
+      context.strokeStyle = track.colour;
+      context.setLineDash(DASHES[track.dash] ?? []);
+      stroke(context, Array.from(track.distance, (d, i) => [x(Math.min(i * track.dt, track.end)), y(d)]));
+    }
+    context.setLineDash([]);
+    context.strokeStyle = colours.ink;
+    context.lineWidth = 1;
+    stroke(context, [[x(time), area.top], [x(time), area.bottom]]);
+    return { toTime: (px) => Math.max(0, Math.min(longest, ((px - area.left) / (area.right - area.left)) * longest)) };
+  }
+
+  function stroke(context, points) {
+    context.beginPath();
+    points.forEach(([px, py], i) => (i ? context.lineTo(px, py) : context.moveTo(px, py)));
+    context.stroke();
+  }
+
+  return { Camera, DASHES, bounds, draw, chart, position };
+})();

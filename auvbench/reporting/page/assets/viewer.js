@@ -1,0 +1,252 @@
+// The controls of the 3-D view: which episode, which paths, from where, at what time.
+(() => {
+  "use strict";
+  const holder = document.getElementById("data");
+  if (!holder) return;
+  const world = JSON.parse(holder.textContent);
+  const by = (id) => document.getElementById(id);
+  const [canvas, plot, picker, clock, play] = ["scene", "distance", "episode", "clock", "play"].map(by);
+  const body = by("tracks").tBodies[0];
+  const OUTCOMES = { success: "success", collision: "collision", timeout: "timeout", "": "unknown" };
+  const PLAY_SECONDS = 9;
+
+  const camera = new Scene.Camera();
+  const chosen = new Set(); // run ids
+  let episode = world.episodes[0];
+  let tracks = [];
+  let time = 0;
+  let toTime = null;
+  let printing = false;
+  let queued = false;
+
+  /** Positions as metres and distances to the waypoint, unpacked once per track. */
+  function unpack(track, waypoint) {
+    if (track.xyz) return track;
+    const bytes = Uint8Array.from(atob(track.points), (c) => c.charCodeAt(0));
+    const view = new DataView(bytes.buffer);
+    track.xyz = Float32Array.from({ length: bytes.length / 2 }, (_, i) => view.getInt16(2 * i, true) * track.unit);
+    track.distance = Float32Array.from({ length: track.xyz.length / 3 }, (_, i) =>
+      Math.hypot(...[0, 1, 2].map((k) => track.xyz[3 * i + k] - waypoint[k])));
+    Object.assign(track, { colour: world.agents[track.agent].colour, dash: world.agents[track.agent].dash });
+    return track;
+  }
+
+  const shown = () => tracks.filter((track) => chosen.has(track.run));
+  const longest = () => Math.max(0, ...(shown().length ? shown() : tracks).map((track) => track.end));
+
+  function draw() {
+    queued = false;
+    const show = { world, waypoint: episode.waypoint, tracks: shown(), time, longest: longest(), printing };
+    Scene.draw(canvas, camera, show);
+    toTime = Scene.chart(plot, show).toTime;
+    by("now").value = `${time.toFixed(1)} s of ${longest().toFixed(1)} s`;
+    for (const row of body.rows) {
+      const track = tracks[Number(row.dataset.track)];
+      const [at, to] = [Scene.position(track, time), episode.waypoint];
+      row.cells[3].textContent = Math.hypot(at[0] - to[0], at[1] - to[1], at[2] - to[2]).toFixed(1);
+    }
+  }
+
+  function redraw() {
+    if (!queued) requestAnimationFrame(draw);
+    queued = true;
+  }
+
+  function setTime(value) {
+    time = Math.max(0, Math.min(longest(), value));
+    clock.value = String(longest() ? Math.round((1000 * time) / longest()) : 1000);
+    clock.setAttribute("aria-valuetext", `${time.toFixed(1)} seconds`);
+    redraw();
+  }
+
+  function fit() {
+    camera.fit(Scene.bounds(world, episode.waypoint, shown()), canvas.clientWidth, canvas.clientHeight);
+    redraw();
+  }
+
+  /** A short line in the path's colour and dash: the key of the picture. */
+  function key(track) {
+    const space = "http://www.w3.org/2000/svg";
+    const svg = document.createElementNS(space, "svg");
+    const line = document.createElementNS(space, "line");
+    for (const [name, value] of Object.entries({ width: 26, height: 10, "aria-hidden": "true" })) svg.setAttribute(name, value);
+    const look = { x1: 1, x2: 25, y1: 5, y2: 5, stroke: track.colour, "stroke-width": 3, "stroke-dasharray": Scene.DASHES[track.dash]?.join(" ") ?? "" };
+    for (const [name, value] of Object.entries(look)) line.setAttribute(name, value);
+    svg.append(line);
+    return svg;
+  }
+
+  function cell(row, kind, content) {
+    const made = row.insertCell();
+    made.className = kind;
+    made.append(content);
+  }
+
+  function list() {
+    body.replaceChildren();
+    const several = new Set(tracks.map((track) => track.agent)).size < tracks.length;
+    tracks.forEach((track, place) => {
+      const row = body.insertRow();
+      row.dataset.track = String(place);
+      const label = document.createElement("label");
+      const box = document.createElement("input");
+      box.type = "checkbox";
+      box.checked = chosen.has(track.run);
+      box.addEventListener("change", () => {
+        if (box.checked) chosen.add(track.run);
+        else chosen.delete(track.run);
+        setTime(time);
+      });
+      const name = world.agents[track.agent].label + (several ? `, seed ${track.seed}` : "");
+      label.append(box, key(track), name);
+      cell(row, "text", label);
+      cell(row, "text", OUTCOMES[track.outcome] ?? "unknown");
+      cell(row, "number", track.end.toFixed(1));
+      cell(row, "number", "");
+    });
+  }
+
+  function pick(which) {
+    chosen.clear();
+    const agents = new Set();
+    for (const track of tracks) {
+      // The first six agents by rank, one seed of each.
+      if (which === "few" && (agents.size >= 6 || agents.has(track.agent))) continue;
+      if (which === "none") continue;
+      agents.add(track.agent);
+      chosen.add(track.run);
+    }
+  }
+
+  function choose(index) {
+    episode = world.episodes[index];
+    tracks = episode.tracks.map((track) => unpack(track, episode.waypoint));
+    if (!tracks.some((track) => chosen.has(track.run))) pick("few");
+    list();
+    const [x, y, z] = episode.waypoint.map((v) => v.toFixed(1).replace("-", "−"));
+    canvas.setAttribute("aria-label", `Paths of episode ${episode.episode}; waypoint at east ${x} m, north ${y} m, up ${z} m`);
+    setTime(longest());
+    fit();
+  }
+
+  // Playing
+  let playing = false;
+  function setPlaying(on) {
+    playing = on;
+    play.textContent = on ? "Pause" : "Play";
+    play.setAttribute("aria-pressed", String(on));
+    if (!on) return;
+    if (time >= longest()) setTime(0);
+    let before = performance.now();
+    const step = (now) => {
+      if (!playing) return;
+      setTime(time + ((now - before) / 1000) * (longest() / PLAY_SECONDS));
+      before = now;
+      if (time >= longest()) setPlaying(false);
+      else requestAnimationFrame(step);
+    };
+    requestAnimationFrame(step);
+  }
+
+  // Mouse and touch: one pointer turns, Shift or the other buttons move, two pointers pinch and move.
+  const pointers = new Map();
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const held = pointers.get(event.pointerId);
+    if (!held) return;
+    const [dx, dy] = [event.clientX - held.x, event.clientY - held.y];
+    const size = [canvas.clientWidth, canvas.clientHeight];
+    if (pointers.size === 2) {
+      const other = [...pointers].find(([id]) => id !== event.pointerId)[1];
+      const before = Math.hypot(held.x - other.x, held.y - other.y);
+      const after = Math.hypot(event.clientX - other.x, event.clientY - other.y);
+      if (before > 1) camera.zoom(after / before);
+      camera.pan(dx / 2, dy / 2, ...size);
+    } else if (event.shiftKey || event.buttons > 1) camera.pan(dx, dy, ...size);
+    else camera.turn(-dx * 0.008, dy * 0.008);
+    Object.assign(held, { x: event.clientX, y: event.clientY });
+    redraw();
+  });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
+  canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+  canvas.addEventListener("wheel", (event) => {
+    // Only once the view was clicked, so that scrolling the page past it works.
+    if (document.activeElement !== canvas) return;
+    event.preventDefault();
+    camera.zoom(Math.exp(-event.deltaY * 0.0015));
+    redraw();
+  }, { passive: false });
+
+  canvas.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    const arrow = arrows[event.key];
+    if (arrow && event.shiftKey) camera.pan(-24 * arrow[0], -24 * arrow[1], canvas.clientWidth, canvas.clientHeight);
+    else if (arrow) camera.turn(-0.09 * arrow[0], 0.09 * arrow[1]);
+    else if (event.key === "+" || event.key === "=") camera.zoom(1.15);
+    else if (event.key === "-") camera.zoom(1 / 1.15);
+    else if (event.key === " ") setPlaying(!playing);
+    else if (event.key === "0") {
+      camera.turnTo("free");
+      fit();
+    } else return;
+    event.preventDefault();
+    redraw();
+  });
+
+  for (const button of document.querySelectorAll("[data-view]")) {
+    button.addEventListener("click", () => {
+      camera.turnTo(button.dataset.view);
+      fit();
+    });
+  }
+  for (const button of document.querySelectorAll("[data-zoom]")) {
+    button.addEventListener("click", () => {
+      camera.zoom(Number(button.dataset.zoom));
+      redraw();
+    });
+  }
+  for (const button of document.querySelectorAll("[data-pick]")) {
+    button.addEventListener("click", () => {
+      pick(button.dataset.pick);
+      list();
+      setTime(time);
+    });
+  }
+  picker.addEventListener("change", () => {
+    setPlaying(false);
+    choose(Number(picker.value));
+  });
+  play.addEventListener("click", () => setPlaying(!playing));
+  clock.addEventListener("input", () => {
+    setPlaying(false);
+    setTime((Number(clock.value) / 1000) * longest());
+  });
+  const scrub = (event) => {
+    if (event.type === "pointermove" && !event.buttons) return;
+    setPlaying(false);
+    setTime(toTime(event.clientX - plot.getBoundingClientRect().left));
+  };
+  plot.addEventListener("pointerdown", scrub);
+  plot.addEventListener("pointermove", scrub);
+
+  world.episodes.forEach((entry, index) => {
+    const reached = entry.tracks.filter((track) => track.outcome === "success").length;
+    picker.add(new Option(`${entry.episode}: ${reached} of ${entry.tracks.length} reach it`, String(index)));
+  });
+  by("viewer").hidden = false;
+  choose(0);
+  new ResizeObserver(redraw).observe(canvas);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  window.addEventListener("beforeprint", () => {
+    printing = true;
+    draw();
+  });
+  window.addEventListener("afterprint", () => {
+    printing = false;
+    draw();
+  });
+})();

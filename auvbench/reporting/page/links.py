@@ -1,0 +1,62 @@
+"""From a number on the page to the run it comes from."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from urllib.parse import quote
+
+from auvbench.reporting.model import Agent, RunRecord
+
+
+class Links:
+    """Relative links from the page's folder to the files of runs, and anchors within the page."""
+
+    def __init__(
+        self, page: Path, agents: Sequence[Agent], runs: Sequence[RunRecord], protocol: str
+    ) -> None:
+        self._folder = page.parent.resolve()
+        self._protocol = protocol
+        self._agents = {agent.label: index for index, agent in enumerate(agents)}
+        self._runs = {run.id: run for run in runs}
+        self._anchors = {run.id: f"run-{number}" for number, run in enumerate(runs, start=1)}
+
+    def index_of(self, label: str) -> int:
+        return self._agents.get(label, -1)
+
+    def to(self, path: Path) -> str:
+        """A relative URL of a file or folder, percent-encoded; a file: URL on another drive."""
+        try:
+            # A leading ./ keeps a name with a colon from being read as a URL's scheme.
+            return "./" + quote(Path(os.path.relpath(path.resolve(), self._folder)).as_posix())
+        except ValueError:  # Windows: no relative path leads to another drive
+            return path.resolve().as_uri()
+
+    def anchor(self, run_id: str) -> str:
+        """The id of the run's row in the table of runs, '' where the run is not in it."""
+        return self._anchors.get(run_id, "")
+
+    def manifest(self, run: RunRecord) -> str:
+        return self._existing(run.directory / "manifest.json") or self.to(run.directory)
+
+    def training(self, run: RunRecord) -> str:
+        return self._existing(run.directory / "train" / "episodes.csv")
+
+    def evaluation(self, run: RunRecord) -> str:
+        """The test episodes of a run under the report's protocol."""
+        evaluation = run.evaluations.get(self._protocol)
+        return self._existing(evaluation.directory / "episodes.csv") if evaluation else ""
+
+    def of_runs(self, label: str, run_ids: Sequence[str]) -> str:
+        """Where an agent's numbers come from: its run's test episodes, or its rows in the table of runs."""
+        known = [self._runs[run_id] for run_id in run_ids if run_id in self._runs]
+        if len(known) == 1 and (href := self.evaluation(known[0])):
+            return href
+        index = self.index_of(label)
+        if index >= 0 and known:
+            return f"#agent-{index}"
+        return f"#{self._anchors[known[0].id]}" if known else ""
+
+    def _existing(self, path: Path) -> str:
+        return self.to(path) if path.is_file() else ""

@@ -1,0 +1,197 @@
+"""Writes the page: gathers what the template shows, and puts style, script and data inside it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+import re
+import tempfile
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from auvbench.reporting.model import Agent, Finding, Problem, Ranking, RunRecord
+from auvbench.reporting.page import figures as figures_
+from auvbench.reporting.page import sources, table
+from auvbench.reporting.page import trajectories as trajectories_
+from auvbench.reporting.page.links import Links
+
+SCRIPTS = ("tables.js", "lightbox.js", "scene.js", "viewer.js")
+"""Joined in this order into the page's one script."""
+QUESTION = "Which controller tracks waypoints best on this vehicle, and how sure are we?"
+_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+_GREY = "#7f7f7f"
+_DASHES = {"-": "solid", "solid": "solid", "--": "dashed", "dashed": "dashed"} | {
+    "-.": "dashdot",
+    "dashdot": "dashdot",
+    ":": "dotted",
+    "dotted": "dotted",
+}
+
+
+def write(
+    path: Path,
+    *,
+    ranking: Ranking,
+    agents: Sequence[Agent],
+    runs: Sequence[RunRecord],
+    figures: Sequence[figures_.Figure] = (),
+    findings: Sequence[Finding] = (),
+    claims: Sequence[Finding] = (),
+    problems: Sequence[Problem] = (),
+    trajectories: trajectories_.Scenes | None = None,
+    colours: Mapping[str, tuple[str, Any, Any]] | None = None,
+    command: str = "",
+    title: str = "auvbench report",
+) -> Path:
+    """Write the report as one HTML file that needs nothing but a browser.
+
+    Everything is inside the file: style, script, figures, trajectories. Links lead by relative paths to the
+    files of the runs, so the page and the runs move together. The same arguments give the same bytes.
+
+    Args:
+        path: the file to write, usually `report/index.html`; folders are made.
+        ranking: the ranked table.
+        agents: the agents of the ranking, in any order.
+        runs: every run that was found, with or without an evaluation.
+        figures: objects with `name`, `title`, `caption`, `png`, `svg`, in the order to show.
+        findings: sentences that the data generate.
+        claims: the claims of a study with their verdicts.
+        problems: what was found while loading; those of the ranking are added.
+        trajectories: the paths of the 3-D view; None reads them from the agents' runs.
+        colours: by label (colour as #rrggbb, marker, line style), as in the figures; None asks the figures.
+        command: the command line that made the report.
+        title: the page's title.
+
+    Returns:
+        The path that was written.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    order = {row.label: place for place, row in enumerate(ranking.rows)}
+    agents = sorted(agents, key=lambda agent: order.get(agent.label, len(order)))
+    styles = _styles(agents, colours)
+    hues = {label: colour for label, (colour, _) in styles.items()}
+    links = Links(path, agents, runs, ranking.protocol)
+    scenes = trajectories
+    if scenes is None:
+        scenes = trajectories_.read(agents, protocol=ranking.protocol, condition=ranking.condition)
+    embedded, figure_problems = figures_.embed(figures, links)
+    shown = table.main_table(ranking, hues, links)
+    everything = _distinct((*ranking.problems, *problems, *figure_problems, *scenes.problems))
+    style, script = _asset("page.css"), "\n".join(_asset(name) for name in SCRIPTS)
+    html = _environment().get_template("page.html").render(
+        title=title,
+        question=QUESTION,
+        style=Markup(style),
+        script=Markup(script),
+        policy=_policy(script),
+        ranking=ranking,
+        vehicles=sources.vehicles(runs),
+        runs_found=len(runs),
+        table=shown,
+        further=table.further_table(ranking, shown, hues, links),
+        pairs=table.pairs(ranking.comparisons, alpha=1.0 - ranking.confidence),
+        findings=sources.sentences(findings, links),
+        claims=sources.sentences(claims, links),
+        figures=embedded,
+        scenes=scenes,
+        data=_data(scenes, agents, styles, runs),
+        run_columns=sources.RUN_COLUMNS,
+        runs=sources.run_lines(runs, agents, hues, links),
+        problems=sources.by_kind(everything),
+        facts=sources.facts(ranking, agents, runs),
+        command=command,
+        confidence=f"{100 * ranking.confidence:g}",
+    )
+    _replace(path, html)
+    return path
+
+
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.FunctionLoader(_asset),
+        # Labels, ids and messages come from files that anybody may have written.
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _asset(name: str) -> str:
+    return files("auvbench.reporting.page").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def _policy(script: str) -> str:
+    """A content security policy: nothing from a network, no script but the page's own."""
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    return (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
+        f"script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _styles(
+    agents: Sequence[Agent], colours: Mapping[str, tuple[str, Any, Any]] | None
+) -> dict[str, tuple[str, str]]:
+    """(colour, dash) by label; what is not a colour becomes grey, so that nothing else enters a style."""
+    if colours is None:
+        from auvbench.reporting.figures.style import colour_of
+
+        colours = colour_of(agents)
+    found = {}
+    for agent in agents:
+        colour, _, line = colours.get(agent.label, (_GREY, "", "-"))
+        dash = _DASHES.get(line, "dashed") if isinstance(line, str) else "dashed"
+        found[agent.label] = (colour if _COLOUR.fullmatch(colour) else _GREY, dash)
+    return found
+
+
+def _data(
+    scenes: trajectories_.Scenes,
+    agents: Sequence[Agent],
+    styles: Mapping[str, tuple[str, str]],
+    runs: Sequence[RunRecord],
+) -> dict[str, Any]:
+    """What the 3-D view reads; the template's tojson filter escapes it for a script element."""
+    config: Mapping[str, Any] = runs[0].config if runs else {}
+    start = [scene.tracks[0].position[0].tolist() for scene in scenes.scenes[:1]]
+    return {
+        "agents": [
+            {"label": agent.label, "colour": styles[agent.label][0], "dash": styles[agent.label][1]}
+            for agent in agents
+        ],
+        "start": [round(value, 3) for value in start[0]] if start else [0.0, 0.0, -20.0],
+        "goal_radius": _length(config.get("task.goal_radius"), 3.0),
+        "depth": [_length(config.get("task.depth_low"), -60.0), _length(config.get("task.depth_high"), -1.0)],
+        "episodes": trajectories_.pack(scenes),
+    }
+
+
+def _length(value: Any, default: float) -> float:
+    return float(value) if isinstance(value, int | float) and abs(value) < 1e6 else default
+
+
+def _distinct(problems: Sequence[Problem]) -> list[Problem]:
+    return list(dict.fromkeys(problems))
+
+
+def _replace(path: Path, html: str) -> None:
+    """Write beside the file and rename, so that a reader never sees half a page."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(html)
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
