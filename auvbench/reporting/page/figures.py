@@ -6,8 +6,8 @@ import base64
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
+from auvbench.reporting.figures import Figure
 from auvbench.reporting.model import Problem
 from auvbench.reporting.page.links import Links
 
@@ -15,21 +15,6 @@ LARGEST_SVG = 150_000
 """bytes; a larger SVG (a scatter of thousands of points) is slow to draw, so its PNG is taken"""
 BUDGET = 4_500_000
 """bytes of all figures; what does not fit is linked instead"""
-
-
-class Figure(Protocol):
-    """What `reporting.figures` hands over."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def title(self) -> str: ...
-    @property
-    def caption(self) -> str: ...
-    @property
-    def png(self) -> Path: ...
-    @property
-    def svg(self) -> Path: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +30,9 @@ class Embedded:
     """(kind, relative link) of the files beside the page"""
 
 
-def embed(figures: Iterable[Figure], links: Links, *, budget: int = BUDGET) -> tuple[list[Embedded], list[Problem]]:
+def embed(
+    figures: Iterable[Figure], links: Links, *, budget: int = BUDGET
+) -> tuple[list[Embedded], list[Problem]]:
     """All figures in their order; one whose files are missing becomes a `Problem`."""
     found: list[Embedded] = []
     problems: list[Problem] = []

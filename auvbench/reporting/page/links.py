@@ -13,9 +13,7 @@ from auvbench.reporting.model import Agent, RunRecord
 class Links:
     """Relative links from the page's folder to the files of runs, and anchors within the page."""
 
-    def __init__(
-        self, page: Path, agents: Sequence[Agent], runs: Sequence[RunRecord], protocol: str
-    ) -> None:
+    def __init__(self, page: Path, agents: Sequence[Agent], runs: Sequence[RunRecord], protocol: str) -> None:
         self._folder = page.parent.resolve()
         self._protocol = protocol
         self._agents = {agent.label: index for index, agent in enumerate(agents)}

@@ -1,70 +1,78 @@
-"""Numbers as the page prints them: rounded by their uncertainty, with typographic minus signs."""
+"""Numbers as the page prints them: rounded as everywhere in a report, set with typographic signs."""
 
 from __future__ import annotations
 
 import math
 
+from auvbench.reporting import rounding
 from auvbench.reporting.model import Estimate
 
-DASH = "–"
+NOTHING = rounding.NOTHING
 MINUS = "−"
-
-
-def decimals(estimate: Estimate, factor: float = 1.0) -> int:
-    """Decimal places that show two significant digits of the interval's half-width, at most 4."""
-    half = abs(estimate.high - estimate.low) * factor / 2
-    if not math.isfinite(half) or half == 0:
-        return 1
-    return min(4, max(0, 1 - math.floor(math.log10(half))))
+_THIN = "\u202f"
+"""narrow no-break space: parts thousands and stands before a unit"""
 
 
 def fixed(value: float | None, places: int) -> str:
-    """The value with so many decimals; a dash where there is none."""
-    if value is None or not math.isfinite(value):
-        return DASH
-    text = f"{value:,.{places}f}".replace(",", "\u202f")
-    if text.startswith("-"):
-        text = text[1:] if float(f"{value:.{places}f}") == 0 else MINUS + text[1:]
-    return text
+    """The value with so many decimals; a dash where there is none.
+
+    >>> fixed(-1234.56, 1), fixed(None, 1)
+    ('−1234.6', '–')
+    """
+    return NOTHING if value is None else typeset(rounding.fixed(value, places))
 
 
-def value(estimate: Estimate, factor: float = 1.0) -> str:
-    return fixed(estimate.value * factor, decimals(estimate, factor))
+def estimate(of: Estimate, scale: float = 1.0) -> tuple[str, str]:
+    """Value and interval: ('98.0', '96.4 – 98.9'); the interval is '' where there is none.
+
+    >>> estimate(Estimate(0.98, 0.964, 0.989), 100.0)
+    ('98.0', '96.4 – 98.9')
+    """
+    value, low, high = (typeset(text) for text in rounding.rounded(of, scale))
+    return value, f"{low} – {high}" if low else ""
 
 
-def interval(estimate: Estimate, factor: float = 1.0) -> str:
-    """'94.1 – 98.9'; '' where there is no interval."""
-    if not (math.isfinite(estimate.low) and math.isfinite(estimate.high)):
-        return ""
-    places = decimals(estimate, factor)
-    return f"{fixed(estimate.low * factor, places)} {DASH} {fixed(estimate.high * factor, places)}"
+def typeset(number: str) -> str:
+    """A real minus sign, and thousands parted by a narrow space from five digits on."""
+    sign = MINUS if number.startswith("-") else ""
+    whole, point, rest = number.removeprefix("-").partition(".")
+    if whole.isdecimal() and len(whole) > 4:
+        whole = f"{int(whole):,}".replace(",", _THIN)
+    return sign + whole + point + rest
 
 
 def probability(p: float) -> str:
-    """Two decimals, and never 0 or 1 for what is only close to them."""
+    """Two decimals, and never 0 or 1 for what is only close to them.
+
+    >>> probability(0.834), probability(0.001), probability(0.9999)
+    ('0.83', '< 0.01', '> 0.99')
+    """
     if not math.isfinite(p):
-        return DASH
+        return NOTHING
     if p < 0.005:
         return "< 0.01"
     return "> 0.99" if p > 0.995 else f"{p:.2f}"
 
 
 def p_value(p: float) -> str:
+    """Three decimals, with a floor: '< 0.001'."""
     if not math.isfinite(p):
-        return DASH
-    if p < 0.001:
-        return "< 0.001"
-    return f"{p:.3f}"
+        return NOTHING
+    return "< 0.001" if p < 0.001 else f"{p:.3f}"
 
 
 def duration(seconds: float | None) -> str:
-    """'11 h 44 min', '4 min 10 s', '12.3 s'."""
+    """A length of time as one says it.
+
+    >>> duration(42240.0), duration(250.0), duration(12.34)
+    ('11 h 44 min', '4 min 10 s', '12.3 s')
+    """
     if seconds is None or not math.isfinite(seconds) or seconds < 0:
-        return DASH
-    if seconds < 60:
+        return NOTHING
+    if seconds < 59.95:
         return f"{seconds:.1f} s"
-    minutes = round(seconds / 60)
-    if minutes >= 60:
-        return f"{minutes // 60} h {minutes % 60} min"
     whole = round(seconds)
-    return f"{whole // 60} min {whole % 60} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    minutes = round(seconds / 60)
+    return f"{minutes // 60} h {minutes % 60} min"

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from auvbench.reporting.model import Agent, Finding, Problem, Ranking, RunRecord
+from auvbench.reporting.model import Agent, Finding, Ranking, RunRecord
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 
@@ -72,7 +72,15 @@ class Fact:
     values: tuple[str, ...]
 
 
-RUN_COLUMNS = ("Success, %", "Collision, %", "Timeout, %", "Steps", "Trained steps", "Training success, %", "Time")
+RUN_COLUMNS = (
+    "Success, %",
+    "Collision, %",
+    "Timeout, %",
+    "Steps",
+    "Train steps",
+    "Train success, %",
+    "Time",
+)
 """The numbers of `RunLine.numbers`."""
 
 
@@ -111,14 +119,6 @@ def sentences(findings: Iterable[Finding], links: Links) -> list[Sentence]:
     return found
 
 
-def by_kind(problems: Iterable[Problem]) -> dict[str, list[Problem]]:
-    """Problems grouped by kind, each kind in the order met."""
-    found: dict[str, list[Problem]] = {}
-    for problem in problems:
-        found.setdefault(problem.kind, []).append(problem)
-    return found
-
-
 def facts(ranking: Ranking, agents: Sequence[Agent], runs: Sequence[RunRecord]) -> list[Fact]:
     """What a reader needs to judge and repeat the numbers, as far as the runs tell it."""
     episodes = sorted({row.episodes for row in ranking.rows})
@@ -146,7 +146,7 @@ def vehicles(runs: Iterable[RunRecord]) -> tuple[str, ...]:
 def _run_line(
     run: RunRecord, agent: Agent | None, row: int, agent_anchor: str, colours: Mapping[str, str], links: Links
 ) -> RunLine:
-    test: list[Number] = [Number(numbers.DASH, None)] * 4
+    test: list[Number] = [Number(numbers.NOTHING, None)] * 4
     if agent is not None:
         href = links.evaluation(run)
         rates = [float((agent.outcome[row] == code).mean()) for code in range(3)]
@@ -192,7 +192,7 @@ def _number(value: Any) -> float | None:
 
 def _span(values: Sequence[int]) -> str:
     if not values:
-        return numbers.DASH
+        return numbers.NOTHING
     return f"{values[0]}" if len(values) == 1 else f"{values[0]} to {values[-1]}"
 
 

@@ -9,62 +9,59 @@ from dataclasses import dataclass
 from auvbench.reporting.model import Comparison, Estimate, Ranking, Row
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
+from auvbench.reporting.tables.columns import COLUMNS
 
-PLOT_WIDTH = 132
+PLOT_WIDTH = 108
 """px of an interval plot; its ends keep `PLOT_MARGIN` for the dot"""
 PLOT_MARGIN = 6
 
 
+DEFINITIONS = {
+    "success_rate": "episodes that reach the waypoint",
+    "collision_rate": "episodes that leave the depth limits",
+    "timeout_rate": "episodes that use up their steps",
+    "mean_steps": "agent steps of an episode",
+    "mean_time_to_goal_s": "simulated time of the successful episodes",
+    "mean_duration_s": "simulated time of an episode",
+    "mean_return": "sum of the rewards of an episode",
+    "mean_final_distance_m": "distance to the waypoint when the episode ends",
+    "mean_deviation_mean_m": "perpendicular distance from the straight line between start and waypoint",
+    "mean_deviation_std_m": "standard deviation over the steps of the distance from the straight line",
+    "mean_command_norm_mean_N": "mean over the steps of the norm of the commands",
+    "mean_command_norm_sum_N": "sum over the steps of the norm of the commands",
+    "mean_energy_J": "electrical energy of an episode by the thrusters' table",
+    "mean_path_length_m": "length of the path travelled",
+    "mean_path_efficiency": "straight line divided by the path travelled",
+    "mean_smoothness_per_s": "mean change of the commands per second",
+    "mean_depth_margin_m": "smallest distance to the depth limits",
+}
+"""What a metric is, shown with its heading."""
+
+MAIN = (
+    "success_rate",
+    "mean_steps",
+    "collision_rate",
+    "timeout_rate",
+    "mean_deviation_mean_m",
+    "mean_command_norm_mean_N",
+    "mean_energy_J",
+)
+"""The metrics of the main table, in order; all others stand in the second one."""
+
+
 @dataclass(frozen=True, slots=True)
-class Column:
-    """One metric of the table."""
+class Heading:
+    """A column's metric, the words over it, and how its numbers are printed."""
 
     metric: str
-    """name in `Row.estimates`"""
     title: str
     unit: str
     definition: str
-    factor: float = 1.0
-    """from the metric's unit to the printed one"""
-    rate: bool = False
+    scale: float
 
-
-COLUMNS = (
-    Column("success_rate", "Success", "%", "episodes that reach the waypoint", 100.0, True),
-    Column("mean_steps", "Steps", "", "mean number of agent steps of an episode"),
-    Column("collision_rate", "Collision", "%", "episodes that leave the depth limits", 100.0, True),
-    Column("timeout_rate", "Timeout", "%", "episodes that use up their steps", 100.0, True),
-    Column(
-        "mean_deviation_mean_m",
-        "Deviation",
-        "m",
-        "mean perpendicular distance from the straight line between start and waypoint (the thesis's d_delta)",
-    ),
-    Column(
-        "mean_command_norm_mean_N",
-        "Command",
-        "N",
-        "mean norm of the thruster commands (the thesis's norm of u)",
-    ),
-    Column("mean_energy_J", "Energy", "kJ", "electrical energy of an episode by the thruster's table", 1e-3),
-    Column("mean_path_efficiency", "Efficiency", "", "straight line divided by the path travelled"),
-)
-"""The columns of the main table, in order."""
-
-FURTHER = (
-    Column("mean_duration_s", "Duration", "s", "simulated time of an episode"),
-    Column("mean_return", "Return", "", "sum of the rewards of an episode"),
-    Column("mean_initial_distance_m", "Initial distance", "m", "from the start to the waypoint"),
-    Column("mean_final_distance_m", "Final distance", "m", "to the waypoint when the episode ends"),
-    Column(
-        "mean_deviation_std_m", "Deviation, std", "m", "standard deviation of the deviation over the steps"
-    ),
-    Column("mean_command_norm_sum_N", "Command, sum", "kN", "sum over an episode of the norm of the commands", 1e-3),
-    Column("mean_path_length_m", "Path length", "m", "length of the path travelled"),
-    Column("mean_smoothness_per_s", "Command change", "1/s", "mean change of the commands per second"),
-    Column("mean_depth_margin_m", "Depth margin", "m", "smallest distance to the depth limits"),
-)
-"""The columns of the second table; metrics that are in neither list follow under their own names."""
+    @property
+    def rate(self) -> bool:
+        return self.unit == "%"
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,24 +80,24 @@ class Axis:
     low: float
     high: float
     unit: str
+    places: int
+    """decimals of the ends"""
 
     @property
     def ends(self) -> tuple[str, str]:
-        places = 0 if self.high - self.low >= 2 else 2
         return (
-            numbers.fixed(self.low, places),
-            numbers.fixed(self.high, places) + ("\u202f" + self.unit if self.unit else ""),
+            numbers.fixed(self.low, self.places),
+            numbers.fixed(self.high, self.places) + ("\u202f" + self.unit if self.unit else ""),
         )
 
-    def plot(self, estimate: Estimate, factor: float) -> Plot | None:
-        numbers_ = [estimate.low * factor, estimate.high * factor, estimate.value * factor]
-        if not all(map(math.isfinite, numbers_)):
+    def plot(self, estimate: Estimate, scale: float) -> Plot | None:
+        shown = [estimate.low * scale, estimate.high * scale, estimate.value * scale]
+        if not all(map(math.isfinite, shown)):
             return None
         span = (self.high - self.low) or 1.0
         width = PLOT_WIDTH - 2 * PLOT_MARGIN
         low, high, value = (
-            round(PLOT_MARGIN + width * min(1.0, max(0.0, (number - self.low) / span)), 1)
-            for number in numbers_
+            round(PLOT_MARGIN + width * min(1.0, max(0.0, (number - self.low) / span)), 1) for number in shown
         )
         return Plot(low, high, value)
 
@@ -140,7 +137,7 @@ class Line:
 class Table:
     """The ranked table: one line per agent, one cell per column."""
 
-    columns: tuple[Column, ...]
+    headings: tuple[Heading, ...]
     lines: tuple[Line, ...]
     axis: Axis | None
     """of the first column, which is drawn"""
@@ -167,78 +164,87 @@ class Pair:
 
 
 def main_table(ranking: Ranking, colours: Mapping[str, str], links: Links) -> Table:
-    """The metric ranked by first, then the usual columns that the ranking holds."""
-    known = {column.metric: column for column in (*COLUMNS, *FURTHER)}
+    """The metric ranked by first and drawn, then the usual metrics that the ranking holds."""
     held = _held(ranking)
-    first = known.get(ranking.rank_by) or _unknown(ranking.rank_by)
-    columns = [first] if first.metric in held else []
-    columns += [column for column in COLUMNS if column.metric in held and column is not first]
-    return _table(ranking, tuple(columns), colours, links)
+    metrics = dict.fromkeys((ranking.rank_by, *MAIN))
+    return _table(ranking, [m for m in metrics if m in held], colours, links, draw=True)
 
 
 def further_table(ranking: Ranking, shown: Table, colours: Mapping[str, str], links: Links) -> Table | None:
-    """Every metric that the main table leaves out."""
-    known = {column.metric: column for column in (*COLUMNS, *FURTHER)}
-    there = {column.metric for column in shown.columns}
+    """Every metric that the main table leaves out, None where it shows all."""
+    there = {heading.metric for heading in shown.headings}
     rest = [metric for metric in _held(ranking) if metric not in there]
-    order = {column.metric: place for place, column in enumerate(FURTHER)}
+    order = {metric: place for place, metric in enumerate(DEFINITIONS)}
     rest.sort(key=lambda metric: (order.get(metric, len(order)), metric))
-    if not rest:
-        return None
-    return _table(ranking, tuple(known.get(m) or _unknown(m) for m in rest), colours, links, draw=False)
+    return _table(ranking, rest, colours, links, draw=False) if rest else None
 
 
 def pairs(comparisons: Iterable[Comparison], *, alpha: float = 0.05) -> list[Pair]:
     """The comparisons; differences of rates in percentage points; resolved where the adjusted p is below alpha."""
-    known = {column.metric: column for column in (*COLUMNS, *FURTHER)}
     found = []
     for comparison in comparisons:
-        column = known.get(comparison.metric) or _unknown(comparison.metric)
-        unit = "points" if column.rate else column.unit
-        text = numbers.value(comparison.difference, column.factor)
-        improvement = comparison.probability_of_improvement
+        heading = _heading(comparison.metric)
+        unit = "points" if heading.rate else heading.unit
+        difference, interval = numbers.estimate(comparison.difference, heading.scale)
+        improvement, improvement_interval = numbers.estimate(comparison.probability_of_improvement)
         found.append(
             Pair(
                 first=comparison.first,
                 second=comparison.second,
-                metric=f"{column.title} ({unit})" if unit else column.title,
-                difference=text if text.startswith((numbers.MINUS, numbers.DASH)) else f"+{text}",
-                interval=numbers.interval(comparison.difference, column.factor),
+                metric=f"{heading.title} ({unit})" if unit else heading.title,
+                difference=difference
+                if difference[0] in (numbers.MINUS + numbers.NOTHING)
+                else f"+{difference}",
+                interval=interval,
                 difference_sort=_sortable(comparison.difference.value),
                 p_adjusted=numbers.p_value(comparison.p_adjusted),
                 p_sort=_sortable(comparison.p_adjusted),
-                improvement=numbers.value(improvement),
-                improvement_interval=numbers.interval(improvement),
-                improvement_sort=_sortable(improvement.value),
+                improvement=improvement,
+                improvement_interval=improvement_interval,
+                improvement_sort=_sortable(comparison.probability_of_improvement.value),
                 resolved=comparison.p_adjusted < alpha,
             )
         )
     return found
 
 
+def order_in_words(ranking: Ranking) -> str:
+    """'success, then steps'."""
+    titles = [_heading(metric).title.lower() for metric in (ranking.rank_by, ranking.then) if metric]
+    return ", then ".join(titles)
+
+
 def _held(ranking: Ranking) -> list[str]:
     return list(dict.fromkeys(metric for row in ranking.rows for metric in row.estimates))
 
 
-def _unknown(metric: str) -> Column:
-    return Column(metric, metric.removeprefix("mean_").replace("_", " "), "", metric)
+def _heading(metric: str) -> Heading:
+    """The words of the other tables where they have this metric, its own name in words where not."""
+    definition = DEFINITIONS.get(metric, metric)
+    for column in COLUMNS:
+        if column.metric == metric:
+            title = column.title[0].upper() + column.title[1:]
+            return Heading(metric, title, column.unit, definition, column.scale)
+    stem, unit = metric.removeprefix("mean_"), ""
+    for suffix, name in (("_per_s", "1/s"), ("_s", "s"), ("_m", "m"), ("_N", "N"), ("_J", "J")):
+        if stem.endswith(suffix):
+            stem, unit = stem.removesuffix(suffix), name
+            break
+    words = stem.replace("_", " ")
+    return Heading(metric, words[:1].upper() + words[1:], unit, definition, 1.0)
 
 
 def _table(
-    ranking: Ranking,
-    columns: tuple[Column, ...],
-    colours: Mapping[str, str],
-    links: Links,
-    *,
-    draw: bool = True,
+    ranking: Ranking, metrics: Sequence[str], colours: Mapping[str, str], links: Links, *, draw: bool
 ) -> Table:
-    axis = _axis(ranking.rows, columns[0]) if draw and columns else None
-    lines = tuple(_line(row, columns, axis, colours, links) for row in ranking.rows)
-    return Table(columns, lines, axis, any(line.one_seed for line in lines))
+    headings = tuple(_heading(metric) for metric in metrics)
+    axis = _axis(ranking.rows, headings[0]) if draw and headings else None
+    lines = tuple(_line(row, headings, axis, colours, links) for row in ranking.rows)
+    return Table(headings, lines, axis, any(line.one_seed for line in lines))
 
 
 def _line(
-    row: Row, columns: Sequence[Column], axis: Axis | None, colours: Mapping[str, str], links: Links
+    row: Row, headings: Sequence[Heading], axis: Axis | None, colours: Mapping[str, str], links: Links
 ) -> Line:
     href = links.of_runs(row.label, row.run_ids)
     low, high = row.rank_interval
@@ -247,7 +253,7 @@ def _line(
         label=row.label,
         colour=colours.get(row.label, ""),
         rank=row.rank,
-        rank_interval=f"{low}" if low == high else f"{low} {numbers.DASH} {high}",
+        rank_interval=f"{low}" if low == high else f"{low} {numbers.NOTHING} {high}",
         rank_sort=row.rank + (low + high) / 1e6,
         group=row.group,
         best=numbers.probability(row.probability_best),
@@ -256,36 +262,34 @@ def _line(
         one_seed=len(row.seeds) == 1,
         href=href,
         cells=tuple(
-            _cell(row.estimates.get(column.metric), column, href, axis if place == 0 else None)
-            for place, column in enumerate(columns)
+            _cell(row.estimates.get(heading.metric), heading, href, axis if place == 0 else None)
+            for place, heading in enumerate(headings)
         ),
     )
 
 
-def _cell(estimate: Estimate | None, column: Column, href: str, axis: Axis | None) -> Cell:
+def _cell(estimate: Estimate | None, heading: Heading, href: str, axis: Axis | None) -> Cell:
     if estimate is None or not math.isfinite(estimate.value):
-        return Cell(numbers.DASH, "", None, "")
-    return Cell(
-        text=numbers.value(estimate, column.factor),
-        interval=numbers.interval(estimate, column.factor),
-        sort=estimate.value,
-        href=href,
-        plot=axis.plot(estimate, column.factor) if axis else None,
-    )
+        return Cell(numbers.NOTHING, "", None, "")
+    text, interval = numbers.estimate(estimate, heading.scale)
+    plot = axis.plot(estimate, heading.scale) if axis else None
+    return Cell(text, interval, estimate.value, href, plot)
 
 
-def _axis(rows: Iterable[Row], column: Column) -> Axis | None:
+def _axis(rows: Iterable[Row], heading: Heading) -> Axis | None:
     """Round ends around all intervals of a column; rates stay within 0 to 100."""
-    found = [row.estimates[column.metric] for row in rows if column.metric in row.estimates]
-    ends = [v * column.factor for e in found for v in (e.low, e.high, e.value) if math.isfinite(v)]
+    found = [row.estimates[heading.metric] for row in rows if heading.metric in row.estimates]
+    ends = [v * heading.scale for e in found for v in (e.low, e.high, e.value) if math.isfinite(v)]
     if not ends:
         return None
     low, high = min(ends), max(ends)
     step = 10.0 ** math.floor(math.log10((high - low) or 1.0))
     low, high = math.floor(low / step) * step, math.ceil(high / step) * step
-    if column.rate:
+    if high <= low:  # one value without an interval
+        low, high = low - step, high + step
+    if heading.rate:
         low, high = max(0.0, low), min(100.0, high)
-    return Axis(low, high if high > low else low + step, column.unit)
+    return Axis(low, high, heading.unit, max(0, -math.floor(math.log10(step))))
 
 
 def _sortable(value: float) -> float | None:

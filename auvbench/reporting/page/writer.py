@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import os
 import re
-import tempfile
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -15,11 +13,14 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from auvbench.reporting.model import Agent, Finding, Problem, Ranking, RunRecord
+from auvbench.reporting.figures import Figure
+from auvbench.reporting.model import Agent, Comparison, Finding, Problem, Ranking, RunRecord
 from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import sources, table
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
+from auvbench.reporting.tables.notes import grouped
+from auvbench.reporting.write import against_baseline, text
 
 SCRIPTS = ("tables.js", "lightbox.js", "scene.js", "viewer.js")
 """Joined in this order into the page's one script."""
@@ -40,12 +41,12 @@ def write(
     ranking: Ranking,
     agents: Sequence[Agent],
     runs: Sequence[RunRecord],
-    figures: Sequence[figures_.Figure] = (),
+    figures: Sequence[Figure] = (),
     findings: Sequence[Finding] = (),
     claims: Sequence[Finding] = (),
     problems: Sequence[Problem] = (),
     trajectories: trajectories_.Scenes | None = None,
-    colours: Mapping[str, tuple[str, Any, Any]] | None = None,
+    colours: Mapping[str, tuple[str, Any, Any]],
     command: str = "",
     title: str = "auvbench report",
 ) -> Path:
@@ -64,7 +65,7 @@ def write(
         claims: the claims of a study with their verdicts.
         problems: what was found while loading; those of the ranking are added.
         trajectories: the paths of the 3-D view; None reads them from the agents' runs.
-        colours: by label (colour as #rrggbb, marker, line style), as in the figures; None asks the figures.
+        colours: by label (colour as #rrggbb, marker, line style), as in the figures.
         command: the command line that made the report.
         title: the page's title.
 
@@ -74,7 +75,6 @@ def write(
     Raises:
         OSError: the file cannot be written.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     order = {row.label: place for place, row in enumerate(ranking.rows)}
     agents = sorted(agents, key=lambda agent: order.get(agent.label, len(order)))
     styles = _styles(agents, colours)
@@ -85,34 +85,41 @@ def write(
         scenes = trajectories_.read(agents, protocol=ranking.protocol, condition=ranking.condition)
     embedded, figure_problems = figures_.embed(figures, links)
     shown = table.main_table(ranking, hues, links)
+    against = against_baseline(ranking)
+    others = _without(ranking.comparisons, against)
     everything = _distinct((*ranking.problems, *problems, *figure_problems, *scenes.problems))
     style, script = _asset("page.css"), "\n".join(_asset(name) for name in SCRIPTS)
-    html = _environment().get_template("page.html").render(
-        title=title,
-        question=QUESTION,
-        style=Markup(style),
-        script=Markup(script),
-        policy=_policy(script),
-        ranking=ranking,
-        vehicles=sources.vehicles(runs),
-        runs_found=len(runs),
-        table=shown,
-        further=table.further_table(ranking, shown, hues, links),
-        pairs=table.pairs(ranking.comparisons, alpha=1.0 - ranking.confidence),
-        findings=sources.sentences(findings, links),
-        claims=sources.sentences(claims, links),
-        figures=embedded,
-        scenes=scenes,
-        data=_data(scenes, agents, styles, runs),
-        run_columns=sources.RUN_COLUMNS,
-        runs=sources.run_lines(runs, agents, hues, links),
-        problems=sources.by_kind(everything),
-        facts=sources.facts(ranking, agents, runs),
-        command=command,
-        confidence=f"{100 * ranking.confidence:g}",
+    html = (
+        _environment()
+        .get_template("page.html")
+        .render(
+            title=title,
+            question=QUESTION,
+            style=Markup(style),
+            script=Markup(script),
+            policy=_policy(script),
+            ranking=ranking,
+            ranked_by=table.order_in_words(ranking),
+            vehicles=sources.vehicles(runs),
+            runs_found=len(runs),
+            table=shown,
+            further=table.further_table(ranking, shown, hues, links),
+            against=table.pairs(against, alpha=1.0 - ranking.confidence),
+            pairs=table.pairs(others, alpha=1.0 - ranking.confidence),
+            findings=sources.sentences(findings, links),
+            claims=sources.sentences(claims, links),
+            figures=embedded,
+            scenes=scenes,
+            data=_data(scenes, agents, styles, runs),
+            run_columns=sources.RUN_COLUMNS,
+            runs=sources.run_lines(runs, agents, hues, links),
+            problems=grouped(tuple(everything)),
+            facts=sources.facts(ranking, agents, runs),
+            command=command,
+            confidence=f"{100 * ranking.confidence:g}",
+        )
     )
-    _replace(path, html)
-    return path
+    return text(path, html)
 
 
 def _environment() -> jinja2.Environment:
@@ -140,13 +147,9 @@ def _policy(script: str) -> str:
 
 
 def _styles(
-    agents: Sequence[Agent], colours: Mapping[str, tuple[str, Any, Any]] | None
+    agents: Sequence[Agent], colours: Mapping[str, tuple[str, Any, Any]]
 ) -> dict[str, tuple[str, str]]:
     """(colour, dash) by label; what is not a colour becomes grey, so that nothing else enters a style."""
-    if colours is None:
-        from auvbench.reporting.figures.style import colour_of
-
-        colours = colour_of(agents)
     found = {}
     for agent in agents:
         colour, _, line = colours.get(agent.label, (_GREY, "", "-"))
@@ -180,18 +183,10 @@ def _length(value: Any, default: float) -> float:
     return float(value) if isinstance(value, int | float) and abs(value) < 1e6 else default
 
 
+def _without(comparisons: Sequence[Comparison], shown: Sequence[Comparison]) -> list[Comparison]:
+    there = {id(comparison) for comparison in shown}
+    return [comparison for comparison in comparisons if id(comparison) not in there]
+
+
 def _distinct(problems: Sequence[Problem]) -> list[Problem]:
     return list(dict.fromkeys(problems))
-
-
-def _replace(path: Path, html: str) -> None:
-    """Write beside the file and rename, so that a reader never sees half a page."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(html)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise

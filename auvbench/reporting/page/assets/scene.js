@@ -4,6 +4,7 @@ const Scene = (() => {
   const DASHES = { solid: [], dashed: [7, 4], dashdot: [8, 3, 2, 3], dotted: [2, 3] };
   const LIGHT = { ink: "#1c2830", soft: "#566570", rule: "#c9d2d6", raised: "#ffffff", water: "#2b7a8c" };
   const FOCAL = 1.6;
+  const PAPER = [560, 400]; // px of the picture in print
   const VIEWS = {
     free: { azimuth: -1.05, elevation: 0.38, flat: false },
     top: { azimuth: -Math.PI / 2, elevation: Math.PI / 2, flat: true },
@@ -32,10 +33,10 @@ const Scene = (() => {
     return (high + 0.05) / (low + 0.05);
   }
 
-  /** A canvas that keeps to its size on the page and the screen's pixels. */
-  function prepare(canvas) {
-    const scale = Math.min(3, window.devicePixelRatio || 1);
-    const [width, height] = [canvas.clientWidth || 600, canvas.clientHeight || 300];
+  /** A canvas that keeps to its size on the page and the screen's pixels, or to a given size on paper. */
+  function prepare(canvas, paper) {
+    const scale = paper ? 3 : Math.min(3, window.devicePixelRatio || 1);
+    const [width, height] = paper || [canvas.clientWidth || 600, canvas.clientHeight || 300];
     const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
     if (canvas.width !== w) canvas.width = w;
     if (canvas.height !== h) canvas.height = h;
@@ -93,7 +94,7 @@ const Scene = (() => {
       this.target = box.low.map((low, i) => (low + box.high[i]) / 2);
       const size = Math.hypot(...box.low.map((low, i) => box.high[i] - low));
       this.distance = 2 * FOCAL * size;
-      const room = [Math.max(60, width - 96), Math.max(60, height - 72)];
+      const room = [Math.max(60, width - 150), Math.max(60, height - 76)];
       for (let round = 0; round < 6; round++) {
         const project = this.projector(width, height);
         const seen = corners(box).map(project).filter(Boolean);
@@ -162,10 +163,22 @@ const Scene = (() => {
     context.globalAlpha = 1;
   }
 
+  /** Names a depth limit at the rightmost corner of its plane. */
+  function limit(context, project, box, z, colours) {
+    const { low, high } = box;
+    const seen = [[low[0], low[1], z], [high[0], low[1], z], [high[0], high[1], z], [low[0], high[1], z]].map(project).filter(Boolean);
+    if (!seen.length) return;
+    const at = seen.reduce((best, p) => (p[0] > best[0] ? p : best));
+    context.fillStyle = colours.water;
+    context.textAlign = "left";
+    context.textBaseline = "middle";
+    context.fillText(`limit ${text(z)} m`, at[0] + 8, at[1]);
+  }
+
   const text = (value) => String(value).replace("-", "−");
 
   /** Tick labels along one edge of the box; none where the edge is seen end on. */
-  function axis(context, project, from, to, values, along, name, shift, colours) {
+  function axis(context, project, from, to, values, along, name, shift, colours, taken) {
     const [a, b] = [project(from), project(to)];
     if (!a || !b || Math.hypot(b[0] - a[0], b[1] - a[1]) < 48) return;
     const room = Math.hypot(b[0] - a[0], b[1] - a[1]) / Math.max(1, values.length - 1);
@@ -178,11 +191,16 @@ const Scene = (() => {
       const point = [...from];
       point[along] = value;
       const at = project(point);
-      if (at) context.fillText(text(value), at[0] + shift[0], at[1] + shift[1]);
+      if (!at) return;
+      const label = [at[0] + shift[0], at[1] + shift[1]];
+      // A corner belongs to two axes; the second one leaves it unlabelled.
+      if (taken.some((other) => Math.abs(other[0] - label[0]) < 30 && Math.abs(other[1] - label[1]) < 19)) return;
+      taken.push(label);
+      context.fillText(text(value), ...label);
     });
-    const middle = [(a[0] + b[0]) / 2 + shift[0] * 3.4, (a[1] + b[1]) / 2 + shift[1] * 2.3];
     context.fillStyle = colours.ink;
-    context.fillText(name, middle[0], middle[1]);
+    if (along === 2) context.fillText(name, b[0] + 12, b[1] - 16);
+    else context.fillText(name, (a[0] + b[0]) / 2 + shift[0] * 3.4, (a[1] + b[1]) / 2 + shift[1] * 2.3);
   }
 
   function range(low, high, step) {
@@ -194,6 +212,7 @@ const Scene = (() => {
   function axes(context, project, camera, box, world, colours) {
     const { low, high, step } = box;
     const { back } = camera.axes();
+    const taken = [];
     // The edges nearest to the eye, so that labels do not lie over the paths.
     const x = back[0] >= 0 ? high[0] : low[0];
     const y = back[1] > 0 ? high[1] : low[1];
@@ -203,9 +222,9 @@ const Scene = (() => {
     const drop = camera.elevation >= -0.05 ? 15 : -15;
     const middleX = project([(low[0] + high[0]) / 2, y, z]);
     const middleY = project([x, (low[1] + high[1]) / 2, z]);
-    axis(context, project, [low[0], y, z], [high[0], y, z], range(low[0], high[0], step), 0, "east, m", [side(middleX) * 10, drop], colours);
+    axis(context, project, [low[0], y, z], [high[0], y, z], range(low[0], high[0], step), 0, "east, m", [side(middleX) * 10, drop], colours, taken);
     const above = camera.flat && camera.elevation > 1;
-    axis(context, project, [x, low[1], z], [x, high[1], z], range(low[1], high[1], step), 1, "north, m", above ? [12, 0] : [side(middleY) * 10, drop], colours);
+    axis(context, project, [x, low[1], z], [x, high[1], z], range(low[1], high[1], step), 1, "north, m", above ? [12, 0] : [side(middleY) * 10, drop], colours, taken);
     // Depths stand on the box's leftmost vertical edge.
     const edges = [[low[0], low[1]], [low[0], high[1]], [high[0], low[1]], [high[0], high[1]]];
     const seen = edges.map((edge) => ({ edge, at: project([...edge, z]) })).filter((entry) => entry.at);
@@ -215,7 +234,7 @@ const Scene = (() => {
     context.strokeStyle = colours.rule;
     line(context, project, [[ex, ey, z], [ex, ey, 0]]);
     const depths = range(z, 0, 10).map(Math.round);
-    axis(context, project, [ex, ey, z], [ex, ey, 0], depths, 2, "up, m", [-9, 0], colours);
+    axis(context, project, [ex, ey, z], [ex, ey, 0], depths, 2, "up, m", [-9, 0], colours, taken);
   }
 
   /** The sphere around the waypoint that counts as reached: outline, equator and two meridians. */
@@ -240,7 +259,6 @@ const Scene = (() => {
     circle((a, b) => [x + a, y, z + b]);
     circle((a, b) => [x, y + a, z + b]);
     context.globalAlpha = 1;
-    mark(context, centre, "waypoint", colours, radius * centre[2] + 10);
   }
 
   function mark(context, at, name, colours, shift) {
@@ -330,7 +348,7 @@ const Scene = (() => {
 
   /** Draw everything. `show` = {world, waypoint, tracks, time, printing}. */
   function draw(canvas, camera, show) {
-    const { context, width, height } = prepare(canvas);
+    const { context, width, height } = prepare(canvas, show.printing && PAPER);
     const { world, waypoint, tracks, time } = show;
     const colours = palette(show.printing);
     const project = camera.projector(width, height);
@@ -350,13 +368,16 @@ const Scene = (() => {
     for (const track of tracks) path(context, project, track, time, world, colours);
     for (const track of tracks) vehicle(context, project, track, time, colours);
     if (start) mark(context, start, "start", colours, 12);
+    const reached = project(waypoint);
+    if (reached) mark(context, reached, "waypoint", colours, world.goal_radius * reached[2] + 10);
     plane(context, project, box, world.depth[below ? 0 : 1], colours, 0.04);
+    if (!(camera.flat && camera.elevation > 1)) for (const z of world.depth) limit(context, project, box, z, colours);
     return box;
   }
 
   /** Distance to the waypoint over time, with the moment shown in the picture above. */
   function chart(canvas, show) {
-    const { context, width, height } = prepare(canvas);
+    const { context, width, height } = prepare(canvas, show.printing && [PAPER[0], 130]);
     const { world, tracks, time, longest } = show;
     const colours = palette(show.printing);
     const area = { left: 40, right: width - 12, top: 12, bottom: height - 30 };
@@ -408,5 +429,5 @@ const Scene = (() => {
     context.stroke();
   }
 
-  return { Camera, DASHES, bounds, draw, chart, position };
+  return { Camera, DASHES, PAPER, bounds, draw, chart, position };
 })();

@@ -237,15 +237,20 @@
     const reached = entry.tracks.filter((track) => track.outcome === "success").length;
     picker.add(new Option(`${entry.episode}: ${reached} of ${entry.tracks.length} reach it`, String(index)));
   });
+  if (world.agents.length > 6) document.querySelector('[data-pick="few"]').textContent = "First six agents";
   by("viewer").hidden = false;
   choose(0);
   new ResizeObserver(redraw).observe(canvas);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  let before = null;
   window.addEventListener("beforeprint", () => {
+    before = { ...camera };
     printing = true;
+    camera.fit(Scene.bounds(world, episode.waypoint, shown()), ...Scene.PAPER);
     draw();
   });
   window.addEventListener("afterprint", () => {
+    Object.assign(camera, before);
     printing = false;
     draw();
   });

@@ -1,0 +1,357 @@
+"""The page in a real Chromium: it loads, sorts, draws, turns, fits a phone, prints, and asks no network."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from auvbench.reporting import page
+from tests import page_data
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMEDRIVER = shutil.which("chromedriver")
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(
+        CHROMIUM is None or CHROMEDRIVER is None,
+        reason="needs Chromium and its driver (Debian: apt-get install chromium chromium-driver)",
+    ),
+]
+selenium = pytest.importorskip("selenium", reason="needs selenium (pip install auvbench[dev])")
+
+from selenium import webdriver  # noqa: E402
+from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
+from selenium.webdriver.common.by import By  # noqa: E402
+from selenium.webdriver.common.keys import Keys  # noqa: E402
+from selenium.webdriver.remote.webelement import WebElement  # noqa: E402
+from selenium.webdriver.support.ui import Select, WebDriverWait  # noqa: E402
+
+Driver = webdriver.Chrome
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("browser")
+    grid = {"reward_k": (1.0, 40.0), "seeds": (0, 1, 2, 3, 4, 5), "episodes": 40, "train_episodes": 60}
+    parts = page_data.parts(folder, **grid)
+    parts["problems"] = [page_data.hostile_problem()]
+    return page.write(folder / "report" / "index.html", **parts), parts
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Driver]:
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(CHROMIUM)
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-dev-shm-usage",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--window-size=1280,900",
+        f"--user-data-dir={tmp_path_factory.mktemp('profile')}",
+    ):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(str(CHROMEDRIVER)))
+    try:
+        yield driver
+    finally:
+        driver.quit()
+
+
+@pytest.fixture
+def opened(browser: Driver, report: tuple[Path, dict[str, Any]]) -> Iterator[Driver]:
+    """The page, freshly loaded; afterwards the console must be empty and no address asked for."""
+    emulate(browser, 1280, 900)
+    browser.get_log("browser")
+    browser.get_log("performance")
+    browser.get(report[0].as_uri())
+    yield browser
+    assert browser.get_log("browser") == []
+    assert {address.partition(":")[0] for address in requested(browser)} <= {"file", "data"}
+
+
+def requested(browser: Driver) -> list[str]:
+    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    sent = [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
+    sockets = [m["params"]["url"] for m in messages if m["method"] == "Network.webSocketCreated"]
+    return sent + sockets
+
+
+def emulate(browser: Driver, width: int, height: int, scheme: str = "light", mobile: bool = False) -> None:
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    # Without smooth scrolling, so that a click does not meet a page on its way.
+    wishes = {"prefers-color-scheme": scheme, "prefers-reduced-motion": "reduce"}
+    features = [{"name": name, "value": value} for name, value in wishes.items()]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+
+def find(browser: Driver, selector: str) -> WebElement:
+    return browser.find_element(By.CSS_SELECTOR, selector)
+
+
+def picture(browser: Driver, canvas: str = "scene") -> str:
+    """The pixels of a canvas, after whatever it still has to draw."""
+    script = """
+      const [id, done] = arguments;
+      requestAnimationFrame(() => requestAnimationFrame(() => done(document.getElementById(id).toDataURL())));
+    """
+    return str(browser.execute_async_script(script, canvas))
+
+
+def colours(browser: Driver, canvas: str = "scene") -> dict[str, int]:
+    """How many opaque pixels a canvas has of each colour."""
+    script = """
+      const canvas = document.getElementById(arguments[0]);
+      const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
+      copy.drawImage(canvas, 0, 0);
+      const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
+      const found = {};
+      for (let i = 0; i < data.length; i += 4) {
+        if (data[i + 3] < 255) continue;
+        const name = "#" + [0, 1, 2].map((k) => data[i + k].toString(16).padStart(2, "0")).join("");
+        found[name] = (found[name] ?? 0) + 1;
+      }
+      return found;
+    """
+    return dict(browser.execute_script(script, canvas))
+
+
+def column(browser: Driver, table: str, place: int) -> list[str]:
+    cells = browser.find_elements(By.CSS_SELECTOR, f"#{table} tbody tr > :nth-child({place})")
+    return [str(cell.get_attribute("data-sort") or cell.text) for cell in cells]
+
+
+def test_page_has_its_parts_in_order(opened: Driver) -> None:
+    headings = [h.text for h in opened.find_elements(By.TAG_NAME, "h2")]
+    assert headings == [
+        "Ranking",
+        "Findings",
+        "Claims of the study",
+        "Figures",
+        "Episodes in 3-D",
+        "Runs",
+        "Problems",
+        "Methods",
+    ]
+    assert "Which controller" in find(opened, "h1").text
+    assert opened.execute_script("return document.querySelectorAll('h1').length") == 1
+
+
+def test_hostile_text_runs_nothing(opened: Driver) -> None:
+    assert page_data.EVIL in find(opened, "#problems").text
+    assert opened.execute_script("return window.broken === undefined")
+
+
+def test_click_on_a_heading_sorts(opened: Driver) -> None:
+    header = find(opened, "#ranking-table th.plotted")
+    place = opened.execute_script("return arguments[0].cellIndex", header) + 1
+    before = [float(value) for value in column(opened, "ranking-table", place)]
+    assert before == sorted(before, reverse=True)
+    header.find_element(By.TAG_NAME, "button").click()
+    assert header.get_attribute("aria-sort") == "ascending"
+    assert [float(value) for value in column(opened, "ranking-table", place)] == sorted(before)
+    header.find_element(By.TAG_NAME, "button").send_keys(Keys.ENTER)
+    assert header.get_attribute("aria-sort") == "descending"
+    assert [float(value) for value in column(opened, "ranking-table", place)] == before
+    assert len(opened.find_elements(By.CSS_SELECTOR, "#ranking-table [aria-sort]")) == 1
+
+
+def test_text_sorts_by_its_numbers_and_missing_values_stay_last(opened: Driver) -> None:
+    headers = opened.find_elements(By.CSS_SELECTOR, "#runs-table thead th")
+    agent, trained = headers[0], next(h for h in headers if h.text.startswith("Train success"))
+    place = opened.execute_script("return arguments[0].cellIndex", trained) + 1
+    for direction in (1, -1):
+        trained.find_element(By.TAG_NAME, "button").click()
+        values = opened.execute_script(
+            "return [...document.querySelectorAll(`#runs-table tbody tr > :nth-child(${arguments[0]})`)]"
+            ".map((cell) => cell.dataset.sort)",
+            place,
+        )
+        assert values[-1] == ""  # the PID was never trained
+        found = [direction * float(value) for value in values[:-1]]
+        assert found == sorted(found)
+    agent.find_element(By.TAG_NAME, "button").click()
+    names = column(opened, "runs-table", 1)
+    assert names.index("PPO K=1") < names.index("PPO K=40") < names.index("SAC K=1")
+
+
+def test_filter_of_runs(opened: Driver, report: tuple[Path, dict[str, Any]]) -> None:
+    find(opened, "#filter").send_keys("sac k40")
+    shown = [
+        row for row in opened.find_elements(By.CSS_SELECTOR, "#runs-table tbody tr") if row.is_displayed()
+    ]
+    assert len(shown) == 6
+    assert find(opened, "#filtered").text == f"6 of {len(report[1]['runs'])}"
+
+
+def test_3d_view_draws_every_chosen_agent_in_its_colour(
+    opened: Driver, report: tuple[Path, dict[str, Any]]
+) -> None:
+    picture(opened)
+    found = colours(opened)
+    for colour, _, _ in report[1]["colours"].values():
+        assert found.get(colour, 0) > 20, colour
+    opened.find_elements(By.CSS_SELECTOR, "#tracks input")[0].click()
+    picture(opened)
+    first = opened.execute_script(
+        "return JSON.parse(document.getElementById('data').textContent).agents[0].colour"
+    )
+    assert colours(opened).get(first, 0) == 0
+    find(opened, '[data-pick="none"]').click()
+    picture(opened)
+    assert not set(colours(opened)) & {colour for colour, _, _ in report[1]["colours"].values()}
+
+
+def test_3d_view_shows_another_episode(opened: Driver) -> None:
+    first, chart = picture(opened), picture(opened, "distance")
+    choice = Select(find(opened, "#episode"))
+    assert len(choice.options) == 3
+    choice.select_by_index(1)
+    assert picture(opened) != first
+    assert picture(opened, "distance") != chart
+    assert "episode 1" in str(find(opened, "#scene").get_attribute("aria-label"))
+
+
+def test_3d_view_turns_zooms_and_moves(opened: Driver) -> None:
+    canvas = find(opened, "#scene")
+    opened.execute_script("arguments[0].scrollIntoView({block: 'center', behavior: 'instant'})", canvas)
+    seen = [picture(opened)]
+    ActionChains(opened).drag_and_drop_by_offset(canvas, 90, 20).perform()
+    seen.append(picture(opened))
+    for key in (Keys.ARROW_LEFT, Keys.ARROW_UP, "+", "-", Keys.SHIFT + Keys.ARROW_LEFT):
+        canvas.send_keys(key)
+        seen.append(picture(opened))
+    ActionChains(opened).scroll_from_origin(
+        webdriver.common.actions.wheel_input.ScrollOrigin.from_element(canvas), 0, 240
+    ).perform()
+    seen.append(picture(opened))
+    for view in ("top", "south", "east"):
+        find(opened, f'[data-view="{view}"]').click()
+        seen.append(picture(opened))
+    assert all(a != b for a, b in itertools.pairwise(seen))
+    canvas.send_keys("0")
+    assert picture(opened) == seen[0]
+
+
+def test_two_fingers_zoom(opened: Driver) -> None:
+    canvas = find(opened, "#scene")
+    opened.execute_script("arguments[0].scrollIntoView({block: 'center', behavior: 'instant'})", canvas)
+    before = picture(opened)
+    box = opened.execute_script(
+        "const r = arguments[0].getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]",
+        canvas,
+    )
+    for kind, gap in (("touchStart", 40), ("touchMove", 70), ("touchMove", 100), ("touchEnd", 0)):
+        points = [{"x": box[0] + s * gap, "y": box[1], "id": i} for i, s in enumerate((-1, 1))] if gap else []
+        opened.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    assert picture(opened) != before
+
+
+def test_time_scrubs_and_plays_to_the_end(opened: Driver) -> None:
+    end = picture(opened)
+    clock = find(opened, "#clock")
+    clock.send_keys(Keys.HOME)
+    assert picture(opened) != end
+    assert find(opened, "#now").text.startswith("0.0 s of ")
+    distances = [float(text) for text in column(opened, "tracks", 4)]
+    assert max(distances) - min(distances) < 0.1  # everybody is still at the start
+    opened.execute_script("const c = arguments[0]; c.value = 930; c.dispatchEvent(new Event('input'))", clock)
+    find(opened, "#play").click()
+    WebDriverWait(opened, 30).until(lambda d: find(d, "#clock").get_attribute("value") == "1000")
+    WebDriverWait(opened, 30).until(lambda d: find(d, "#play").text == "Play")
+    assert picture(opened) == end
+
+
+def test_figures_enlarge_and_close(opened: Driver) -> None:
+    sizes = opened.execute_script(
+        "return [...document.querySelectorAll('.enlarge img')].map((i) => i.naturalWidth)"
+    )
+    assert len(sizes) == 2
+    assert min(sizes) > 100
+    find(opened, ".enlarge").click()
+    assert find(opened, "#lightbox").is_displayed()
+    caption = find(opened, "#lightbox .caption").text
+    find(opened, "#lightbox").send_keys(Keys.ARROW_RIGHT)
+    assert find(opened, "#lightbox .caption").text != caption
+    ActionChains(opened).send_keys(Keys.ESCAPE).perform()
+    assert not find(opened, "#lightbox").is_displayed()
+
+
+def test_numbers_lead_to_their_runs(opened: Driver) -> None:
+    link = find(opened, "#ranking-table tbody a.number[href^='#agent-']")
+    link.click()
+    target = opened.execute_script("return document.querySelector(':target')?.closest('table').id")
+    assert target == "runs-table"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [360, 768, 1280])
+def test_nothing_hangs_over_the_side(
+    browser: Driver, report: tuple[Path, dict[str, Any]], width: int, scheme: str
+) -> None:
+    emulate(browser, width, 740, scheme, mobile=width < 768)
+    browser.get(report[0].as_uri())
+    for part in browser.find_elements(By.CSS_SELECTOR, "details"):
+        browser.execute_script("arguments[0].open = true", part)
+    inner, scrolled = browser.execute_script("return [innerWidth, document.documentElement.scrollWidth]")
+    assert inner == width
+    assert scrolled <= width
+    background = browser.execute_script("return getComputedStyle(document.body).backgroundColor")
+    assert (sum(int(part) for part in background.strip("rgb()").split(",")) > 384) == (scheme == "light")
+    assert browser.get_log("browser") == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_stands_out_from_its_background(
+    browser: Driver, report: tuple[Path, dict[str, Any]], scheme: str
+) -> None:
+    """WCAG 2.2, 1.4.3: a contrast of at least 4.5 for every text of the page."""
+    emulate(browser, 1280, 900, scheme)
+    browser.get(report[0].as_uri())
+    script = """
+      const rgb = (text) => text.match(/[\\d.]+/g).map(Number);
+      const light = (c) => c.slice(0, 3).map((v) => v / 255)
+        .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+        .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+      const behind = (element) => {
+        for (let e = element; e; e = e.parentElement) {
+          const colour = rgb(getComputedStyle(e).backgroundColor);
+          if (colour.length < 4 || colour[3] > 0) return colour;
+        }
+      };
+      const poor = [];
+      const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+      while (walker.nextNode()) {
+        const element = walker.currentNode.parentElement;
+        if (!walker.currentNode.data.trim() || !element.checkVisibility() || element.matches("script")) continue;
+        const pair = [rgb(getComputedStyle(element).color), behind(element)].map(light).sort((a, b) => a - b);
+        const ratio = (pair[1] + 0.05) / (pair[0] + 0.05);
+        if (ratio < 4.5) poor.push(`${ratio.toFixed(2)} ${walker.currentNode.data.trim()}`);
+      }
+      return poor;
+    """
+    assert browser.execute_script(script) == []
+
+
+def test_print_is_a4_and_leaves_the_screen_as_it_was(opened: Driver) -> None:
+    before = picture(opened)
+    printed = opened.execute_cdp_cmd("Page.printToPDF", {"printBackground": True, "preferCSSPageSize": True})
+    pdf = base64.b64decode(printed["data"])
+    assert pdf.startswith(b"%PDF")
+    assert b"/MediaBox [0 0 595" in pdf or b"/MediaBox [0 0 594" in pdf
+    assert picture(opened) == before
+    assert not find(opened, "details.more").get_attribute("open")

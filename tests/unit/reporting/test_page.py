@@ -1,0 +1,342 @@
+"""The page's Python side: what it reads, packs, links and escapes."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import hashlib
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+import pytest
+
+from auvbench.reporting import page
+from auvbench.reporting.model import Agent, Estimate, Finding, Ranking, Row, RunRecord
+from auvbench.reporting.page import figures, numbers, table, trajectories
+from auvbench.reporting.page.links import Links
+from tests import page_data
+
+
+class Elements(HTMLParser):
+    """All tags with their attributes, and the text of scripts."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self._inside = False
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self._inside = tag == "script"
+        if self._inside:
+            self.scripts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = False
+
+    def handle_data(self, data: str) -> None:
+        if self._inside:
+            self.scripts[-1] += data
+
+    def all(self, attribute: str) -> list[str]:
+        return [value for _, attrs in self.tags if (value := attrs.get(attribute))]
+
+
+@pytest.fixture(scope="module")
+def grid(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    folder = tmp_path_factory.mktemp("page")
+    return {"folder": folder, **page_data.parts(folder, episodes=30, train_episodes=50)}
+
+
+def written(grid: dict[str, Any], **changes: Any) -> str:
+    given = {key: value for key, value in grid.items() if key != "folder"} | changes
+    path = grid["folder"] / "report" / ("changed.html" if changes else "index.html")
+    return page.write(path, **given).read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def html(grid: dict[str, Any]) -> str:
+    return written(grid)
+
+
+def test_same_arguments_same_bytes(grid: dict[str, Any], html: str) -> None:
+    assert written(grid) == html
+
+
+def test_nothing_comes_from_elsewhere(html: str) -> None:
+    elements = Elements(html)
+    assert all(src.startswith("data:") for src in elements.all("src"))
+    assert all(href.startswith(("#", "./")) for href in elements.all("href"))
+    # An SVG inside a data URI may name namespaces; the page's own text names no address at all but that one.
+    text = re.sub(r"data:[^\"]*", "", html)
+    assert set(re.findall(r"https?://[^\s\"'<]+", text)) <= {"http://www.w3.org/2000/svg"}
+
+
+def test_policy_allows_the_pages_own_script_only(html: str) -> None:
+    elements = Elements(html)
+    policy = next(attrs["content"] for _, attrs in elements.tags if "http-equiv" in attrs)
+    assert policy is not None
+    run = [script for script in elements.scripts if not script.startswith("{")]
+    digest = base64.b64encode(hashlib.sha256(run[0].encode()).digest()).decode()
+    assert len(run) == 1
+    assert f"script-src 'sha256-{digest}'" in policy
+    assert "default-src 'none'" in policy
+
+
+def test_links_lead_to_files_and_anchors_that_exist(grid: dict[str, Any], html: str) -> None:
+    elements = Elements(html)
+    ids = set(elements.all("id"))
+    report = grid["folder"] / "report"
+    for href in elements.all("href"):
+        if href.startswith("#"):
+            assert href[1:] in ids, href
+        else:
+            assert (report / unquote(href)).exists(), href
+    assert sum("evaluations/test/episodes.csv" in href for href in elements.all("href")) > len(grid["runs"])
+    assert len(ids) == len(elements.all("id"))
+
+
+def test_every_number_of_the_ranking_is_linked(grid: dict[str, Any]) -> None:
+    links = Links(
+        grid["folder"] / "report" / "index.html", grid["agents"], grid["runs"], grid["ranking"].protocol
+    )
+    lines = table.main_table(grid["ranking"], {}, links).lines
+    assert all(cell.href for line in lines for cell in line.cells if cell.text != numbers.NOTHING)
+    several, one = lines[0], next(line for line in lines if line.seeds == 1)
+    assert one.href.endswith("evaluations/test/episodes.csv")
+    assert (several if several.seeds > 1 else lines[1]).href.startswith("#agent-")
+
+
+def test_hostile_names_stay_text(grid: dict[str, Any]) -> None:
+    evil = page_data.EVIL
+    agents = [dataclasses.replace(grid["agents"][0], label=evil), *grid["agents"][1:]]
+    run = dataclasses.replace(grid["runs"][0], id=evil, state=evil, manifest={"versions": {evil: evil}})
+    html = written(
+        grid,
+        agents=agents,
+        ranking=page_data.rank_by_hand(agents),
+        runs=[run, *grid["runs"][1:]],
+        problems=[page_data.hostile_problem()],
+        findings=[Finding(evil, statistic=evil)],
+        claims=[Finding(evil, evil, evil, evil)],
+        colours={agent.label: ('red;background:url("http://x")', "o", evil) for agent in agents},
+        command=evil,
+        title=evil,
+    )
+    elements = Elements(html)
+    assert evil not in html
+    assert not any(name.startswith("on") for _, attrs in elements.tags for name in attrs)
+    assert [tag for tag, _ in elements.tags].count("script") == 2
+    assert "url(" not in " ".join(elements.all("style"))
+    data = json.loads(next(script for script in elements.scripts if script.startswith("{")))
+    assert evil in {agent["label"] for agent in data["agents"]}
+    assert {agent["colour"] for agent in data["agents"]} == {"#7f7f7f"}
+
+
+def test_links_of_strange_folders_are_quoted(tmp_path: Path) -> None:
+    folder = tmp_path / "a b#c%41?'\"<x>" / "run:1"
+    folder.mkdir(parents=True)
+    (folder / "manifest.json").write_text("{}")
+    run = RunRecord("run", folder, "failed", 0, {}, {})
+    href = Links(tmp_path / "report" / "index.html", [], [run], "test").manifest(run)
+    assert not set(href) & set("#?'\"<> ")
+    assert (tmp_path / "report" / unquote(href)).resolve() == folder / "manifest.json"
+
+
+def test_page_without_anything_to_rank(tmp_path: Path) -> None:
+    ranking = Ranking(
+        (), "success_rate", "mean_steps", "test", "nominal", "", 0.95, None, (), np.zeros((0, 0))
+    )
+    run = RunRecord("pid-1", tmp_path, "pending", 0, {}, {})
+    problems = [page_data.hostile_problem()]
+    path = page.write(
+        tmp_path / "r" / "index.html", ranking=ranking, agents=[], runs=[run], problems=problems, colours={}
+    )
+    assert "No agent could be ranked" in path.read_text()
+    assert "pid-1" in path.read_text()
+
+
+def test_failed_write_keeps_the_old_page(grid: dict[str, Any], html: str) -> None:
+    path = grid["folder"] / "report" / "index.html"
+    given = {key: value for key, value in grid.items() if key != "folder"} | {"findings": [None]}
+    with pytest.raises(AttributeError):
+        page.write(path, **given)
+    assert path.read_text(encoding="utf-8") == html
+    assert [child.name for child in path.parent.iterdir() if child.name.startswith(".")] == []
+
+
+# Trajectories
+
+
+def unpacked(track: dict[str, Any]) -> np.ndarray:
+    counts = np.frombuffer(base64.b64decode(track["points"]), "<i2").reshape(-1, 3)
+    return np.asarray(counts * track["unit"])
+
+
+def scene(run: RunRecord, position: np.ndarray, rate: float = 10.0) -> trajectories.Scenes:
+    time = np.arange(len(position)) / rate
+    track = trajectories.Track(0, run, position, time, "success")
+    return trajectories.Scenes((trajectories.Scene(0, (1.0, 2.0, -3.0), (track,)),))
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> RunRecord:
+    return RunRecord("run", tmp_path, "complete", 7, {}, {})
+
+
+@pytest.mark.parametrize("steps", [0, 1, 2, 319, 320, 1000])
+def test_packed_path_keeps_its_ends_and_times(run: RunRecord, steps: int) -> None:
+    position = np.cumsum(np.random.default_rng(1).normal(0, 0.1, (steps + 1, 3)), axis=0)
+    track = trajectories.pack(scene(run, position))[0]["tracks"][0]
+    points = unpacked(track)
+    assert len(points) <= trajectories.POINTS
+    assert track["end"] == pytest.approx(steps / 10)
+    steps_kept = np.minimum(np.arange(len(points)) * track["dt"] * 10, steps)
+    np.testing.assert_allclose(points, position[np.rint(steps_kept).astype(int)], atol=0.0051)
+    assert steps_kept[-1] == pytest.approx(steps)
+
+
+def test_far_path_fits_with_a_coarser_unit(run: RunRecord) -> None:
+    position = np.linspace([0, 0, -20], [1500, -1500, -20], 200)
+    track = trajectories.pack(scene(run, position))[0]["tracks"][0]
+    np.testing.assert_allclose(unpacked(track), position, atol=1500 / 32767)
+
+
+def test_budget_thins_paths(run: RunRecord) -> None:
+    one = scene(run, np.zeros((1001, 3))).scenes[0]
+    many = trajectories.Scenes((dataclasses.replace(one, tracks=one.tracks * 100),))
+    packed = trajectories.pack(many, budget=100_000)
+    assert len(json.dumps([t["points"] for t in packed[0]["tracks"]])) < 110_000
+    assert len(unpacked(packed[0]["tracks"][0])) >= 24
+
+
+def test_paths_of_all_agents_share_an_episode(grid: dict[str, Any]) -> None:
+    scenes = trajectories.read(grid["agents"], protocol="test", condition="nominal")
+    assert [s.episode for s in scenes.scenes] == [0, 1, 2]
+    for found in scenes.scenes:
+        assert len(found.tracks) == len(grid["runs"])
+        for track in found.tracks:
+            frame = track.run.evaluations["test"].episodes
+            row = frame[frame["episode"] == found.episode].iloc[0]
+            assert track.outcome == row["outcome"]
+            assert len(track.position) == row["steps"] + 1
+    assert trajectories.read(grid["agents"], protocol="test", condition="severe").scenes == ()
+
+
+def test_first_seeds_come_before_second_ones(grid: dict[str, Any]) -> None:
+    agents = grid["agents"]
+    scenes = trajectories.read(agents, protocol="test", condition="nominal", runs=len(agents))
+    assert {track.agent for track in scenes.scenes[0].tracks} == set(range(len(agents)))
+    assert scenes.left_out == len(grid["runs"]) - len(agents)
+
+
+@pytest.mark.parametrize("harm", ["cut", "shape", "nan", "pickle", "no time"])
+def test_damaged_trajectories_are_named(tmp_path: Path, harm: str) -> None:
+    parts = page_data.parts(tmp_path, algorithms=("pid", "sac"), seeds=(0,), episodes=5, train_episodes=0)
+    agent: Agent = parts["agents"][0]
+    path = agent.runs[0].evaluations["test"].directory / "trajectories.npz"
+    with np.load(path, allow_pickle=False) as file:
+        arrays = dict(file)
+    if harm == "cut":
+        path.write_bytes(path.read_bytes()[:2000])
+    else:
+        if harm == "shape":
+            arrays["position_nominal_0"] = arrays["position_nominal_0"][:, :2]
+        elif harm == "nan":
+            arrays["position_nominal_0"][3, 1] = np.nan
+        elif harm == "pickle":
+            arrays["position_nominal_0"] = np.array([[object()]])
+        else:
+            del arrays["time_nominal_0"]
+        np.savez(path, **arrays)
+    scenes = trajectories.read(parts["agents"], protocol="test", condition="nominal")
+    assert [(p.where, p.kind) for p in scenes.problems] == [(agent.runs[0].id, "damaged")]
+    assert all(track.agent == 1 for s in scenes.scenes for track in s.tracks)
+    assert "trajectories.npz cannot be read" in page.write(tmp_path / "index.html", **parts).read_text()
+
+
+# Figures
+
+
+def test_large_svg_gives_way_to_its_png(tmp_path: Path) -> None:
+    drawn = page_data.figures(tmp_path)
+    drawn[1].svg.write_bytes(drawn[1].svg.read_bytes() + b" " * figures.LARGEST_SVG)
+    links = Links(tmp_path / "index.html", [], [], "test")
+    found, problems = figures.embed(drawn, links)
+    assert [f.data.partition(";")[0] for f in found] == ["data:image/svg+xml", "data:image/png"]
+    assert base64.b64decode(found[1].data.partition(",")[2]) == drawn[1].png.read_bytes()
+    assert problems == []
+
+
+def test_figures_over_the_budget_are_linked_and_lost_ones_named(tmp_path: Path) -> None:
+    drawn = page_data.figures(tmp_path, count=3)
+    drawn[2].svg.unlink()
+    drawn[2].png.unlink()
+    links = Links(tmp_path / "index.html", [], [], "test")
+    found, problems = figures.embed(drawn, links, budget=drawn[0].svg.stat().st_size)
+    assert found[0].data
+    assert not found[1].data
+    assert [kind for kind, _ in found[1].files] == ["SVG", "PNG"]
+    assert [(p.where, p.kind) for p in problems] == [("figure2", "missing")]
+
+
+# Numbers
+
+
+def test_numbers() -> None:
+    assert numbers.estimate(Estimate(0.98, 0.964, 0.989), 100) == ("98.0", "96.4 – 98.9")
+    assert numbers.estimate(Estimate(-12345.6, -12400, -12300)) == (
+        "−12\u202f346",
+        "−12\u202f400 – −12\u202f300",
+    )
+    assert numbers.estimate(Estimate(float("nan"), float("nan"), float("nan"))) == ("–", "")
+    assert numbers.fixed(None, 1) == numbers.fixed(float("inf"), 1) == "–"
+    assert [numbers.probability(p) for p in (0.834, 0.001, 0.9999)] == ["0.83", "< 0.01", "> 0.99"]
+    assert [numbers.p_value(p) for p in (0.0002, 0.25, float("nan"))] == ["< 0.001", "0.250", "–"]
+    durations = [numbers.duration(s) for s in (42240.0, 250.0, 12.34, 59.97, 3599.7, None)]
+    assert durations == ["11 h 44 min", "4 min 10 s", "12.3 s", "1 min 0 s", "1 h 0 min", "–"]
+
+
+def ranking_of(*successes: tuple[float, float, float]) -> Ranking:
+    rows = tuple(
+        Row(f"agent {i}", {}, (0,), (), 100, i, (i, i), 0.5, "a", {"success_rate": Estimate(*success)})
+        for i, success in enumerate(successes, start=1)
+    )
+    n = len(rows)
+    return Ranking(
+        rows, "success_rate", "mean_steps", "test", "nominal", "f", 0.95, None, (), np.zeros((n, n))
+    )
+
+
+@pytest.mark.parametrize(
+    ("successes", "ends"),
+    [
+        ([(0.9, 0.85, 0.94), (0.95, 0.92, 0.99)], ("80", "100\u202f%")),
+        ([(1.0, 1.0, 1.0)], ("99", "100\u202f%")),
+        ([(0.0, 0.0, 0.02), (0.4, 0.3, 0.5)], ("0", "50\u202f%")),
+    ],
+)
+def test_axis_of_rates_has_round_ends_within_0_and_100(
+    tmp_path: Path, successes: list[tuple[float, float, float]], ends: tuple[str, str]
+) -> None:
+    shown = table.main_table(ranking_of(*successes), {}, Links(tmp_path / "i.html", [], [], "test"))
+    assert shown.axis is not None
+    assert shown.axis.ends == ends
+    plots = [line.cells[0].plot for line in shown.lines]
+    assert all(p is not None and 0 < p.low <= p.value <= p.high < table.PLOT_WIDTH for p in plots)
+
+
+def test_row_without_a_value_has_a_dash_and_no_plot(tmp_path: Path) -> None:
+    nan = float("nan")
+    shown = table.main_table(
+        ranking_of((0.9, 0.8, 1.0), (nan, nan, nan)), {}, Links(tmp_path / "i", [], [], "test")
+    )
+    cell = shown.lines[1].cells[0]
+    assert (cell.text, cell.sort, cell.plot, cell.href) == ("–", None, None, "")
