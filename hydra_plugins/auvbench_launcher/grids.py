@@ -41,6 +41,8 @@ def axes(parser: OverridesParser, lines: Iterable[str]) -> Grid:
 
 
 def _values(override: Override) -> Axis:
+    if override.is_delete() and override.value() is None:
+        return [""]  # ~key, which is not ~key=null
     if not override.is_sweep_override():
         return [override.get_value_element_as_str()]
     if not override.is_discrete_sweep():

@@ -19,7 +19,15 @@ from typing import Any, ClassVar
 from auvbench.runs.scheduling.base import TARGET, Phase, Status, SubmitError
 from auvbench.runs.worker import ONE_THREAD
 
-PRELOAD = ("stable_baselines3", "torch.utils.tensorboard")
+PRELOAD = (
+    "auvbench.runs.training",
+    "auvbench.runs.learning",
+    "stable_baselines3",
+    "torch.utils.tensorboard",
+    "torch._dynamo",  # which the first optimiser of a process imports, unasked
+    "auvbench.runs.scheduling.warm:kernels",
+)
+"""What training imports sooner or later, and what it does first."""
 
 
 @dataclass(slots=True, eq=False)
@@ -50,11 +58,11 @@ class LocalJob:
 class _Server:
     """The zygote process, seen from here."""
 
-    def __init__(self, preload: Sequence[str]) -> None:
+    def __init__(self, run: Path, preload: Sequence[str]) -> None:
         self.connection, theirs = socket.socketpair()
         arguments = [sys.executable, "-P", "-m", "auvbench.runs.scheduling.zygote", str(theirs.fileno())]
         self.process = subprocess.Popen(
-            [*arguments, *preload],
+            [*arguments, str(run), *preload],
             pass_fds=[theirs.fileno()],
             # Its own session: the terminal's Ctrl-C comes to us alone, and we tell the workers.
             start_new_session=True,
@@ -122,7 +130,7 @@ class LocalBackend:
     def __init__(self, workers: int = 0, *, target: str = TARGET, preload: Sequence[str] = PRELOAD) -> None:
         self.limit: int | None = workers or cores()
         self.target = target
-        self.preload = (target.partition(":")[0], *preload)
+        self.preload = preload
         self._server: _Server | None = None
         self._count = 0
 
@@ -130,7 +138,7 @@ class LocalBackend:
         if self._server is None or not self._server.alive:
             if self._server is not None:
                 self._server.close()
-            self._server = _Server(self.preload)
+            self._server = _Server(run, self.preload)
         self._count += 1
         job = LocalJob(run, self._count, self._server)
         try:

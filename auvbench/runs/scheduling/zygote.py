@@ -24,6 +24,7 @@ import sys
 from typing import Any
 
 from auvbench.runs import processes, worker
+from auvbench.runs.directory import RunDirectory
 
 
 class Zygote:
@@ -34,11 +35,12 @@ class Zygote:
         self.jobs: dict[int, int] = {}  # pid -> job
         self.buffer = b""
 
-    def preload(self, modules: list[str]) -> None:
-        for name in modules:
-            # A module that cannot be imported is reported by the worker that needs it, in its run's manifest.
+    def preload(self, items: list[str], run: RunDirectory) -> None:
+        """Imports each `module`, and calls each `module:function` with the run."""
+        for item in items:
+            # What fails here is reported by the worker that needs it, in its run's manifest.
             with contextlib.suppress(Exception):
-                importlib.import_module(name)
+                worker.load(item)(run) if ":" in item else importlib.import_module(item)
         worker.limit_torch()
         # Collections in the workers then leave these objects, and with them the shared pages, alone.
         gc.collect()
@@ -124,11 +126,12 @@ class Zygote:
 
 
 def main(arguments: list[str]) -> None:
-    """`zygote FD MODULE...`: serves on the inherited socket after importing the modules."""
+    """`zygote FD RUN ITEM...`: prepares itself with the items and a first run, serves on the inherited socket."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with socket.socket(fileno=int(arguments[0])) as connection:
+    descriptor, run, *items = arguments
+    with socket.socket(fileno=int(descriptor)) as connection:
         zygote = Zygote(connection)
-        zygote.preload(arguments[1:])
+        zygote.preload(items, RunDirectory(run))
         zygote.send({"ready": True})
         zygote.serve()
 
