@@ -6,6 +6,8 @@ where it is a ROS or Gazebo model.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .fossen import ENU, NED, Array, Body
@@ -83,8 +85,8 @@ REXROV = Body(
     M_A=(_REXROV_ADDED + _REXROV_ADDED.T) / 2,
     D_l=_vector(74.82, 69.48, 728.4, 268.8, 309.77, 105),
     D_q=_vector(748.22, 992.53, 1821.01, 672, 774.44, 523.27),
-    W=1862.87 * 9.8,
-    B=1028 * 9.8 * 1.83826,
+    W=1862.87 * 9.81,
+    B=1028 * 9.81 * 1.83826,
     r_b=_vector(0, 0, 0.3),
     down=ENU,
 )
@@ -105,3 +107,11 @@ LRAUV = Body(
     added_coriolis=False,
 )
 """Tethys with its nose along +x (its model points to -x), neutral, without the Coriolis terms of its added mass."""
+
+REALISTIC = replace(BLUEROV2, name="bluerov2_realistic_inertia", I_g=np.diag([0.21, 0.245, 0.245]))
+"""The same with the inertia of Einarsson and Lipenitis 2020."""
+
+HEAVY_WU2018 = replace(WU2018, name="bluerov2_heavy_wu2018", I_g=np.diag([0.16, 0.16, 0.16]))
+"""Wu 2018 on a heavy."""
+
+ALL = {b.name: b for b in (BLUEROV2, REALISTIC, WU2018, VON_BENZON, HEAVY_WU2018, REXROV, LRAUV)}
