@@ -115,3 +115,45 @@ HEAVY_WU2018 = replace(WU2018, name="bluerov2_heavy_wu2018", I_g=np.diag([0.16, 
 """Wu 2018 on a heavy."""
 
 ALL = {b.name: b for b in (BLUEROV2, REALISTIC, WU2018, VON_BENZON, HEAVY_WU2018, REXROV, LRAUV)}
+
+H = float(np.sqrt(0.5))
+
+THRUSTERS: dict[str, list[tuple[tuple[float, float, float], tuple[float, float, float]]]] = {
+    # name: (position, direction of the force for a positive command), in the frame of the vehicle's source
+    "bluerov2": [
+        ((0.1355, -0.1, -0.0725), (H, H, 0)),
+        ((0.1355, 0.1, -0.0725), (H, -H, 0)),
+        ((-0.1475, -0.1, -0.0725), (H, -H, 0)),
+        ((-0.1475, 0.1, -0.0725), (H, H, 0)),
+        ((0.0025, -0.1105, -0.005), (0, 0, 1)),
+        ((0.0025, 0.1105, -0.005), (0, 0, -1)),
+    ],
+    "bluerov2_heavy": [
+        ((0.156, 0.111, 0.085), (H, -H, 0)),
+        ((0.1564, -0.1104, 0.085), (H, H, 0)),
+        ((-0.1566, 0.1102, 0.085), (-H, -H, 0)),
+        ((-0.156, -0.111, 0.085), (-H, H, 0)),
+        ((0.12, 0.218, 0), (0, 0, -1)),
+        ((0.1204, -0.2178, 0), (0, 0, -1)),
+        ((-0.1208, 0.2176, 0), (0, 0, -1)),
+        ((-0.12, -0.218, 0), (0, 0, -1)),
+    ],
+}
+
+REXROV_ALLOCATION = np.array(
+    [
+        [0.159743, 0.159743, -0.159742, -0.159742, 0.707107, 0.707107, -0.707107, -0.707107],
+        [-0.213610, 0.213610, -0.213610, 0.213610, 0.707107, -0.707107, 0.707107, -0.707107],
+        [0.963770, 0.963770, 0.963770, 0.963770, 0, 0, 0, 0],
+        [0.435232, -0.435232, 0.435232, -0.435232, -0.091217, 0.091217, -0.091217, 0.091217],
+        [0.943093, 0.943093, -0.943093, -0.943093, 0.091217, 0.091217, -0.091217, -0.091217],
+        [0.136889, -0.136889, -0.136888, 0.136888, -0.648799, 0.648799, 0.648799, -0.648799],
+    ]
+)
+"""TAM.yaml of uuv_simulator, six digits."""
+
+
+def allocation(name: str) -> Array:
+    """Wrench (6, n_u) per newton of each thruster, in the frame of the vehicle's source."""
+    columns = [np.concatenate([e, np.cross(r, e)]) for r, e in THRUSTERS[name]]
+    return np.array(columns).T

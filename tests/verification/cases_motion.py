@@ -101,6 +101,9 @@ def _lrauv_cases() -> list[Case]:
     def case(name: str, expected: float, got: Callable[[], float], tolerance: float, unit: str = "") -> Case:
         return Case(SECTION_LRAUV, name, LRAUV, expected, got, tolerance, unit)
 
+    def bound(name: str, relation: str, limit: float, got: Callable[[], float], unit: str) -> Case:
+        return Case(SECTION_LRAUV, name, LRAUV, limit, got, 0.0, unit, relation=relation)
+
     return [
         case("propeller thrust at 10 pi rad/s", 6.980, lambda: float(
             rig.vehicle("lrauv").force(rig.command(rig.vehicle("lrauv"), propeller=CRUISE))[0]), 5e-4, "N"),
@@ -117,6 +120,7 @@ def _lrauv_cases() -> list[Case]:
         case("ForwardThrust: sideways drift", 0.0, lambda: float(np.abs(straight()[:, 2]).max()), 1e-3, "m"),
         case("ForwardThrust: depth .5 m is kept", -0.5, lambda: float(straight()[-1, 3]), 0.05, "m"),
         case("ThrustState: distance after 40 s", 26.07, lambda: float(straight()[40, 1]), 5e-3, "m"),
+        bound("ThrustState: distance against the test's figure", ">", 25.0, lambda: float(straight()[40, 1]), "m"),
         case("ThrustState: speed after 40 s against the test's figure", 1.0, lambda: float(straight()[40, 7]), 0.02, "m/s"),
         case("ThrustAndTurn, rudder -.5 rad for 8 s: yaw", 0.774, lambda: float(turn(-0.5)[6]), 5e-4, "rad"),
         case("ThrustAndTurn: surge", 0.856, lambda: float(turn(-0.5)[7]), 5e-4, "m/s"),
@@ -125,17 +129,23 @@ def _lrauv_cases() -> list[Case]:
         case("ThrustAndTurn: yaw rate against the test's figure", 0.1, lambda: float(turn(-0.5)[12]), 0.01, "rad/s"),
         case("ThrustAndTurn: speed against the test's figure", 1.0,
              lambda: float(np.hypot(turn(-0.5)[7], turn(-0.5)[8])), 0.15, "m/s"),
+        bound("ThrustAndTurn: way made good", ">", 30.0, lambda: float(turn(-0.5)[1]), "m"),
+        bound("ThrustAndTurn: way to port", ">", 0.4, lambda: float(turn(-0.5)[2]), "m"),
+        bound("ThrustAndTurn: yaw against the test's figure", ">", 0.5, lambda: float(turn(-0.5)[6]), "rad"),
+        bound("ThrustAndTurn: surge against the test's figure", ">", 0.8, lambda: float(turn(-0.5)[7]), "m/s"),
+        bound("ThrustAndTurn: sideslip against the test's figure", "<", 0.2, lambda: abs(float(turn(-0.5)[8])), "m/s"),
         case("ThrustAndTurn with the rudder at its joint limit, -.2618 rad: yaw rate", 0.064,
              lambda: float(turn(-0.261799)[12]), 5e-4, "rad/s"),
         case("SinkState, engine to .0002 m3 at 3e-6 m3/s: sinking speed after 40 s", 0.0407,
              lambda: -float(sink()[-1, 9]), 5e-5, "m/s"),
         case("SinkState: depth after 40 s", 1.252, lambda: -float(sink()[-1, 3]), 5e-4, "m"),
-        case("SinkState: terminal sinking speed", 0.0708,
-             lambda: -float(tethys(1500.0, sample=1500.0, buoyancy_engine=0.0002)[-1, 9]), 5e-5, "m/s"),
+        bound("SinkState: sinking speed against the test's figure", ">", 0.01, lambda: -float(sink()[-1, 9]), "m/s"),
+        case("SinkState: terminal sinking speed, level, sqrt(g (rho .0003 m3) / 601.27)", 0.0708,
+             lambda: -settled("lrauv", push(2, -9.8 * 1025 * 0.0003), 2, 600.0), 5e-5, "m/s"),
         case("RestoringMoment: highest pitch after a release at .08 rad", 0.08,
              lambda: float(pitch_release()[:, 5].max()), 1e-9, "rad"),
-        case("RestoringMoment: pitch swings to the other side", 1.0,
-             lambda: float(pitch_release()[:, 5].min() < -0.01), 0.0),
+        bound("RestoringMoment: pitch swings to the other side", "<", -0.01,
+              lambda: float(pitch_release()[:, 5].min()), "rad"),
         case("RestoringMoment: pitch has decayed after 150 s", 0.0,
              lambda: float(np.abs(pitch_release()[1500:, 5]).max()), 0.02, "rad"),
         case("NeutralBuoyancy: largest change of any state in 10000 steps without input", 0.0, idle_motion, 0.0),

@@ -8,7 +8,7 @@ import numpy as np
 
 from auvbench.dynamics.rigid_body import coriolis
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.vehicles.actuators import Actuator, Curve, Lag
+from auvbench.vehicles.actuators import FIN_PARAMETERS, Actuator, Curve, Lag
 
 from ..reference.fossen import Array, quaternion
 from . import rig
@@ -78,6 +78,23 @@ def thrust_of(unit: Actuator, command: float, duration: float = 1e-3) -> float:
     simulator = FossenSimulator(rig.model(rig.body(), (unit,)), 1, max_step=duration)
     simulator.step(np.array([[command]]), duration)
     return float(simulator.velocity[0, 0] / duration)
+
+
+def gz_lift() -> float:
+    """Vertical N on a wing of 10 m2 with a dihedral of .1 rad, at an angle of attack of .1 rad and .2 m/s in air."""
+    parameters = dict.fromkeys(FIN_PARAMETERS, 0.0) | {"area": 10.0, "lift_slope": 4.0, "stall_angle": 1.0}
+    wing = Actuator(
+        "wing",
+        "fin",
+        Curve("linear", (-0.1, 0.1)),
+        Lag.none(),
+        np.zeros(3),
+        np.array([0.0, np.cos(0.1), np.sin(0.1)]),  # its hinge
+        parameters=parameters,
+    )
+    of = rig.model(rig.body(), (wing,), density=1.2041)
+    # About the hinge, to port, a positive angle lowers the leading edge.
+    return float(rig.hydrodynamic_wrench(of, (0.2, 0, 0, 0, 0, 0), action=[-1.0])[2])
 
 
 # ---------------------------------------------------------------- UUV Simulator
@@ -177,6 +194,10 @@ def cases() -> list[Case]:
             Case(SECTION_GZ, f"thrust at {omega} rad/s, kT {k_t}, rho {rho}, D {D}",
                  GZ, 300.0, lambda a=(k_t, rho, D, omega): thrust(*a), 0.01, "N")
         )  # fmt: skip
+    rows.append(
+        Case(SECTION_GZ, "lift of a wing, cla 4, a0 .1, area 10, rho 1.2041, .2 m/s, dihedral .1",
+             GZ, 0.0958, gz_lift, 5e-5, "N")
+    )  # fmt: skip
     rows += [
         Case(SECTION_UUV, "added mass of a sphere, radius .1 m, rho 1028", UUV, 2.153, sphere_added_mass, 5e-4, "kg"),
         Case(SECTION_UUV, "its quadratic drag at 1 m/s", UUV, -8.074, sphere_drag, 5e-4, "N"),

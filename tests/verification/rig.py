@@ -72,15 +72,16 @@ def acceleration(
     wrench: object = (0,) * 6,
     pose: object = (0, 0, 0, 1, 0, 0, 0),
     current: object = (0, 0, 0),
+    action: object = None,
 ) -> Array:
     """nu_dot (6,) that the compiled simulator gives at once, from three very short steps extrapolated to none."""
     estimates = []
-    for h in (4e-4, 2e-4, 1e-4):
+    for h in (4e-5, 2e-5, 1e-5):
         simulator = FossenSimulator(of, 1, max_step=h)
         simulator.reset(np.array([0]), np.array([pose], float), np.array([nu], float))
         simulator.external_wrench[0] = wrench
         simulator.set_current(np.array(current, float))
-        simulator.step(np.zeros((1, len(of.units))), h)
+        simulator.step(np.zeros((1, len(of.units))) if action is None else np.array([action], float), h)
         estimates.append((simulator.velocity[0] - np.array(nu, float)) / h)
     # Richardson: the error of a forward difference is c1 h + c2 h^2 + ...
     first = [2 * fine - coarse for coarse, fine in pairwise(estimates)]
