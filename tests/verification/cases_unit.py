@@ -21,6 +21,7 @@ DOCKAUV = "gym_dockauv 6b36b5b, unit tests (Wu 2018)"
 SECTION_GZ = "Gazebo"
 SECTION_UUV = "UUV Simulator"
 SECTION_DOCKAUV = "gym_dockauv"
+SECTION_THRUSTERS = "Thrusters"
 
 # ---------------------------------------------------------------- Gazebo
 
@@ -169,6 +170,67 @@ def dockauv_restoring() -> Array:
     return -rig.hydrodynamic_wrench(rig.vehicle("bluerov2_wu2018"), np.zeros(6), pose=pose) * FLIP
 
 
+# ---------------------------------------------------------------- thrusters
+
+T200 = "Blue Robotics, T200 public performance data, 16 V, September 2019"
+T200_POINTS = (
+    (1100, -39.91), (1140, -35.85), (1200, -26.56), (1300, -14.10), (1440, -1.78), (1468, -0.356), (1472, 0.0),
+    (1500, 0.0), (1528, 0.0), (1532, 0.40), (1600, 5.916), (1700, 17.88), (1800, 33.54), (1860, 45.59), (1900, 51.44),
+)  # fmt: skip
+VON_BENZON = "von Benzon et al. 2022, eq. 18"
+VON_BENZON_POINTS = (1.062, 3.064, 6.523, 11.288, 16.594, 21.434, 25.129, 27.754, 29.83, 30.4)
+
+
+def steady_thrust(sheet: str, command: float) -> float:
+    return float(rig.vehicle(sheet).force(np.full(8, command))[0])
+
+
+def electrical_power(pwm: float) -> float:
+    """W that one T200 takes, from the simulator, after all its eight were commanded alike."""
+    of = rig.vehicle("bluerov2_heavy_wu2018")
+    simulator = FossenSimulator(of, 1)
+    simulator.step(np.full((1, 8), (pwm - 1500) / 400), 0.01)
+    return float(simulator.power[0] / 8)
+
+
+def lag_settles() -> float:
+    """Share of the commanded force that von Benzon's thruster gives after 2 s."""
+    of = rig.vehicle("bluerov2_heavy")
+    simulator = FossenSimulator(of, 1)
+    simulator.step(np.full((1, 8), 0.5), 2.0)
+    unit = of.units[0]
+    return float(unit.lag.C @ simulator.actuators[0, : unit.lag.order] / unit.force(0.5))
+
+
+def _thruster_cases() -> list[Case]:
+    rows = [
+        Case(SECTION_THRUSTERS, f"T200 at {pwm} us", T200, force,
+             lambda pwm=pwm: steady_thrust("bluerov2_heavy_wu2018", (pwm - 1500) / 400), 6e-3, "N")
+        for pwm, force in T200_POINTS
+    ]  # fmt: skip
+    rows += [
+        Case(SECTION_THRUSTERS, "T200 at 1100 us: electrical power", T200, 388.8, lambda: electrical_power(1100), 0.1, "W"),
+        Case(SECTION_THRUSTERS, "T200 at 1900 us: electrical power", T200, 381.0, lambda: electrical_power(1900), 0.5, "W"),
+        Case(SECTION_THRUSTERS, "T200 in its dead band: electrical power", T200, 0.0, lambda: electrical_power(1500), 0.05, "W"),
+    ]  # fmt: skip
+    rows += [
+        Case(SECTION_THRUSTERS, f"von Benzon's curve at command {0.1 * (k + 1):.1f}", VON_BENZON, force,
+             lambda k=k: steady_thrust("bluerov2_heavy", 0.1 * (k + 1)), 6e-3, "N")
+        for k, force in enumerate(VON_BENZON_POINTS)
+    ]  # fmt: skip
+    rows.append(
+        Case(
+            SECTION_THRUSTERS,
+            "von Benzon's transfer function: steady gain",
+            VON_BENZON,
+            1.0,
+            lag_settles,
+            1e-6,
+        )
+    )
+    return rows
+
+
 def cases() -> list[Case]:
     rows = [
         Case(SECTION_GZ, "added-mass Coriolis matrix for M_A = diag(1..6), nu = (1..6), largest deviation of an entry",
@@ -232,4 +294,4 @@ def cases() -> list[Case]:
                 ("N",) * 3 + ("N m",) * 3, strict=True)
         )
     ]  # fmt: skip
-    return rows
+    return [*rows, *_thruster_cases()]

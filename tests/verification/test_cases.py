@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from . import cases_motion, cases_unit
 from .case import Case
+from .page import all_cases
 
-CASES = [*cases_motion.cases(), *cases_unit.cases()]
+CASES = all_cases()
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case.key for case in CASES])
