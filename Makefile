@@ -44,7 +44,7 @@ format: $(STAMP) ## rewrite the code in the house's format
 	$(BIN)/ruff check --fix .
 
 bench: $(STAMP) ## how fast everything is, as a table
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks $(ARGS)
 
 verification: $(STAMP) ## compute docs/verification.md anew
 	$(BIN)/python -m tests.verification.page

@@ -1,0 +1,1 @@
+"""How fast auvbench is: `make bench`."""

@@ -1,0 +1,185 @@
+"""What is measured. Each function gives rows (what, figure, unit, remark)."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from auvbench.config.compose import compose
+from auvbench.config.schema import TrainConfig
+from auvbench.config.validate import train_config
+from auvbench.envs.batch import Batch
+from auvbench.simulators.fossen import FossenSimulator
+from auvbench.vehicles import sheet
+from auvbench.vehicles.reader import sheet_names
+from benchmarks.timing import best, command
+
+Row = tuple[str, str, str, str]
+FREQUENCY = 25.0
+SUBSTEPS = 4  # of 0.01 s in one step at 25 Hz
+
+
+def configuration(*overrides: str) -> TrainConfig:
+    return train_config(compose("train", overrides))
+
+
+def _stepper(batch: Batch) -> float:
+    """Seconds of one step of a batch: noise, physics, observation, reward, automatic reset."""
+    rng = np.random.default_rng(0)
+    actions = [rng.uniform(-1, 1, (batch.n, len(batch.vehicle.actuators))) for _ in range(8)]
+    batch.reset()
+    turn = [0]
+
+    def step() -> None:
+        turn[0] += 1
+        batch.step(actions[turn[0] % 8])
+
+    return best(step, seconds=1.0)
+
+
+def environments() -> Iterator[Row]:
+    """The full environment step."""
+    for n in (1, 32, 1024):
+        batch = Batch(configuration(f"step.frequency={FREQUENCY}"), n)
+        seconds = _stepper(batch)
+        yield (
+            f"environment steps, N = {n}, one thread",
+            f"{n / seconds:,.0f}",
+            "steps/s",
+            f"{1e6 * seconds:.1f} µs a batch step, {n / seconds / FREQUENCY:,.0f} times real time",
+        )
+
+
+def threads() -> Iterator[Row]:
+    """What a second thread gains on a large batch."""
+    for n in (4096, 8192):
+        one, two = (
+            _stepper(Batch(configuration(f"step.frequency={FREQUENCY}", f"simulator.threads={t}"), n))
+            for t in (1, 2)
+        )
+        yield (
+            f"environment steps, N = {n}, two threads",
+            f"{n / two:,.0f}",
+            "steps/s",
+            f"{one / two:.2f} times one thread",
+        )
+
+
+def vehicles() -> Iterator[Row]:
+    """Physics alone, for every vehicle."""
+    n = 1024
+    for name in sheet_names():
+        vehicle = sheet.load(name)
+        simulator = FossenSimulator(vehicle, n)
+        simulator.reset(np.arange(n), np.tile([0, 0, -20, 1, 0, 0, 0], (n, 1)), np.zeros((n, 6)))
+        action = np.random.default_rng(0).uniform(-0.5, 0.5, (n, len(vehicle.actuators)))
+        seconds = best(lambda s=simulator, a=action: s.step(a, 1 / FREQUENCY), seconds=0.7)
+        yield (
+            f"physics alone, {name}, N = {n}",
+            f"{n / seconds:,.0f}",
+            "steps/s",
+            f"{n / seconds / FREQUENCY:,.0f} times real time",
+        )
+
+
+def reference() -> Iterator[Row]:
+    """The kernel against plain NumPy: the readable implementation of the same equations in tests/reference."""
+    from tests.reference.fossen import constant, simulate, state_at
+    from tests.reference.vehicles import BLUEROV2
+
+    times = np.array([0.0, 1 / FREQUENCY])
+    start = state_at(position=(0, 0, -20), nu=(0.5, 0.1, 0.1, 0.05, 0.05, 0.1))
+    plain = best(lambda: simulate(BLUEROV2, start, times, constant(np.ones(6)), step=0.01), seconds=0.7)
+    vehicle = sheet.load("bluerov2")
+    for n in (1, 1024):
+        simulator = FossenSimulator(vehicle, n)
+        simulator.reset(np.arange(n), np.tile([0, 0, -20, 1, 0, 0, 0], (n, 1)), np.zeros((n, 6)))
+        action = np.full((n, 6), 0.3)
+        seconds = best(lambda s=simulator, a=action: s.step(a, 1 / FREQUENCY), seconds=0.5) / n
+        yield (
+            f"physics against plain NumPy, N = {n}",
+            f"{plain / seconds:,.0f}",
+            "times",
+            f"NumPy {1e6 * plain:.0f} µs, kernel {1e6 * seconds:.2f} µs for one vehicle and one step",
+        )
+
+
+def learners() -> Iterator[Row]:
+    """Training with the default presets, as `auvbench train` does it, compilation and set-up left out."""
+    from auvbench.runs.directory import RunDirectory
+    from auvbench.runs.plan import prepare
+    from auvbench.runs.training import execute
+
+    for algo, steps in (("ppo", 102_400), ("sac", 8_000)):
+        with tempfile.TemporaryDirectory() as folder:
+            overrides = [f"algo={algo}", f"output={folder}", f"train.total_steps={steps}"]
+            run: RunDirectory = prepare(compose("train", overrides))
+            manifest = execute(run)
+            seconds = manifest["phases"]["training_s"]
+            yield (
+                f"training, {algo.upper()}, defaults, one core",
+                f"{manifest['steps'] / seconds:,.0f}",
+                "steps/s",
+                f"{manifest['steps']:,} steps in {seconds:.1f} s",
+            )
+
+
+def evaluation() -> Iterator[Row]:
+    """The test protocol."""
+    from auvbench.config.validate import evaluate_config
+    from auvbench.evaluation.evaluate import evaluate
+    from auvbench.runs.plan import prepare
+    from auvbench.runs.training import execute
+
+    protocol = evaluate_config(compose("evaluate")).protocol
+    small = ["train.total_steps=4096"]
+    for algo, extra in (("pid", []), ("ppo", small)):
+        with tempfile.TemporaryDirectory() as folder:
+            run = prepare(compose("train", [f"algo={algo}", f"output={folder}", *extra]))
+            execute(run)
+            evaluate(run, protocol)
+            begun = time.perf_counter()
+            summary = evaluate(run, protocol)
+            seconds = time.perf_counter() - begun
+            steps = sum(c["mean_steps"] * c["episodes"] for c in summary["conditions"])
+            yield (
+                f"test protocol, {algo.upper()}, 500 episodes",
+                f"{seconds:.2f}",
+                "s",
+                f"{steps:,.0f} environment steps{'' if algo == 'pid' else ' (barely trained: long episodes)'}",
+            )
+
+
+def commands() -> Iterator[Row]:
+    """Whole commands, interpreter and imports included."""
+    yield ("auvbench --help", f"{1e3 * command('--help'):.0f}", "ms", "")
+    yield ("auvbench train --cfg job", f"{1e3 * command('train', '--cfg', 'job'):.0f}", "ms", "")
+
+
+SECTIONS = {
+    "environments": environments,
+    "threads": threads,
+    "vehicles": vehicles,
+    "reference": reference,
+    "learners": learners,
+    "evaluation": evaluation,
+    "commands": commands,
+}
+
+
+def machine() -> str:
+    """The machine in one line."""
+    from auvbench.runs.provenance import host, versions
+
+    facts, installed = host(), versions()
+    model = Path("/proc/cpuinfo").read_text(encoding="utf-8") if Path("/proc/cpuinfo").exists() else ""
+    clock = next((line.split(":")[1].strip() for line in model.splitlines() if "cpu MHz" in line), "")
+    speed = f" at {float(clock) / 1000:.1f} GHz" if clock else ""
+    return (
+        f"{facts['cpu']}{speed}, {facts['cores']} cores; Python {installed['python']}, numba {installed['numba']}, "
+        f"NumPy {installed['numpy']}, torch {installed['torch']}"
+    )

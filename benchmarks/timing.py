@@ -1,0 +1,36 @@
+"""Timing on a noisy machine: the best of several repetitions, so that ratios within one run mean something."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+
+def best(function: Callable[[], object], *, seconds: float = 0.3, repetitions: int = 7) -> float:
+    """Seconds per call: the fastest of several repetitions, each as many calls as fill `seconds`."""
+    function()
+    begun = time.perf_counter()
+    function()
+    once = max(time.perf_counter() - begun, 1e-7)
+    calls = max(1, int(seconds / repetitions / once))
+    fastest = float("inf")
+    for _ in range(repetitions):
+        begun = time.perf_counter()
+        for _ in range(calls):
+            function()
+        fastest = min(fastest, (time.perf_counter() - begun) / calls)
+    return fastest
+
+
+def command(*arguments: str, repetitions: int = 5) -> float:
+    """Seconds of a whole `auvbench` command, interpreter and imports included; the fastest of several."""
+    fastest = float("inf")
+    for _ in range(repetitions):
+        begun = time.perf_counter()
+        subprocess.run(
+            [sys.executable, "-m", "auvbench.cli", *arguments], stdout=subprocess.DEVNULL, check=True
+        )
+        fastest = min(fastest, time.perf_counter() - begun)
+    return fastest
