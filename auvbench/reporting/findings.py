@@ -5,14 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import ttest_ind
+from numpy.typing import NDArray
 
 from auvbench.reporting.effects import effects, learns
 from auvbench.reporting.measures import Measure, measure
 from auvbench.reporting.model import OUTCOMES, Agent, Estimate, Finding, Ranking, Row
-from auvbench.reporting.prose import amount, counted, difference, listed, name, p_value, probability, turned
+from auvbench.reporting.prose import (
+    amount,
+    counted,
+    difference,
+    listed,
+    name,
+    p_value,
+    probability,
+    turned,
+    unit,
+)
 from auvbench.reporting.statistics import EPISODES_ONLY, crossed, holm
-from auvbench.reporting.statistics.intervals import FloatArray
+from auvbench.reporting.statistics.intervals import FloatArray, quantile
 
 NEAR_THE_LIMIT = 5.0
 """m; a waypoint so close to the surface or the floor counts as near a depth limit"""
@@ -60,7 +70,7 @@ def _best(ranking: Ranking, m: Measure) -> Finding:
 
 def _range(row: Row) -> str:
     first, last = row.rank_interval
-    return f"{first} for certain of the confidence" if first == last else f"{first} to {last}"
+    return f"{first}" if first == last else f"{first} to {last}"
 
 
 def _apart(ranking: Ranking, one: Row, other: Row) -> bool:
@@ -128,7 +138,8 @@ def _effects(agents: Sequence[Agent], m: Measure, confidence: float) -> list[Fin
     adjusted = holm([effect.p_value for effect in found])
     result = []
     for effect, p in zip(found, adjusted, strict=True):
-        cells = f"averaged over {counted(len(effect.pairs), 'matched cell')}"
+        n = len(effect.pairs)
+        cells = f"averaged over {n} matched cells" if n > 1 else "in the one matched cell"
         change = difference(effect.difference, m)
         if not p < 1 - confidence:
             text = f"{effect.first} against {effect.second}: no effect on {name(m)} is resolved ({change}, {cells})."
@@ -196,7 +207,7 @@ def _distance(agents: Sequence[Agent], rate: FloatArray, confidence: float) -> F
 
 def _places(
     rate: FloatArray,
-    kind: np.ndarray[tuple[int, ...], np.dtype[np.bool_]],
+    kind: NDArray[np.bool_],
     one: str,
     other: str,
     n: int,
@@ -206,14 +217,14 @@ def _places(
     first, second = rate[kind], rate[~kind]
     if min(len(first), len(second)) < ENOUGH_SCENARIOS or rate.std() == 0:
         return None
-    test = ttest_ind(first, second, equal_var=False)
-    interval = test.confidence_interval(confidence)
-    estimate = Estimate(
-        float(first.mean() - second.mean()), float(interval.low), float(interval.high), confidence
-    )
+    parts = np.array([first.var(ddof=1) / len(first), second.var(ddof=1) / len(second)])
+    df = parts.sum() ** 2 / (parts**2 / [len(first) - 1, len(second) - 1]).sum()
+    half = float(quantile(confidence, df)) * float(np.sqrt(parts.sum()))
+    value = float(first.mean() - second.mean())
+    estimate = Estimate(value, value - half, value + half, confidence)
     m = measure("success_rate")  # for its unit: these are rates too
     means = f"{100 * first.mean():.1f} % of the episodes with a waypoint {one} fail, {100 * second.mean():.1f} % {other}"
-    if test.pvalue < 1 - confidence:
+    if abs(value) > half:
         text = f"{means}: {difference(estimate, m)}."
     else:
         text = f"{means}: no difference is resolved ({difference(estimate, m)})."
@@ -237,10 +248,12 @@ def _seeds(agents: Sequence[Agent], m: Measure) -> Finding | None:
     low, high = scale * means[widest].min(), scale * means[widest].max()
     median = scale * float(np.median(ranges))
     points = " points" if m.rate else ""
-    text = (
-        f"Training seeds of one agent differ in {name(m)} by {median:.{digits}f}{points} (median over "
-        f"{counted(len(several), 'agent')}), most in {several[widest].label}: {low:.{digits}f} to {high:.{digits}f}."
-    )
+    text = f"Training seeds of one agent differ in {name(m)} by {median:.{digits}f}{points}"
+    if len(several) > 1:
+        text += f" (median over {len(several)} agents), most in"
+    else:
+        text += ":"
+    text += f" {several[widest].label}, {low:.{digits}f} to {high:.{digits}f}{unit(m)}."
     statistic = (
         f"{100 * share:.0f} % of the variance of an agent's {name(m)} (median) is between training seeds"
     )

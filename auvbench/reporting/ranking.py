@@ -63,7 +63,7 @@ def rank(
     agents, estimates, value = [agents[i] for i in order], [estimates[i] for i in order], value[order]
     if not np.isfinite(value).any():
         raise ReportError(f"no agent has values of {rank_by}")
-    table = st.crossed([by.values(agent) for agent in agents], rate=by.rate)
+    table = st.moderated(st.crossed([by.values(agent) for agent in agents], rate=by.rate))
     pairs = st.pairs(table, confidence)
     p, adjusted = _p_values(agents, by, table, pairs)
     resolved = adjusted < 1 - confidence
@@ -170,7 +170,8 @@ def _p_values(
 ) -> tuple[FloatArray, FloatArray]:
     """P (n, n) of no difference and Holm's adjusted ones over all pairs; NaN where there is no test.
 
-    Rates of two agents with one seed each: McNemar's mid-p. Everything else: the t-type test of `pairs`.
+    Rates of two agents with one seed each: McNemar's mid-p. Everything else: the t-type test of `pairs`, with
+    variances between seeds moderated by all agents of the table.
     """
     p = pairs.p_value.copy()
     single = [i for i, agent in enumerate(agents) if len(agent.outcome) == 1]

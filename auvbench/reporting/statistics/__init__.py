@@ -29,6 +29,7 @@ from auvbench.reporting.statistics.crossed import (
 )
 from auvbench.reporting.statistics.groups import letter, letters
 from auvbench.reporting.statistics.intervals import quantile, score_interval, wilson
+from auvbench.reporting.statistics.moderation import moderated
 from auvbench.reporting.statistics.paired import (
     Profile,
     discordant,
@@ -65,6 +66,7 @@ __all__ = [
     "mean",
     "means",
     "median",
+    "moderated",
     "multiplicities",
     "paired_means",
     "pairs",

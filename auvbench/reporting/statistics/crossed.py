@@ -59,6 +59,7 @@ class Crossed:
     between_scenarios: FloatArray  # (n, n) covariance of the scenarios' means / E; B on the diagonal
     episodes: FloatArray  # (n,) scenarios with a value
     values: FloatArray  # (n,) values in all
+    seeds_df: FloatArray  # (n,) degrees of freedom of between_seeds; infinite with one seed
     rate: bool
 
     @property
@@ -99,7 +100,8 @@ def crossed(data: Sequence[FloatArray], *, rate: bool = False, paired: bool = Tr
             shrunk = (mean[i] * values[i] + 1) / (values[i] + 2)
             between[i] = shrunk * (1 - shrunk) / values[i]
     covariance, episodes = _covariance(columns, paired)
-    return Crossed(mean, seeds, between, residual, covariance, episodes, values, rate)
+    seeds_df = np.where(seeds > 1, seeds - 1, np.inf)
+    return Crossed(mean, seeds, between, residual, covariance, episodes, values, seeds_df, rate)
 
 
 def _layout(
@@ -143,8 +145,8 @@ def _covariance(columns: FloatArray, paired: bool) -> tuple[FloatArray, FloatArr
 
 
 def _squares(table: Crossed) -> FloatArray:
-    """(n,) A² / (S - 1); 0 with one seed."""
-    return np.where(table.seeds > 1, table.between_seeds**2 / np.maximum(table.seeds - 1, 1), 0.0)
+    """(n,) A² / its degrees of freedom; 0 with one seed."""
+    return np.asarray(table.between_seeds**2 / table.seeds_df, dtype=np.float64)
 
 
 def _limits(table: Crossed, q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -204,7 +206,7 @@ def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
     correlation of the two estimates,
     d - sqrt((p1-l1)² - 2 r (p1-l1)(u2-p2) + (u2-p2)²), d + sqrt((u1-p1)² - 2 r (u1-p1)(p2-l2) + (p2-l2)²).
     """
-    spread = _pair_spread(table)
+    spread = pair_spread(table)
     difference = table.mean[:, None] - table.mean[None, :]
     q = spread.quantile(confidence)
     if table.rate:
@@ -221,7 +223,7 @@ def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
     return Pairs(difference, low, high, p)
 
 
-def _pair_spread(table: Crossed) -> Spread:
+def pair_spread(table: Crossed) -> Spread:
     """Variance of all differences (n, n)."""
     cov, diagonal = table.between_scenarios, np.diagonal(table.between_scenarios)
     noise = table.residual[:, None] + table.residual[None, :]
