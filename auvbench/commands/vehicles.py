@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -102,9 +103,18 @@ def _show(name: str, *, as_json: bool) -> None:
     path = _local_sheets().get(name)
     vehicle = sheet.load(name if path is None else path)
     if as_json:
-        print(json.dumps(facts(vehicle), indent=2))
+        print(json.dumps(_finite(facts(vehicle)), indent=2, allow_nan=False))
         return
     _print(vehicle)
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinity: what never ends (a speed without damping) is null."""
+    if isinstance(value, dict):
+        return {key: _finite(child) for key, child in value.items()}
+    if isinstance(value, list):
+        return [_finite(child) for child in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def facts(vehicle: VehicleModel) -> dict[str, Any]:

@@ -343,11 +343,13 @@ def _tie(B: FloatArray, axis: int, own: tuple[int, ...]) -> str:
 
 
 def _stability_warnings(vehicle: VehicleModel) -> list[str]:
-    found = [
-        f"open loop, straight flight ahead is unstable in {case.plane} above {case.above:.2f} m/s (Munk moment;"
-        f" deviations grow by {case.growth:.2g} 1/s at {case.speed:.2f} m/s): a controller must hold it"
-        for case in instabilities(vehicle)
-    ]
+    found = []
+    for case in instabilities(vehicle):
+        where = "at any speed" if case.above < 0.01 else f"above {case.above:.2f} m/s"
+        found.append(
+            f"open loop, straight flight ahead is unstable in {case.plane} {where} (Munk moment; deviations grow by"
+            f" {case.growth:.2g} 1/s at {case.speed:.2f} m/s): a controller must hold it"
+        )
     for axis in range(6):
         if vehicle.linear_damping[axis] == 0.0 and vehicle.quadratic_damping[axis] == 0.0:
             found.append(f"no damping in {AXES[axis]}: what moves there never stops by itself")

@@ -1,0 +1,138 @@
+"""`auvbench simulate` as typed: files, frames, plots, and one line for each mistake."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from auvbench.cli import main
+
+DATA = Path(__file__).parents[2] / "verification" / "data"
+
+
+def run(*arguments: str) -> int:
+    return main(["simulate", *arguments])
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def rows(path: str) -> np.ndarray:
+    return np.loadtxt(path, delimiter=",", skiprows=1)
+
+
+def test_the_command_of_the_issue(tmp_path: Path) -> None:
+    assert run("vehicle=bluerov2_heavy", "input.wrench=[40,0,0,0,0,0]", "input.frame=ned", "duration=20", "sample=0.1",
+               "output=surge.csv") == 0  # fmt: skip
+    written, published = (tmp_path / "surge.csv").read_text().splitlines(), (DATA / "vonbenzon_surge40N.csv").read_text().splitlines()  # fmt: skip
+    assert written[0] == published[0]
+    assert len(written) == len(published)
+    got, expected = rows("surge.csv"), rows(str(DATA / "vonbenzon_surge40N.csv"))
+    usable = expected[:, 0] <= 12
+    np.testing.assert_allclose(got[usable, 1:4], expected[usable, 1:4], atol=1e-6 * 9.6)
+
+
+def test_initial_pose_and_velocity_in_ned() -> None:
+    """Roll release: the pose is read as x, y, z, qw, qx, qy, qz in the frame that is named."""
+    half = np.radians(10)
+    assert run("vehicle=bluerov2_heavy", f"input.pose=[0,0,5,{np.cos(half):.15g},{np.sin(half):.15g},0,0]", "input.frame=ned",
+               "thrusters=off", "output=roll.csv") == 0  # fmt: skip
+    np.testing.assert_allclose(
+        rows("roll.csv"), rows(str(DATA / "vonbenzon_roll_release_20deg.csv")), atol=1e-8
+    )
+
+
+def test_enu_is_ned_with_the_signs_of_y_and_z_turned() -> None:
+    assert run("vehicle=rexrov", "input.wrench=[900,300,-200,10,20,30]", "input.velocity=[0.3,0.1,0.2,0,0.1,0.1]",
+               "input.current=[0.1,0.2,0.3]", "duration=5", "input.frame=ned", "output=ned.csv") == 0  # fmt: skip
+    assert run("vehicle=rexrov", "input.wrench=[900,-300,200,10,-20,-30]", "input.velocity=[0.3,-0.1,-0.2,0,-0.1,-0.1]",
+               "input.current=[0.1,-0.2,-0.3]", "duration=5", "input.frame=enu", "output=enu.csv") == 0  # fmt: skip
+    signs = np.tile([1, -1, -1], 4)
+    np.testing.assert_allclose(rows("enu.csv")[:, 1:], rows("ned.csv")[:, 1:] * signs, atol=1e-10)
+
+
+def test_commands_by_list_and_by_name_are_the_same() -> None:
+    assert run("vehicle=lrauv", "input.command=[0.5,-0.2,0,0,0,0]", "duration=3", "output=list.csv") == 0
+    assert (
+        run("vehicle=lrauv", "input.command={propeller: 0.5, rudder: -0.2}", "duration=3", "output=name.csv")
+        == 0
+    )
+    assert Path("list.csv").read_text() == Path("name.csv").read_text()
+    assert rows("list.csv")[-1, 7] > 0
+
+
+def test_current_carries_a_drifting_vehicle() -> None:
+    assert (
+        run(
+            "vehicle=bluerov2",
+            "input.current=[0.3,0,0]",
+            "input.velocity=[0.3,0,0,0,0,0]",
+            "duration=5",
+            "output=drift.csv",
+        )
+        == 0
+    )
+    last = rows("drift.csv")[-1]
+    assert last[1] == pytest.approx(1.5, abs=1e-3)
+
+
+def test_without_output_the_csv_goes_to_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("duration=1", "sample=0.5") == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[0].startswith("t_s,x_m")
+    assert [line.split(",")[0] for line in out[1:]] == ["0", "0.5", "1"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "file"),
+    [(("--plot",), "trajectory.png"), (("--plot", "a b.svg"), "a b.svg"), (("--plot=c.pdf",), "c.pdf"),
+     (("output=d.csv", "--plot"), "d.png"), (("plot=e.png",), "e.png")],
+)  # fmt: skip
+def test_plot(arguments: tuple[str, ...], file: str) -> None:
+    assert run("duration=1", *arguments) == 0
+    assert Path(file).stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("vehicle=bluerov22",), "did you mean 'bluerov2'?"),
+        (("input.wrench=[40,0,0,0,0]",), "has 5 numbers, needs 6"),
+        (("input.wrench=[40,0,0,0,0,x]",), "input.wrench"),
+        (("input.current=[nan,0,0]",), "must be finite"),
+        (("input.pose=[0,0,0,1,1,0,0]",), "has length 1.41421, it must be 1"),
+        (("input.frame=nwu",), "valid: enu, ned"),
+        (("input.command=[0.5]",), "has 1 numbers, bluerov2 has 6 actuators"),
+        (("input.command=[0.5,0,0,0,0,2]",), "thruster6 is 2"),
+        (("input.command={thruster9: 1}",), "did you mean 'thruster"),
+        (("input.command=fast",), "must be a list of numbers"),
+        (("input.command=[1,0,0,0,0,0]", "thrusters=off"), "leaves none to command"),
+        (("thrusters=maybe",), "valid: off, on"),
+        (("duration=-1",), "must be more than 0"),
+        (("sample=0",), "must be more than 0"),
+        (("duration=1e6", "sample=1e-3"), "sample less often"),
+        (("max_step=2",), "at most 1"),
+        (("inputt.wrench=[1,0,0,0,0,0]",), "unknown"),
+        (("durration=3",), "did you mean duration?"),
+        (("output=/proc/nowhere/x.csv",), "cannot write there"),
+        (("output=.",), "is a directory"),
+        (("plot=x.gif",), "must end with one of"),
+    ],
+)  # fmt: skip
+def test_mistakes_get_one_line(
+    arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(*arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert "Traceback" not in error
+
+
+def test_a_failed_run_leaves_no_empty_file() -> None:
+    assert run("input.command=[0.5]", "output=x.csv") == 2
+    assert not Path("x.csv").exists()
