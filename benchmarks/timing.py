@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 
 def best(function: Callable[[], object], *, seconds: float = 0.3, repetitions: int = 7) -> float:
@@ -26,11 +27,10 @@ def best(function: Callable[[], object], *, seconds: float = 0.3, repetitions: i
 
 def command(*arguments: str, repetitions: int = 5) -> float:
     """Seconds of a whole `auvbench` command, interpreter and imports included; the fastest of several."""
+    script = str(Path(sys.executable).with_name("auvbench"))
     fastest = float("inf")
     for _ in range(repetitions):
         begun = time.perf_counter()
-        subprocess.run(
-            [sys.executable, "-m", "auvbench.cli", *arguments], stdout=subprocess.DEVNULL, check=True
-        )
+        subprocess.run([script, *arguments], stdout=subprocess.DEVNULL, check=True)
         fastest = min(fastest, time.perf_counter() - begun)
     return fastest
