@@ -100,10 +100,12 @@ def _rows(
     conditions: set[str] = set()
     for run in kept:
         frame = run.evaluations[protocol].episodes
+        here = frame["condition"].to_numpy() == condition
         conditions.update(map(str, frame["condition"].unique()))
-        part_of = frame[frame["condition"] == condition]
-        if len(part_of):
-            rows[run.id] = part_of.sort_values("episode", kind="stable")
+        if here.any():
+            part_of = frame if here.all() else frame[here]
+            in_order = part_of["episode"].is_monotonic_increasing
+            rows[run.id] = part_of if in_order else part_of.sort_values("episode", kind="stable")
         else:
             problems.append(
                 Problem(run.id, "missing", f"evaluation {protocol} has no condition {condition!r}")
@@ -155,14 +157,15 @@ def _agent(
     frames: Sequence[pd.DataFrame],
     protocol: str,
 ) -> Agent:
-    codes = {name: code for code, name in enumerate(OUTCOMES)}
-    outcome = np.array([frame["outcome"].map(codes).to_numpy(np.int8) for frame in frames])
-    columns = [c for c in frames[0].columns if c not in NOT_METRICS and all(c in f.columns for f in frames)]
-    metrics = {
-        column: np.array([frame[column].to_numpy(np.float64) for frame in frames])
-        for column in columns
-        if pd.api.types.is_numeric_dtype(frames[0][column])
-    }
+    words = np.array([frame["outcome"].to_numpy() for frame in frames])
+    outcome = np.select([words == name for name in OUTCOMES], list(range(len(OUTCOMES)))).astype(np.int8)
+    numeric = [
+        {str(c) for c, dtype in f.dtypes.items() if pd.api.types.is_numeric_dtype(dtype)} for f in frames
+    ]
+    shared = set.intersection(*numeric) - set(NOT_METRICS)
+    columns = [c for c in frames[0].columns if c in shared]
+    table = np.array([frame[columns].to_numpy(np.float64) for frame in frames])  # (seeds, episodes, columns)
+    metrics = {column: np.ascontiguousarray(table[:, :, i]) for i, column in enumerate(columns)}
     metrics["time_to_goal_s"] = np.where(outcome == 0, metrics["duration_s"], np.nan)
     fingerprint = group[0].evaluations[protocol].fingerprint
     return Agent(label, dict(key), tuple(group), fingerprint, outcome, metrics)

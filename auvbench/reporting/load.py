@@ -234,15 +234,21 @@ def _read_episodes(path: Path, summary: Mapping[str, Any]) -> pd.DataFrame:
     expected = sum(int(c["episodes"]) for c in summary["conditions"])
     if len(frame) != expected:
         raise _Damage(f"episodes.csv has {len(frame)} rows, summary.json says {expected}: evaluate again")
-    if not ends_with_newline or frame.iloc[-1].isna().any():
+    if not ends_with_newline or frame.iloc[-1:, -1].isna().any():
         raise _Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows ends half way")
-    if unknown := set(frame["outcome"].unique()) - set(OUTCOMES):
-        raise _Damage(f"episodes.csv has unknown outcomes {sorted(map(str, unknown))}")
+    if bad := {str(name) for name in frame["outcome"].to_numpy()} - set(OUTCOMES):
+        raise _Damage(f"episodes.csv has the outcome {min(bad)!r}, none of {', '.join(OUTCOMES)}")
+    _check_finite(frame)
+    return frame
+
+
+def _check_finite(frame: pd.DataFrame) -> None:
     for column in CORE_COLUMNS:
-        values = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64)
+        values = frame[column].to_numpy()
+        if values.dtype == object:
+            values = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64)
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             episode = frame["episode"].iloc[int(bad[0])]
             what = f"{column} is not a finite number in {bad.size} of {len(frame)} episodes"
             raise _Damage(f"episodes.csv: {what} (first: episode {episode})")
-    return frame

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import multiprocessing
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from auvbench.reporting.figures import matrices, paths, robustness, style, testing, training
@@ -39,13 +44,62 @@ def draw_all(runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Rankin
     Returns:
         the figures, PNG and SVG, with titles and captions.
     """
-    figures = []
     shared = scene(agents, ranking)
-    for name, draw in FIGURES.items():
+    names = list(FIGURES)
+    if _can_fork():
+        mine, theirs = names[::2], names[1::2]
+        with _forked(shared, theirs, out) as rest:
+            drawn = _draw(shared, mine, out)
+            drawn |= rest()
+    else:
+        drawn = _draw(shared, names, out)
+    return [drawn[name] for name in names if name in drawn]
+
+
+def _draw(shared: Scene, names: Sequence[str], out: Path) -> dict[str, Figure]:
+    figures = {}
+    for name in names:
         with style.styled():
-            drawing = draw(shared)
+            drawing = FIGURES[name](shared)
             if drawing is None:
                 continue
             png, svg = style.save(drawing.canvas, out / "figures" / name)
-        figures.append(Figure(name, drawing.title, drawing.caption, png, svg))
+        figures[name] = Figure(name, drawing.title, drawing.caption, png, svg)
     return figures
+
+
+def _can_fork() -> bool:
+    """Drawing is all Python, so a second core helps only a second process; a fork needs no copy of the data.
+
+    Not with other threads around, whose locks a fork may catch held, and not off Linux.
+    """
+    return sys.platform == "linux" and (os.cpu_count() or 1) > 1 and threading.active_count() == 1
+
+
+@contextmanager
+def _forked(shared: Scene, names: Sequence[str], out: Path) -> Iterator[Callable[[], dict[str, Figure]]]:
+    """Draws some figures in a child; gives a function that waits for them."""
+    context = multiprocessing.get_context("fork")
+    receiver, sender = context.Pipe(duplex=False)
+
+    def work() -> None:
+        sender.send(_draw(shared, names, out))
+
+    child = context.Process(target=work, daemon=True)
+    child.start()
+    sender.close()
+
+    def result() -> dict[str, Figure]:
+        try:
+            drawn: dict[str, Figure] = receiver.recv()
+        except EOFError:  # the child died: draw here, where an error is seen
+            drawn = _draw(shared, names, out)
+        return drawn
+
+    try:
+        yield result
+    finally:
+        receiver.close()
+        if child.is_alive():
+            child.terminate()
+        child.join()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,7 +18,7 @@ from auvbench.reporting.figures.scene import (
     shown,
     wants_symlog,
 )
-from auvbench.reporting.model import OUTCOMES, Agent
+from auvbench.reporting.model import OUTCOMES, Agent, Estimate
 
 MOST_LABELS = 12
 """points with their names written beside them; more would overlap"""
@@ -79,46 +80,53 @@ def steps_deviation(scene: Scene) -> Drawing | None:
     figure = style.canvas(6.4, 4.6)
     ax = figure.subplots()
     named = scene.top(MOST_LABELS)
-    points = []
-    for agent in reversed(scene.agents):
-        steps, deviation = (
-            rows[agent.label].estimates.get(m) for m in ("mean_steps", "mean_deviation_mean_m")
-        )
-        if steps is None or deviation is None:
-            continue
-        look = scene.looks[agent.label]
-        colour = look.colour if agent in named else "#b0b0b0"
-        bars = [[[max(0.0, e.value - e.low)], [max(0.0, e.high - e.value)]] for e in (steps, deviation)]
-        ax.errorbar(
-            steps.value,
-            deviation.value,
-            xerr=np.nan_to_num(bars[0]),
-            yerr=np.nan_to_num(bars[1]),
-            color=colour,
-            marker=look.marker,
-            markersize=7,
-            linewidth=1,
-            capsize=2,
-            alpha=0.95,
-        )
-        points.append((steps.value, deviation.value))
-    if not points:
+    pairs = {
+        a.label: [rows[a.label].estimates.get(m) for m in ("mean_steps", "mean_deviation_mean_m")]
+        for a in scene.agents
+    }
+    known = {label: (x, y) for label, (x, y) in pairs.items() if x is not None and y is not None}
+    if not known:
         return None
+    rest = [known[a.label] for a in scene.agents if a not in named and a.label in known]
+    if rest:
+        _crosses(ax, rest, color="#b0b0b0", marker=".", markersize=6)
+    for agent in reversed(named):
+        if agent.label in known:
+            look = scene.looks[agent.label]
+            _crosses(ax, [known[agent.label]], color=look.colour, marker=look.marker, markersize=7)
+    points = [(x.value, y.value) for x, y in known.values()]
     ax.set_xlabel("mean steps per episode")
     ax.set_ylabel("mean deviation from the straight line (m)")
     style.legend(figure, scene.looks_of(named), lines=False)
     percent = f"{100 * scene.ranking.confidence:g} %"
     correlation = _correlation(np.array(points))
-    rest = (
-        f" In grey: the other {len(scene.agents) - len(named)} agents."
-        if len(named) < len(scene.agents)
-        else ""
-    )
+    others = f" In grey: the other {len(rest)} agents." if rest else ""
     caption = (
         f"Mean steps against mean deviation from the straight line, one point per agent, with {percent} "
-        f"intervals; lower left is better.{correlation}{rest}"
+        f"intervals; lower left is better.{correlation}{others}"
     )
     return Drawing(figure, "Test: steps against deviation", caption)
+
+
+def _crosses(ax: Axes, points: Sequence[tuple[Estimate, Estimate]], **style_: Any) -> None:
+    """Points with their intervals in x and y."""
+    x, y = zip(*points, strict=True)
+    bars = [
+        np.nan_to_num([[max(0.0, e.value - e.low) for e in line], [max(0.0, e.high - e.value) for e in line]])
+        for line in (x, y)
+    ]
+    centre = [[e.value for e in line] for line in (x, y)]
+    ax.errorbar(
+        centre[0],
+        centre[1],
+        xerr=bars[0],
+        yerr=bars[1],
+        linestyle="",
+        elinewidth=1,
+        capsize=2,
+        alpha=0.95,
+        **style_,
+    )
 
 
 def _correlation(points: FloatArray) -> str:

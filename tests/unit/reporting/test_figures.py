@@ -1,0 +1,204 @@
+"""Figures are drawn where there are data, left out where there are none, and say what they show."""
+
+import json
+import shutil
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from auvbench.reporting.figures import FIGURES, colour_of, draw_all, style
+from auvbench.reporting.figures.scene import Scene, scene, wants_symlog
+from auvbench.reporting.load import agents, load
+from tests.plain_ranking import plain_ranking
+from tests.synthetic import ROBUSTNESS, write_experiment
+
+
+def build(root: Path, baseline: str | None = None, **grid: object) -> Scene:
+    write_experiment(root, **grid)  # type: ignore[arg-type]
+    found = agents(load([root])[0])[0]
+    return scene(found, plain_ranking(found, baseline=baseline))
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    return build(
+        tmp_path_factory.mktemp("runs") / "small",
+        algorithms=("ppo", "sac", "pid"),
+        reward_k=(1, 100),
+        seeds=(0, 1),
+        episodes=25,
+        train_episodes=120,
+        protocols={"test": ("nominal",), "robustness": ROBUSTNESS},
+    )
+
+
+def draw(name: str, drawn_from: Scene) -> style.Canvas | None:
+    with style.styled():
+        drawing = FIGURES[name](drawn_from)
+    return None if drawing is None else drawing.canvas
+
+
+def test_every_figure_is_written_twice_with_title_and_caption(small: Scene, tmp_path: Path) -> None:
+    figures = draw_all([], small.agents, small.ranking, tmp_path)
+    assert [figure.name for figure in figures] == list(FIGURES)
+    for figure in figures:
+        assert figure.title
+        assert len(figure.caption) > 40
+        assert figure.png.read_bytes().startswith(b"\x89PNG")
+        assert ET.parse(figure.svg).getroot().tag.endswith("svg")
+        assert figure.svg.stat().st_size < 600_000
+
+
+def test_a_child_process_draws_the_same(
+    small: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from auvbench.reporting.figures import draw as module
+
+    for name, forks in (("forked", True), ("alone", False)):
+        monkeypatch.setattr(module, "_can_fork", lambda forks=forks: forks)
+        draw_all([], small.agents, small.ranking, tmp_path / name)
+    for file in (tmp_path / "alone" / "figures").iterdir():
+        assert file.read_bytes() == (tmp_path / "forked" / "figures" / file.name).read_bytes(), file.name
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_one_agent_with_one_seed_and_one_episode(name: str, tmp_path: Path) -> None:
+    drawn_from = build(tmp_path / "one", algorithms=("pid",), seeds=(0,), episodes=1)
+    canvas = draw(name, drawn_from)
+    if canvas is not None:
+        style.save(canvas, tmp_path / name)
+    comparing = {"success_over_grid", "performance_profiles", "improvement", "robustness"}
+    assert (canvas is None) == (name in comparing or name.startswith("training"))
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_27_agents_stay_readable(name: str, many: Scene) -> None:
+    with style.styled():
+        drawing = FIGURES[name](many)
+        assert drawing is not None
+    for ax in drawing.canvas.axes:
+        assert len([line for line in ax.lines if len(line.get_xdata()) > 2]) <= 27  # type: ignore[arg-type]
+    if name not in ("success_over_grid", "training_curves", "robustness", "steps_deviation"):
+        assert "of 27 agents, the best-ranked" in drawing.caption
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    root = tmp_path_factory.mktemp("runs") / "many"
+    protocols = {"test": ("nominal",), "robustness": ("calm", "current=0.5", "current=1.0")}
+    grid = {"reward_k": (1, 40, 100), "frequencies": (10, 25, 55)}
+    return build(
+        root,
+        algorithms=("ppo", "sac", "ddpg"),
+        seeds=(0,),
+        episodes=20,
+        train_episodes=60,
+        protocols=protocols,
+        **grid,
+    )
+
+
+def test_the_best_eight_differ_in_colour_and_all_27_in_look(many: Scene) -> None:
+    looks = colour_of(many.agents)
+    assert len({look.colour for look in list(looks.values())[:8]}) == 8
+    assert len(set(looks.values())) == 27
+    assert colour_of([agent.label for agent in many.agents]) == looks
+
+
+def test_the_baseline_is_always_shown(tmp_path: Path) -> None:
+    grid = {"reward_k": (1, 40, 100), "frequencies": (10, 25, 55)}
+    drawn_from = build(
+        tmp_path / "grid",
+        "random",
+        algorithms=("sac", "random"),
+        seeds=(0,),
+        episodes=20,
+        train_episodes=0,
+        **grid,
+    )
+    assert drawn_from.agents[-1].label == "random"
+    assert [agent.label for agent in drawn_from.top(3)][-1] == "random"
+    canvas = draw("success_over_time", drawn_from)
+    assert canvas is not None
+    assert "random" in [text.get_text() for text in canvas.legends[0].get_texts()]
+
+
+def test_success_over_time_ends_at_the_success_rate(small: Scene) -> None:
+    canvas = draw("success_over_time", small)
+    assert canvas is not None
+    ends = [float(np.asarray(line.get_ydata())[-1]) for line in canvas.axes[0].lines]
+    assert ends == pytest.approx([100 * agent.success.mean() for agent in small.agents])
+
+
+def test_cumulative_means_end_at_the_mean(small: Scene) -> None:
+    canvas = draw("cumulative_means", small)
+    assert canvas is not None
+    ends = [float(np.asarray(line.get_ydata())[-1]) for line in canvas.axes[2].lines]
+    assert ends == pytest.approx([agent.metrics["steps"].mean() for agent in small.agents])
+
+
+def test_a_performance_profile_is_monotone_and_some_agent_is_the_fastest(small: Scene) -> None:
+    canvas = draw("performance_profiles", small)
+    assert canvas is not None
+    curves = np.array([np.asarray(line.get_ydata()) for line in canvas.axes[0].lines])
+    assert (np.diff(curves, axis=1) >= 0).all()
+    times = [np.where(agent.outcome == 0, agent.metrics["duration_s"], np.inf) for agent in small.agents]
+    best = np.vstack(times).min(axis=0)
+    assert np.isfinite(best).any()
+    for curve, time in zip(curves, times, strict=True):
+        assert curve[0] == pytest.approx(100 * np.mean((time == best) & np.isfinite(time)))
+
+
+def test_the_heat_map_shows_the_table(small: Scene) -> None:
+    canvas = draw("success_over_grid", small)
+    assert canvas is not None
+    shown = {text.get_text() for ax in canvas.axes for text in ax.texts}
+    for row in small.ranking.rows:
+        if row.label != "PID":
+            assert f"{100 * row.estimates['success_rate'].value:.1f}" in shown
+
+
+def test_training_figures_do_without_a_damaged_record(tmp_path: Path) -> None:
+    drawn_from = build(tmp_path / "grid", algorithms=("ppo",), seeds=(0, 1), episodes=10, train_episodes=50)
+    (drawn_from.agents[0].runs[1].directory / "train" / "episodes.csv").write_text("step\n1\n")
+    canvas = draw("training_curves", drawn_from)
+    assert canvas is not None
+    assert len(canvas.axes[0].lines) == 1
+
+
+def test_trajectories_need_paths_that_can_be_read(tmp_path: Path) -> None:
+    drawn_from = build(tmp_path / "grid", algorithms=("pid", "random"), episodes=10)
+    canvas = draw("trajectories", drawn_from)
+    assert canvas is not None
+    assert len(canvas.axes) == 3
+    folder = drawn_from.agents[0].runs[0].directory / "evaluations" / "test"
+    (folder / "trajectories.npz").write_bytes(b"PK damaged")
+    assert draw("trajectories", drawn_from) is not None  # the other agent's
+    shutil.copy(folder / "trajectories.npz", drawn_from.agents[1].runs[0].directory / "evaluations" / "test")
+    assert draw("trajectories", drawn_from) is None
+
+
+def test_robustness_never_mixes_scenarios(small: Scene, tmp_path: Path) -> None:
+    drawn_from = build(
+        tmp_path / "grid",
+        algorithms=("ppo",),
+        seeds=(0, 1),
+        episodes=10,
+        protocols={"test": ("nominal",), "robustness": ("calm",)},
+    )
+    path = drawn_from.agents[0].runs[1].directory / "evaluations" / "robustness" / "summary.json"
+    canvas = draw("robustness", drawn_from)
+    assert canvas is not None
+    bands = len(canvas.axes[0].collections)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"fingerprint": "another"}))
+    canvas = draw("robustness", drawn_from)
+    assert canvas is not None
+    assert (bands, len(canvas.axes[0].collections)) == (1, 0)
+
+
+def test_returns_of_different_k_ask_for_another_axis() -> None:
+    assert wants_symlog([np.array([300.0, 400.0]), np.array([9000.0, 11000.0])])
+    assert not wants_symlog([np.array([300.0, 400.0]), np.array([-900.0, 500.0])])
+    assert not wants_symlog([])
