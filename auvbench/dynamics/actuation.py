@@ -193,12 +193,64 @@ def _outputs(
         if order == 0:
             for l in range(L):
                 output[a, l] = value[a, l]
-        else:
+            continue
+        for l in range(L):
+            output[a, l] = 0.0
+        for j in range(order):
+            c = discrete[a, DISCRETE_C + j]
             for l in range(L):
-                output[a, l] = discrete[a, DISCRETE_C] * inner[first, l]
-            for j in range(1, order):
-                for l in range(L):
-                    output[a, l] += discrete[a, DISCRETE_C + j] * inner[first + j, l]
+                output[a, l] += c * inner[first + j, l]
+
+
+# The updates below take whole tables and an index, not rows: a view costs more than the arithmetic. Coefficients
+# are read into locals first, so that the compiler knows that no store can change them.
+
+
+@njit(cache=True, nogil=True)
+def _advance_first(
+    a: int, first: int, D: FloatArray, value: FloatArray, output: FloatArray, inner: FloatArray
+) -> None:
+    decay, b, c = D[a, 0], D[a, DISCRETE_B], D[a, DISCRETE_C]
+    for l in range(L):
+        x0 = decay * inner[first, l] + b * value[a, l]
+        inner[first, l] = x0
+        output[a, l] = c * x0
+
+
+@njit(cache=True, nogil=True)
+def _advance_second(
+    a: int, first: int, D: FloatArray, value: FloatArray, output: FloatArray, inner: FloatArray
+) -> None:
+    a00, a01, a10, a11 = D[a, 0], D[a, 1], D[a, 3], D[a, 4]
+    b0, b1 = D[a, DISCRETE_B], D[a, DISCRETE_B + 1]
+    c0, c1 = D[a, DISCRETE_C], D[a, DISCRETE_C + 1]
+    for l in range(L):
+        s0, s1, u = inner[first, l], inner[first + 1, l], value[a, l]
+        x0 = a00 * s0 + a01 * s1 + b0 * u
+        x1 = a10 * s0 + a11 * s1 + b1 * u
+        inner[first, l] = x0
+        inner[first + 1, l] = x1
+        output[a, l] = c0 * x0 + c1 * x1
+
+
+@njit(cache=True, nogil=True)
+def _advance_third(
+    a: int, first: int, D: FloatArray, value: FloatArray, output: FloatArray, inner: FloatArray
+) -> None:
+    a00, a01, a02 = D[a, 0], D[a, 1], D[a, 2]
+    a10, a11, a12 = D[a, 3], D[a, 4], D[a, 5]
+    a20, a21, a22 = D[a, 6], D[a, 7], D[a, 8]
+    b0, b1, b2 = D[a, DISCRETE_B], D[a, DISCRETE_B + 1], D[a, DISCRETE_B + 2]
+    c0, c1, c2 = D[a, DISCRETE_C], D[a, DISCRETE_C + 1], D[a, DISCRETE_C + 2]
+    for l in range(L):
+        s0, s1, s2, u = inner[first, l], inner[first + 1, l], inner[first + 2, l], value[a, l]
+        x0 = a00 * s0 + a01 * s1 + a02 * s2 + b0 * u
+        x1 = a10 * s0 + a11 * s1 + a12 * s2 + b1 * u
+        x2 = a20 * s0 + a21 * s1 + a22 * s2 + b2 * u
+        inner[first, l] = x0
+        inner[first + 1, l] = x1
+        inner[first + 2, l] = x2
+        output[a, l] = c0 * x0 + c1 * x1 + c2 * x2
 
 
 @njit(cache=True, nogil=True)
@@ -215,30 +267,20 @@ def advance_actuators(
     """Advance the actuator states by half a substep, exactly, and renew the wrench."""
     for a in range(units.shape[0]):
         order = int(units[a, ORDER])
+        if order == 0:
+            continue
         first = int(units[a, FIRST_STATE])
-        D = discrete[a]
         if units[a, RATE] > 0.0:
-            reach = units[a, RATE] * D[HALF_STEP]
+            reach = units[a, RATE] * discrete[a, HALF_STEP]
             for l in range(L):
                 inner[first, l] += min(max(value[a, l] - inner[first, l], -reach), reach)
+                output[a, l] = inner[first, l]
         elif units[a, KIND] == DROP_WEIGHT:
             continue
         elif order == 1:
-            for l in range(L):
-                inner[first, l] = D[0] * inner[first, l] + D[DISCRETE_B] * value[a, l]
+            _advance_first(a, first, discrete, value, output, inner)
         elif order == 2:
-            for l in range(L):
-                x0 = inner[first, l]
-                x1 = inner[first + 1, l]
-                inner[first, l] = D[0] * x0 + D[1] * x1 + D[DISCRETE_B] * value[a, l]
-                inner[first + 1, l] = D[3] * x0 + D[4] * x1 + D[DISCRETE_B + 1] * value[a, l]
-        elif order == 3:
-            for l in range(L):
-                x0 = inner[first, l]
-                x1 = inner[first + 1, l]
-                x2 = inner[first + 2, l]
-                inner[first, l] = D[0] * x0 + D[1] * x1 + D[2] * x2 + D[DISCRETE_B] * value[a, l]
-                inner[first + 1, l] = D[3] * x0 + D[4] * x1 + D[5] * x2 + D[DISCRETE_B + 1] * value[a, l]
-                inner[first + 2, l] = D[6] * x0 + D[7] * x1 + D[8] * x2 + D[DISCRETE_B + 2] * value[a, l]
-    _outputs(units, value, output, inner, discrete)
+            _advance_second(a, first, discrete, value, output, inner)
+        else:
+            _advance_third(a, first, discrete, value, output, inner)
     apply_thrust(ws, units, geometry, output, thrust)

@@ -369,7 +369,7 @@ def _scatter(ws: FloatArray, block: int, pose: FloatArray, velocity: FloatArray)
 
 
 @njit(cache=True, nogil=True)
-def _derivative_stage(
+def _general_stage(
     ws: FloatArray,
     weight: float,
     ahead: float,
@@ -381,9 +381,6 @@ def _derivative_stage(
     thrust: FloatArray,
 ) -> None:
     """One stage with what only some vehicles need before it."""
-    if not full and not special:
-        _stage(ws, weight, ahead, False)
-        return
     if full:
         _off_diagonal(ws)
     if special:
@@ -417,27 +414,47 @@ def advance(
 ) -> None:
     """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
     full, dynamic, special = flags
-    ws = np.zeros(ROWS * L)
     n_u = units.shape[0]
-    value = np.empty((n_u, L))  # static curve of the command
-    output = np.empty((n_u, L))  # after the dynamics
-    thrust = np.empty((n_u, L))  # effectiveness times thrust scale
-    inner = np.zeros((max(states.shape[1], 1), L))
+    count = states.shape[1]
+    # One piece of memory on a cache line's boundary: vectors of 64 bytes that straddle two lines cost twice.
+    memory = np.zeros((ROWS + 3 * n_u + count + 1) * L)
+    skip = (-memory.ctypes.data % 64) // 8
+    ws = memory[skip : skip + ROWS * L]
+    table = memory[skip + ROWS * L : skip + (ROWS + 3 * n_u + count) * L].reshape((3 * n_u + count, L))
+    value = table[:n_u]  # static curve of the command
+    output = table[n_u : 2 * n_u]  # after the dynamics
+    thrust = table[2 * n_u : 3 * n_u]  # effectiveness times thrust scale
+    inner = table[3 * n_u :]
     for block in range(blocks[0], blocks[1]):
         _gather(ws, block, pose, velocity, current, external, parameters)
         hold_commands(ws, block, states, command, effectiveness, force, power, units, geometry, discrete,
                       tables, value, output, thrust, inner)  # fmt: skip
-        for _ in range(substeps):
-            _begin(ws)
-            _derivative_stage(ws, h / 6.0, h / 2.0, full, special, units, geometry, output, thrust)
-            if dynamic:
-                advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-            _derivative_stage(ws, h / 3.0, h / 2.0, full, special, units, geometry, output, thrust)
-            _derivative_stage(ws, h / 3.0, h, full, special, units, geometry, output, thrust)
-            if dynamic:
-                advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-            _derivative_stage(ws, h / 6.0, 0.0, full, special, units, geometry, output, thrust)
-            _finish(ws)
+        if full or special:
+            for _ in range(substeps):
+                _begin(ws)
+                _general_stage(ws, h / 6.0, h / 2.0, full, special, units, geometry, output, thrust)
+                if dynamic:
+                    advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
+                _general_stage(ws, h / 3.0, h / 2.0, full, special, units, geometry, output, thrust)
+                _general_stage(ws, h / 3.0, h, full, special, units, geometry, output, thrust)
+                if dynamic:
+                    advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
+                _general_stage(ws, h / 6.0, 0.0, full, special, units, geometry, output, thrust)
+                _finish(ws)
+        else:
+            # The same for vehicles with diagonal added mass and thrusters alone, which do not pay for the rest: with
+            # the constant False the compiler drops the terms of the off-diagonal added mass.
+            for _ in range(substeps):
+                _begin(ws)
+                _stage(ws, h / 6.0, h / 2.0, False)
+                if dynamic:
+                    advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
+                _stage(ws, h / 3.0, h / 2.0, False)
+                _stage(ws, h / 3.0, h, False)
+                if dynamic:
+                    advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
+                _stage(ws, h / 6.0, 0.0, False)
+                _finish(ws)
         _scatter(ws, block, pose, velocity)
         if states.shape[1] > 0:
             for l in range(min(L, pose.shape[0] - block * L)):
