@@ -44,7 +44,7 @@ FloatArray = NDArray[np.float64]
 L = LANES
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _static_curves(units: FloatArray, tables: FloatArray, value: FloatArray) -> None:
     """Replace commands (n_u, LANES), clipped to [-1, 1], by what the static curves make of them."""
     for a in range(units.shape[0]):
@@ -75,7 +75,7 @@ def _static_curves(units: FloatArray, tables: FloatArray, value: FloatArray) -> 
                 value[a, l] = total
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _report(
     first: int,
     units: FloatArray,
@@ -85,9 +85,9 @@ def _report(
     power: FloatArray,
 ) -> None:
     """Forces that the commands stand for, and the electrical power they take."""
-    low = tables[0, 0]
     points = POWER_POINTS
-    per_newton = (points - 1) / (tables[0, 1] - low)
+    middle = 0.5 * (points - 1)
+    per_newton = middle / tables[0, 0]
     for l in range(min(L, force.shape[0] - first)):
         watts = 0.0
         for a in range(units.shape[0]):
@@ -98,15 +98,15 @@ def _report(
             if units[a, ROTOR] != 0.0:
                 newtons = units[a, ROTOR] * newtons * abs(newtons)
             force[first + l, a] = newtons
-            position = (newtons * units[a, FORCE_SCALE] - low) * per_newton
+            position = newtons * units[a, FORCE_SCALE] * per_newton + middle
             position = min(max(position, 0.0), points - 1.0)
             k = max(min(int(position), points - 2), 0)
-            left = tables[0, 2 + k]
-            watts += (left + (position - k) * (tables[0, 3 + k] - left)) * units[a, POWER_SCALE]
+            left = tables[0, 1 + k]
+            watts += (left + (position - k) * (tables[0, 2 + k] - left)) * units[a, POWER_SCALE]
         power[first + l] = watts
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def apply_thrust(
     ws: FloatArray, units: FloatArray, geometry: FloatArray, output: FloatArray, thrust: FloatArray
 ) -> None:
@@ -139,7 +139,7 @@ def apply_thrust(
             ws[(TAU + 5) * L + l] += b5 * f
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def hold_commands(
     ws: FloatArray,
     block: int,
@@ -182,7 +182,7 @@ def hold_commands(
     apply_thrust(ws, units, geometry, output, thrust)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _outputs(
     units: FloatArray, value: FloatArray, output: FloatArray, inner: FloatArray, discrete: FloatArray
 ) -> None:
@@ -206,7 +206,7 @@ def _outputs(
 # are read into locals first, so that the compiler knows that no store can change them.
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _advance_first(
     a: int, first: int, D: FloatArray, value: FloatArray, output: FloatArray, inner: FloatArray
 ) -> None:
@@ -217,7 +217,7 @@ def _advance_first(
         output[a, l] = c * x0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _advance_second(
     a: int, first: int, D: FloatArray, value: FloatArray, output: FloatArray, inner: FloatArray
 ) -> None:
@@ -233,7 +233,7 @@ def _advance_second(
         output[a, l] = c0 * x0 + c1 * x1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _advance_third(
     a: int, first: int, D: FloatArray, value: FloatArray, output: FloatArray, inner: FloatArray
 ) -> None:
@@ -253,7 +253,7 @@ def _advance_third(
         output[a, l] = c0 * x0 + c1 * x1 + c2 * x2
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def advance_actuators(
     ws: FloatArray,
     units: FloatArray,

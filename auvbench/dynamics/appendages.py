@@ -45,7 +45,7 @@ FloatArray = NDArray[np.float64]
 L = LANES
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _relative_velocity(ws: FloatArray, l: int) -> tuple[float, float, float, float, float, float]:
     """Velocity through the water (3) and the world's z axis (3), in body axes."""
     qw = ws[(Y + 3) * L + l]
@@ -66,7 +66,7 @@ def _relative_velocity(ws: FloatArray, l: int) -> tuple[float, float, float, flo
     return ws[(Y + 7) * L + l] - u, ws[(Y + 8) * L + l] - v, ws[(Y + 9) * L + l] - w, zx, zy, zz
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def lift_and_drag(
     vx: float, vy: float, vz: float, angle: float, fin: FloatArray
 ) -> tuple[float, float, float]:
@@ -108,7 +108,7 @@ def lift_and_drag(
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def add_appendages(ws: FloatArray, units: FloatArray, geometry: FloatArray, output: FloatArray) -> None:
     """Add to TAU what the appendages do at the present stage."""
     for l in range(L):

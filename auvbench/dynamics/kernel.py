@@ -16,6 +16,8 @@ once per parameter set, so added mass is implicit.
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -24,6 +26,7 @@ from numpy.typing import NDArray
 from auvbench.dynamics import layout
 from auvbench.dynamics.actuation import advance_actuators, apply_thrust, hold_commands
 from auvbench.dynamics.appendages import add_appendages
+from auvbench.dynamics.fingerprint import fingerprint
 from auvbench.dynamics.layout import (
     ADDED,
     ADDED_OFF,
@@ -54,7 +57,7 @@ L = LANES
 PARAMETER_ROWS = layout.PARAMETERS_END - PARAMETERS
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _off_diagonal(ws: FloatArray) -> None:
     """Momentum and current terms of the off-diagonal added mass, for vehicles that have any."""
     for l in range(L):
@@ -131,7 +134,7 @@ def _off_diagonal(ws: FloatArray) -> None:
         )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _stage(ws: FloatArray, weight: float, ahead: float, full: bool) -> None:
     """One Runge-Kutta stage: k = f(Y), then S += weight k and Y = X + ahead k."""
     for l in range(L):
@@ -307,7 +310,7 @@ def _stage(ws: FloatArray, weight: float, ahead: float, full: bool) -> None:
         ws[(Y + 12) * L + l] = ws[(X + 12) * L + l] + ahead * k
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _begin(ws: FloatArray) -> None:
     """Y = S = X."""
     for l in range(STATE_ROWS * L):
@@ -315,7 +318,7 @@ def _begin(ws: FloatArray) -> None:
         ws[S * L + l] = ws[X * L + l]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _finish(ws: FloatArray) -> None:
     """X = S with a unit quaternion."""
     for l in range(STATE_ROWS * L):
@@ -332,7 +335,7 @@ def _finish(ws: FloatArray) -> None:
         ws[(X + 6) * L + l] = qz * scale
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _gather(
     ws: FloatArray,
     block: int,
@@ -358,7 +361,7 @@ def _gather(
         ws[PARAMETERS * L + l] = parameters[block, l]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _scatter(ws: FloatArray, block: int, pose: FloatArray, velocity: FloatArray) -> None:
     for l in range(min(L, pose.shape[0] - block * L)):
         i = block * L + l
@@ -368,7 +371,7 @@ def _scatter(ws: FloatArray, block: int, pose: FloatArray, velocity: FloatArray)
             velocity[i, j] = ws[(X + 7 + j) * L + l]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _general_stage(
     ws: FloatArray,
     weight: float,
@@ -389,74 +392,82 @@ def _general_stage(
     _stage(ws, weight, ahead, full)
 
 
-@njit(cache=True, nogil=True)
-def advance(
-    pose: FloatArray,  # (n, 7)
-    velocity: FloatArray,  # (n, 6)
-    states: FloatArray,  # (n, n_actuator_states)
-    command: FloatArray,  # (n, n_u) in [-1, 1]
-    effectiveness: FloatArray,  # (n, n_u)
-    force: FloatArray,  # (n, n_u) out: N that the command stands for
-    power: FloatArray,  # (n,) out: electrical W of that command
-    current: FloatArray,  # (n, 8)
-    external: FloatArray,  # (n, 6) body wrench
-    parameters: FloatArray,  # (n_blocks, rows * LANES)
-    units: FloatArray,  # (n_u, ACTUATOR_COLUMNS)
-    geometry: FloatArray,  # (n_u, GEOMETRY_COLUMNS)
-    discrete: FloatArray,  # (n_u, DISCRETE_COLUMNS) for half a substep
-    tables: FloatArray,  # (k, points)
-    flags: tuple[
-        bool, bool, bool
-    ],  # off-diagonal added mass, actuators with dynamics, actuators without thrust
-    blocks: tuple[int, int],  # first block, one past the last
-    substeps: int,
-    h: float,
-) -> None:
-    """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
-    full, dynamic, special = flags
-    n_u = units.shape[0]
-    count = states.shape[1]
-    # One piece of memory on a cache line's boundary: vectors of 64 bytes that straddle two lines cost twice.
-    memory = np.zeros((ROWS + 3 * n_u + count + 1) * L)
-    skip = (-memory.ctypes.data % 64) // 8
-    ws = memory[skip : skip + ROWS * L]
-    table = memory[skip + ROWS * L : skip + (ROWS + 3 * n_u + count) * L].reshape((3 * n_u + count, L))
-    value = table[:n_u]  # static curve of the command
-    output = table[n_u : 2 * n_u]  # after the dynamics
-    thrust = table[2 * n_u : 3 * n_u]  # effectiveness times thrust scale
-    inner = table[3 * n_u :]
-    for block in range(blocks[0], blocks[1]):
-        _gather(ws, block, pose, velocity, current, external, parameters)
-        hold_commands(ws, block, states, command, effectiveness, force, power, units, geometry, discrete,
-                      tables, value, output, thrust, inner)  # fmt: skip
-        if full or special:
-            for _ in range(substeps):
-                _begin(ws)
-                _general_stage(ws, h / 6.0, h / 2.0, full, special, units, geometry, output, thrust)
-                if dynamic:
-                    advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-                _general_stage(ws, h / 3.0, h / 2.0, full, special, units, geometry, output, thrust)
-                _general_stage(ws, h / 3.0, h, full, special, units, geometry, output, thrust)
-                if dynamic:
-                    advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-                _general_stage(ws, h / 6.0, 0.0, full, special, units, geometry, output, thrust)
-                _finish(ws)
-        else:
-            # The same for vehicles with diagonal added mass and thrusters alone, which do not pay for the rest: with
-            # the constant False the compiler drops the terms of the off-diagonal added mass.
-            for _ in range(substeps):
-                _begin(ws)
-                _stage(ws, h / 6.0, h / 2.0, False)
-                if dynamic:
-                    advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-                _stage(ws, h / 3.0, h / 2.0, False)
-                _stage(ws, h / 3.0, h, False)
-                if dynamic:
-                    advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-                _stage(ws, h / 6.0, 0.0, False)
-                _finish(ws)
-        _scatter(ws, block, pose, velocity)
-        if states.shape[1] > 0:
-            for l in range(min(L, pose.shape[0] - block * L)):
-                for j in range(states.shape[1]):
-                    states[block * L + l, j] = inner[j, l]
+def _compiled(version: int) -> Any:
+    """`advance`, cached on disk under `version` (see `fingerprint.py`)."""
+
+    @njit(cache=True, nogil=True)
+    def advance(
+        pose: FloatArray,  # (n, 7)
+        velocity: FloatArray,  # (n, 6)
+        states: FloatArray,  # (n, n_actuator_states)
+        command: FloatArray,  # (n, n_u) in [-1, 1]
+        effectiveness: FloatArray,  # (n, n_u)
+        force: FloatArray,  # (n, n_u) out: N that the command stands for
+        power: FloatArray,  # (n,) out: electrical W of that command
+        current: FloatArray,  # (n, 8)
+        external: FloatArray,  # (n, 6) body wrench
+        parameters: FloatArray,  # (n_blocks, rows * LANES)
+        units: FloatArray,  # (n_u, ACTUATOR_COLUMNS)
+        geometry: FloatArray,  # (n_u, GEOMETRY_COLUMNS)
+        discrete: FloatArray,  # (n_u, DISCRETE_COLUMNS) for half a substep
+        tables: FloatArray,  # (k, points)
+        # Off-diagonal added mass, actuators with dynamics, actuators that are no thrusters.
+        flags: tuple[bool, bool, bool],
+        blocks: tuple[int, int],  # first block, one past the last
+        substeps: int,
+        h: float,
+    ) -> None:
+        """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
+        _ = version
+        full, dynamic, special = flags
+        n_u = units.shape[0]
+        count = states.shape[1]
+        # One piece of memory on a cache line's boundary: vectors of 64 bytes that straddle two lines cost twice.
+        memory = np.zeros((ROWS + 3 * n_u + count + 1) * L)
+        skip = (-memory.ctypes.data % 64) // 8
+        ws = memory[skip : skip + ROWS * L]
+        table = memory[skip + ROWS * L : skip + (ROWS + 3 * n_u + count) * L].reshape((3 * n_u + count, L))
+        value = table[:n_u]  # static curve of the command
+        output = table[n_u : 2 * n_u]  # after the dynamics
+        thrust = table[2 * n_u : 3 * n_u]  # effectiveness times thrust scale
+        inner = table[3 * n_u :]
+        for block in range(blocks[0], blocks[1]):
+            _gather(ws, block, pose, velocity, current, external, parameters)
+            hold_commands(ws, block, states, command, effectiveness, force, power, units, geometry, discrete,
+                          tables, value, output, thrust, inner)  # fmt: skip
+            if full or special:
+                for _ in range(substeps):
+                    _begin(ws)
+                    _general_stage(ws, h / 6.0, h / 2.0, full, special, units, geometry, output, thrust)
+                    if dynamic:
+                        advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
+                    _general_stage(ws, h / 3.0, h / 2.0, full, special, units, geometry, output, thrust)
+                    _general_stage(ws, h / 3.0, h, full, special, units, geometry, output, thrust)
+                    if dynamic:
+                        advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
+                    _general_stage(ws, h / 6.0, 0.0, full, special, units, geometry, output, thrust)
+                    _finish(ws)
+            else:
+                # The same for vehicles with diagonal added mass and thrusters alone, which do not pay for the rest: with
+                # the constant False the compiler drops the terms of the off-diagonal added mass.
+                for _ in range(substeps):
+                    _begin(ws)
+                    _stage(ws, h / 6.0, h / 2.0, False)
+                    if dynamic:
+                        advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
+                    _stage(ws, h / 3.0, h / 2.0, False)
+                    _stage(ws, h / 3.0, h, False)
+                    if dynamic:
+                        advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
+                    _stage(ws, h / 6.0, 0.0, False)
+                    _finish(ws)
+            _scatter(ws, block, pose, velocity)
+            if states.shape[1] > 0:
+                for l in range(min(L, pose.shape[0] - block * L)):
+                    for j in range(states.shape[1]):
+                        states[block * L + l, j] = inner[j, l]
+
+    return advance
+
+
+advance = _compiled(fingerprint(Path(__file__).parent))

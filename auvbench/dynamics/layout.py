@@ -60,8 +60,8 @@ POWER_SCALE = 10
 RATE = 11  # largest rate of a rate-limited actuator, per second; 0 = none
 ACTUATOR_COLUMNS = 12
 
-# Points of the table of electrical power over force.
-POWER_POINTS = 1024
+# Points of the table of electrical power over force; odd, so that force 0 is one of them.
+POWER_POINTS = 1025
 
 THRUSTER, FIN, MASS_SHIFTER, BUOYANCY_ENGINE, DROP_WEIGHT = range(5)
 LINEAR_CURVE, TABLE_CURVE, POLYNOMIAL_CURVE = range(3)

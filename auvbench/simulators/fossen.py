@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -156,15 +157,16 @@ class FossenSimulator:
             self._curves,
             self._flags,
         )
+
+        def part(first: int, last: int) -> None:
+            advance(*arguments, (first, last), substeps, h)
+
         if self._pool is None:
-            advance(*arguments, (0, self._n_blocks), substeps, h)
+            part(0, self._n_blocks)
             return
         bounds = np.linspace(0, self._n_blocks, self.threads + 1).astype(int).tolist()
-        jobs = [
-            self._pool.submit(advance, *arguments, (bounds[i], bounds[i + 1]), substeps, h)
-            for i in range(1, self.threads)
-        ]
-        advance(*arguments, (bounds[0], bounds[1]), substeps, h)
+        jobs = [self._pool.submit(part, *pair) for pair in pairwise(bounds[1:])]
+        part(0, bounds[1])
         for job in jobs:
             job.result()
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from auvbench.dynamics import layout
 from auvbench.dynamics.kernel import PARAMETER_ROWS
 from auvbench.dynamics.rigid_body import rigid_body_mass
-from auvbench.vehicles.actuators import FIN_PARAMETERS, t200_power, t200_table
+from auvbench.vehicles.actuators import FIN_PARAMETERS, t200_power
 from auvbench.vehicles.model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -68,12 +68,12 @@ def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
 def unit_table(vehicle: VehicleModel) -> tuple[FloatArray, FloatArray]:
     """The table of actuators (n_u, ACTUATOR_COLUMNS) and the table of curves (1 + curves, points).
 
-    Row 0 of the curves is electrical power over force: lowest force, highest force, then powers at equally
-    spaced forces. The others start with their number of entries.
+    Row 0 of the curves is electrical power over force: the largest force F, then powers at equally spaced forces
+    from -F to F. The others start with their number of entries.
     """
     table = np.zeros((len(vehicle.units), layout.ACTUATOR_COLUMNS))
-    force = t200_table()["force_N"]
-    curves = [np.concatenate(([force[0], force[-1]], t200_power()))]
+    largest, power = t200_power()
+    curves = [np.concatenate(([largest], power))]
     state = 0
     for row, unit in zip(table, vehicle.units, strict=True):
         row[layout.KIND] = _KINDS[unit.kind]

@@ -132,16 +132,19 @@ def t200_table() -> dict[str, FloatArray]:
 
 
 @cache
-def t200_power() -> FloatArray:
-    """Electrical power (W) of a T200 at 16 V at `POWER_POINTS` equally spaced forces over its range.
+def t200_power() -> tuple[float, FloatArray]:
+    """Electrical power of a T200 at 16 V by force.
 
-    Force is monotone in pulse width outside the dead band, so power is a function of force.
+    Force is monotone in pulse width outside the dead band, so power is a function of force. Returns the largest
+    force F in N and the power (POWER_POINTS,) in W at equally spaced forces from -F to F, of which the middle one
+    is 0; beyond the strongest reverse thrust power is constant.
     """
     data = t200_table()
     force, first = np.unique(data["force_N"], return_index=True)
     power = data["power_W"][first].copy()
     power[force == 0.0] = 0.0
-    return np.interp(np.linspace(force[0], force[-1], POWER_POINTS), force, power)
+    largest = float(force[-1])
+    return largest, np.interp(np.linspace(-largest, largest, POWER_POINTS), force, power)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,10 +156,11 @@ class Power:
 
     def __call__(self, force: ArrayLike) -> FloatArray:
         """Power (...) in W of a thruster that gives `force` (...) in N."""
-        data = t200_table()["force_N"]
-        grid = np.linspace(data[0], data[-1], POWER_POINTS)
+        largest, power = t200_power()
         scaled = np.asarray(force, dtype=np.float64) / self.force_scale
-        return np.asarray(np.interp(scaled, grid, t200_power()) * self.power_scale)
+        return np.asarray(
+            np.interp(scaled, np.linspace(-largest, largest, POWER_POINTS), power) * self.power_scale
+        )
 
 
 FIN_PARAMETERS = (
