@@ -21,6 +21,7 @@ COMMANDS: dict[str, str] = {
     "vehicles": "list vehicles, or show what one vehicle's numbers imply",
     "simulate": "integrate one vehicle open loop, to CSV or a plot",
     "runs": "list runs with state, progress and success",
+    "completion": "print a script for tab completion in bash, zsh or fish",
 }
 
 
