@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from importlib import resources
@@ -64,7 +65,8 @@ def main(argv: Sequence[str]) -> int:
     by_label = {agent.label: agent for agent in grouped}
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
     findings = _findings(runs, ordered, ranking, options)
-    written = write(runs, ordered, ranking, findings, options)
+    command = shlex.join(["auvbench", "report", *argv])
+    written = write(runs, ordered, ranking, findings, options, command)
     _show(ranking, findings, options, written)
     return 0
 
@@ -75,6 +77,7 @@ def write(
     ranking: Ranking,
     findings: Sequence[Finding],
     options: Options,
+    command: str = "",
 ) -> list[Path]:
     """Writes the formats asked for; returns the files."""
     from auvbench.reporting import tables
@@ -96,6 +99,23 @@ def write(
         if ranking.comparisons:
             text = tables.comparisons_csv(ranking.comparisons)
             written.append(files.text(out / "comparisons.csv", text))
+    if "html" in options.format:
+        from auvbench.reporting import page
+        from auvbench.reporting.figures import colour_of
+
+        written.append(
+            page.write(
+                out / "index.html",
+                ranking=ranking,
+                agents=agents,
+                runs=runs,
+                figures=figures,
+                findings=[finding for finding in findings if not finding.verdict],
+                claims=[finding for finding in findings if finding.verdict],
+                colours=colour_of(agents),
+                command=command,
+            )
+        )
     return written
 
 

@@ -6,10 +6,13 @@ import base64
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from auvbench.reporting.figures import Figure
 from auvbench.reporting.model import Problem
 from auvbench.reporting.page.links import Links
+
+if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
+    from auvbench.reporting.figures import Figure
 
 LARGEST_SVG = 150_000
 """bytes; a larger SVG (a scatter of thousands of points) is slow to draw, so its PNG is taken"""

@@ -8,12 +8,11 @@ import re
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jinja2
 from markupsafe import Markup
 
-from auvbench.reporting.figures import Figure
 from auvbench.reporting.model import Agent, Comparison, Finding, Problem, Ranking, RunRecord
 from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import sources, table
@@ -21,6 +20,9 @@ from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.notes import grouped
 from auvbench.reporting.write import against_baseline, text
+
+if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
+    from auvbench.reporting.figures import Figure
 
 SCRIPTS = ("tables.js", "lightbox.js", "scene.js", "viewer.js")
 """Joined in this order into the page's one script."""
