@@ -125,7 +125,7 @@ def figures(folder: Path, count: int = 2) -> list[Figure]:
     for number in range(count):
         drawing = Drawing(figsize=(5, 3), layout="constrained")
         axes = drawing.subplots()
-        axes.plot(np.arange(10), np.arange(10) ** (number + 1), color=PALETTE[number])
+        axes.plot(np.arange(10), np.arange(10) ** (number + 1), color=PALETTE[number % len(PALETTE)])
         axes.set(xlabel="training steps", ylabel="episode length")
         files = [folder / f"figure{number}.{kind}" for kind in ("png", "svg")]
         for file in files:

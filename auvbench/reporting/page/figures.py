@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,9 @@ if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
 
 LARGEST_SVG = 150_000
 """bytes; a larger SVG (a scatter of thousands of points) is slow to draw, so its PNG is taken"""
-BUDGET = 4_500_000
+WIDE = 1200
+"""px of a PNG from which a figure takes the whole width of the page"""
+BUDGET = 4_000_000
 """bytes of all figures; what does not fit is linked instead"""
 
 
@@ -31,6 +34,13 @@ class Embedded:
     """data URI; '' where the figure is only linked"""
     files: tuple[tuple[str, str], ...]
     """(kind, relative link) of the files beside the page"""
+    size: tuple[int, int] | None = None
+    """width and height of the PNG, px: the room to keep before the picture is there"""
+
+    @property
+    def wide(self) -> bool:
+        """Several panels beside each other, unreadable in half the page's width."""
+        return self.size is not None and self.size[0] > WIDE
 
 
 def embed(
@@ -53,8 +63,20 @@ def embed(
             budget -= len(content)
             data = f"data:{mime};base64,{base64.b64encode(content).decode('ascii')}"
         files = tuple((kind, links.to(path)) for kind, path, _ in there)
-        found.append(Embedded(figure.name, figure.title, figure.caption, data, files))
+        found.append(Embedded(figure.name, figure.title, figure.caption, data, files, _size(figure.png)))
     return found, problems
+
+
+def _size(png: Path) -> tuple[int, int] | None:
+    """Width and height from the header of a PNG (ISO/IEC 15948, 11.2.2), None where there is none."""
+    if not png.is_file():
+        return None
+    with png.open("rb") as file:
+        head = file.read(24)
+    if len(head) < 24 or head[:8] != b"\x89PNG\r\n\x1a\n":
+        return None
+    width, height = struct.unpack(">II", head[16:])
+    return width, height
 
 
 def _choose(there: list[tuple[str, Path, str]]) -> tuple[str, Path, str]:

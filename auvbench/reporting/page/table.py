@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from auvbench.reporting.model import Comparison, Estimate, Ranking, Row
 from auvbench.reporting.page import numbers
@@ -111,6 +111,8 @@ class Cell:
     sort: float | None
     href: str
     plot: Plot | None = None
+    pad: str = ""
+    """digits set invisibly behind the text, so that the decimal points of a column stand in line"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,6 +242,7 @@ def _table(
     headings = tuple(_heading(metric) for metric in metrics)
     axis = _axis(ranking.rows, headings[0]) if draw and headings else None
     lines = tuple(_line(row, headings, axis, colours, links) for row in ranking.rows)
+    lines = _aligned(lines)
     return Table(headings, lines, axis, any(line.one_seed for line in lines))
 
 
@@ -274,6 +277,28 @@ def _cell(estimate: Estimate | None, heading: Heading, href: str, axis: Axis | N
     text, interval = numbers.estimate(estimate, heading.scale)
     plot = axis.plot(estimate, heading.scale) if axis else None
     return Cell(text, interval, estimate.value, href, plot)
+
+
+def _aligned(lines: tuple[Line, ...]) -> tuple[Line, ...]:
+    """The same lines with every column's numbers padded to its most decimals."""
+    columns = zip(*(line.cells for line in lines), strict=True)
+    most = [max(len(_decimals(cell.text)) for cell in column) for column in columns]
+    return tuple(
+        replace(
+            line,
+            cells=tuple(
+                replace(cell, pad=("." + "0" * (places - 1))[len(_decimals(cell.text)) :] if places else "")
+                for cell, places in zip(line.cells, most, strict=True)
+            ),
+        )
+        for line in lines
+    )
+
+
+def _decimals(text: str) -> str:
+    """'.50' of '12.50'."""
+    _, point, rest = text.partition(".")
+    return point + rest
 
 
 def _axis(rows: Iterable[Row], heading: Heading) -> Axis | None:

@@ -340,3 +340,17 @@ def test_row_without_a_value_has_a_dash_and_no_plot(tmp_path: Path) -> None:
     )
     cell = shown.lines[1].cells[0]
     assert (cell.text, cell.sort, cell.plot, cell.href) == ("–", None, None, "")
+
+
+@pytest.mark.slow
+def test_200_runs_and_large_figures_stay_under_10_megabytes(tmp_path: Path) -> None:
+    grid = {"algorithms": ("ppo", "sac"), "reward_k": (1.0, 2.0, 5.0, 10.0, 40.0), "seeds": range(20)}
+    parts = page_data.parts(tmp_path, **grid, episodes=10, train_episodes=0, trajectories=10)
+    assert len(parts["runs"]) == 200
+    drawn = page_data.figures(tmp_path / "large", count=12)
+    noise = np.random.default_rng(0)
+    for figure in drawn:
+        figure.svg.unlink()
+        figure.png.write_bytes(figure.png.read_bytes() + noise.bytes(700_000))
+    path = page.write(tmp_path / "report" / "index.html", **(parts | {"figures": drawn}))
+    assert 5e6 < path.stat().st_size < 10e6

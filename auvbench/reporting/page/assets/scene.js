@@ -94,7 +94,7 @@ const Scene = (() => {
       this.target = box.low.map((low, i) => (low + box.high[i]) / 2);
       const size = Math.hypot(...box.low.map((low, i) => box.high[i] - low));
       this.distance = 2 * FOCAL * size;
-      const room = [Math.max(60, width - 150), Math.max(60, height - 76)];
+      const room = [Math.max(60, width - 150), Math.max(60, height - 100)];
       for (let round = 0; round < 6; round++) {
         const project = this.projector(width, height);
         const seen = corners(box).map(project).filter(Boolean);
@@ -307,16 +307,19 @@ const Scene = (() => {
       line(context, project, stretch(track, time, true));
     }
     context.globalAlpha = 1;
-    if (contrast(track.colour, colours.raised) < 2) {
-      context.strokeStyle = colours.soft;
-      context.lineWidth = 4.2;
-      line(context, project, past);
-      context.strokeStyle = track.colour;
-    }
+    if (contrast(track.colour, colours.raised) < 2) halo(context, colours, 4.2, () => line(context, project, past));
+    context.strokeStyle = track.colour;
     context.lineWidth = 2.2;
     context.setLineDash(DASHES[track.dash] ?? []);
     line(context, project, past);
     context.setLineDash([]);
+  }
+
+  /** A wider line in the page's soft colour under one that would not show, such as black at night. */
+  function halo(context, colours, width, draw) {
+    context.strokeStyle = colours.soft;
+    context.lineWidth = width;
+    draw();
   }
 
   /** Where the vehicle is: a dot on its way and at success, a cross at a collision, a square at a timeout. */
@@ -410,11 +413,14 @@ const Scene = (() => {
     context.setLineDash([4, 3]);
     stroke(context, [[area.left, y(world.goal_radius)], [area.right, y(world.goal_radius)]]);
     context.setLineDash([]);
-    context.lineWidth = 1.6;
     for (const track of tracks) {
+      const points = Array.from(track.distance, (d, i) => [x(Math.min(i * track.dt, track.end)), y(d)]);
+      if (contrast(track.colour, colours.raised) < 2) halo(context, colours, 3.6, () => stroke(context, points));
       context.strokeStyle = track.colour;
+      context.lineWidth = 1.6;
       context.setLineDash(DASHES[track.dash] ?? []);
-      stroke(context, Array.from(track.distance, (d, i) => [x(Math.min(i * track.dt, track.end)), y(d)]));
+      stroke(context, points);
+      context.setLineDash([]);
     }
     context.setLineDash([]);
     context.strokeStyle = colours.ink;
@@ -429,5 +435,5 @@ const Scene = (() => {
     context.stroke();
   }
 
-  return { Camera, DASHES, PAPER, bounds, draw, chart, position };
+  return { Camera, DASHES, PAPER, bounds, contrast, draw, chart, position };
 })();

@@ -59,6 +59,13 @@
     redraw();
   }
 
+  /** Change which paths are shown; a clock that stood at the end stays there. */
+  function keepEnd(change) {
+    const ended = time >= longest();
+    change();
+    setTime(ended ? longest() : time);
+  }
+
   function fit() {
     camera.fit(Scene.bounds(world, episode.waypoint, shown()), canvas.clientWidth, canvas.clientHeight);
     redraw();
@@ -72,6 +79,7 @@
     for (const [name, value] of Object.entries({ width: 26, height: 10, "aria-hidden": "true" })) svg.setAttribute(name, value);
     const look = { x1: 1, x2: 25, y1: 5, y2: 5, stroke: track.colour, "stroke-width": 3, "stroke-dasharray": Scene.DASHES[track.dash]?.join(" ") ?? "" };
     for (const [name, value] of Object.entries(look)) line.setAttribute(name, value);
+    if (Scene.contrast(track.colour, "#172026") < 2) svg.classList.add("dim");
     svg.append(line);
     return svg;
   }
@@ -93,9 +101,7 @@
       box.type = "checkbox";
       box.checked = chosen.has(track.run);
       box.addEventListener("change", () => {
-        if (box.checked) chosen.add(track.run);
-        else chosen.delete(track.run);
-        setTime(time);
+        keepEnd(() => (box.checked ? chosen.add(track.run) : chosen.delete(track.run)));
       });
       const name = world.agents[track.agent].label + (several ? `, seed ${track.seed}` : "");
       label.append(box, key(track), name);
@@ -211,9 +217,8 @@
   }
   for (const button of document.querySelectorAll("[data-pick]")) {
     button.addEventListener("click", () => {
-      pick(button.dataset.pick);
+      keepEnd(() => pick(button.dataset.pick));
       list();
-      setTime(time);
     });
   }
   picker.addEventListener("change", () => {
