@@ -143,6 +143,8 @@ def _effects(agents: Sequence[Agent], m: Measure, confidence: float) -> list[Fin
         change = difference(effect.difference, m)
         if not p < 1 - confidence:
             text = f"{effect.first} against {effect.second}: no effect on {name(m)} is resolved ({change}, {cells})."
+            if effect.p_value < 1 - confidence:
+                text = text[:-2] + f"; taken alone it would be, not among {len(found)} effects)."
         else:
             better = effect.difference.value * m.sign > 0
             word = "better" if better else "worse"

@@ -94,4 +94,4 @@ def p_value(p: float) -> str:
     >>> p_value(0.04321), p_value(0.00001)
     ('p = 0.043', 'p < 0.001')
     """
-    return "p < 0.001" if p < 0.001 else f"p = {p:.2g}" if p < 0.0995 else f"p = {p:.2f}"
+    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}" if p < 0.0995 else f"p = {p:.2f}"

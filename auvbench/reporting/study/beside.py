@@ -1,0 +1,90 @@
+"""Our test table beside the thesis's: the same cells, the same measures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from auvbench.reporting.measures import measure
+from auvbench.reporting.model import Agent, Estimate
+from auvbench.reporting.rounding import NOTHING, rounded
+from auvbench.reporting.statistics import crossed, means, wilson
+from auvbench.reporting.study import thesis
+from auvbench.reporting.study.evidence import Evidence, cell
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """One number of the thesis and ours."""
+
+    agent: str
+    """the thesis's name, SAC4"""
+    label: str
+    """ours; empty where the cell was not run"""
+    measure: str
+    title: str
+    thesis: float
+    """rates in percent"""
+    mark: str
+    """'r' restored from sums, 'text' given in the text only"""
+    thesis_interval: tuple[float, float] | None
+    """of a rate, in percent: Wilson's for 200 episodes of one training seed"""
+    ours: Estimate | None
+    """rates in percent"""
+
+
+def beside(agents: Sequence[Agent], confidence: float = 0.95) -> tuple[Beside, ...]:
+    """Every number of the thesis's table with ours of the same algorithm, K and training frequency."""
+    evidence = Evidence((), agents, confidence, 0)
+    rows = []
+    for name in thesis.AGENTS:
+        mine = [a for a in evidence.of(name[:3].lower()) if cell(a) == thesis.CELLS[name[3:]]]
+        agent = mine[0] if len(mine) == 1 else None
+        for metric, row in thesis.TABLE.items():
+            if name in row:
+                rows.append(_beside(name, metric, row[name], agent, confidence))
+    return tuple(rows)
+
+
+def _beside(
+    name: str, metric: str, reported: thesis.Reported, agent: Agent | None, confidence: float
+) -> Beside:
+    m, ours, interval = measure(metric), None, None
+    if m.rate:
+        low, high = wilson(reported.value / 100 * thesis.EPISODES, thesis.EPISODES, confidence)
+        interval = (100 * float(low), 100 * float(high))
+    if agent is not None:
+        e = means(crossed([m.values(agent)], rate=m.rate), confidence)[0]
+        scale = 100.0 if m.rate else 1.0
+        ours = Estimate(scale * e.value, scale * e.low, scale * e.high, e.confidence, e.covers)
+    label = "" if agent is None else agent.label
+    title = thesis.TITLES[metric]
+    return Beside(name, label, metric, title, reported.value, reported.mark, interval, ours)
+
+
+def markdown(rows: Sequence[Beside]) -> str:
+    """The comparison as a Markdown table: a line per agent, a column per measure, 'thesis / ours [interval]'."""
+    titles = list(thesis.TITLES.items())
+    lines = [
+        "| agent | " + " | ".join(title for _, title in titles) + " |",
+        "|---" * (len(titles) + 1) + "|",
+    ]
+    for name in thesis.AGENTS:
+        mine = {row.measure: row for row in rows if row.agent == name}
+        label = next((row.label for row in mine.values()), "")
+        cells = [_cell(mine[metric]) if metric in mine else NOTHING for metric, _ in titles]
+        k, f = thesis.CELLS[name[3:]]
+        lines.append(f"| {name} ({label or f'K={k:g} {f:g} Hz, not run'}) | " + " | ".join(cells) + " |")
+    lines += [
+        "",
+        "Thesis (200 episodes, one training seed) / ours with its interval. r: restored from the row's sums.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _cell(row: Beside) -> str:
+    theirs = f"{row.thesis:g}" + (f" {row.mark}" if row.mark else "")
+    if row.ours is None:
+        return f"{theirs} / {NOTHING}"
+    value, low, high = rounded(row.ours)
+    return f"{theirs} / {value}" + (f" [{low}, {high}]" if low else "")

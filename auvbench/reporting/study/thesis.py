@@ -1,0 +1,93 @@
+"""What the thesis reported: its test table as data, and where its agents lie in the grid.
+
+200 test episodes at 10 Hz, one training seed (42), 1,000,000 training steps. Values that its scan had damaged were
+restored from sums (rates add to 100; mean sum = mean norm x mean steps) and are marked as such.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+STEPS = 1_000_000
+"""training steps of every agent"""
+EPISODES = 200
+"""test episodes behind the table"""
+HIGH_FREQUENCY = 55.0
+"""Hz; where its agents did not converge"""
+
+CELLS: dict[str, tuple[float, float]] = {
+    "0": (40.0, 25.0),
+    "1": (1.0, 55.0),
+    "2": (40.0, 55.0),
+    "3": (100.0, 55.0),
+    "4": (1.0, 25.0),
+    "5": (100.0, 25.0),
+    "6": (1.0, 10.0),
+    "7": (40.0, 10.0),
+    "8": (100.0, 10.0),
+}
+"""K and f in Hz of SAC_i and PPO_i"""
+
+AGENTS = ("SAC0", "SAC1", "SAC2", "SAC3", "SAC4", "SAC5", "SAC6", "SAC7", "PPO4", "PPO6", "PPO7")
+
+
+@dataclass(frozen=True, slots=True)
+class Reported:
+    """One number of the thesis."""
+
+    value: float
+    mark: str = ""
+    """'r' restored from the row's sums; 'text' given in the text, not in the table"""
+
+
+def _row(*values: float | str | None) -> dict[str, Reported]:
+    row = {}
+    for agent, value in zip(AGENTS, values, strict=True):
+        if isinstance(value, str):
+            number, _, mark = value.partition(" ")
+            row[agent] = Reported(float(number), mark)
+        elif value is not None:
+            row[agent] = Reported(float(value))
+    return row
+
+
+TABLE: dict[str, dict[str, Reported]] = {
+    "success_rate": _row(98.0, 54.5, 98.2, "94.0 r", 100.0, 97.0, 90.5, 86.0, 28.5, 99.0, "95 text"),
+    "collision_rate": _row(0.5, "1.5 r", 0.0, "1.5 r", 0.0, 0.5, 0.0, "1.5 r", 6.0, 1.0, None),
+    "timeout_rate": _row(1.5, 44.0, 1.8, 4.5, 0.0, "2.5 r", 9.5, 12.5, 65.5, 0.0, None),
+    "mean_steps": _row(330.14, 600.58, 351.85, 350.69, 282.19, 384.9, 543.11, 489.69, 831.17, 316.92, None),
+    "mean_deviation_mean_m": _row(
+        2.669258, 3.250245, 2.971181, 2.636701, 2.618003, 2.691143, 2.208843, 2.751402, 6.19, 3.75, None
+    ),
+    "mean_deviation_std_m": _row(
+        1.434752, 1.417536, 1.728377, 1.312608, 1.43048, 1.245472, 1.245472, 0.991807, 3.28, 3.24, None
+    ),
+    "mean_command_norm_mean_N": _row(
+        33.35, 32.95, 35.97, 37.01, 36.57, 34.89, 34.67, 29.23, "31.75 r", 39.74, None
+    ),
+    "mean_command_norm_sum_N": _row(
+        11009.2,
+        19786.81,
+        12654.93,
+        12979.35,
+        10320.23,
+        13429.88,
+        18832.15,
+        14313.92,
+        26390.45,
+        12595.05,
+        None,
+    ),
+}
+"""by our measure and its agent; rates in percent. SAC5 and SAC6 print the same deviation_std: one is a slip."""
+
+TITLES = {
+    "success_rate": "success, %",
+    "collision_rate": "collision, %",
+    "timeout_rate": "timeout, %",
+    "mean_steps": "mean steps",
+    "mean_deviation_mean_m": "mean d_delta, m",
+    "mean_deviation_std_m": "std d_delta, m",
+    "mean_command_norm_mean_N": "mean norm u, N",
+    "mean_command_norm_sum_N": "mean sum norm u, N",
+}
