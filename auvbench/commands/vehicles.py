@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from auvbench.errors import UserError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,16 +25,24 @@ def main(arguments: Sequence[str]) -> int:
         prog="auvbench vehicles",
         description="Lists vehicle sheets, or shows what one vehicle's numbers imply: mass matrix, allocation,"
         " trim, terminal speeds, stability, and what looks odd.",
-        epilog="examples: auvbench vehicles | auvbench vehicles bluerov2 | auvbench vehicles my/sheet.yaml --json",
+        epilog="examples: auvbench vehicles | auvbench vehicles bluerov2 | auvbench vehicles my/sheet.yaml --json"
+        " | auvbench vehicles bluerov2 --sheet > conf/vehicle/mine.yaml",
     )
     parser.add_argument(
         "vehicle", nargs="?", help="name of a sheet, or the path of a .yaml file; without it, a list"
     )
+    parser.add_argument("--sheet", action="store_true", help="print the sheet itself, to start your own from")
     parser.add_argument(
         "--json", action="store_true", help="print JSON, SI units, body axes forward, port, up"
     )
     options = parser.parse_args(arguments)
-    if options.vehicle is None:
+    if options.sheet and (options.vehicle is None or options.json):
+        raise UserError(
+            "--sheet needs the name of one vehicle, and goes without --json: auvbench vehicles bluerov2 --sheet"
+        )
+    if options.sheet:
+        _print_sheet(options.vehicle)
+    elif options.vehicle is None:
         _list(as_json=options.json)
     else:
         _show(options.vehicle, as_json=options.json)
@@ -58,9 +69,14 @@ def _table(*columns: str, title: str = "") -> Table:
     return table
 
 
-def _local_sheets() -> dict[str, Path]:
-    """The user's own sheets, found like every other configuration in `./conf`."""
-    return {path.stem: path for path in sorted((Path.cwd() / "conf" / "vehicle").glob("*.yaml"))}
+def _print_sheet(name: str) -> None:
+    from auvbench.vehicles import sheet
+    from auvbench.vehicles.reader import sheets
+
+    sheet.load(name)  # an unknown name and a wrong sheet get their message
+    path = Path(name)
+    text = (path if path.suffix in (".yaml", ".yml") else sheets()[name]).read_text(encoding="utf-8")
+    sys.stdout.write(text)
 
 
 def _list(*, as_json: bool) -> None:
@@ -68,11 +84,10 @@ def _list(*, as_json: bool) -> None:
     from auvbench.vehicles import sheet
     from auvbench.vehicles.reader import sheet_names
 
-    local = _local_sheets()
     rows: list[dict[str, Any]] = []
-    for name in sorted({*sheet_names(), *local}):
+    for name in sheet_names():
         try:
-            vehicle = sheet.load(local.get(name, name))
+            vehicle = sheet.load(name)
         except VehicleError as error:  # one broken sheet does not hide the others
             rows.append({"name": name, "title": f"broken: {error}", "actuators": None, "mass_kg": None})
             continue
@@ -100,8 +115,7 @@ def _list(*, as_json: bool) -> None:
 def _show(name: str, *, as_json: bool) -> None:
     from auvbench.vehicles import sheet
 
-    path = _local_sheets().get(name)
-    vehicle = sheet.load(name if path is None else path)
+    vehicle = sheet.load(name)
     if as_json:
         print(json.dumps(_finite(facts(vehicle)), indent=2, allow_nan=False))
         return

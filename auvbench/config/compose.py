@@ -193,6 +193,12 @@ def translate(error: BaseException, entry: str = "train", overrides: Sequence[st
     text = str(error)
     if isinstance(error, MissingConfigException):
         option = error.missing_cfg_file or "?"
+        if option.endswith((".yaml", ".yml")) and "/" in option:
+            group, stem = option.split("/")[0], Path(option).stem
+            return ConfigError(
+                f"{group}={option.removeprefix(group + '/')}: name an option, not a file; a file of your own goes to"
+                f" ./conf/{group}/{stem}.yaml and is chosen by {group}={stem}"
+            )
         if error.options:
             group, _, wanted = option.rpartition("/")
             options = [name for name in error.options if not name.endswith("_schema")]

@@ -302,6 +302,10 @@ def _buoyancy_warnings(vehicle: VehicleModel) -> list[str]:
     return found
 
 
+def _and(names: list[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]]).removeprefix(" and ")
+
+
 def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
     own, B = independent_axes(vehicle), vehicle.allocation
     others = [unit.name for unit in vehicle.units if unit.kind != "thruster"]
@@ -349,6 +353,13 @@ def _stability_warnings(vehicle: VehicleModel) -> list[str]:
         found.append(
             f"open loop, straight flight ahead is unstable in {case.plane} {where} (Munk moment; deviations grow by"
             f" {case.growth:.2g} 1/s at {case.speed:.2f} m/s): a controller must hold it"
+        )
+    linear = [a for a in range(3) if vehicle.quadratic_damping[a] == 0.0 < vehicle.linear_damping[a]]
+    top = max((row.speed for row in reach(vehicle) if row.axis in linear), default=0.0)
+    if linear and top > 0.0:
+        found.append(
+            f"drag is linear alone in {_and([AXES[a] for a in linear])}: real drag grows with the square of speed, so"
+            f" that up to {top:.1f} m/s at full thrust is more than the vehicle will do"
         )
     for axis in range(6):
         if vehicle.linear_damping[axis] == 0.0 and vehicle.quadratic_damping[axis] == 0.0:

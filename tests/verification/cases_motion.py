@@ -288,7 +288,7 @@ def full_heavy() -> float:
 
 def _maker_cases() -> list[Case]:
     g = 9.80665
-    bollard = "Blue Robotics, BlueROV2 pages 2016 to 2023"
+    bollard = "Blue Robotics, BlueROV2 documentation of 2016-17 and a later product page"
 
     def case(name: str, expected: float, got: Callable[[], float], tolerance: float, unit: str) -> Case:
         return Case(SECTION_MAKER, name, bollard, expected, got, tolerance, unit)
