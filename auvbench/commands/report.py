@@ -43,6 +43,7 @@ class Options:
 def main(argv: Sequence[str]) -> int:
     """Exit code 0 when there is a report, whatever had to be left out of it: the report names that."""
     paths, options = parse(argv)
+    from auvbench.reporting.findings import sentences
     from auvbench.reporting.load import agents, load
     from auvbench.reporting.measures import measure
     from auvbench.reporting.ranking import rank
@@ -64,34 +65,57 @@ def main(argv: Sequence[str]) -> int:
     )
     by_label = {agent.label: agent for agent in grouped}
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
-    findings = _findings(runs, ordered, ranking, options)
-    command = shlex.join(["auvbench", "report", *argv])
-    written = write(runs, ordered, ranking, findings, options, command)
-    _show(ranking, findings, options, written)
+    claims, table = _study(runs, ordered, options)
+    report = Report(runs, ordered, ranking, sentences(ranking, ordered), claims, table)
+    written = write(report, options, shlex.join(["auvbench", "report", *argv]))
+    _show(report, options, written)
     return 0
 
 
-def write(
-    runs: Sequence[RunRecord],
-    agents: Sequence[Agent],
-    ranking: Ranking,
-    findings: Sequence[Finding],
-    options: Options,
-    command: str = "",
-) -> list[Path]:
+@dataclass(frozen=True, slots=True)
+class Report:
+    """Everything that the formats show."""
+
+    runs: Sequence[RunRecord]
+    agents: Sequence[Agent]
+    """in the order of the ranking"""
+    ranking: Ranking
+    findings: Sequence[Finding]
+    claims: Sequence[Finding]
+    beside: str
+    """the study's own table next to ours, as Markdown"""
+
+
+def _study(
+    runs: Sequence[RunRecord], agents: Sequence[Agent], options: Options
+) -> tuple[Sequence[Finding], str]:
+    if options.study is None:
+        return (), ""
+    import importlib
+
+    study = importlib.import_module("auvbench.reporting.study")
+    claims = study.answer(runs, agents, options.study, confidence=options.confidence, seed=options.seed)
+    return claims, study.markdown(study.beside(agents, options.confidence))
+
+
+def write(report: Report, options: Options, command: str) -> list[Path]:
     """Writes the formats asked for; returns the files."""
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
 
-    out = options.out or beside(runs)
+    out = options.out or beside(report.runs)
+    ranking = report.ranking
     written = []
     figures: Sequence[Figure] = ()
     if options.figures and {"md", "html"} & set(options.format):
         from auvbench.reporting.figures import draw_all
 
-        figures = draw_all(runs, agents, ranking, out)
+        figures = draw_all(report.runs, report.agents, ranking, out)
+    if "html" in options.format:
+        written.append(_page(out / "index.html", report, figures, command))
     if "md" in options.format:
-        written.append(files.text(out / "report.md", files.markdown(ranking, findings, figures, out)))
+        text = files.markdown(ranking, report.findings, report.claims, report.beside, figures, out)
+        written.append(files.text(out / "report.md", text))
     if "tex" in options.format:
         written.append(files.text(out / "table.tex", tables.latex(ranking)))
     if "csv" in options.format:
@@ -99,33 +123,27 @@ def write(
         if ranking.comparisons:
             text = tables.comparisons_csv(ranking.comparisons)
             written.append(files.text(out / "comparisons.csv", text))
-    if "html" in options.format:
-        from auvbench.reporting import page
-        from auvbench.reporting.figures import colour_of
-
-        written.append(
-            page.write(
-                out / "index.html",
-                ranking=ranking,
-                agents=agents,
-                runs=runs,
-                figures=figures,
-                findings=[finding for finding in findings if not finding.verdict],
-                claims=[finding for finding in findings if finding.verdict],
-                colours=colour_of(agents),
-                command=command,
-            )
-        )
     return written
 
 
-def _findings(
-    runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Ranking, options: Options
-) -> list[Finding]:
-    return []
+def _page(path: Path, report: Report, figures: Sequence[Figure], command: str) -> Path:
+    from auvbench.reporting import page
+    from auvbench.reporting.figures import colour_of
+
+    return page.write(
+        path,
+        ranking=report.ranking,
+        agents=report.agents,
+        runs=report.runs,
+        figures=figures,
+        findings=report.findings,
+        claims=report.claims,
+        colours=colour_of(report.agents),
+        command=command,
+    )
 
 
-def _show(ranking: Ranking, findings: Sequence[Finding], options: Options, written: Sequence[Path]) -> None:
+def _show(report: Report, options: Options, written: Sequence[Path]) -> None:
     from rich.console import Console
     from rich.text import Text
 
@@ -134,18 +152,14 @@ def _show(ranking: Ranking, findings: Sequence[Finding], options: Options, writt
 
     console = Console(highlight=False)
     if "terminal" in options.format:
-        console.print(tables.terminal(ranking))
-        if comparisons := against_baseline(ranking):
+        console.print(tables.terminal(report.ranking))
+        if comparisons := against_baseline(report.ranking):
             console.print()
             console.print(tables.comparisons_terminal(comparisons))
-        if findings:
-            console.print()
-        for finding in findings:
-            verdict = (f" {finding.verdict}.", "bold") if finding.verdict else ""
-            rest = " ".join(
-                filter(None, (finding.statistic, finding.missing and f"Missing: {finding.missing}"))
-            )
-            console.print(Text.assemble("• ", finding.text, verdict, (f" {rest}", "dim")))
+        for title, findings in (("findings", report.findings), ("claims of the study", report.claims)):
+            if findings:
+                console.print(Text(f"\n{title}", style="bold"))
+                console.print(tables.findings_terminal(findings))
     if written:
         console.print()
     for path in written:

@@ -45,20 +45,34 @@ def _reversed(x: Comparison) -> Comparison:
     )
 
 
-def markdown(ranking: Ranking, findings: Sequence[Finding], figures: Sequence[Figure], folder: Path) -> str:
-    """report.md: the table first, then comparisons, findings and figures; links are relative to `folder`."""
+def markdown(
+    ranking: Ranking,
+    findings: Sequence[Finding],
+    claims: Sequence[Finding],
+    beside: str,
+    figures: Sequence[Figure],
+    folder: Path,
+) -> str:
+    """report.md: the table, what it says, comparisons, claims, figures; links are relative to `folder`.
+
+    Args:
+        ranking: the table.
+        findings: sentences that the data generate.
+        claims: claims of a study with their verdicts.
+        beside: the study's own table next to ours, as Markdown.
+        figures: drawn already.
+        folder: where report.md will lie.
+    """
     parts = ["# Report", tables.markdown(ranking).rstrip()]
+    if findings:
+        parts += ["## Findings", "\n".join(f"- {_finding(finding)}" for finding in findings)]
     if comparisons := against_baseline(ranking):
-        parts += [
-            f"## Against {escape(ranking.baseline or '')}",
-            tables.comparisons_markdown(comparisons).rstrip(),
-        ]
-    plain = [finding for finding in findings if not finding.verdict]
-    claims = [finding for finding in findings if finding.verdict]
-    if plain:
-        parts += ["## Findings", "\n".join(f"- {_finding(finding)}" for finding in plain)]
+        parts += [f"## Against {escape(ranking.baseline or '')}"]
+        parts += [tables.comparisons_markdown(comparisons).rstrip()]
     if claims:
         parts += ["## Claims of the study", "\n".join(f"{i}. {_finding(f)}" for i, f in enumerate(claims, 1))]
+    if beside:
+        parts += ["## The study's table and ours", beside.rstrip()]
     if figures:
         parts.append("## Figures")
     for figure in figures:

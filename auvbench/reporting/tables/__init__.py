@@ -3,13 +3,14 @@
 from auvbench.reporting.tables.comma import comparisons_csv, csv
 from auvbench.reporting.tables.latex import latex
 from auvbench.reporting.tables.markdown import comparisons_markdown, markdown
-from auvbench.reporting.tables.terminal import comparisons_terminal, terminal
+from auvbench.reporting.tables.terminal import comparisons_terminal, findings_terminal, terminal
 
 __all__ = [
     "comparisons_csv",
     "comparisons_markdown",
     "comparisons_terminal",
     "csv",
+    "findings_terminal",
     "latex",
     "markdown",
     "terminal",

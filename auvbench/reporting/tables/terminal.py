@@ -9,7 +9,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from auvbench.reporting.model import Comparison, Ranking, Row
+from auvbench.reporting.model import Comparison, Finding, Ranking, Row
 from auvbench.reporting.rounding import rounded
 from auvbench.reporting.tables import columns as c
 from auvbench.reporting.tables.notes import grouped, notes
@@ -106,6 +106,21 @@ def comparisons_terminal(comparisons: Sequence[Comparison]) -> RenderableType:
         table.add_column(heading, justify="right", no_wrap=True)
     for comparison in comparisons:
         table.add_row(comparison.first, comparison.second, comparison.metric, *difference(comparison))
+    return table
+
+
+def findings_terminal(findings: Sequence[Finding]) -> RenderableType:
+    """Sentences, or numbered claims with their verdicts, with what stands behind them."""
+    table = Table.grid(padding=(0, 1))
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column()
+    for i, finding in enumerate(findings, 1):
+        text = Text(finding.text)
+        if finding.verdict:
+            text.append(f" {finding.verdict[0].upper()}{finding.verdict[1:]}.", style="bold")
+        for more in (finding.statistic, finding.missing and f"Missing: {finding.missing}"):
+            text.append(f" {more}" if more else "", style="dim")
+        table.add_row(f"{i}." if finding.verdict else "•", text)
     return table
 
 
