@@ -76,6 +76,11 @@ def living_workers(folder: Path) -> list[lock.Holder]:
     return [holder for holder in holders if holder is not None]
 
 
+def under_way(runs: list[RunDirectory]) -> int:
+    """How many have made a step."""
+    return sum((run.path / "progress.json").exists() for run in runs)
+
+
 def test_all_complete_and_a_second_time_skips(folder: Path) -> None:
     runs = [fake_training.make(folder / f"run{number}") for number in range(5)]
     result, text = carry_out(runs)
@@ -131,7 +136,7 @@ def test_a_target_that_cannot_be_imported_fails_with_its_reason(folder: Path) ->
 def test_the_server_of_the_workers_dies_and_the_runs_go_on(folder: Path) -> None:
     runs = [fake_training.make(folder / f"run{number}", step_s=0.02) for number in range(2)]
     process = start_sweep(folder)
-    until(lambda: len(living_workers(folder)) == 2)
+    until(lambda: under_way(runs) == 2)
     worker = living_workers(folder)[0].pid
     server = int(Path(f"/proc/{worker}/stat").read_text().rpartition(")")[2].split()[1])
     os.kill(server, signal.SIGKILL)
@@ -147,8 +152,7 @@ def test_the_server_of_the_workers_dies_and_the_runs_go_on(folder: Path) -> None
 def test_a_signal_is_passed_on_and_the_runs_save(folder: Path, number: signal.Signals, code: int) -> None:
     runs = [fake_training.make(folder / f"run{i}", step_s=0.02, total_steps=500) for i in range(3)]
     process = start_sweep(folder)
-    until(lambda: len(living_workers(folder)) == 2)
-    time.sleep(0.3)
+    until(lambda: under_way(runs) == 2)
     process.send_signal(number)
     output, _ = process.communicate(timeout=30)
     assert process.returncode == code, output
@@ -162,9 +166,9 @@ def test_a_signal_is_passed_on_and_the_runs_save(folder: Path, number: signal.Si
 
 
 def test_a_second_signal_kills(folder: Path) -> None:
-    fake_training.make(folder / "deaf", step_s=60.0)
+    deaf = fake_training.make(folder / "deaf", step_s=60.0)
     process = start_sweep(folder)
-    until(lambda: len(living_workers(folder)) == 1)
+    until(lambda: deaf.manifest()["state"] == "running")
     process.send_signal(signal.SIGINT)
     assert process.stdout is not None
     for line in process.stdout:
