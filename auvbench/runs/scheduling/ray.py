@@ -120,7 +120,10 @@ def carry_out(run: str, target: str) -> int:
         [*worker, "--parent", str(os.getpid())], stdin=subprocess.DEVNULL, start_new_session=True
     )
     try:
-        return process.wait()
-    except KeyboardInterrupt:  # ray.cancel
+        while process.poll() is None:
+            time.sleep(
+                0.1
+            )  # ray.cancel sets a flag that Python looks at between two calls, not during a long one
+    except KeyboardInterrupt:
         process.send_signal(signal.SIGTERM)
-        return process.wait()
+    return process.wait()
