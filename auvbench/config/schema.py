@@ -93,6 +93,112 @@ class Noise:
 
 
 @dataclass(kw_only=True)
+class GaussMarkov:
+    """First-order Gauss-Markov fluctuation of the current about its mean."""
+
+    sigma: float = number(
+        0.0, 10.0
+    )  # m/s, stationary standard deviation of the east and of the north component
+    sigma_vertical: float = number(0.0, 10.0)  # m/s, of the vertical component
+    mu: float = number(0.0, 1e3, open_low=True)  # 1/s, inverse of the correlation time
+
+
+@dataclass(kw_only=True)
+class CurrentProfile:
+    """Mean current over depth: linear between two depths, constant above and below."""
+
+    top: float = number(0.0, 1e4)  # m, positive down
+    bottom: float = number(0.0, 1e4, open_low=True)  # m, positive down
+    factor: float = number(-10.0, 10.0)  # speed at `bottom` over speed at `top`
+    turn: float = number(-math.pi, math.pi)  # rad, direction at `bottom` less direction at `top`
+
+
+@dataclass(kw_only=True)
+class Current:
+    """The water's motion."""
+
+    speed: float = number(0.0, 10.0)  # m/s
+    speed_high: float | None = number(0.0, 10.0)  # m/s
+    direction: float | None = number(-2.0 * math.pi, 2.0 * math.pi)  # rad
+    elevation: float = number(-math.pi / 2, math.pi / 2)  # rad
+    gauss_markov: GaussMarkov
+    profile: CurrentProfile
+
+
+@dataclass(kw_only=True)
+class Fault:
+    """One actuator of the vehicle fails in an episode."""
+
+    mode: str = choice("none", "dead", "weak", "stuck", "any")
+    probability: float = number(0.0, 1.0)  # per episode
+    actuator: str | None
+    time: float = number(0.0, 1e9)  # s
+    time_high: float | None = number(0.0, 1e9)  # s
+    factor: float = number(0.0, 1.0)  # of the force of a weak thruster
+
+
+@dataclass(kw_only=True)
+class Delay:
+    """Dead times between the agent and the vehicle."""
+
+    action: float = number(0.0, 10.0)  # s
+    observation: float = number(0.0, 10.0)  # s
+
+
+@dataclass(kw_only=True)
+class Channels:
+    """A number per reading."""
+
+    x: float = number(0.0, 1e3)
+    y: float = number(0.0, 1e3)
+    z: float = number(0.0, 1e3)
+    yaw: float = number(0.0, 1e3)
+
+
+@dataclass(kw_only=True)
+class Sensor:
+    """Errors of the position and yaw readings, on top of `noise`."""
+
+    gaussian: Channels  # m and rad, standard deviation
+    bias: Channels  # m and rad, standard deviation over episodes
+    drift: Channels  # m/sqrt(s) and rad/sqrt(s)
+
+
+@dataclass(kw_only=True)
+class Scale:
+    """Range of a factor."""
+
+    low: float = number(0.1, 10.0)
+    high: float = number(0.1, 10.0)
+
+
+@dataclass(kw_only=True)
+class Randomisation:
+    """Another vehicle in each episode: factors on the numbers of its sheet."""
+
+    distribution: str = choice("uniform", "log_uniform")
+    keep_trim: bool
+    mass: Scale
+    buoyancy: Scale
+    inertia: Scale
+    added_mass: Scale
+    damping: Scale
+    thrust: Scale
+
+
+@dataclass(kw_only=True)
+class Disturbance:
+    """What the water, the actuators, the sensors and the sheet's uncertainty do to an episode."""
+
+    name: str = name()
+    current: Current
+    fault: Fault
+    delay: Delay
+    sensor: Sensor
+    randomisation: Randomisation
+
+
+@dataclass(kw_only=True)
 class Checkpoint:
     """How often a run is saved; never changes its result."""
 
@@ -237,7 +343,7 @@ class TrainConfig:
     reward: Reward
     step: Step
     noise: Noise
-    disturbance: Any
+    disturbance: Disturbance
     algo: Any
     train: Train
     launcher: Any

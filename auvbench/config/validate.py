@@ -9,7 +9,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from auvbench.config import schema
+from auvbench.config import disturbance, schema
 from auvbench.errors import ConfigError, closest
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
@@ -126,6 +126,7 @@ def _across(config: schema.TrainConfig) -> None:
             raise ConfigError(
                 f"noise.{name}.low={span.low:g}: must be at most noise.{name}.high={span.high:g}"
             )
+    disturbance.check(config.disturbance)
     algo = config.algo
     if isinstance(algo, schema.PPO):
         rollout = algo.n_steps * algo.n_envs

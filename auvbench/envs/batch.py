@@ -17,6 +17,7 @@ from auvbench.config import schema
 from auvbench.errors import ConfigError
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
+from auvbench.tasks import disturbances
 from auvbench.tasks.kernels import C_EPISODE, COLLISION, SUCCESS, TIMEOUT
 from auvbench.tasks.waypoint import Record, WaypointTask
 from auvbench.vehicles import sheet
@@ -71,6 +72,7 @@ class Batch:
         self.task = WaypointTask(
             config, self.vehicle, self.n, config.seed if seed is None else seed, test=test
         )
+        self.disturbances = disturbances.make(config, self.vehicle, self.task)
         self.autoreset = autoreset
         self._all = np.arange(self.n, dtype=np.int64)
         self._action: Floats = np.zeros((self.n, len(self.vehicle.actuators)))
@@ -94,20 +96,35 @@ class Batch:
     def reset(self) -> NDArray[np.float32]:
         """Begins the next episode everywhere; observations (n, 4 + n_u)."""
         self._reset(self._all)
-        return self.task.observe(self.simulator.pose)
+        return self.task.observe(self._measured())
 
     def _reset(self, indices: NDArray[np.int64]) -> None:
         pose = self.task.reset(indices)
-        self.simulator.reset(indices, pose, np.zeros((len(indices), 6)))
+        scales = None if self.disturbances is None else self.disturbances.draw(indices)
+        self.simulator.reset(indices, pose, np.zeros((len(indices), 6)), scales)
+        if self.disturbances is not None:
+            self.disturbances.begin(indices, self.simulator)
+
+    def _measured(self) -> Floats:
+        return (
+            self.simulator.pose if self.disturbances is None else self.disturbances.measured(self.simulator)
+        )
 
     def step(self, action: NDArray[np.floating]) -> Transition:
         """One agent step of 1/frequency seconds for actions (n, n_u), clipped to [-1, 1]."""
         np.clip(action, -1.0, 1.0, out=self._action)
         task, simulator = self.task, self.simulator
         command = task.add_noise(self._action)
-        simulator.step(command, task.duration)
-        ended_count = task.advance(simulator.pose, self._action, simulator.command_force, simulator.power)
-        observation = task.observe(simulator.pose)
+        power = simulator.power
+        if self.disturbances is None:
+            simulator.step(command, task.duration)
+        else:
+            self.disturbances.advance(simulator, command)
+            power = self.disturbances.power
+        ended_count = task.advance(simulator.pose, self._action, simulator.command_force, power)
+        if self.disturbances is not None:
+            self.disturbances.read()
+        observation = task.observe(self._measured())
         if not ended_count:
             none = np.zeros(self.n, dtype=np.bool_)
             return Transition(observation, task.reward, none, none, self._none, observation[:0], [])
@@ -119,13 +136,15 @@ class Batch:
         final = observation[ended]
         if self.autoreset:
             self._reset(ended)
-            task.observe(simulator.pose, ended)
+            task.observe(self._measured(), ended)
         return Transition(observation, task.reward, terminated, truncated, ended, final, records)
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that an exact resume needs, as plain arrays."""
         state = {f"task.{key}": value for key, value in self.task.state_dict().items()}
         state |= {f"simulator.{key}": value for key, value in self.simulator.state_dict().items()}
+        if self.disturbances is not None:
+            state |= {f"disturbances.{key}": value for key, value in self.disturbances.state_dict().items()}
         state["seed"] = np.asarray(self.seed, dtype=np.int64)
         return state
 
@@ -133,6 +152,8 @@ class Batch:
         self.task.seed = int(state["seed"])
         self.task.load_state_dict(_below(state, "task."))
         self.simulator.load_state_dict(_below(state, "simulator."))
+        if self.disturbances is not None:
+            self.disturbances.load_state_dict(_below(state, "disturbances."))
 
 
 def _below(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:

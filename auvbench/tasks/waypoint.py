@@ -77,7 +77,7 @@ class WaypointTask:
         self.C[:, k.C_EPISODE] = -1
         self.previous: Floats = np.zeros((n, n_u))
         self.offset: Floats = np.zeros((n, 4))
-        """added to the position (m) and yaw (rad) readings: bias, drift (see disturbances)"""
+        """added to the position (m) and yaw (rad) readings: bias, drift, noise (see disturbances)"""
         self.reward: Floats = np.zeros(n)
         self.command: Floats = np.zeros((n, n_u))
         self.observation = np.zeros((n, self.observation_size), dtype=np.float32)
@@ -87,6 +87,11 @@ class WaypointTask:
     def duration(self) -> float:
         """Seconds of simulated time that one agent step lasts."""
         return float(self.parameters[k.P_DURATION])
+
+    @property
+    def stream(self) -> int:
+        """What is or-ed to the streams of random numbers: 0, or TEST."""
+        return self._test
 
     @property
     def outcome(self) -> Integers:

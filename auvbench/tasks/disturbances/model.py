@@ -1,0 +1,237 @@
+"""The disturbances of N episodes, as the batch of environments calls them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.config.disturbance import SCALES
+from auvbench.errors import ConfigError, closest
+from auvbench.simulators.base import Simulator
+from auvbench.tasks.disturbances import kernels as k
+from auvbench.tasks.disturbances.segments import schedule
+from auvbench.tasks.waypoint import WaypointTask
+from auvbench.vehicles.model import VehicleModel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_CHANNELS = ("x", "y", "z", "yaw")
+_STATE = ("D", "I", "commands", "measurements", "clock", "power")
+
+
+def make(config: schema.TrainConfig, vehicle: VehicleModel, task: WaypointTask) -> Disturbances | None:
+    """The disturbances of a configuration; None where it has none, so that they cost nothing."""
+    disturbances = Disturbances(config, vehicle, task)
+    return disturbances if disturbances.active else None
+
+
+class Disturbances:
+    """State of the disturbances of N episodes.
+
+    Order of calls: `draw` and, after the simulator's reset, `begin` when episodes begin; `advance` in place of the
+    simulator's step; `read` before the task observes.
+
+    Args:
+        config: the typed configuration (disturbance, step).
+        vehicle: whose actuators fail and whose numbers are drawn.
+        task: its seed and its counters of episodes and steps address the draws.
+
+    Raises:
+        ConfigError: a fault of an actuator that the vehicle does not have or that has no force to lose, or a
+            range of masses that leaves the vehicle without buoyancy.
+    """
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel, task: WaypointTask) -> None:
+        disturbance = config.disturbance
+        n, n_u = task.n, len(vehicle.actuators)
+        self.task = task
+        self.Q = Q = _parameters(disturbance, vehicle, config.step.frequency)
+        self.depths = (disturbance.current.profile.top, disturbance.current.profile.bottom)
+        self.schedule = schedule(
+            config.step.frequency, disturbance.delay.action, disturbance.delay.observation
+        )
+
+        self.fluctuates = bool(np.any(Q[k.Q_SIGMA : k.Q_SIGMA + 3] > 0.0))
+        self.flows = self.fluctuates or bool(Q[k.Q_SPEED + 1] > 0.0)
+        self.sheared = self.flows and bool(Q[k.Q_FACTOR] != 1.0 or Q[k.Q_TURN] != 0.0)
+        self.fails = bool(Q[k.Q_FAULT] != k.HEALTHY and Q[k.Q_PROBABILITY] > 0.0)
+        self.delayed = self.schedule.commands > 1 or self.schedule.measurements > 0
+        self.noisy = bool(np.any(Q[k.Q_GAUSSIAN : k.Q_GAUSSIAN + 4] > 0.0))
+        self.drifts = bool(np.any(Q[k.Q_STEP_DRIFT : k.Q_STEP_DRIFT + 4] > 0.0))
+        self.misreads = self.noisy or self.drifts or bool(np.any(Q[k.Q_BIAS : k.Q_BIAS + 4] > 0.0))
+        self.randomises = bool(np.any(Q[k.Q_SCALE_LOW : k.Q_SCALE_HIGH + 6] != 1.0))
+        self.candidates = _candidates(disturbance.fault, vehicle) if self.fails else np.zeros(1, np.int64)
+
+        self.D: Floats = np.zeros((n, k.N_FLOATS))
+        self.I: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
+        self.commands: Floats = np.zeros((self.schedule.commands if self.delayed else 0, n, n_u))
+        """ring of the last commands: that of step t lies at t modulo its length"""
+        self.measurements: Floats = np.zeros((self.schedule.measurements, n, 7))
+        """ring of the last measured poses"""
+        self.clock: Integers = np.zeros((), dtype=np.int64)  # steps of the batch
+        self.power: Floats = np.zeros(n)
+        """(n,) W, mean electrical power over the last agent step"""
+        self._top: Floats = np.zeros((n, 3))
+        self._bottom: Floats = np.zeros((n, 3))
+
+    @property
+    def active(self) -> bool:
+        """Whether there is any disturbance at all."""
+        return self.flows or self.fails or self.delayed or self.misreads or self.randomises
+
+    def draw(self, indices: Integers) -> Floats | None:
+        """Draws the disturbances of the episodes that begin; the scales (k, 6) of their vehicles, if any."""
+        key = (self.task.seed, self.task.stream)
+        C, Q = self.task.C, self.Q
+        if self.flows:
+            k.draw_current(indices, C, Q, *key, self.D)
+        if self.fails:
+            k.draw_faults(indices, C, Q, self.candidates, *key, self.D, self.I)
+        if self.misreads:
+            k.draw_bias(indices, C, Q, *key, self.D)
+        if not self.randomises:
+            return None
+        scales = np.empty((len(indices), len(SCALES)))
+        k.draw_scales(indices, C, Q, *key, scales)
+        return scales
+
+    def begin(self, indices: Integers, simulator: Simulator) -> None:
+        """Sets the current, the rings and the first readings of the episodes that begin."""
+        task = self.task
+        if self.flows:
+            self._set_current(simulator)
+        self.commands[:, indices] = 0.0
+        self.measurements[:, indices] = simulator.pose[indices]
+        self.power[indices] = 0.0
+        if self.misreads:
+            k.offsets_of(indices, task.C, self.Q, task.seed, task.stream, self.noisy, self.D, task.offset)
+
+    def advance(self, simulator: Simulator, command: Floats) -> None:
+        """One agent step of the simulator under `command` (n, n_u), which arrives late and meets faults."""
+        task = self.task
+        if self.fluctuates:
+            k.advance_current(task.C, self.Q, task.seed, task.stream, self.D)
+            self._set_current(simulator)
+        if not self.delayed:
+            self._fail(simulator, command)
+            simulator.step(command, task.duration)
+            self.power[:] = simulator.power
+            return
+        kept = len(self.commands)
+        now = int(self.clock)
+        self.commands[now % kept] = command
+        self.power[:] = 0.0
+        for segment in self.schedule.segments:
+            acting = self.commands[(now - segment.age) % kept]
+            self._fail(simulator, acting)
+            simulator.step(acting, segment.duration)
+            self.power += simulator.power * (segment.duration / task.duration)
+            if segment.measure:
+                self.measurements[now % len(self.measurements)] = simulator.pose
+        self.clock += 1
+
+    def _fail(self, simulator: Simulator, command: Floats) -> None:
+        if self.fails:
+            k.apply_faults(self.task.C, self.Q, self.D, self.I, command, simulator.effectiveness)
+
+    def _set_current(self, simulator: Simulator) -> None:
+        k.current_at(self.D, self._top, self._bottom)
+        if self.sheared:
+            simulator.set_current(self._top, self._bottom, self.depths)
+        else:
+            simulator.set_current(self._top)
+
+    def read(self) -> None:
+        """Renews the errors of the readings after an agent step."""
+        task = self.task
+        if self.drifts:
+            k.advance_drift(task.C, self.Q, task.seed, task.stream, self.D)
+        if self.noisy or self.drifts:
+            k.offsets(task.C, self.Q, task.seed, task.stream, self.noisy, self.D, task.offset)
+
+    def measured(self, simulator: Simulator) -> Floats:
+        """Poses (n, 7) that arrive now, before errors."""
+        kept = len(self.measurements)
+        # `clock` is where the next measurement goes: there lies the oldest.
+        return self.measurements[int(self.clock) % kept] if kept else simulator.pose
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """Copies of everything that an exact resume needs and neither task nor simulator holds."""
+        return {name: np.copy(getattr(self, name)) for name in _STATE}
+
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
+        for name in _STATE:
+            np.copyto(getattr(self, name), state[name], casting="no")
+
+
+def _parameters(disturbance: schema.Disturbance, vehicle: VehicleModel, frequency: float) -> Floats:
+    current, fault, sensor = disturbance.current, disturbance.fault, disturbance.sensor
+    wander, drawn = current.gauss_markov, disturbance.randomisation
+    Q = np.zeros(k.N_PARAMETERS)
+    Q[k.Q_SPEED : k.Q_SPEED + 2] = _range(current.speed, current.speed_high)
+    if current.direction is None:
+        Q[k.Q_DIRECTION : k.Q_DIRECTION + 2] = 0.0, 2.0 * math.pi
+    else:
+        Q[k.Q_DIRECTION : k.Q_DIRECTION + 2] = current.direction
+    Q[k.Q_ELEVATION] = current.elevation
+    Q[k.Q_SIGMA : k.Q_SIGMA + 3] = wander.sigma, wander.sigma, wander.sigma_vertical
+    Q[k.Q_DECAY] = math.exp(-wander.mu / frequency)
+    # 1 - e^(-2 x) without cancellation, for a process that hardly moves in a step.
+    Q[k.Q_INNOVATION] = math.sqrt(-math.expm1(-2.0 * wander.mu / frequency))
+    Q[k.Q_FACTOR], Q[k.Q_TURN] = current.profile.factor, current.profile.turn
+    Q[k.Q_FAULT] = k.MODES.index(fault.mode)
+    Q[k.Q_PROBABILITY] = fault.probability
+    Q[k.Q_TIME : k.Q_TIME + 2] = _range(fault.time, fault.time_high)
+    Q[k.Q_WEAK] = fault.factor
+    for j, channel in enumerate(_CHANNELS):
+        Q[k.Q_GAUSSIAN + j] = getattr(sensor.gaussian, channel)
+        Q[k.Q_BIAS + j] = getattr(sensor.bias, channel)
+        Q[k.Q_STEP_DRIFT + j] = getattr(sensor.drift, channel) / math.sqrt(frequency)
+    for j, name in enumerate(SCALES):
+        scale = getattr(drawn, name)
+        Q[k.Q_SCALE_LOW + j], Q[k.Q_SCALE_HIGH + j] = scale.low, scale.high
+    Q[k.Q_LOGARITHMIC] = drawn.distribution == "log_uniform"
+    Q[k.Q_KEEP_TRIM] = drawn.keep_trim
+    Q[k.Q_WEIGHT_RATIO] = vehicle.weight / vehicle.buoyancy if vehicle.buoyancy > 0.0 else 0.0
+    Q[k.Q_FREQUENCY] = frequency
+    lightest = 1.0 + (drawn.mass.low - 1.0) * Q[k.Q_WEIGHT_RATIO]
+    if drawn.keep_trim and lightest <= 0.0:
+        raise ConfigError(
+            f"disturbance.randomisation.mass.low={drawn.mass.low:g}: keep_trim would leave {vehicle.name} without "
+            f"buoyancy; must be more than {1.0 - 1.0 / Q[k.Q_WEIGHT_RATIO]:.3g}"
+        )
+    return Q
+
+
+def _range(low: float, high: float | None) -> tuple[float, float]:
+    return low, low if high is None else high
+
+
+def _candidates(fault: schema.Fault, vehicle: VehicleModel) -> Integers:
+    """Indices of the actuators that may fail."""
+    thrusters = [i for i, unit in enumerate(vehicle.units) if unit.kind == "thruster"]
+    names = vehicle.actuators
+    if fault.actuator is None:
+        if not thrusters:
+            raise ConfigError(
+                f"disturbance.fault.actuator=null: {vehicle.name} has no thrusters; name one of {', '.join(names)}"
+            )
+        return np.array(thrusters, dtype=np.int64)
+    if fault.actuator not in names:
+        raise ConfigError(
+            f"disturbance.fault.actuator={fault.actuator}: {vehicle.name} has no such actuator; "
+            f"{closest(fault.actuator, names)}"
+        )
+    index = names.index(fault.actuator)
+    if fault.mode != "stuck" and index not in thrusters:
+        raise ConfigError(
+            f"disturbance.fault.mode={fault.mode}: {fault.actuator} is a {vehicle.units[index].kind}; "
+            "only a thruster has a force to lose, use stuck"
+        )
+    return np.array([index], dtype=np.int64)
