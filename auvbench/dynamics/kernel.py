@@ -344,6 +344,7 @@ def _gather(
     current: FloatArray,
     external: FloatArray,
     parameters: FloatArray,
+    first: bool,
 ) -> None:
     """Copy one block into the workspace; lanes past the end repeat the last vehicle."""
     last = pose.shape[0] - 1
@@ -357,8 +358,10 @@ def _gather(
             ws[(CURRENT + j) * L + l] = current[i, j]
         for j in range(6):
             ws[(layout.EXTERNAL + j) * L + l] = external[i, j]
-    for l in range(PARAMETER_ROWS * L):
-        ws[PARAMETERS * L + l] = parameters[block, l]
+    if parameters.shape[0] > 1 or first:
+        row = min(block, parameters.shape[0] - 1)
+        for l in range(PARAMETER_ROWS * L):
+            ws[PARAMETERS * L + l] = parameters[row, l]
 
 
 @njit(nogil=True)
@@ -369,27 +372,6 @@ def _scatter(ws: FloatArray, block: int, pose: FloatArray, velocity: FloatArray)
             pose[i, j] = ws[(X + j) * L + l]
         for j in range(6):
             velocity[i, j] = ws[(X + 7 + j) * L + l]
-
-
-@njit(nogil=True)
-def _general_stage(
-    ws: FloatArray,
-    weight: float,
-    ahead: float,
-    full: bool,
-    special: bool,
-    units: FloatArray,
-    geometry: FloatArray,
-    output: FloatArray,
-    thrust: FloatArray,
-) -> None:
-    """One stage with what only some vehicles need before it."""
-    if full:
-        _off_diagonal(ws)
-    if special:
-        apply_thrust(ws, units, geometry, output, thrust)
-        add_appendages(ws, units, geometry, output)
-    _stage(ws, weight, ahead, full)
 
 
 def _compiled(version: int) -> Any:
@@ -406,7 +388,7 @@ def _compiled(version: int) -> Any:
         power: FloatArray,  # (n,) out: electrical W of that command
         current: FloatArray,  # (n, 8)
         external: FloatArray,  # (n, 6) body wrench
-        parameters: FloatArray,  # (n_blocks, rows * LANES)
+        parameters: FloatArray,  # (n_blocks, rows * LANES), or one row for all blocks
         units: FloatArray,  # (n_u, ACTUATOR_COLUMNS)
         geometry: FloatArray,  # (n_u, GEOMETRY_COLUMNS)
         discrete: FloatArray,  # (n_u, DISCRETE_COLUMNS) for half a substep
@@ -432,35 +414,29 @@ def _compiled(version: int) -> Any:
         thrust = table[2 * n_u : 3 * n_u]  # effectiveness times thrust scale
         inner = table[3 * n_u :]
         for block in range(blocks[0], blocks[1]):
-            _gather(ws, block, pose, velocity, current, external, parameters)
+            _gather(ws, block, pose, velocity, current, external, parameters, block == blocks[0])
             hold_commands(ws, block, states, command, effectiveness, force, power, units, geometry, discrete,
                           tables, value, output, thrust, inner)  # fmt: skip
-            if full or special:
-                for _ in range(substeps):
-                    _begin(ws)
-                    _general_stage(ws, h / 6.0, h / 2.0, full, special, units, geometry, output, thrust)
-                    if dynamic:
+            for _ in range(substeps):
+                _begin(ws)
+                # The classical Runge-Kutta method; one call in the source, so that it is compiled once.
+                for stage in range(4):
+                    weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+                    ahead = h / 2.0 if stage < 2 else h * (3 - stage)
+                    if dynamic and (stage == 1 or stage == 3):
                         advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-                    _general_stage(ws, h / 3.0, h / 2.0, full, special, units, geometry, output, thrust)
-                    _general_stage(ws, h / 3.0, h, full, special, units, geometry, output, thrust)
-                    if dynamic:
-                        advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-                    _general_stage(ws, h / 6.0, 0.0, full, special, units, geometry, output, thrust)
-                    _finish(ws)
-            else:
-                # The same for vehicles with diagonal added mass and thrusters alone, which do not pay for the rest: with
-                # the constant False the compiler drops the terms of the off-diagonal added mass.
-                for _ in range(substeps):
-                    _begin(ws)
-                    _stage(ws, h / 6.0, h / 2.0, False)
-                    if dynamic:
-                        advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-                    _stage(ws, h / 3.0, h / 2.0, False)
-                    _stage(ws, h / 3.0, h, False)
-                    if dynamic:
-                        advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-                    _stage(ws, h / 6.0, 0.0, False)
-                    _finish(ws)
+                    if not (full or special):
+                        # With the constant the compiler drops the terms of the off-diagonal added mass, so that
+                        # vehicles without it do not pay for it.
+                        _stage(ws, weight, ahead, False)
+                        continue
+                    if full:
+                        _off_diagonal(ws)
+                    if special:
+                        apply_thrust(ws, units, geometry, output, thrust)
+                        add_appendages(ws, units, geometry, output)
+                    _stage(ws, weight, ahead, full)
+                _finish(ws)
             _scatter(ws, block, pose, velocity)
             if states.shape[1] > 0:
                 for l in range(min(L, pose.shape[0] - block * L)):

@@ -77,7 +77,6 @@ class FossenSimulator:
         )
         self._discrete: dict[float, FloatArray] = {}
         self._n_blocks = -(-n // layout.LANES)
-        self._parameters = np.empty((self._n_blocks, PARAMETER_ROWS * layout.LANES))
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 and n >= THREAD_BATCH else None
 
         self.pose = np.zeros((n, 7))
@@ -90,8 +89,10 @@ class FossenSimulator:
         self.current = np.zeros((n, layout.CURRENT_COLUMNS))
         self.external_wrench = np.zeros((n, 6))
         self.scales = np.ones((n, len(SCALES)))
+        # One block of parameters serves all vehicles until one of them differs.
+        rows = parameter_rows(vehicle, np.ones((1, len(SCALES))))
+        self._parameters = np.repeat(rows.T, layout.LANES, axis=1).reshape(1, -1)
         self._scaled = False
-        self._load_parameters(np.arange(self._n_blocks * layout.LANES), np.ones((1, len(SCALES))))
 
     def reset(
         self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike, scales: ArrayLike | None = None
@@ -103,11 +104,9 @@ class FossenSimulator:
         self.command_force[indices] = 0.0
         self.power[indices] = 0.0
         self.effectiveness[indices] = 1.0
-        if scales is None and not self._scaled:
-            return
-        self.scales[indices] = 1.0 if scales is None else scales
-        self._scaled = True
-        self._load_parameters(np.asarray(indices), self.scales[indices])
+        if scales is not None or self._scaled:
+            self.scales[indices] = 1.0 if scales is None else scales
+            self._load_parameters(np.asarray(indices))
 
     def set_current(
         self,
@@ -178,11 +177,14 @@ class FossenSimulator:
         """Return to a state that `state_dict` gave."""
         for name in _STATE:
             getattr(self, name)[...] = state[name]
-        self._scaled = bool(np.any(self.scales != 1.0))
-        self._load_parameters(np.arange(self.n), self.scales)
+        if self._scaled or np.any(self.scales != 1.0):
+            self._load_parameters(np.arange(self.n))
 
-    def _load_parameters(self, lanes: IntArray, scales: FloatArray) -> None:
-        """Write the parameters of vehicles `lanes` (k,), scaled by `scales` (k, 6) or (1, 6)."""
-        rows = parameter_rows(self.vehicle, scales)
+    def _load_parameters(self, lanes: IntArray) -> None:
+        """Write the parameters of vehicles `lanes` (k,) as `scales` has them."""
+        if not self._scaled:
+            self._scaled = True
+            self._parameters = np.repeat(self._parameters, self._n_blocks, axis=0)
         blocks = self._parameters.reshape(self._n_blocks, PARAMETER_ROWS, layout.LANES)
+        rows = parameter_rows(self.vehicle, self.scales[lanes])
         blocks[lanes // layout.LANES, :, lanes % layout.LANES] = rows
