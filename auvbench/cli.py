@@ -16,6 +16,7 @@ from auvbench.errors import AuvbenchError, UserError, closest
 
 COMMANDS: dict[str, str] = {
     "train": "train one run, or a grid of runs with -m",
+    "resume": "finish interrupted runs, or extend runs to a larger budget",
     "evaluate": "apply a test protocol to trained runs",
     "report": "rank runs and write tables, figures and a page",
     "vehicles": "list vehicles, or show what one vehicle's numbers imply",
@@ -66,9 +67,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except AuvbenchError as error:
         print(f"auvbench: {error}", file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        print("auvbench: interrupted", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as interruption:
+        # One of ours says what is saved and which signal it was.
+        print(f"auvbench: {str(interruption) or 'interrupted'}", file=sys.stderr)
+        return int(getattr(interruption, "exit_code", 130))
     except BrokenPipeError:
         # The reader of our output (head, less) went away: no error, and no second one at shutdown.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

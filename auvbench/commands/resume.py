@@ -1,0 +1,118 @@
+"""`auvbench resume`: finish what is unfinished, or extend what is complete to a larger budget."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from auvbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from auvbench.runs.directory import RunDirectory
+
+BUDGET = "train.total_steps"
+
+_EPILOG = """examples:
+  auvbench resume outputs                                  finish every interrupted, failed or pending run
+  auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e  finish this one
+  auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e train.total_steps=2000000
+                                                           go on to a larger budget, in a run of its own
+
+A resumed run ends with the same bits as one that was never interrupted; docs/resume.md says what that means.
+"""
+
+
+def main(arguments: Sequence[str]) -> int:
+    given = _parser().parse_args(list(arguments))
+    paths = [Path(text) for text in given.runs if not _is_override(text)]
+    overrides = [text for text in given.runs if _is_override(text)]
+    if not paths:
+        raise ConfigError("resume: name at least one run or folder, e.g. auvbench resume outputs")
+    if given.workers < 0:
+        raise ConfigError(f"--workers {given.workers}: must be at least 0 (0: as many as cores)")
+    total = _budget(overrides)
+
+    from auvbench.runs.directory import find_runs
+
+    runs = find_runs(paths)
+    if total is not None:
+        runs = _extended(runs, total, shlex.join(["auvbench", "resume", *arguments]))
+    return _one(runs[0]) if len(runs) == 1 else _several(runs, given.workers)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="auvbench resume",
+        description="Finishes interrupted, failed and pending runs, or extends runs to a larger budget.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "runs", nargs="*", metavar="RUN", help=f"run directories or folders; {BUDGET}=N extends"
+    )
+    parser.add_argument("--workers", type=int, default=0, help="runs at once (default: as many as cores)")
+    return parser
+
+
+def _is_override(text: str) -> bool:
+    return "=" in text and not Path(text).exists()
+
+
+def _budget(overrides: Sequence[str]) -> int | None:
+    """The number in `train.total_steps=N`, the one override that continues a run instead of making another."""
+    total = None
+    for override in overrides:
+        key, _, value = override.partition("=")
+        if key != BUDGET:
+            raise ConfigError(
+                f"{override}: resume changes nothing but {BUDGET}; another value is another run: auvbench train"
+            )
+        try:
+            total = int(value)
+        except ValueError:
+            raise ConfigError(f"{override}: {value!r} is not a whole number") from None
+    return total
+
+
+def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[RunDirectory]:
+    from auvbench.runs.checkpoint.extending import extend
+
+    targets = []
+    for run in runs:
+        target = extend(run, total, command)
+        print(f"{target.path}: extends {run.id} to {total:,} steps")
+        targets.append(target)
+    return targets
+
+
+def _one(run: RunDirectory) -> int:
+    """In this process, with a live bar."""
+    from auvbench.commands.bars import training_bar
+    from auvbench.runs import standing
+    from auvbench.runs.training import execute
+    from auvbench.runs.worker import carry_out
+
+    now = standing.of(run)
+    if now.state is standing.State.COMPLETE:
+        print(f"{run.path}: complete already, nothing to do ({BUDGET}=N extends it)")
+        return 0
+    steps, total = now.manifest["steps"], now.manifest["total_steps"]
+    print(f"{run.path}: {now.state}, {steps:,} of {total:,} steps", flush=True)
+    shown = bool(run.config()["train"]["progress"])
+    with training_bar(total, shown=shown) as watch:
+        carry_out(run, lambda run: execute(run, watch))
+    manifest = run.manifest()
+    print(f"complete: {manifest['steps']:,} steps in {manifest['wall_time_s']:.1f} s")
+    print(f"{run.path}")
+    return 0
+
+
+def _several(runs: Sequence[RunDirectory], workers: int) -> int:
+    """Side by side, each in a process of its own."""
+    from auvbench.runs.scheduling.local import LocalBackend
+    from auvbench.runs.scheduling.sweep import sweep
+
+    return sweep(runs, LocalBackend(workers)).exit_code

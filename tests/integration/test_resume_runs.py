@@ -1,0 +1,316 @@
+"""Runs that are interrupted, ill or out of disk, and go on: the same bits as a run that nothing happened to."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from auvbench.cli import main
+from auvbench.errors import ConfigError, RunError, TrainingError
+from auvbench.runs import learning
+from auvbench.runs.checkpoint.extending import extend
+from auvbench.runs.checkpoint.store import CheckpointStore, CheckpointWarning
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.interruption import Interrupted
+from auvbench.runs.training import execute
+from tests.soak.bits import bits
+from tests.soak.campaign import frozen
+
+CASES = ("ppo-8", "sac-8")
+EVERY = "train.checkpoint.steps=200"
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def whole(case: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The bits of the run that nothing happens to."""
+    run = frozen(tmp_path_factory.mktemp("whole"), "whole", case, [])
+    execute(run)
+    return bits(run.path)
+
+
+@pytest.fixture
+def run(case: str, tmp_path: Path) -> RunDirectory:
+    made = frozen(tmp_path, "tried", case, [EVERY])
+    assert isinstance(made, RunDirectory)
+    return made
+
+
+Strike = Callable[[int, Callable[[learning.Recorder], None]], None]
+
+
+@pytest.fixture
+def strike(monkeypatch: pytest.MonkeyPatch) -> Strike:
+    """Calls a function once, in the first step of the environments at or after a number of steps."""
+    ordinary = learning.Recorder._on_step
+
+    def arm(step: int, blow: Callable[[learning.Recorder], None]) -> None:
+        armed = [True]
+
+        def on_step(self: learning.Recorder) -> bool:
+            if armed and self.num_timesteps >= step:
+                armed.clear()
+                blow(self)
+            return ordinary(self)
+
+        monkeypatch.setattr(learning.Recorder, "_on_step", on_step)
+
+    return arm
+
+
+def test_cadence_does_not_change_a_bit(whole: dict[str, str], run: RunDirectory) -> None:
+    execute(run)
+    assert len(CheckpointStore(run.path).steps()) == 2
+    assert bits(run.path) == whole
+
+
+def test_a_checkpoint_by_the_clock_does_not_change_a_bit(
+    case: str, whole: dict[str, str], tmp_path: Path
+) -> None:
+    run = frozen(tmp_path, "timed", case, ["train.checkpoint.seconds=0.2", "train.checkpoint.keep=1"])
+    execute(run)
+    assert len(CheckpointStore(run.path).steps()) == 1
+    assert bits(run.path) == whole
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signals_save_and_leave(
+    whole: dict[str, str], run: RunDirectory, strike: Strike, number: signal.Signals, code: int
+) -> None:
+    strike(600, lambda _: os.kill(os.getpid(), number))
+    with pytest.raises(Interrupted, match="saved at step") as caught:
+        execute(run)
+    assert caught.value.exit_code == code
+    assert run.manifest()["state"] == "interrupted"
+    steps = CheckpointStore(run.path).steps()
+    assert steps[0] >= 600
+    assert run.manifest()["steps"] == steps[0]
+    execute(run)
+    assert bits(run.path) == whole
+
+
+def test_without_time_to_save_the_last_checkpoint_counts(
+    case: str, whole: dict[str, str], run: RunDirectory, strike: Strike, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("auvbench.runs.checkpoint.callback.GRACE", -1.0)
+    strike(900, lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    # SAC's rollout is one step of the batch: there is always time to end it.
+    message = "the last checkpoint is of step" if case == "ppo-8" else "saved at step"
+    with pytest.raises(Interrupted, match=message):
+        execute(run)
+    monkeypatch.undo()
+    execute(run)
+    assert bits(run.path) == whole
+
+
+def test_a_nan_in_the_physics_stops_the_run(whole: dict[str, str], run: RunDirectory, strike: Strike) -> None:
+    def blow(recorder: learning.Recorder) -> None:
+        recorder._environment.batch.simulator.pose[3, 1] = np.nan
+
+    strike(700, blow)
+    with pytest.raises(TrainingError, match=r"environment 3 is (nan|not finite)"):
+        execute(run)
+    manifest = run.manifest()
+    assert manifest["state"] == "failed"
+    assert 700 <= manifest["error"]["step"] <= 720
+    assert "environment 3" in manifest["error"]["message"]
+    assert 0 < CheckpointStore(run.path).steps()[0] < 700
+    execute(run)
+    assert bits(run.path) == whole
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_weights_that_are_no_numbers_stop_the_run(
+    whole: dict[str, str], run: RunDirectory, strike: Strike, value: float
+) -> None:
+    def blow(recorder: learning.Recorder) -> None:
+        with torch.no_grad():
+            next(iter(recorder.model.policy.parameters())).view(-1)[0] = value
+
+    strike(700, blow)
+    with pytest.raises(TrainingError, match=r"step \d+: "):
+        execute(run)
+    assert run.manifest()["state"] == "failed"
+    assert CheckpointStore(run.path).steps()[0] < 900
+    execute(run)
+    assert bits(run.path) == whole
+
+
+@pytest.mark.filterwarnings("ignore::auvbench.runs.checkpoint.store.CheckpointWarning")
+@pytest.mark.parametrize("damage", ["flip", "truncate"])
+def test_damage_to_any_component_costs_time_alone(
+    whole: dict[str, str], run: RunDirectory, strike: Strike, damage: str
+) -> None:
+    def crash(_: learning.Recorder) -> None:
+        raise TrainingError("crash")
+
+    rng = np.random.default_rng(0)
+    for step in (800, 880, 950):
+        strike(step, crash)
+        with pytest.raises(TrainingError, match="crash"):
+            execute(run)
+        store = CheckpointStore(run.path)
+        newest = store.folder / str(store.steps()[0])
+        victims = [path for path in (*newest.iterdir(), *store.folder.glob("replay/*")) if path.is_file()]
+        victim = victims[rng.integers(len(victims))]
+        data = bytearray(victim.read_bytes())
+        if damage == "flip":
+            data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+        victim.write_bytes(data if damage == "flip" else data[: len(data) // 3])
+    execute(run)
+    assert bits(run.path) == whole
+
+
+def test_a_damaged_checkpoint_is_named(run: RunDirectory, strike: Strike) -> None:
+    strike(900, lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    with pytest.raises(Interrupted):
+        execute(run)
+    newest, older = CheckpointStore(run.path).steps()
+    (run.path / f"checkpoints/{newest}/policy.pt").write_bytes(b"rubbish")
+    with pytest.warns(CheckpointWarning, match=rf"step {newest} .*policy\.pt.*using the one of step {older}"):
+        execute(run)
+
+
+def test_clocks_that_jump_backwards_do_not_matter(
+    whole: dict[str, str], run: RunDirectory, strike: Strike, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    strike(600, lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    with pytest.raises(Interrupted):
+        execute(run)
+    now, now_ns = time.time, time.time_ns
+    monkeypatch.setattr(time, "time", lambda: now() - 86_400.0)
+    monkeypatch.setattr(time, "time_ns", lambda: now_ns() - 86_400 * 10**9)
+    execute(run)
+    assert bits(run.path) == whole
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 3 MB."""
+    mount = tmp_path / "disk"
+    mount.mkdir()
+    try:
+        command = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(mount)]
+        done = subprocess.run(command, capture_output=True, check=False).returncode == 0
+    except FileNotFoundError:
+        done = False
+    if not done:
+        pytest.skip("mounting a small tmpfs needs root")
+    yield mount
+    subprocess.run(["umount", "-l", str(mount)], check=True)
+
+
+def fill(disk: Path) -> None:
+    with (disk / "ballast").open("wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(b"\0" * 4096)
+        except OSError:
+            return
+
+
+def test_a_full_disk_is_named_and_costs_nothing(
+    case: str, whole: dict[str, str], small_disk: Path, strike: Strike
+) -> None:
+    run = frozen(small_disk, "tried", case, [EVERY])
+    strike(500, lambda _: fill(small_disk))
+    with pytest.raises(TrainingError, match="disk is full; free some space"):
+        execute(run)
+    store = CheckpointStore(run.path)
+    assert store.peek() is not None
+    assert not [path for path in store.folder.iterdir() if path.name.startswith(".")]
+    with pytest.raises(TrainingError, match="disk is full"):  # still full: still one clear line
+        execute(run)
+    (small_disk / "ballast").unlink()
+    execute(run)
+    assert bits(run.path) == whole
+
+
+def test_outputs_that_become_read_only_are_named_and_cost_nothing(
+    case: str, whole: dict[str, str], small_disk: Path, strike: Strike
+) -> None:
+    run = frozen(small_disk, "tried", case, [EVERY])
+    # The table of episodes is open, and a file system with files open for writing refuses a plain remount.
+    strike(500, lambda recorder: protect(small_disk, recorder))
+    with pytest.raises(TrainingError, match="read-only; make it writable"):
+        execute(run)
+    with pytest.raises(TrainingError, match="read-only"):
+        execute(run)
+    subprocess.run(["umount", str(small_disk)], check=True)
+    execute(run)
+    assert bits(run.path) == whole
+
+
+def protect(disk: Path, recorder: learning.Recorder) -> None:
+    """A read-only bind mount over the run's disk: what is opened from now on is refused."""
+    subprocess.run(["mount", "--bind", str(disk), str(disk)], check=True)
+    subprocess.run(["mount", "-o", "remount,bind,ro", str(disk)], check=True)
+
+
+TOTALS = {"ppo-8": (1000, 2000), "sac-8": (500, 1000)}
+
+
+def test_an_extended_run_is_the_longer_run(case: str, whole: dict[str, str], tmp_path: Path) -> None:
+    small, large = TOTALS[case]
+    run = frozen(tmp_path, "tried", case, [f"train.total_steps={small}"])
+    execute(run)
+    before = {path: path.read_bytes() for path in run.path.rglob("*") if path.is_file()}
+    assert main(["resume", str(run.path), f"train.total_steps={large}"]) == 0
+    assert {path: path.read_bytes() for path in run.path.rglob("*") if path.is_file()} == before
+    longer = frozen(tmp_path, "tried", case, [])
+    assert longer.path != run.path
+    assert bits(longer.path) == whole
+    assert main(["resume", str(run.path), f"train.total_steps={large}"]) == 0  # nothing left to do
+
+
+def test_what_cannot_be_extended_says_why(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = frozen(tmp_path, "tried", case, [])
+    with pytest.raises(RunError, match="no checkpoint to go on from"):
+        extend(run, 10_000)
+    with pytest.raises(ConfigError, match=r"train\.total_steps=10: must be more than"):
+        extend(run, 10)
+    linear = frozen(tmp_path, "tried", case, ["algo.learning_rate_schedule=linear"])
+    with pytest.raises(RunError, match=r"learning_rate_schedule=linear.*depends on train\.total_steps"):
+        extend(linear, 10_000)
+    assert main(["resume", str(run.path), "algo.gamma=0.9"]) == 2
+    assert "resume changes nothing but train.total_steps" in capsys.readouterr().err
+    assert main(["resume", str(run.path), "train.total_steps=2e6"]) == 2
+    assert "'2e6' is not a whole number" in capsys.readouterr().err
+    assert main(["resume"]) == 2
+    assert main(["resume", str(tmp_path / "nowhere")]) == 2
+
+
+def test_resume_finishes_an_interrupted_run(
+    whole: dict[str, str], run: RunDirectory, strike: Strike, capsys: pytest.CaptureFixture[str]
+) -> None:
+    strike(600, lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    assert main(["resume", str(run.path)]) == 143
+    assert "stopped by SIGTERM, saved at step" in capsys.readouterr().err
+    assert main(["resume", str(run.path)]) == 0
+    assert bits(run.path) == whole
+    assert main(["resume", str(run.path)]) == 0
+    assert "complete already" in capsys.readouterr().out
+
+
+def test_resume_finishes_several_runs_side_by_side(tmp_path: Path) -> None:
+    """In fresh processes of their own, which end with the same bits as one here."""
+    whole = frozen(tmp_path / "whole", "whole", "sac-8", [])
+    execute(whole)
+    runs = [frozen(tmp_path / "tried", "tried", "sac-8", [EVERY, *seed]) for seed in ([], ["seed=7"])]
+    assert main(["resume", str(tmp_path / "tried"), "--workers", "2"]) == 0
+    assert bits(runs[0].path) == bits(whole.path)
+    assert runs[1].manifest()["state"] == "complete"
