@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 from auvbench.reporting import rounding
 from auvbench.reporting.model import Estimate
@@ -29,7 +30,8 @@ def estimate(of: Estimate, scale: float = 1.0) -> tuple[str, str]:
     ('98.0', '96.4 – 98.9')
     """
     value, low, high = (typeset(text) for text in rounding.rounded(of, scale))
-    return value, f"{low} – {high}" if low else ""
+    between = " to " if low.startswith(MINUS) else " – "  # a dash beside a minus sign is hard to read
+    return value, f"{low}{between}{high}" if low else ""
 
 
 def typeset(number: str) -> str:
@@ -39,6 +41,15 @@ def typeset(number: str) -> str:
     if whole.isdecimal() and len(whole) > 4:
         whole = f"{int(whole):,}".replace(",", _THIN)
     return sign + whole + point + rest
+
+
+def minus(sentence: str) -> str:
+    """The sentence with real minus signs before its numbers; dates, names and ranges keep their hyphens.
+
+    >>> minus("-4.1 points [-6.7, -1.5] of run sac-1, 10-20 m")
+    '−4.1 points [−6.7, −1.5] of run sac-1, 10-20 m'
+    """
+    return re.sub(r"(?<![\w.)\]-])-(?=\.?\d)", MINUS, sentence)
 
 
 def probability(p: float) -> str:

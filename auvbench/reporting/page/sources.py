@@ -107,10 +107,10 @@ def sentences(findings: Iterable[Finding], links: Links) -> list[Sentence]:
         style = VERDICTS.get(finding.verdict, "open")
         found.append(
             Sentence(
-                finding.text,
+                numbers.minus(finding.text),
                 finding.verdict,
                 style,
-                finding.statistic,
+                numbers.minus(finding.statistic),
                 finding.missing,
                 sources,
                 len(sources) > SHOWN,

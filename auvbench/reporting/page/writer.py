@@ -50,7 +50,7 @@ def write(
     trajectories: trajectories_.Scenes | None = None,
     colours: Mapping[str, tuple[str, Any, Any]],
     command: str = "",
-    title: str = "auvbench report",
+    title: str = "",
 ) -> Path:
     """Write the report as one HTML file that needs nothing but a browser.
 
@@ -69,7 +69,7 @@ def write(
         trajectories: the paths of the 3-D view; None reads them from the agents' runs.
         colours: by label (colour as #rrggbb, marker, line style), as in the figures.
         command: the command line that made the report.
-        title: the page's title.
+        title: the page's title; by default it names the experiments that the runs belong to.
 
     Returns:
         The path that was written.
@@ -95,7 +95,7 @@ def write(
         _environment()
         .get_template("page.html")
         .render(
-            title=title,
+            title=title or _title(runs),
             question=QUESTION,
             style=Markup(style),
             script=Markup(script),
@@ -122,6 +122,14 @@ def write(
         )
     )
     return text(path, html)
+
+
+def _title(runs: Sequence[RunRecord]) -> str:
+    names = sorted({str(name) for run in runs if (name := run.config.get("name"))})
+    if not names:
+        return "auvbench report"
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return f"auvbench report: {', '.join(names[:3])}{more}"
 
 
 def _environment() -> jinja2.Environment:

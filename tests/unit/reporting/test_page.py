@@ -294,7 +294,7 @@ def test_numbers() -> None:
     assert numbers.estimate(Estimate(0.98, 0.964, 0.989), 100) == ("98.0", "96.4 – 98.9")
     assert numbers.estimate(Estimate(-12345.6, -12400, -12300)) == (
         "−12\u202f346",
-        "−12\u202f400 – −12\u202f300",
+        "−12\u202f400 to −12\u202f300",
     )
     assert numbers.estimate(Estimate(float("nan"), float("nan"), float("nan"))) == ("–", "")
     assert numbers.fixed(None, 1) == numbers.fixed(float("inf"), 1) == "–"
@@ -302,6 +302,11 @@ def test_numbers() -> None:
     assert [numbers.p_value(p) for p in (0.0002, 0.25, float("nan"))] == ["< 0.001", "0.250", "–"]
     durations = [numbers.duration(s) for s in (42240.0, 250.0, 12.34, 59.97, 3599.7, None)]
     assert durations == ["11 h 44 min", "4 min 10 s", "12.3 s", "1 min 0 s", "1 h 0 min", "–"]
+
+
+def test_signs_in_sentences() -> None:
+    sentence = "-4.1 points [-6.7, -.5] of run sac-1 on 2026-01-02, 10-20 m"
+    assert numbers.minus(sentence) == "−4.1 points [−6.7, −.5] of run sac-1 on 2026-01-02, 10-20 m"
 
 
 def ranking_of(*successes: tuple[float, float, float]) -> Ranking:

@@ -58,9 +58,19 @@
     });
   }
 
+  // Only what really scrolls is a stop for the keyboard.
+  const stops = new ResizeObserver((entries) => {
+    for (const { target } of entries) {
+      const scrolls = target.scrollWidth > target.clientWidth || target.scrollHeight > target.clientHeight;
+      if (scrolls) target.tabIndex = 0;
+      else target.removeAttribute("tabindex");
+    }
+  });
+  for (const part of document.querySelectorAll(".scroll")) stops.observe(part);
+
   let opened = [];
   window.addEventListener("beforeprint", () => {
-    opened = [...document.querySelectorAll("details.more:not([open])")];
+    opened = [...document.querySelectorAll("details.more:not([open], .long)")];
     for (const part of opened) part.open = true;
   });
   window.addEventListener("afterprint", () => {
