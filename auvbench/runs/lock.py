@@ -23,9 +23,10 @@ import os
 import threading
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 
@@ -194,13 +195,13 @@ def current(run: str | Path) -> Holder | None:
 
 
 def living_holder(
-    run: str | Path, *, now: float | None = None, stale_after: float = STALE_AFTER
+    run: str | Path, *, clock: Callable[[Path], float] | None = None, stale_after: float = STALE_AFTER
 ) -> Holder | None:
     """Who holds the run, as far as one look can tell; None when it is free or its holder is dead.
 
     Args:
         run: the run directory.
-        now: the file server's time (`server_time`), to ask it once for many runs.
+        clock: tells the file server's time for a run; `shared_clock` asks it once for many runs.
         stale_after: as in `acquire`.
     """
     run = Path(run)
@@ -211,7 +212,7 @@ def living_holder(
     holder, touched = found
     if holder.here:
         return holder if processes.start_mark(holder.pid) == holder.started else None
-    age = (server_time(run) if now is None else now) - touched
+    age = (clock or server_time)(run) - touched
     return holder if abs(age) <= stale_after else None
 
 
@@ -226,6 +227,12 @@ def server_time(folder: Path) -> float:
     finally:
         with contextlib.suppress(OSError):
             probe.unlink()
+
+
+def shared_clock() -> Callable[[Path], float]:
+    """`server_time` that asks once for all runs of a folder."""
+    ask = cache(server_time)
+    return lambda run: ask(run.parent)
 
 
 def _may_take(

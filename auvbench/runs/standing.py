@@ -6,8 +6,10 @@ lock has a living holder.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 from auvbench.runs import lock
@@ -38,18 +40,18 @@ class Standing:
         return self.run.path.name
 
 
-def of(run: RunDirectory, *, now: float | None = None) -> Standing:
+def of(run: RunDirectory, *, clock: Callable[[Path], float] | None = None) -> Standing:
     """Looks at a run once.
 
     Args:
         run: the run directory.
-        now: the file server's clock, to read it once for many runs (see `lock.living_holder`).
+        clock: as in `lock.living_holder`, for looking at many.
     """
     manifest = run.manifest()
     state = State(manifest["state"])
     if state is State.COMPLETE:
         return Standing(run, state, manifest)
-    holder = lock.living_holder(run.path, now=now)
+    holder = lock.living_holder(run.path, clock=clock)
     if holder is not None:
         return Standing(run, State.RUNNING, manifest, holder)
     if state is State.RUNNING:

@@ -92,10 +92,10 @@ def make(runs: Sequence[RunDirectory], watched: Callable[[Path], bool] = lambda 
         runs: the runs of the sweep.
         watched: whether a held run is one of the backend's own jobs, to be waited for and not left alone.
     """
-    now = lock.server_time(runs[0].path) if runs else None
+    clock = lock.shared_clock()
     steps = []
     for run in runs:
-        found = standing.of(run, now=now)
+        found = standing.of(run, clock=clock)
         action = _ACTIONS[found.state]
         if action is Action.LEAVE and watched(run.path):
             action = Action.RESUME
