@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from auvbench.runs.directory import RunDirectory
     from auvbench.runs.progress import Progress, Watch
 
 _PLAIN_INTERVAL = 10.0  # s between lines where the output is no terminal
@@ -86,3 +87,52 @@ def duration(seconds: float) -> str:
     if whole < 3600:
         return f"{whole // 60} min {whole % 60} s"
     return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+class Teller:
+    """Lines above a bar that counts them."""
+
+    def __init__(self, print_line: Callable[[str, bool], None], advance: Callable[[str], None]) -> None:
+        self._print = print_line
+        self._advance = advance
+
+    def line(self, text: str, *, error: bool = False) -> None:
+        """One finished thing."""
+        self._print(text, error)
+        self._advance("")
+
+    def doing(self, run: RunDirectory, what: str) -> None:
+        """What is under way."""
+        self._advance(f"{run.id}: {what}")
+
+
+@contextmanager
+def counting_bar(total: int, title: str) -> Iterator[Teller]:
+    """Counts finished runs on a terminal; plain lines elsewhere."""
+    if not sys.stderr.isatty() or total < 2:
+
+        def plain(text: str, error: bool) -> None:
+            print(text, file=sys.stderr if error else sys.stdout, flush=True)
+
+        yield Teller(plain, lambda _: None)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    console = Console(stderr=True, highlight=False)
+    with Bar(
+        TextColumn(title),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[now]}"),
+        console=console,
+    ) as bar:
+        task = bar.add_task("", total=total, now="")
+
+        def printed(text: str, error: bool) -> None:
+            console.print(text, markup=False, style="red" if error else None)
+            bar.advance(task)
+
+        yield Teller(printed, lambda now: bar.update(task, now=now))

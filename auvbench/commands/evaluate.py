@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import sys
+import shlex
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from auvbench.errors import AuvbenchError, UserError
+from auvbench.errors import UserError
 
 if TYPE_CHECKING:
     from auvbench.config.schema import EvaluateConfig
@@ -19,7 +19,10 @@ Applies a test protocol to complete runs: every agent meets the same frozen scen
 policy and frozen statistics. What is tested already is skipped.
 
   PATH            run directories, or folders that hold some
-  protocol=test   500 episodes, seed 123, 10 Hz (default); protocol=thesis: the first 200 of them
+  protocol=NAME   test (default): 500 episodes, seed 123, 10 Hz
+                  thesis: the first 200 of them    native: each agent at its own frequency
+                  frequency_sweep: 10, 25, 55 Hz   robustness: currents, faults, delays, noise, other masses
+                  transfer: the same policy on other vehicles with the same actuators
   force=true      test again what is tested already
   workers=N       runs tested at once (default: one per core)
   --cfg job       print the configuration of the test and stop
@@ -56,26 +59,40 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
-    from auvbench.evaluation.evaluate import evaluate, is_done
+    from auvbench.commands.bars import counting_bar
+    from auvbench.evaluation.parallel import evaluate_all
 
-    protocol = config.protocol
-    failed = 0
-    for run in runs:
-        try:
-            if not config.force and is_done(run, protocol):
-                print(f"{run.id}: {protocol.name} done already")
-                continue
-            summary = evaluate(run, protocol)
-            for condition in summary["conditions"]:
-                print(
-                    f"{run.id}: {condition['name']}: success {100 * condition['success_rate']:.1f} % of "
-                    f"{condition['episodes']}, mean steps {condition['mean_steps']:.0f}",
-                    flush=True,
-                )
-        except AuvbenchError as error:
-            failed += 1
-            print(f"auvbench: {error}", file=sys.stderr)
+    done = failed = 0
+    with counting_bar(len(runs), f"protocol {config.protocol.name}") as tell:
+        results = evaluate_all(
+            runs, config.protocol, workers=config.workers, force=config.force, report=tell.doing
+        )
+        for result in results:
+            if result.error:
+                failed += 1
+                tell.line(f"auvbench: {result.error}", error=True)
+            elif result.summary is None:
+                done += 1
+                tell.line(f"{result.run.id}: {config.protocol.name} done already")
+            else:
+                for line in _lines(result.run, result.summary):
+                    tell.line(line)
     if failed == len(runs):
         raise UserError("nothing could be evaluated")
-    print(f"next: auvbench report {runs[0].path.parent}")
+    print(f"next: auvbench report {shlex.quote(str(runs[0].path.parent))}")
     return 1 if failed else 0
+
+
+def _lines(run: RunDirectory, summary: dict[str, Any]) -> list[str]:
+    from auvbench.reporting.statistics import wilson
+
+    lines = []
+    for condition in summary["conditions"]:
+        n, rate = condition["episodes"], condition["success_rate"]
+        low, high = wilson(round(rate * n), n)
+        name = "" if len(summary["conditions"]) == 1 else f" {condition['name']}:"
+        lines.append(
+            f"{run.id}:{name} success {100 * rate:.1f} % [{100 * low:.1f}, {100 * high:.1f}] of {n} episodes, "
+            f"mean steps {condition['mean_steps']:.0f}"
+        )
+    return lines

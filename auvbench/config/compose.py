@@ -113,6 +113,17 @@ def typed(config: DictConfig) -> schema.TrainConfig:
     return train_config(merged)
 
 
+def option(group: str, choice: str) -> DictConfig:
+    """The configuration that `group=choice` stands for, e.g. `vehicle=rexrov`.
+
+    Raises:
+        ConfigError: there is no such group or option.
+    """
+    node = compose("train", [f"{group}={choice}"])[group]
+    assert isinstance(node, DictConfig)
+    return node
+
+
 def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:
     from hydra import compose as hydra_compose
     from hydra import initialize_config_module

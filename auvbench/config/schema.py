@@ -303,9 +303,10 @@ class Random(Algorithm):
 class Condition:
     """One circumstance of a test: the scenarios under changed configuration values."""
 
-    name: str
-    frequency: float | None = field(metadata={"low": 0.0, "high": 1000.0, "open_low": True})
-    overrides: list[str]
+    # The one place where a default is in code: an entry of a list has no file of its own to hold it.
+    name: str = ""
+    frequency: float | None = field(default=None, metadata={"low": 0.0, "high": 1000.0, "open_low": True})
+    overrides: list[str] = field(default_factory=list)
 
 
 @dataclass(kw_only=True)

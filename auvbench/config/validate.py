@@ -100,6 +100,10 @@ def evaluate_config(config: DictConfig) -> schema.EvaluateConfig:
         raise ConfigError("protocol.conditions: at least one condition is needed")
     for index, condition in enumerate(typed.protocol.conditions):
         check(condition, f"protocol.conditions[{index}].")
+        if not re.fullmatch(r"[A-Za-z0-9.+=-]+", condition.name):
+            raise ConfigError(
+                f"protocol.conditions[{index}].name={condition.name!r}: must be letters, digits, dots, dashes, ="
+            )
         if names.count(condition.name) > 1:
             raise ConfigError(f"protocol.conditions: the name {condition.name!r} occurs twice")
     return typed

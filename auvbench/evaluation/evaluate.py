@@ -14,12 +14,14 @@ import numpy as np
 
 from auvbench.agents.base import CONTROLLERS, Agent, learns, resolve
 from auvbench.config import schema
+from auvbench.envs.batch import at_frequency
 from auvbench.errors import RunError
 from auvbench.evaluation.protocol import Circumstance, circumstances, fingerprint
 from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.runs import provenance
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.files import write_json
+from auvbench.runs.training import load_config
 from auvbench.tasks.kernels import OUTCOMES
 from auvbench.tasks.waypoint import RECORD_COLUMNS, Record
 from auvbench.vehicles import sheet
@@ -64,8 +66,12 @@ def is_done(run: RunDirectory, protocol: schema.Protocol) -> bool:
     return bool(summary.get("fingerprint") == expected)
 
 
-def make_agent(run: RunDirectory, config: schema.TrainConfig) -> Agent:
-    """The run's agent for a test; a fresh one each time, nothing leaks from one test into the next."""
+def make_agent(run: RunDirectory, frequency: float) -> Agent:
+    """The run's agent for a test; a fresh one each time, nothing leaks from one test into the next.
+
+    It knows the vehicle that it was made for, whatever vehicle it is tested on.
+    """
+    config = at_frequency(load_config(run), frequency)
     vehicle = sheet.load(config.vehicle)
     if learns(config.algo.agent):
         from auvbench.agents.learners import LearnedPolicy
@@ -91,14 +97,14 @@ def evaluate(
     for condition in conditions:
         if report is not None:
             report(condition.name)
-        agent = make_agent(run, condition.config)
+        agent = make_agent(run, condition.config.step.frequency)
         rollouts.append(
             (
                 condition,
                 roll_out(
                     condition.config,
                     agent,
-                    episodes=protocol.episodes,
+                    episodes=np.arange(protocol.episodes),
                     seed=protocol.seed,
                     batch=protocol.batch,
                     trajectories=protocol.trajectories,

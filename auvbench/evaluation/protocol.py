@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from typing import Any
 
 import numpy as np
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import schema
-from auvbench.config.compose import typed
+from auvbench.config.compose import option, typed
 from auvbench.envs.batch import Batch, at_frequency
 from auvbench.errors import ConfigError
 from auvbench.runs.identity import digest_of, without_descriptions
+from auvbench.vehicles import sheet
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +25,7 @@ class Circumstance:
 
     name: str
     config: schema.TrainConfig
-    """the run's configuration with the test's frequency and the condition's overrides"""
+    """of the environments: the run's configuration with the test's frequency and the condition's overrides"""
     fixed_frequency: bool
     """whether the protocol fixes the frequency, or the run's own is used"""
 
@@ -31,10 +33,19 @@ class Circumstance:
 def circumstances(protocol: schema.Protocol, config: dict[str, Any]) -> list[Circumstance]:
     """The conditions of a protocol for a run's resolved configuration.
 
+    Conditions on a vehicle with other actuators than the run's are left out: its policy cannot act there.
+
     Raises:
         ConfigError: an override names an unknown key or a wrong value.
     """
-    return [_circumstance(protocol, condition, config) for condition in protocol.conditions]
+    actuators = sheet.load(config["vehicle"]).actuators
+    found = []
+    for condition in protocol.conditions:
+        circumstance = _circumstance(protocol, condition, config)
+        vehicle = circumstance.config.vehicle
+        if vehicle == config["vehicle"] or sheet.load(vehicle).actuators == actuators:
+            found.append(circumstance)
+    return found
 
 
 def _circumstance(
@@ -43,9 +54,10 @@ def _circumstance(
     node = OmegaConf.create(config)
     for override in condition.overrides:
         key, separator, value = override.partition("=")
+        where = f"protocol {protocol.name}, condition {condition.name}"
         if not separator:
-            raise ConfigError(f"protocol {protocol.name}, {condition.name}: {override!r} is not key=value")
-        OmegaConf.update(node, key, OmegaConf.create(f"value: {value}").value)
+            raise ConfigError(f"{where}: {override!r} is not key=value")
+        _apply(node, key, value, where)
     frequency = condition.frequency or protocol.frequency
     result = typed(node)
     if frequency is not None:
@@ -53,34 +65,62 @@ def _circumstance(
     return Circumstance(condition.name, result, frequency is not None)
 
 
+def _apply(node: DictConfig, key: str, value: str, where: str) -> None:
+    """`group=option` puts the option's whole configuration in place, `key=value` one value."""
+    if "." not in key and isinstance(node.get(key), DictConfig):
+        node[key] = option(key, value)
+        return
+    try:
+        if OmegaConf.select(node, key, throw_on_missing=True) is None and not _has(node, key):
+            raise ConfigError(f"{where}: {key}: unknown key")
+        OmegaConf.update(node, key, OmegaConf.create(f"value: {value}").value)
+    except OmegaConfBaseException as error:
+        raise ConfigError(f"{where}: {key}={value}: {str(error).splitlines()[0]}") from error
+
+
+def _has(node: DictConfig, key: str) -> bool:
+    parent, _, last = key.rpartition(".")
+    holder = OmegaConf.select(node, parent) if parent else node
+    return isinstance(holder, DictConfig) and last in holder
+
+
 def fingerprint(protocol: schema.Protocol, circumstances: list[Circumstance]) -> str:
     """16 hexadecimal digits: equal if and only if two agents met the same scenarios.
 
     Covers what is drawn (starts, waypoints) and what it is drawn for: task, noise, disturbances, vehicle,
-    simulator, and the frequency where the protocol fixes it. Rewards do not enter.
+    simulator, and the frequency where the protocol fixes it. Rewards and names do not enter: the first 200
+    episodes of `test` are the 200 of `thesis`, but 500 and 200 episodes are not the same test.
     """
-    parts: list[Any] = [protocol.name, protocol.episodes, protocol.seed]
-    hasher = hashlib.sha256()
-    for circumstance in circumstances:
-        config = circumstance.config
-        parts.append(
-            [
-                circumstance.name,
-                asdict(config.task),
-                asdict(config.noise),
-                _plain(config.disturbance),
-                without_descriptions(config.vehicle),
-                {"name": config.simulator.name, "max_step": config.simulator.max_step},
-                config.step.frequency if circumstance.fixed_frequency else None,
-            ]
-        )
+    return digest_of([_condition_fingerprint(protocol, c) for c in circumstances], 16)
+
+
+def _condition_fingerprint(protocol: schema.Protocol, circumstance: Circumstance) -> str:
+    config = circumstance.config
+    meant = {
+        "episodes": protocol.episodes,
+        "seed": protocol.seed,
+        "condition": circumstance.name,
+        "task": asdict(config.task),
+        "noise": asdict(config.noise),
+        "disturbance": _plain(config.disturbance),
+        "vehicle": without_descriptions(config.vehicle),
+        "simulator": {"name": config.simulator.name, "max_step": config.simulator.max_step},
+        "frequency": config.step.frequency if circumstance.fixed_frequency else None,
+    }
+    key = digest_of(meant, 64)
+    if key not in _drawn:
         batch = Batch(config, protocol.episodes, seed=protocol.seed, test=True, autoreset=False)
         batch.task.assign(np.arange(protocol.episodes))
         batch.reset()
-        hasher.update(batch.task.F.tobytes())
-    hasher.update(digest_of(parts, 64).encode())
-    return hasher.hexdigest()[:16]
+        _drawn[key] = hashlib.sha256(key.encode() + batch.task.F.tobytes()).hexdigest()
+    return _drawn[key]
+
+
+# A thousand runs of one grid meet the same scenarios: they are drawn once.
+_drawn: dict[str, str] = {}
 
 
 def _plain(value: Any) -> Any:
-    return asdict(value) if hasattr(value, "__dataclass_fields__") else json.loads(json.dumps(value))
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    return json.loads(json.dumps(value))

@@ -12,9 +12,9 @@ from auvbench.config import schema
 from auvbench.envs.batch import Batch
 from auvbench.tasks.kernels import F_WAYPOINT
 from auvbench.tasks.waypoint import Record
-from auvbench.vehicles.model import VehicleModel
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 
 @dataclass(slots=True)
@@ -50,24 +50,24 @@ def roll_out(
     config: schema.TrainConfig,
     agent: Agent,
     *,
-    episodes: int,
+    episodes: Integers,
     seed: int,
     batch: int,
     trajectories: int = 0,
-    vehicle: VehicleModel | None = None,
 ) -> Rollout:
-    """Runs an agent through episodes 0 .. episodes - 1 of a seed, `batch` at a time, each to its end.
+    """Runs an agent through episodes (n,) of a seed, `batch` at a time, each to its end.
 
-    Episode e is a function of (seed, e): its row is the same at any `batch`.
+    Keeps the whole path of the first `trajectories` of them. Episode e is a function of (seed, e): its row is
+    the same at any `batch` and in any company.
     """
     records: list[Record] = []
     paths: dict[int, Trajectory] = {}
     duration = 1.0 / config.step.frequency
-    for start in range(0, episodes, batch):
-        numbers = np.arange(start, min(start + batch, episodes))
-        environments = Batch(config, len(numbers), seed=seed, test=True, autoreset=False, vehicle=vehicle)
+    for start in range(0, len(episodes), batch):
+        numbers = episodes[start : start + batch]
+        environments = Batch(config, len(numbers), seed=seed, test=True, autoreset=False)
         environments.task.assign(numbers)
-        followed = [int(e) for e in numbers if e < trajectories]
+        followed = numbers[: max(0, trajectories - start)].tolist()
         agent.reset(numbers)
         records += _one_batch(environments, agent, followed, paths)
     return Rollout(records, paths, duration)

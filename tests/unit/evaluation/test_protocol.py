@@ -1,0 +1,131 @@
+"""Protocols: the same scenarios for everybody, named by a fingerprint."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from omegaconf import OmegaConf
+
+from auvbench.config.compose import compose
+from auvbench.config.validate import evaluate_config
+from auvbench.errors import ConfigError
+from auvbench.evaluation.protocol import circumstances, fingerprint
+
+
+def protocol(*overrides: str):
+    return evaluate_config(compose("evaluate", ["protocol.episodes=5", *overrides])).protocol
+
+
+def config(*overrides: str) -> dict:
+    return OmegaConf.to_container(compose("train", list(overrides)), resolve=True)
+
+
+def of(test, run: dict) -> str:
+    return fingerprint(test, circumstances(test, run))
+
+
+BASE = of(protocol(), config())
+
+
+@pytest.mark.parametrize(
+    "override",
+    ["algo=pid", "reward.k=100", "seed=7", "step.frequency=55", "train.total_steps=3", "name=other"],
+)
+def test_agents_meet_the_same_scenarios_whatever_they_are(override):
+    assert of(protocol(), config(override)) == BASE
+
+
+@pytest.mark.parametrize(
+    "override",
+    ["noise=none", "task.goal_radius=2", "vehicle=bluerov2_wu2018", "disturbance.current.speed=0.2"],
+)
+def test_other_circumstances_are_other_scenarios(override):
+    assert of(protocol(), config(override)) != BASE
+
+
+@pytest.mark.parametrize(
+    "override",
+    ["protocol.seed=124", "protocol.episodes=6", "protocol.frequency=25", "protocol=native"],
+)
+def test_other_tests_are_other_scenarios(override):
+    assert of(protocol(override), config()) != BASE
+
+
+@pytest.mark.parametrize("override", ["protocol.batch=3", "protocol.trajectories=1"])
+def test_how_a_test_is_carried_out_does_not_matter(override):
+    assert of(protocol(override), config()) == BASE
+
+
+def test_native_uses_each_agents_own_frequency_and_compares_across_them():
+    test = protocol("protocol=native")
+    (condition,) = circumstances(test, config("step.frequency=55"))
+    assert condition.config.step.frequency == 55
+    assert of(test, config("step.frequency=55")) == of(test, config("step.frequency=10"))
+
+
+def test_robustness_has_levels_and_one_factor_at_a_time():
+    found = {c.name: c.config for c in circumstances(protocol("protocol=robustness"), config())}
+    nominal = found["nominal"]
+    assert found["current=1"].disturbance.current.speed == 1.0
+    assert found["noise=8"].noise.scale == 8.0
+    assert found["delay=0.5"].disturbance.delay.action == 0.5
+    assert found["dead-thruster"].disturbance.fault.mode == "dead"
+    assert found["mass=0.7"].disturbance.randomisation.mass.high == 0.7
+    assert found["drag=1.3"].disturbance.randomisation.damping.low == 1.3
+    assert found["level=severe"].disturbance.name == "severe"
+    for name, changed in found.items():
+        assert changed.task == nominal.task, name
+        assert changed.step == nominal.step, name
+        if not name.startswith("noise="):
+            assert changed.noise == nominal.noise, name
+
+
+def test_transfer_leaves_out_vehicles_with_other_actuators():
+    test = protocol("protocol=transfer")
+    names = [c.name for c in circumstances(test, config())]
+    assert "vehicle=bluerov2-wu2018" in names
+    assert not any("heavy" in name or "rexrov" in name for name in names)
+    heavy = [c.name for c in circumstances(test, config("vehicle=bluerov2_heavy"))]
+    assert "vehicle=bluerov2-heavy-wu2018" in heavy
+    assert "vehicle=bluerov2" not in heavy
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("reward.kk=3", "reward.kk: unknown key"),
+        ("noise", "'noise' is not key=value"),
+        ("noise.scale=loud", "noise.scale"),
+        ("disturbance=storm", "disturbance=storm: no such option"),
+    ],
+)
+def test_a_condition_with_a_mistake_is_named(override, message):
+    test = protocol()
+    broken = dataclasses.replace(test.conditions[0], overrides=[override])
+    with pytest.raises(ConfigError, match=message):
+        circumstances(dataclasses.replace(test, conditions=[broken]), config())
+
+
+def test_conditions_need_names_of_their_own():
+    with pytest.raises(ConfigError, match="occurs twice"):
+        protocol("protocol.conditions=[{name: a},{name: a}]")
+    with pytest.raises(ConfigError, match="letters, digits"):
+        protocol("protocol.conditions=[{name: a/b}]")
+    with pytest.raises(ConfigError, match="at least one condition"):
+        protocol("protocol.conditions=[]")
+
+
+def test_a_longer_test_begins_with_the_shorter_one():
+    from auvbench.envs.batch import Batch
+    from auvbench.tasks.kernels import F_WAYPOINT
+
+    (condition,) = circumstances(protocol(), config())
+    drawn = []
+    for n in (3, 8):
+        batch = Batch(condition.config, n, seed=123, test=True)
+        batch.task.assign(np.arange(n))
+        batch.reset()
+        drawn.append(batch.task.F[:3, F_WAYPOINT : F_WAYPOINT + 3].copy())
+    np.testing.assert_array_equal(*drawn)
