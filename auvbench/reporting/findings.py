@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,8 @@ def _best(ranking: Ranking, m: Measure) -> Finding:
     if len(ranking.rows) == 1:
         return Finding(f"{row.label} is the only agent: {value}.", statistic=basis, run_ids=row.run_ids)
     near = [other.label for other in ranking.rows[1:] if set(other.group) & set(row.group)]
-    resolved = [r.label for r in ranking.rows if _apart(ranking, row, r)]
+    apart = _apart(ranking)
+    resolved = [r.label for r in ranking.rows[1:] if {row.label, r.label} in apart]
     text = f"{row.label} is first, with {value}"
     if len(resolved) == len(ranking.rows) - 1:
         others = "the only other agent" if len(ranking.rows) == 2 else f"all {len(ranking.rows) - 1} others"
@@ -73,20 +75,18 @@ def _range(row: Row) -> str:
     return f"{first}" if first == last else f"{first} to {last}"
 
 
-def _apart(ranking: Ranking, one: Row, other: Row) -> bool:
-    """Whether two rows are resolved, by the comparison that is listed for them."""
-    return any(
-        c.p_adjusted < 1 - ranking.confidence
-        for c in ranking.comparisons
-        if {c.first, c.second} == {one.label, other.label}
-    )
+def _apart(ranking: Ranking) -> set[frozenset[str]]:
+    """The pairs of labels that are resolved, of those that the ranking lists."""
+    alpha = 1 - ranking.confidence
+    return {frozenset((c.first, c.second)) for c in ranking.comparisons if c.p_adjusted < alpha}
 
 
 def _resolved(ranking: Ranking) -> Finding | None:
     n = len(ranking.rows)
     if n < 3:
         return None
-    neighbours = sum(_apart(ranking, a, b) for a, b in zip(ranking.rows, ranking.rows[1:], strict=False))
+    apart = _apart(ranking)
+    neighbours = sum({a.label, b.label} in apart for a, b in pairwise(ranking.rows))
     text = f"Of the {n - 1} steps from one place of the table to the next, {neighbours or 'none'} "
     text += f"{'is' if neighbours == 1 else 'are'} resolved: "
     if neighbours == n - 1:

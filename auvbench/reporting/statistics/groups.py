@@ -31,7 +31,8 @@ def letters(resolved: NDArray[np.bool_]) -> list[str]:
     """
     n = len(resolved)
     # Sets of agents are bits of an integer: growing a group is a few machine words per step.
-    near = [sum(1 << j for j in range(n) if j != i and not resolved[i, j]) for i in range(n)]
+    together = ~resolved & ~np.eye(n, dtype=bool)
+    near = [int.from_bytes(np.packbits(row, bitorder="little").tobytes(), "little") for row in together]
     covered = np.zeros((n, n), dtype=bool)
     groups: list[tuple[int, ...]] = []
     for i in range(n):
@@ -51,8 +52,9 @@ def letters(resolved: NDArray[np.bool_]) -> list[str]:
     groups = sorted(_without_needless(groups, n))
     names = [""] * n
     for index, members in enumerate(groups):
+        name = letter(index)
         for agent in members:
-            names[agent] += letter(index)
+            names[agent] += name
     return names
 
 
