@@ -5,7 +5,7 @@
     eta' = J(eta) nu
 
 with nu_r = nu - nu_c and, for a current that is constant in the world, nu_c' = [-omega x v_c; 0] in body axes
-(Fossen 2021, sections 6.3, 8.3 and 10.3). Both Coriolis terms are evaluated through momenta: with linear
+(Fossen 2011, chapters 3, 4, 6 and section 8.3). Both Coriolis terms are evaluated through momenta: with linear
 momentum p and angular momentum h, C(nu) nu = [omega x p; v x p + omega x h] (theorem 3.2). Attitude is a unit
 quaternion (w, x, y, z), body to world, renormalised after each step. The inverse of M_RB + M_A is computed
 once per parameter set, so added mass is implicit.
@@ -247,7 +247,7 @@ def _stage(ws: FloatArray, weight: float, ahead: float, full: bool) -> None:
             - (ws[(LINEAR + 5) * L + l] + ws[(QUADRATIC + 5) * L + l] * abs(r)) * r
         )  # fmt: skip
 
-        # Kinematics (Fossen 2021, eqs. 2.80 and 2.86).
+        # Kinematics (Fossen 2011, chapter 2; the rotation matrix above is eq. 2.65).
         k = r00 * u + r01 * v + r02 * w
         ws[S * L + l] += weight * k
         ws[Y * L + l] = ws[X * L + l] + ahead * k

@@ -1,6 +1,6 @@
 """Mass matrices and Coriolis terms in Fossen's notation.
 
-Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control", 2nd ed. (2021), chapter 3.
+Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control", Wiley 2011, chapter 3.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 
 
 def skew(a: ArrayLike) -> FloatArray:
-    """S(a) with S(a) b = a x b (Fossen 2021, eq. 2.10).
+    """S(a) with S(a) b = a x b (Fossen 2011, definition 2.2).
 
     >>> skew([1.0, 2.0, 3.0]) @ np.array([0.0, 0.0, 1.0])
     array([ 2., -1.,  0.])
@@ -22,7 +22,7 @@ def skew(a: ArrayLike) -> FloatArray:
 
 
 def rigid_body_mass(mass: float, center_of_gravity: ArrayLike, inertia: ArrayLike) -> FloatArray:
-    """M_RB (6, 6) at the body origin (Fossen 2021, eq. 3.49).
+    """M_RB (6, 6) at the body origin (Fossen 2011, eq. 3.44, with I_b by eq. 3.36).
 
     Args:
         mass: kg.
@@ -39,7 +39,7 @@ def rigid_body_mass(mass: float, center_of_gravity: ArrayLike, inertia: ArrayLik
 
 
 def coriolis(M: ArrayLike, nu: ArrayLike) -> FloatArray:
-    """C(nu) (6, 6), skew-symmetric, from a symmetric mass matrix (Fossen 2021, theorem 3.2).
+    """C(nu) (6, 6), skew-symmetric, from a symmetric mass matrix (Fossen 2011, theorem 3.2).
 
     The same parametrisation serves M_RB and M_A; the kernel uses its product with nu in momentum form.
     """

@@ -155,9 +155,24 @@ class Document:
 
 
 def read(source: str | Path | Mapping[str, Any]) -> Document:
-    """A document from a mapping, the path of a YAML file, or the name of a sheet that comes with auvbench."""
+    """A document from a mapping, the path of a YAML file, or the name of a known sheet."""
+    document = _read(source)
+    document.data = _without_nulls(document.data)
+    return document
+
+
+def _without_nulls(node: Mapping[str, Any]) -> dict[str, Any]:
+    """The mapping without keys that are null, which is how a sheet drops a key of the one it inherits from."""
+    return {
+        key: _without_nulls(value) if isinstance(value, Mapping) else value
+        for key, value in node.items()
+        if value is not None
+    }
+
+
+def _read(source: str | Path | Mapping[str, Any]) -> Document:
     if isinstance(source, Mapping):
-        return Document(dict(source), label=f"vehicle {source.get('name', '')}".strip())
+        return Document(dict(source), label=f"vehicle {source.get('name') or ''}".strip())
     path = Path(source)
     if path.suffix in (".yaml", ".yml"):
         if not path.is_file():

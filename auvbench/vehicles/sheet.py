@@ -107,9 +107,15 @@ def _rigid_body(
         inertia = np.diag(inertia)
     where = (*at, "inertia", "value")
     if np.max(np.abs(inertia - inertia.T)) > _ASYMMETRY * np.max(np.abs(inertia)):
-        document.fail(where, "the inertia matrix is not symmetric")
-    if np.linalg.eigvalsh(inertia)[0] <= 0.0:
-        document.fail(where, "the inertia matrix is not positive definite")
+        document.fail(
+            where,
+            f"the inertia matrix is not symmetric (entries differ by up to {np.max(np.abs(inertia - inertia.T)):g})",
+        )
+    smallest = float(np.linalg.eigvalsh(inertia)[0])
+    if smallest <= 0.0:
+        document.fail(
+            where, f"the inertia matrix is not positive definite (smallest eigenvalue {smallest:g})"
+        )
     return mass, weight, r_g, inertia * np.outer(turn, turn)
 
 
@@ -118,7 +124,7 @@ def _buoyancy(
 ) -> tuple[float, FloatArray]:
     at = ("buoyancy",)
     section = document.section(at, ("center",), _BUOYANCY)
-    given = [key for key in _BUOYANCY if section.get(key) is not None]
+    given = [key for key in _BUOYANCY if key in section]
     if len(given) != 1:
         document.fail(
             at,
@@ -150,8 +156,13 @@ def _hydrodynamics(document: Document, turn: FloatArray) -> tuple[FloatArray, bo
                 "say 'symmetrise: true' to use the mean with its transpose",
             )
         M_A = 0.5 * (M_A + M_A.T)
-    if np.linalg.eigvalsh(M_A)[0] < 0.0:
-        document.fail((*at, "added_mass", "value"), "the added-mass matrix is indefinite")
+    smallest = float(np.linalg.eigvalsh(M_A)[0])
+    if smallest < -_ASYMMETRY * float(np.max(np.abs(M_A))):
+        document.fail(
+            (*at, "added_mass", "value"),
+            f"the added-mass matrix is indefinite (smallest eigenvalue {smallest:g}): entries are those of the matrix "
+            "M_A; Fossen's derivatives have the opposite sign",
+        )
     coriolis = section.get("added_mass_coriolis", True)
     if isinstance(coriolis, Mapping):
         coriolis = document.sourced((*at, "added_mass_coriolis"), "1")

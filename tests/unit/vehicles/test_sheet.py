@@ -216,6 +216,13 @@ def test_errors_without_a_file_name_the_key():
         load(sheet)
 
 
+def test_null_removes_an_inherited_key(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("defaults: [rexrov, _self_]\nname: mine\nactuators: {thrusters: {lag: null}}\n")
+    assert load(path).units[0].lag.order == 0
+    assert load("rexrov").units[0].lag.order == 1
+
+
 def test_sheets_of_the_working_directory_are_known(tmp_path, monkeypatch):
     folder = tmp_path / "conf" / "vehicle"
     folder.mkdir(parents=True)
