@@ -12,6 +12,7 @@ from auvbench.simulators import openloop
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import inspect, sheet
 from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.warnings import warnings
 
 
 def vehicle(name: str) -> VehicleModel:
@@ -43,14 +44,14 @@ class TestHydrostatics:
     def test_no_righting_moment(self) -> None:
         of = replace(vehicle("bluerov2"), center_of_gravity=np.zeros(3), center_of_buoyancy=np.zeros(3))
         assert not inspect.static_trim(of).determined
-        assert any("no restoring moment" in text for text in inspect.warnings(of))
+        assert any("no restoring moment" in text for text in warnings(of))
 
     def test_upside_down(self) -> None:
         base = vehicle("bluerov2")
         of = replace(
             base, center_of_gravity=base.center_of_buoyancy, center_of_buoyancy=base.center_of_gravity
         )
-        assert any("upright is unstable" in text for text in inspect.warnings(of))
+        assert any("upright is unstable" in text for text in warnings(of))
 
 
 class TestReach:
@@ -71,7 +72,7 @@ class TestReach:
             "roll",
             "yaw",
         ]
-        assert any("My = -0.0725 Fx -0.0025 Fz" in text for text in inspect.warnings(vehicle("bluerov2")))
+        assert any("My = -0.0725 Fx -0.0025 Fz" in text for text in warnings(vehicle("bluerov2")))
 
     def test_no_actuators_no_reach(self) -> None:
         assert inspect.reach(openloop.without_actuators(vehicle("bluerov2"))) == []
@@ -98,7 +99,7 @@ class TestStability:
     def test_wu_is_unstable_in_pitch_and_says_so(self) -> None:
         """The reference page's warning: a surge force at the origin turns Wu's BlueROV2 over."""
         assert "pitch" in {case.plane for case in inspect.instabilities(vehicle("bluerov2_wu2018"))}
-        assert any("unstable in pitch" in text for text in inspect.warnings(vehicle("bluerov2_wu2018")))
+        assert any("unstable in pitch" in text for text in warnings(vehicle("bluerov2_wu2018")))
 
     def test_without_added_mass_there_is_no_munk_moment(self) -> None:
         of = replace(vehicle("bluerov2"), M_A=np.zeros((6, 6)), center_of_gravity=np.array([0.0, 0, -0.04]))
@@ -142,20 +143,19 @@ def growth(of: VehicleModel, speed: float, plane: str) -> float:
 
 class TestWarnings:
     def test_borrowed_inertia(self) -> None:
-        assert any("inertia looks too large" in text for text in inspect.warnings(vehicle("bluerov2")))
+        assert any("inertia looks too large" in text for text in warnings(vehicle("bluerov2")))
         for name in ("bluerov2_realistic_inertia", "bluerov2_heavy", "rexrov", "lrauv"):
-            assert not any("inertia" in text for text in inspect.warnings(vehicle(name)))
+            assert not any("inertia" in text for text in warnings(vehicle(name)))
 
     def test_peak_of_von_benzons_curve(self) -> None:
         assert any(
-            "peaks at command 0.972 with 30.62 N" in text
-            for text in inspect.warnings(vehicle("bluerov2_heavy"))
+            "peaks at command 0.972 with 30.62 N" in text for text in warnings(vehicle("bluerov2_heavy"))
         )
 
     def test_propeller_alone(self) -> None:
-        text = next(text for text in inspect.warnings(vehicle("lrauv")) if text.startswith("rank 1"))
+        text = next(text for text in warnings(vehicle("lrauv")) if text.startswith("rank 1"))
         assert "rudder" in text
 
     def test_no_damping(self) -> None:
         of = replace(vehicle("bluerov2"), linear_damping=np.zeros(6), quadratic_damping=np.zeros(6))
-        assert sum("no damping" in text for text in inspect.warnings(of)) == 6
+        assert sum("no damping" in text for text in warnings(of)) == 6

@@ -1,0 +1,213 @@
+"""One vehicle on the terminal, or as plain numbers: everything that its sheet says and implies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from auvbench.vehicles import inspect
+from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.warnings import warnings
+
+FloatArray = NDArray[np.float64]
+
+
+def open_console() -> Console:
+    """The terminal, or a wide page where the output is a file or a pipe."""
+    terminal = Console(highlight=False, soft_wrap=False)
+    if not terminal.is_terminal:
+        # Neither has a width; tables must not be folded at 80 characters.
+        terminal = Console(highlight=False, width=140)
+    return terminal
+
+
+def new_table(*columns: str, title: str = "") -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title=title or None, title_justify="left", title_style="bold")
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="left" if index == 0 else "right")
+    return table
+
+
+def facts(vehicle: VehicleModel) -> dict[str, Any]:
+    """Everything that the tables show, as plain numbers and lists (SI, body axes forward, port, up)."""
+    trim = inspect.static_trim(vehicle)
+    return {
+        "name": vehicle.name,
+        "title": vehicle.title,
+        "mass_kg": vehicle.mass,
+        "weight_N": vehicle.weight,
+        "buoyancy_N": vehicle.buoyancy,
+        "net_buoyancy_N": inspect.net_buoyancy(vehicle),
+        "free_rise_mps": inspect.free_speed(vehicle),
+        "center_of_gravity_m": vehicle.center_of_gravity.tolist(),
+        "center_of_buoyancy_m": vehicle.center_of_buoyancy.tolist(),
+        "trim": {
+            "roll_rad": trim.roll,
+            "pitch_rad": trim.pitch,
+            "restoring_Nm_per_rad": trim.moment,
+            "determined": trim.determined,
+        },
+        "mass_matrix": vehicle.M.tolist(),
+        "added_mass": vehicle.M_A.tolist(),
+        "linear_damping": vehicle.linear_damping.tolist(),
+        "quadratic_damping": vehicle.quadratic_damping.tolist(),
+        "actuators": [
+            {
+                "name": unit.name,
+                "kind": unit.kind,
+                "command_limits": list(unit.curve.limits),
+                "force_limits_N": limits.tolist(),
+            }
+            for unit, limits in zip(vehicle.units, vehicle.force_limits, strict=True)
+        ],
+        "allocation": vehicle.allocation.tolist(),
+        "rank": inspect.rank(vehicle),
+        "independent_axes": [inspect.AXES[axis] for axis in inspect.independent_axes(vehicle)],
+        "reach": [
+            {
+                "axis": inspect.AXES[row.axis],
+                "direction": row.direction,
+                "force": row.force,
+                "terminal_speed": row.speed,
+                "terminal_speed_with_buoyancy": row.speed_with_buoyancy,
+                "rise_time_s": row.rise_time,
+                "bollard_force": row.bollard_force,
+                "bollard_speed": row.bollard_speed,
+            }
+            for row in inspect.reach(vehicle)
+        ],
+        "linear_time_constants_s": inspect.linear_time_constants(vehicle),
+        "instabilities": [
+            {"plane": case.plane, "above_mps": case.above, "growth_per_s": case.growth, "at_mps": case.speed}
+            for case in inspect.instabilities(vehicle)
+        ],
+        "warnings": warnings(vehicle),
+        "sources": dict(vehicle.sources),
+    }
+
+
+def show(vehicle: VehicleModel) -> None:
+    """Print everything about `vehicle` as tables."""
+    console = open_console()
+    console.print(f"\n[bold]{escape(vehicle.title)}[/bold]  ({escape(vehicle.name)})")
+    console.print("Body axes: x forward, y port, z up, from the body origin. SI units.\n")
+    _hydrostatics(console, vehicle)
+    console.print(_matrix("mass matrix M = M_RB + M_A, kg, kg m, kg m2", vehicle.M, inspect.SYMBOLS))
+    if vehicle.units:
+        names = [unit.name for unit in vehicle.units]
+        title = f"allocation: wrench per newton, rank {inspect.rank(vehicle)} of 6"
+        console.print(_matrix(title, vehicle.allocation, inspect.COMPONENTS, names))
+        _actuators(console, vehicle)
+    _motion(console, vehicle)
+    console.print("[bold]warnings[/bold]")
+    for text in warnings(vehicle) or ["none"]:
+        console.print(f"  - {escape(text)}", soft_wrap=True)
+    console.print("\n[bold]sources[/bold]")
+    for key, text in vehicle.sources:
+        console.print(f"  {escape(key)}: {escape(text)}", soft_wrap=True)
+
+
+def _hydrostatics(console: Console, vehicle: VehicleModel) -> None:
+
+    trim, net, free = (
+        inspect.static_trim(vehicle),
+        inspect.net_buoyancy(vehicle),
+        inspect.free_speed(vehicle),
+    )
+    attitude = (
+        f"roll {np.degrees(trim.roll):.2f} deg, pitch {np.degrees(trim.pitch):.2f} deg,"
+        f" righting moment {trim.moment:.4g} N m/rad"
+        if trim.determined
+        else "any attitude (no righting moment)"
+    )
+    motion = f", {'rises' if net > 0 else 'sinks'} at {abs(free):.3f} m/s" if abs(net) > 1e-9 else ""
+    rows = [
+        ("mass", f"{vehicle.mass:.6g} kg"),
+        ("weight, buoyancy", f"{vehicle.weight:.6g} N, {vehicle.buoyancy:.6g} N"),
+        ("net buoyancy", f"{net + 0.0:+.4g} N{motion}"),
+        ("centre of gravity", f"{_vector(vehicle.center_of_gravity)} m"),
+        ("centre of buoyancy", f"{_vector(vehicle.center_of_buoyancy)} m"),
+        ("static trim", attitude),
+    ]
+    width = max(len(name) for name, _ in rows)
+    for name, text in rows:
+        console.print(f"  {name:<{width}}  {text}")
+    console.print()
+
+
+def _vector(values: FloatArray) -> str:
+    return "(" + ", ".join(f"{value + 0.0:.6g}" for value in values) + ")"
+
+
+def _matrix(
+    title: str, values: FloatArray, rows: Sequence[str], columns: Sequence[str] | None = None
+) -> Table:
+    table = new_table("", *(rows if columns is None else columns), title=title)
+    for name, row in zip(rows, values, strict=True):
+        table.add_row(name, *(f"{value:.5g}" if abs(value) > 1e-12 else "0" for value in row))
+    return table
+
+
+def _actuators(console: Console, vehicle: VehicleModel) -> None:
+    table = new_table("actuator", "kind", "at command -1", "at command +1", "force, N", title="actuators")
+    table.columns[1].justify = "left"
+    units = {"fin": "rad", "mass_shifter": "m", "buoyancy_engine": "m3", "drop_weight": ""}
+    for unit, force in zip(vehicle.units, vehicle.force_limits, strict=True):
+        rotor = "rad/s" if unit.rotor_constant else "N"
+        symbol = units.get(unit.kind, rotor)
+        low, high = (f"{limit:.5g} {symbol}".strip() for limit in unit.curve.limits)
+        newtons = f"{force[0]:+.4g} to {force[1]:+.4g}" if unit.kind == "thruster" else ""
+        table.add_row(unit.name, unit.kind.replace("_", " "), low, high, newtons)
+    console.print(table)
+
+
+def _motion(console: Console, vehicle: VehicleModel) -> None:
+
+    rows = inspect.reach(vehicle)
+    taus = inspect.linear_time_constants(vehicle)
+    table = new_table(
+        "axis",
+        "direction",
+        "force",
+        "terminal speed",
+        "time to 63 %",
+        "M/D at rest",
+        "",
+        title="steady motion, level, at full thrust",
+    )
+    table.columns[1].justify = table.columns[-1].justify = "left"
+    for row in rows:
+        force, speed = ("N", "m/s") if row.axis < 3 else ("N m", "rad/s")
+        notes = []
+        if abs(row.speed_with_buoyancy - row.speed) > 5e-4:
+            notes.append(f"{row.speed_with_buoyancy:.3f} {speed} with net buoyancy")
+        if row.bollard_force > row.force * 1.001:
+            notes.append(
+                f"{row.bollard_force:.4g} N and {row.bollard_speed:.3f} {speed} with moments unbalanced"
+            )
+        if row.axis in (3, 4):
+            heel = inspect.heel(vehicle, row.force)
+            notes.append(
+                "turns it over"
+                if heel is None
+                else f"holds {np.degrees(heel):.0f} deg against the righting moment"
+            )
+        tau = taus[inspect.AXES[row.axis]]
+        table.add_row(
+            inspect.AXES[row.axis],
+            row.direction,
+            f"{row.force:.4g} {force}",
+            f"{row.speed:.3f} {speed}",
+            f"{row.rise_time:.3g} s",
+            "no linear damping" if tau is None else f"{tau:.3g} s",
+            "; ".join(notes),
+        )
+    if rows:
+        console.print(table)

@@ -1,0 +1,134 @@
+"""What a pilot or a modeller should know about a vehicle's numbers before believing or training on them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.vehicles.inspect import (
+    AXES,
+    COMPONENTS,
+    free_speed,
+    gyration,
+    independent_axes,
+    instabilities,
+    net_buoyancy,
+    reach,
+    static_trim,
+)
+from auvbench.vehicles.model import VehicleModel
+
+FloatArray = NDArray[np.float64]
+
+
+def warnings(vehicle: VehicleModel) -> list[str]:
+    """What a pilot or a modeller should know about these numbers, a sentence each."""
+    return [
+        *_buoyancy_warnings(vehicle),
+        *_actuation_warnings(vehicle),
+        *_stability_warnings(vehicle),
+        *_inertia_warnings(vehicle),
+        *vehicle.remarks,
+    ]
+
+
+def _buoyancy_warnings(vehicle: VehicleModel) -> list[str]:
+    net, share = net_buoyancy(vehicle), abs(net_buoyancy(vehicle)) / vehicle.weight
+    found = []
+    if share > 1e-9:
+        verb = "rises" if net > 0 else "sinks"
+        how = "buoyancy exceeds weight" if net > 0 else "weight exceeds buoyancy"
+        found.append(
+            f"{verb} at {abs(free_speed(vehicle)):.3f} m/s without thrust: {how} by {abs(net):.3g} N"
+            f" ({100 * share:.2g} % of the weight)"
+        )
+    trim = static_trim(vehicle)
+    if not trim.determined:
+        found.append(
+            "no restoring moment: weight and buoyancy act at the same point, nothing brings it level"
+        )
+    elif max(abs(trim.roll), abs(trim.pitch)) > np.pi / 2:
+        found.append(
+            "upright is unstable: the centre of gravity lies above the centre of buoyancy, it turns over"
+        )
+    elif max(abs(trim.roll), abs(trim.pitch)) > np.radians(1.0):
+        found.append(
+            f"does not rest level: roll {np.degrees(trim.roll):.1f} deg, pitch {np.degrees(trim.pitch):.1f} deg"
+        )
+    return found
+
+
+def _and(names: list[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]]).removeprefix(" and ")
+
+
+def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
+    own, B = independent_axes(vehicle), vehicle.allocation
+    others = [unit.name for unit in vehicle.units if unit.kind != "thruster"]
+    missing = [axis for axis in range(6) if axis not in own]
+    found = []
+    if missing:
+        names = " and ".join([", ".join(AXES[a] for a in missing[:-1]), AXES[missing[-1]]]).removeprefix(
+            " and "
+        )
+        verb = "is" if len(missing) == 1 else "are"
+        text = f"rank {len(own)}: {names} {verb} not independently actuated by the thrusters"
+        ties = [t for axis in missing if (t := _tie(B, axis, own))]
+        text += f" ({'; '.join(ties)})" if ties else ""
+        text += f"; besides them act {', '.join(others)}" if others else ""
+        found.append(text)
+    for unit in vehicle.units:
+        if unit.kind == "thruster":
+            commands = np.linspace(0.0, 1.0, 1001)
+            force = unit.force(commands)
+            peak = int(np.argmax(np.abs(force)))
+            if abs(force[peak]) > abs(force[-1]) * (1 + 1e-9):
+                found.append(
+                    f"{unit.name}: the thrust curve peaks at command {commands[peak]:.3f} with"
+                    f" {force[peak]:.2f} N and falls to {force[-1]:.2f} N at 1"
+                )
+                break  # thrusters of a vehicle share their curve: said once
+    return found
+
+
+def _tie(B: FloatArray, axis: int, own: tuple[int, ...]) -> str:
+    """How a dependent row of the allocation follows from the independent ones, as an equation."""
+    if not np.any(np.abs(B[axis]) > 1e-12):
+        return ""
+    coefficients = np.linalg.lstsq(B[list(own)].T, B[axis], rcond=None)[0]
+    terms = [
+        f"{c:+.4g} {COMPONENTS[other]}" for c, other in zip(coefficients, own, strict=True) if abs(c) > 1e-9
+    ]
+    return f"{COMPONENTS[axis]} = {' '.join(terms).removeprefix('+')}"
+
+
+def _stability_warnings(vehicle: VehicleModel) -> list[str]:
+    found = []
+    for case in instabilities(vehicle):
+        where = "at any speed" if case.above < 0.01 else f"above {case.above:.2f} m/s"
+        found.append(
+            f"open loop, straight flight ahead is unstable in {case.plane} {where} (Munk moment; deviations grow by"
+            f" {case.growth:.2g} 1/s at {case.speed:.2f} m/s): a controller must hold it"
+        )
+    linear = [a for a in range(3) if vehicle.quadratic_damping[a] == 0.0 < vehicle.linear_damping[a]]
+    top = max((row.speed for row in reach(vehicle) if row.axis in linear), default=0.0)
+    if linear and top > 0.0:
+        found.append(
+            f"drag is linear alone in {_and([AXES[a] for a in linear])}: real drag grows with the square of speed, so"
+            f" that up to {top:.1f} m/s at full thrust is more than the vehicle will do"
+        )
+    for axis in range(6):
+        if vehicle.linear_damping[axis] == 0.0 and vehicle.quadratic_damping[axis] == 0.0:
+            found.append(f"no damping in {AXES[axis]}: what moves there never stops by itself")
+    return found
+
+
+def _inertia_warnings(vehicle: VehicleModel) -> list[str]:
+    radii, arm = gyration(vehicle)
+    worst = int(np.argmax(radii))
+    if arm > 0.0 and radii[worst] > 1.5 * arm:
+        return [
+            f"inertia looks too large: a radius of gyration of {radii[worst]:.2f} m in {AXES[3 + worst]}, though the"
+            f" farthest actuator is {arm:.2f} m from the centre of gravity"
+        ]
+    return []
