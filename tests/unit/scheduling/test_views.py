@@ -1,0 +1,105 @@
+"""What is seen of a sweep, and the estimate of its end."""
+
+from __future__ import annotations
+
+import doctest
+import io
+import json
+import time
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.progress import Progress
+from auvbench.runs.scheduling import estimate, views
+from auvbench.runs.scheduling.base import Phase, Status
+from auvbench.runs.scheduling.loop import Outcome
+from tests import fake_training
+
+
+class FakeJob:
+    mark = None
+
+    def __init__(self, run: Path) -> None:
+        self.run = run
+
+    def poll(self) -> Status:
+        return Status(Phase.RUNNING)
+
+    def cancel(self, *, force: bool = False) -> None: ...
+
+    def __str__(self) -> str:
+        return "pid 4711"
+
+
+def write(run: RunDirectory, steps: int, per_s: float) -> None:
+    at = Progress(steps, 1000, per_s, 12, 0.83, None, time.time())
+    (run.path / "progress.json").write_text(json.dumps({f: getattr(at, f) for f in at.__slots__}))
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> list[RunDirectory]:
+    return [fake_training.make(tmp_path / f"run{number}", total_steps=1000) for number in range(4)]
+
+
+def start(view: views.Watch, run: RunDirectory) -> None:
+    view.started(run, FakeJob(run.path))
+    view.polled(run, Phase.RUNNING)
+
+
+@pytest.mark.parametrize("module", [estimate, views])
+def test_the_examples_in_the_documentation(module: object) -> None:
+    assert doctest.testmod(module).failed == 0  # type: ignore[arg-type]
+
+
+def test_the_estimate_fills_free_slots_in_order() -> None:
+    assert estimate.makespan([3.0], [10.0, 1.0, 1.0], 2) == 10.0
+    assert estimate.makespan([], [], 2) == 0.0
+    assert estimate.makespan([], [4.0] * 5, 2) == 12.0
+
+
+def test_the_sweep_ends_when_its_last_run_does(runs: list[RunDirectory]) -> None:
+    view = views.PlainView(runs, 2, Console(file=io.StringIO()))
+    assert view.remaining() is None  # nobody knows before a run has shown its pace
+    for run in runs[:2]:
+        start(view, run)
+        write(run, 500, 100.0)
+    view.refresh()
+    # Two have 5 s to go; the other two then take 10 s each at the pace of the first.
+    assert view.remaining() == pytest.approx(15.0)
+
+
+def test_plain_lines_say_what_happens(runs: list[RunDirectory], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(views, "LINES_EVERY", 0.0)
+    text = io.StringIO()
+    view = views.view(runs, 2, Console(file=text, width=200))
+    assert isinstance(view, views.PlainView)
+    start(view, runs[0])
+    write(runs[0], 500, 100.0)
+    view.refresh()
+    view.ended(runs[0], Outcome.FAILED, "the loss is not a number")
+    lines = text.getvalue().splitlines()
+    assert lines[0].endswith("run0: running as pid 4711")
+    assert any(line.endswith("run0: 50%, 100 steps/s, success 83%, 5 s to go") for line in lines)
+    assert any("0 of 4 complete, 1 running" in line and "to go, until" in line for line in lines)
+    assert lines[-1].endswith("run0: failed (the loss is not a number)")
+    assert not any("\x1b" in line for line in lines)
+
+
+def test_the_table_shows_each_run_and_fits(runs: list[RunDirectory]) -> None:
+    text = io.StringIO()
+    console = Console(file=text, width=100, height=8, force_terminal=True)
+    view = views.view(runs, 2, console)
+    assert isinstance(view, views.TableView)
+    start(view, runs[2])
+    write(runs[2], 250, 100.0)
+    view.refresh()
+    plain = Console(file=(shown := io.StringIO()), width=100)
+    plain.print(view.table())
+    lines = shown.getvalue().splitlines()
+    assert lines[1].split() == ["run2", "running", "━" * 5 + "╌" * 15, "250", "100", "83%", "8", "s"]
+    assert lines[4].strip() == "and 1 more"
+    assert lines[5].startswith("0 of 4 complete, 1 running")
+    assert len(lines) < 8
