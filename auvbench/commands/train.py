@@ -55,6 +55,7 @@ def _one(config: DictConfig, command: str) -> int:
 def _carry_out(run: RunDirectory, progress: bool) -> None:
     from auvbench.commands.bars import training_bar
     from auvbench.runs.training import execute
+    from auvbench.runs.worker import carry_out
 
     with training_bar(run.manifest()["total_steps"], shown=progress) as watch:
-        execute(run, watch)
+        carry_out(run, lambda run: execute(run, watch))

@@ -12,7 +12,7 @@ import yaml
 
 from auvbench.errors import RunError
 from auvbench.runs import identity
-from auvbench.runs.files import write_atomic, write_json
+from auvbench.runs.files import as_json, create_atomic, write_atomic, write_json
 from auvbench.runs.identity import SCHEMA_VERSION
 
 STATES = ("pending", "running", "interrupted", "failed", "complete")
@@ -164,7 +164,8 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
     try:
         run.path.mkdir(parents=True, exist_ok=True)
         write_atomic(run.config_path, HEADER + yaml.safe_dump(dict(config), sort_keys=False))
-        write_json(run.manifest_path, _fresh_manifest(run, config, command))
+        # Of two sweeps that begin at once, the slower must not undo what the faster's worker has written by now.
+        create_atomic(run.manifest_path, as_json(_fresh_manifest(run, config, command)))
     except OSError as error:
         raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
     return run

@@ -11,6 +11,29 @@ from typing import Any
 
 def write_atomic(path: Path, text: str) -> None:
     """Replaces a text file: staged beside it, flushed to disk, renamed into place."""
+    staged = _stage(path, text)
+    try:
+        os.replace(staged, path)
+    except BaseException:
+        staged.unlink(missing_ok=True)
+        raise
+
+
+def create_atomic(path: Path, text: str) -> bool:
+    """Makes a text file unless it is there; False when somebody else made it, whose content then stays."""
+    staged = _stage(path, text)
+    try:
+        os.link(staged, path)
+    except FileExistsError:
+        return False
+    except OSError:  # a file system without hard links: the last one wins there
+        os.replace(staged, path)
+    finally:
+        staged.unlink(missing_ok=True)
+    return True
+
+
+def _stage(path: Path, text: str) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
@@ -20,12 +43,17 @@ def write_atomic(path: Path, text: str) -> None:
             os.fsync(file.fileno())
         # mkstemp makes files private; runs are to be read by others.
         os.chmod(name, 0o644)
-        os.replace(name, path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+    return Path(name)
 
 
 def write_json(path: Path, value: Any) -> None:
     """`write_atomic` of indented JSON; NaN is refused."""
-    write_atomic(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+    write_atomic(path, as_json(value))
+
+
+def as_json(value: Any) -> str:
+    """Indented JSON; NaN is refused."""
+    return json.dumps(value, indent=2, allow_nan=False) + "\n"

@@ -1,0 +1,160 @@
+"""Sweeps of real trainings, typed as a user types them."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from auvbench.runs import lock
+from auvbench.runs.directory import RunDirectory, find_runs
+
+AUVBENCH = [sys.executable, "-m", "auvbench"]
+GRID = """
+# @package _global_
+hydra:
+  mode: MULTIRUN
+  sweeper:
+    grids:
+      - {algo: "ppo,random", reward.k: "1,40", seed: "range(0,2)"}
+      - {algo: pid, seed: 0}
+name: study
+train:
+  total_steps: 6000
+  checkpoint: {steps: 2048}
+"""
+
+
+def auvbench(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*AUVBENCH, *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=300
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Somebody's working directory with an experiment of their own."""
+    experiments = tmp_path / "conf" / "experiment"
+    experiments.mkdir(parents=True)
+    (experiments / "study.yaml").write_text(GRID)
+    return tmp_path
+
+
+def result(run: RunDirectory) -> dict[str, bytes]:
+    """What a run ends with."""
+    names = ("train/episodes.csv", "model/policy.pt", "model/normalisation.npz")
+    return {name: (run.path / name).read_bytes() for name in names if (run.path / name).exists()}
+
+
+def named(folder: Path) -> dict[str, RunDirectory]:
+    return {run.id: run for run in find_runs([folder])}
+
+
+def words(output: str) -> list[list[str]]:
+    return [line.split() for line in output.splitlines()]
+
+
+def test_an_experiment_is_started_narrowed_and_typed_again(folder: Path) -> None:
+    done = auvbench(folder, "train", "experiment=study", "algo=random,pid", "reward.k=40")
+    assert done.returncode == 0, done.stderr
+    assert ["missing", "3", "started"] in words(done.stdout)
+    # A value that no grid has replaces the axis: one more run, of the two grids' 8 + 1 that are left to do.
+    again = auvbench(folder, "train", "experiment=study", "algo=random,pid", "seed=0,7", "reward.k=40")
+    assert again.returncode == 0, again.stderr
+    assert ["complete", "2", "skipped"] in words(again.stdout)
+    assert ["missing", "2", "started"] in words(again.stdout)
+    states = {run.manifest()["state"] for run in named(folder).values()}
+    assert (len(named(folder)), states) == (5, {"complete"})
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "conf",
+        "outputs",
+    ]  # Hydra wrote nothing of its own
+
+
+def test_nothing_starts_when_one_job_is_wrong(folder: Path) -> None:
+    done = auvbench(folder, "train", "-m", "experiment=study", "seed=0,1,-1")
+    assert done.returncode == 2
+    assert done.stderr.startswith("auvbench: seed=-1: must be at least 0")
+    assert done.stderr.count("\n") == 1
+    assert not (folder / "outputs").exists()
+
+
+def test_editing_yaml_during_a_sweep_changes_nothing_and_a_changed_config_is_refused(folder: Path) -> None:
+    done = auvbench(folder, "train", "-m", "algo=random", "seed=0,1")
+    assert done.returncode == 0, done.stderr
+    run = next(iter(named(folder).values()))
+    run.config_path.write_text(run.config_path.read_text().replace("k: 1", "k: 2", 1))
+    refused = auvbench(folder, "train", "-m", "algo=random", f"seed={run.manifest()['seed']},5")
+    assert refused.returncode == 2
+    assert "reward.k 1" in refused.stderr
+    assert refused.stderr.count("\n") == 1
+
+
+def test_a_worker_of_a_sweep_and_a_process_of_its_own_compute_the_same_bits(folder: Path) -> None:
+    arguments = ["algo=ppo", "train.total_steps=6000"]
+    swept = auvbench(folder, "train", "-m", *arguments, "seed=0,1", "name=swept")
+    assert swept.returncode == 0, swept.stderr
+    alone = auvbench(folder, "train", *arguments, "seed=1", "name=alone")
+    assert alone.returncode == 0, alone.stderr
+    (one,) = find_runs([folder / "outputs" / "alone"])
+    two = RunDirectory(folder / "outputs" / "swept" / one.id)
+    assert result(one) == result(two)
+    assert len(result(one)) == 3
+
+
+def test_a_single_run_that_is_held_is_left_alone(folder: Path) -> None:
+    first = auvbench(folder, "train", "algo=random", "seed=3")
+    assert first.returncode == 0
+    (run,) = find_runs([folder])
+    run.update_manifest(state="interrupted")
+    with lock.acquire(run.path):
+        second = auvbench(folder, "train", "algo=random", "seed=3")
+    assert second.returncode == 2
+    assert f"held by {lock.processes.host()}, pid {os.getpid()}, since" in second.stderr
+
+
+@pytest.mark.slow
+def test_a_sweep_killed_again_and_again_ends_as_one_that_was_not(folder: Path) -> None:
+    """Eight runs, ten times kill -9 of the whole process group at random moments."""
+    sweep = ["train", "-m", "algo=ppo,sac", "seed=0,1,2,3", "algo.n_envs=8", "train.total_steps=4000"]
+    sweep += ["train.checkpoint.steps=1000"]
+    whole = auvbench(folder, *sweep, "name=whole")
+    assert whole.returncode == 0, whole.stdout + whole.stderr
+    chance = random.Random(4)
+    for _ in range(10):
+        process = subprocess.Popen(
+            [*AUVBENCH, *sweep, "name=killed"],
+            cwd=folder,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        wait_for_work(folder / "outputs" / "killed", process)
+        time.sleep(chance.uniform(0.0, 2.0))
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    end = auvbench(folder, *sweep, "name=killed")
+    assert end.returncode == 0, end.stdout + end.stderr
+    expected, found = named(folder / "outputs" / "whole"), named(folder / "outputs" / "killed")
+    assert len(expected) == 8
+    assert found.keys() == expected.keys()
+    for name, run in expected.items():
+        assert result(found[name]) == result(run), name
+    assert sum(json.loads(run.manifest_path.read_text())["attempts"] for run in found.values()) > 8
+
+
+def wait_for_work(folder: Path, process: subprocess.Popen[bytes]) -> None:
+    """Until a worker has a run, or the sweep is over."""
+    deadline = time.monotonic() + 60
+    while process.poll() is None and time.monotonic() < deadline:
+        if folder.exists() and any(lock.living_holder(path) for path in folder.iterdir()):
+            return
+        time.sleep(0.05)

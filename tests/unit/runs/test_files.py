@@ -1,0 +1,36 @@
+"""Files that are there whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from auvbench.runs import files
+
+
+def test_replaces_what_is_there(tmp_path: Path) -> None:
+    file = tmp_path / "new" / "file.txt"
+    for text in ("one", "two"):
+        files.write_atomic(file, text)
+        assert file.read_text() == text
+    assert list(file.parent.iterdir()) == [file]
+
+
+def test_creates_only_what_is_not_there(tmp_path: Path) -> None:
+    file = tmp_path / "file.txt"
+    assert files.create_atomic(file, "mine")
+    assert not files.create_atomic(file, "another's")
+    assert file.read_text() == "mine"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_creates_without_hard_links_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError("no links here")
+
+    monkeypatch.setattr(os, "link", refuse)
+    assert files.create_atomic(tmp_path / "file.txt", "text")
+    assert (tmp_path / "file.txt").read_text() == "text"
+    assert len(list(tmp_path.iterdir())) == 1
