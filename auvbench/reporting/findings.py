@@ -22,7 +22,7 @@ from auvbench.reporting.prose import (
     turned,
     unit,
 )
-from auvbench.reporting.statistics import EPISODES_ONLY, crossed, holm
+from auvbench.reporting.statistics import EPISODES_ONLY, crossed, holm, shared
 from auvbench.reporting.statistics.intervals import FloatArray, quantile
 
 NEAR_THE_LIMIT = 5.0
@@ -54,18 +54,15 @@ def _best(ranking: Ranking, m: Measure) -> Finding:
     basis = f"{counted(len(row.seeds), 'training seed')} x {counted(row.episodes, 'test episode')}"
     if len(ranking.rows) == 1:
         return Finding(f"{row.label} is the only agent: {value}.", statistic=basis, run_ids=row.run_ids)
-    near = [other.label for other in ranking.rows[1:] if set(other.group) & set(row.group)]
-    apart = _apart(ranking)
-    resolved = [r.label for r in ranking.rows[1:] if {row.label, r.label} in apart]
+    near = [other.label for other in ranking.rows[1:] if shared(other.group, row.group)]
     text = f"{row.label} is first, with {value}"
-    if len(resolved) == len(ranking.rows) - 1:
+    if not near:
         others = "the only other agent" if len(ranking.rows) == 2 else f"all {len(ranking.rows) - 1} others"
         text += f", and is resolved from {others}."
-    elif near and not resolved:
+    elif len(near) == len(ranking.rows) - 1:
         text += ", but is not resolved from any other agent: the data do not say who is best."
     else:
-        unresolved = [r.label for r in ranking.rows[1:] if r.label not in resolved]
-        text += f", but is not resolved from {listed(unresolved)}: the best is one of these."
+        text += f", but is not resolved from {listed(near)}: the best is one of these."
     statistic = f"Probability of being best {probability(row.probability_best)}; rank {_range(row)}; {basis}."
     return Finding(text, statistic=statistic, run_ids=row.run_ids)
 
@@ -75,18 +72,11 @@ def _range(row: Row) -> str:
     return f"{first}" if first == last else f"{first} to {last}"
 
 
-def _apart(ranking: Ranking) -> set[frozenset[str]]:
-    """The pairs of labels that are resolved, of those that the ranking lists."""
-    alpha = 1 - ranking.confidence
-    return {frozenset((c.first, c.second)) for c in ranking.comparisons if c.p_adjusted < alpha}
-
-
 def _resolved(ranking: Ranking) -> Finding | None:
     n = len(ranking.rows)
     if n < 3:
         return None
-    apart = _apart(ranking)
-    neighbours = sum({a.label, b.label} in apart for a, b in pairwise(ranking.rows))
+    neighbours = sum(not shared(a.group, b.group) for a, b in pairwise(ranking.rows))
     text = f"Of the {n - 1} steps from one place of the table to the next, {neighbours or 'none'} "
     text += f"{'is' if neighbours == 1 else 'are'} resolved: "
     if neighbours == n - 1:
@@ -130,7 +120,13 @@ def _against_baseline(ranking: Ranking, m: Measure) -> Finding | None:
     if open_:
         parts.append(f"{len(open_)} not resolved ({listed([e[0] for e in open_], 3)})")
     text = f"Against the baseline {ranking.baseline}, in {name(m)}: {'; '.join(parts)}."
-    return Finding(text, run_ids=next(r.run_ids for r in ranking.rows if r.label == ranking.baseline))
+    n = len(better) + len(worse) + len(open_)
+    statistic = f"Holm over {counted(n, 'comparison')} with the baseline."
+    return Finding(
+        text,
+        statistic=statistic,
+        run_ids=next(r.run_ids for r in ranking.rows if r.label == ranking.baseline),
+    )
 
 
 def _effects(agents: Sequence[Agent], m: Measure, confidence: float) -> list[Finding]:

@@ -132,7 +132,7 @@ class Comparison:
     difference: Estimate
     p_value: float
     p_adjusted: float
-    """Holm-corrected over all comparisons of the table"""
+    """Holm-corrected over all pairs of the table; with the baseline, over the comparisons with it"""
     probability_of_improvement: Estimate
 
 

@@ -35,7 +35,8 @@ def rank(
     """Rank agents by one measure, ties by a second; the result does not depend on the order of the agents.
 
     Rows are in the order of the point values. What the data resolve is said by the group letters, the intervals of
-    the ranks and the adjusted p-values, which all come from the same tests of all pairs on `rank_by`.
+    the ranks and the adjusted p-values, which all come from the same tests of all pairs on `rank_by`; comparisons
+    with the baseline are corrected among themselves.
 
     Args:
         agents: of one protocol and condition, with the same scenarios.
@@ -71,6 +72,7 @@ def rank(
     best = _probability_best(agents, by, finer, seed, resamples)
     ranks, intervals = _ranks(value, _oriented(estimates, finer)), _rank_intervals(value, resolved)
     groups = st.letters(resolved)
+    adjusted = _planned(p, adjusted, agents, reference)
     comparisons = []
     for i, j in _listed(agents, reference):
         comparisons.append(
@@ -183,6 +185,23 @@ def _p_values(
     adjusted[upper] = st.holm(p[upper])
     adjusted.T[upper] = adjusted[upper]
     return p, adjusted
+
+
+def _planned(
+    p: FloatArray, adjusted: FloatArray, agents: Sequence[Agent], baseline: Agent | None
+) -> FloatArray:
+    """The adjusted p-values, with those of the comparisons with the baseline from a family of their own.
+
+    Naming a baseline is asking n - 1 questions beforehand, as in Dunnett's comparisons with a control. Letters and
+    ranks stay with the family of all pairs.
+    """
+    if baseline is None:
+        return adjusted
+    i = next(i for i, agent in enumerate(agents) if agent is baseline)
+    others = [j for j in range(len(agents)) if j != i]
+    result = adjusted.copy()
+    result[i, others] = result[others, i] = st.holm(p[i, others])
+    return result
 
 
 def _score(agent: Agent, by: Measure, finer: Measure) -> FloatArray:

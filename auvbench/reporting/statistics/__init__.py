@@ -27,7 +27,7 @@ from auvbench.reporting.statistics.crossed import (
     means,
     pairs,
 )
-from auvbench.reporting.statistics.groups import letter, letters
+from auvbench.reporting.statistics.groups import letter, letters, shared
 from auvbench.reporting.statistics.intervals import quantile, score_interval, wilson
 from auvbench.reporting.statistics.moderation import moderated
 from auvbench.reporting.statistics.paired import (
@@ -77,6 +77,7 @@ __all__ = [
     "score",
     "score_interval",
     "seed_weights",
+    "shared",
     "wilson",
     "wins",
 ]

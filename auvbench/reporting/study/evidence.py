@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from auvbench.reporting.model import Agent, RunRecord
@@ -21,6 +20,8 @@ class Evidence:
     agents: Sequence[Agent]
     confidence: float
     seed: int
+    _trained: dict[str, list[Learning]] = field(default_factory=dict)
+    """by algorithm; reading the records of a long training takes a while, so each is read once"""
 
     def __post_init__(self) -> None:
         """Gives every agent a key with the factors of the grid, from its runs where they were not grouped by."""
@@ -36,18 +37,13 @@ class Evidence:
         """The training records of an algorithm's runs, evaluated or not."""
         names = {str(run.config.get("algo.name")) for run in self.runs}
         name = f"{family}_thesis" if f"{family}_thesis" in names else family
-        return [found for run_name, found in self._trained if run_name == name]
-
-    @cached_property
-    def _trained(self) -> list[tuple[str, Learning]]:
-        found = []
-        for run in sorted(self.runs, key=lambda run: run.id):
-            name = str(run.config.get("algo.name"))
-            if run.state == "complete" and name.removesuffix("_thesis") in ("sac", "ppo"):
-                result = learning(run)
-                if result is not None:
-                    found.append((name, result))
-        return found
+        if name not in self._trained:
+            mine = [
+                run for run in self.runs if run.state == "complete" and run.config.get("algo.name") == name
+            ]
+            found = (learning(run) for run in sorted(mine, key=lambda run: run.id))
+            self._trained[name] = [one for one in found if one is not None]
+        return self._trained[name]
 
 
 def _with_factors(agent: Agent) -> Agent:

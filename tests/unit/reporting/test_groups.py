@@ -6,11 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from auvbench.reporting.statistics import letter, letters
-
-
-def shares(a: str, b: str) -> bool:
-    return bool(set(re.findall(r"[a-zA-Z]\d*", a)) & set(re.findall(r"[a-zA-Z]\d*", b)))
+from auvbench.reporting.statistics import letter, letters, shared
 
 
 def symmetric(n, pairs):
@@ -25,7 +21,7 @@ def assert_right(resolved):
     for i in range(len(names)):
         assert names[i]
         for j in range(i):
-            assert shares(names[i], names[j]) != resolved[i, j], (i, j, names)
+            assert shared(names[i], names[j]) != resolved[i, j], (i, j, names)
 
 
 def test_all_the_same_and_all_different():

@@ -52,7 +52,8 @@ def test_intervals_say_what_they_cover(ranking):
     assert {c.difference.covers for c in against} == {MIXED}
 
 
-def test_letters_intervals_and_p_values_tell_the_same(ranking):
+def test_letters_intervals_and_p_values_tell_the_same():
+    ranking = rank(GRID)
     places = {row.label: row for row in ranking.rows}
     assert len(ranking.comparisons) == 10
     better = dict.fromkeys(places, 0)
@@ -69,6 +70,17 @@ def test_letters_intervals_and_p_values_tell_the_same(ranking):
     assert [c.p_adjusted for c in ranking.comparisons] == pytest.approx(
         holm([c.p_value for c in ranking.comparisons]).tolist()
     )
+
+
+def test_comparisons_with_the_baseline_are_a_family_of_their_own(ranking):
+    free = rank(GRID)
+    assert [row.group for row in ranking.rows] == [row.group for row in free.rows]
+    assert [row.rank_interval for row in ranking.rows] == [row.rank_interval for row in free.rows]
+    planned = [c for c in ranking.comparisons if ranking.baseline in (c.first, c.second)]
+    assert [c.p_adjusted for c in planned] == pytest.approx(holm([c.p_value for c in planned]).tolist())
+    rest = [c for c in ranking.comparisons if c not in planned]
+    same = [c for c in free.comparisons if ranking.baseline not in (c.first, c.second)]
+    assert rest == same
 
 
 def test_order_of_the_agents_does_not_matter_and_the_seed_decides(ranking):
