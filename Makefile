@@ -7,6 +7,8 @@ STAMP := $(VENV)/.installed
 # One torch thread per process; tests run side by side on the cores there are.
 JOBS ?= auto
 export OMP_NUM_THREADS ?= 1
+# SIGKILLs per case of `make soak`.
+KILLS ?= 100
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check format lint type layers bench verification soak test-cluster clean
@@ -50,7 +52,7 @@ verification: $(STAMP) ## compute docs/verification.md anew
 	$(BIN)/python -m tests.verification.page
 
 soak: $(STAMP) ## kill and resume runs for a long time
-	$(BIN)/python -m pytest tests/soak -q -s --override-ini testpaths=tests/soak
+	$(BIN)/python -m tests.soak.campaign --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 
 test-cluster: $(STAMP) ## SLURM and Ray backends against real ones (installs them: root, Debian)
 	tests/cluster/run.sh

@@ -19,6 +19,7 @@ import signal
 import sys
 import time
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -130,21 +131,20 @@ def campaign(case: str, folder: Path, kills: int, rng: random.Random) -> Tally:
     return tally
 
 
-def warm_up(folder: Path) -> None:
-    """Everything that the forked children find ready: libraries, compiled kernels, one thread of arithmetic."""
+def warm_up(folder: Path, cases: Sequence[str]) -> None:
+    """Everything that the forked children find ready: libraries, compiled kernels, what torch imports late."""
+    import gc
+
     import numba
     import torch
 
-    from auvbench.envs.batch import Batch
-    from auvbench.runs import learning  # noqa: F401  imports SB3
-    from auvbench.runs.training import load_config
+    from auvbench.runs.training import execute
 
     torch.set_num_threads(1)
     numba.set_num_threads(1)
-    for case in ("ppo-1", "ppo-8"):
-        batch = Batch(load_config(frozen(folder, "warm", case, [])))
-        batch.reset()
-        batch.step(batch._action)
+    for case in cases:
+        execute(frozen(folder, "warm", case, ["train.total_steps=50"]))
+    gc.freeze()  # a collection in a child then copies no page
 
 
 def main() -> int:
@@ -155,7 +155,7 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, required=True)
     given = parser.parse_args()
     warnings.simplefilter("default")
-    warm_up(given.folder)
+    warm_up(given.folder, given.cases)
     differ = False
     for case in given.cases:
         began = time.monotonic()

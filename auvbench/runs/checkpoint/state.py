@@ -9,6 +9,7 @@ Read against Stable-Baselines3 2.9.2; what it keeps is listed in docs/resume.md.
 
 from __future__ import annotations
 
+import sys
 import time
 from collections import deque
 from collections.abc import Mapping
@@ -145,7 +146,20 @@ def _networks(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:
         else {name: getattr(distribution, name).detach() for name in _GSDE if hasattr(distribution, name)},
     }
     optimizers = {name: recursive_getattr(model, name).state_dict() for name in names if "optimizer" in name}
-    return {"policy": policy, "optimizers": optimizers}
+    return {"policy": _plain(policy), "optimizers": _plain(optimizers)}
+
+
+def _plain(node: Any) -> Any:
+    """The same with new containers and interned strings.
+
+    What is written then depends on values alone: a pickle refers back to objects that it has met before, and a
+    restored optimizer shares other objects than one that grew by itself.
+    """
+    if isinstance(node, Mapping):
+        return {_plain(key): _plain(value) for key, value in node.items()}
+    if isinstance(node, (list, tuple)):
+        return type(node)([_plain(value) for value in node])
+    return sys.intern(node) if isinstance(node, str) else node
 
 
 def _restore_networks(model: BaseAlgorithm, tensors: dict[str, dict[str, Any]]) -> None:
