@@ -127,7 +127,7 @@ def test_a_killed_job_is_noticed_without_accounting(tmp_path: Path) -> None:
 
 
 def test_a_requeued_job_goes_on(tmp_path: Path) -> None:
-    run = fake_training.make(tmp_path / "run", step_s=0.1, total_steps=80)
+    run = fake_training.make(tmp_path / "it's 100% odd" / "run", step_s=0.1, total_steps=80)
 
     def disturb() -> None:
         until(lambda: begun(run), 60)

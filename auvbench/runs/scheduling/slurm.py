@@ -94,7 +94,11 @@ class SlurmBackend:
     def submit(self, run: Path) -> SlurmJob:
         run = run.absolute()
         (run / LOG).parent.mkdir(exist_ok=True)
-        number = command(["sbatch", "--parsable"], text=self.script(run)).split(";")[0].strip()
+        number = (
+            command(["sbatch", "--parsable", *self.arguments(run)], text=self.script(run))
+            .split(";")[0]
+            .strip()
+        )
         (run / JOB_FILE).write_text(json.dumps({"job": number, "submitted": time.time()}), encoding="utf-8")
         return self._watch(run, number)
 
@@ -115,14 +119,13 @@ class SlurmBackend:
     def close(self) -> None:
         """Jobs that are still queued or running go on; the next sweep finds them (`adopt`)."""
 
-    def script(self, run: Path) -> str:
-        """The batch script of a run. The worker is the batch process itself, so signals reach it."""
+    def arguments(self, run: Path) -> list[str]:
+        """Sbatch's options for a run. On its command line, where no path needs quoting, not in the script."""
         options = self.options
-        directives = {
+        named = {
             "job-name": run.name,
             "output": str(run / LOG).replace("%", "%%"),
             "open-mode": "append",
-            "chdir": str(run).replace("%", "%%"),
             "nodes": "1",
             "ntasks": "1",
             "cpus-per-task": str(options.cpus),
@@ -132,19 +135,13 @@ class SlurmBackend:
             "mem": options.mem,
             "signal": f"B:USR1@{options.signal_before}" if options.time else None,
         }
-        lines = [f"#SBATCH --{key}={value}" for key, value in directives.items() if value]
+        return ["--requeue", *(f"--{key}={value}" for key, value in named.items() if value), *options.sbatch]
+
+    def script(self, run: Path) -> str:
+        """The batch script of a run. The worker takes the shell's place, so that signals reach it."""
         worker = [sys.executable, "-P", "-m", "auvbench.runs.worker", str(run), "--target", self.target]
-        return "\n".join(
-            [
-                "#!/bin/bash",
-                *lines,
-                "#SBATCH --requeue",
-                *(f"#SBATCH {extra}" for extra in options.sbatch),
-                *options.setup,
-                f"exec {shlex.join(worker)} --requeue",
-                "",
-            ]
-        )
+        lines = ["#!/bin/bash", *self.options.setup, f"exec {shlex.join(worker)} --requeue", ""]
+        return "\n".join(lines)
 
     def update(self) -> None:
         """Asks the cluster about all jobs, at most every `poll` seconds."""

@@ -1,0 +1,208 @@
+"""The SLURM backend against a cluster that says what the test wants; the real one is in tests/cluster."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from auvbench.config.compose import compose
+from auvbench.config.launchers import Slurm
+from auvbench.errors import UserError
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.scheduling import grid, slurm
+from auvbench.runs.scheduling.base import Phase, SubmitError
+from auvbench.runs.scheduling.slurm import SlurmBackend
+from tests import fake_training
+
+
+class Cluster:
+    """What squeue and scontrol say, and what was asked for."""
+
+    def __init__(self) -> None:
+        self.queue: dict[str, tuple[str, str]] = {}  # number -> state, name
+        self.job = ""  # scontrol show job
+        self.down = False
+        self.asked: list[list[str]] = []
+        self.scripts: list[str] = []
+        self.options: dict[str, str] = {}  # of the last sbatch
+
+    def __call__(self, arguments: Sequence[str], *, text: str | None = None, check: bool = True) -> str:
+        self.asked.append(list(arguments))
+        if self.down:
+            if check:
+                raise SubmitError(f"{arguments[0]} refused: Unable to contact slurm controller")
+            return ""
+        if arguments[0] == "sbatch":
+            self.scripts.append(text or "")
+            self.options = dict(word.removeprefix("--").partition("=")[::2] for word in arguments[1:])
+            number = str(100 + len(self.scripts))
+            self.queue[number] = ("PENDING", self.options["job-name"])
+            return f"{number};cluster\n"
+        if arguments[0] == "squeue":
+            return "".join(f"{number}|{state}|{name}\n" for number, (state, name) in self.queue.items())
+        return self.job if arguments[0] == "scontrol" else ""
+
+
+@pytest.fixture
+def cluster(monkeypatch: pytest.MonkeyPatch) -> Cluster:
+    cluster = Cluster()
+    monkeypatch.setattr(slurm, "command", cluster)
+    monkeypatch.setattr("shutil.which", lambda program: f"/usr/bin/{program}")
+    return cluster
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> RunDirectory:
+    return fake_training.make(tmp_path / "ppo-k1-f10-s0-12345678")
+
+
+def backend(*overrides: str) -> SlurmBackend:
+    config = compose("train", ["launcher=slurm", "launcher.poll=0.1", "launcher.grace=0", *overrides])
+    found = grid.backend(config.launcher)
+    assert isinstance(found, SlurmBackend)
+    return found
+
+
+def poll(job: slurm.SlurmJob) -> Any:
+    job.backend.look_again()
+    return job.poll()
+
+
+def test_the_script_says_what_was_configured(cluster: Cluster, run: RunDirectory) -> None:
+    backend(
+        "launcher.partition=long",
+        "launcher.time='04:00:00'",
+        "launcher.mem=3G",
+        "launcher.setup=['module load python','source env/bin/activate']",
+        "launcher.sbatch=['--nice=100','--constraint=avx2&ib']",
+    ).submit(run.path)
+    (script,) = cluster.scripts
+    found = cluster.options
+    assert found["partition"] == "long"
+    assert found["time"] == "04:00:00"
+    assert found["signal"] == "B:USR1@120"
+    assert found["mem"] == "3G"
+    assert found["job-name"] == run.id
+    assert found["output"] == str(run.train / "log.txt")
+    assert found["open-mode"] == "append"
+    assert (found["nice"], found["constraint"]) == ("100", "avx2&ib")
+    assert "requeue" in found
+    assert "account" not in found
+    lines = script.splitlines()
+    assert lines[0] == "#!/bin/bash"
+    assert lines[1:3] == ["module load python", "source env/bin/activate"]
+    words = shlex.split(lines[-1])
+    assert words[:2] == ["exec", sys.executable]
+    assert words[words.index("auvbench.runs.worker") + 1] == str(run.path)
+
+
+def test_the_script_is_a_shell_script_whatever_the_path(cluster: Cluster, tmp_path: Path) -> None:
+    odd = fake_training.make(tmp_path / "it's 100% odd" / "run")
+    backend().submit(odd.path)
+    subprocess.run(["bash", "-n"], input=cluster.scripts[0], text=True, check=True)
+    assert shlex.split(cluster.scripts[0].splitlines()[-1])[5] == str(odd.path)
+    assert cluster.options["output"] == str(odd.train / "log.txt").replace("%", "%%")
+
+
+def test_a_job_waits_runs_and_ends(cluster: Cluster, run: RunDirectory) -> None:
+    job = backend().submit(run.path)
+    assert job.poll().phase is Phase.QUEUED
+    for state, phase in (
+        ("RUNNING", Phase.RUNNING),
+        ("COMPLETING", Phase.RUNNING),
+        ("PENDING", Phase.QUEUED),
+    ):
+        cluster.queue[job.number] = (state, run.id)
+        assert poll(job).phase is phase
+    cluster.queue.clear()
+    run.update_manifest(state="complete")
+    assert poll(job).ended
+
+
+def test_a_dead_job_says_how_it_died(cluster: Cluster, run: RunDirectory) -> None:
+    job = backend().submit(run.path)
+    cluster.queue[job.number] = ("FAILED", run.id)
+    cluster.job = f"JobId={job.number} JobName={run.id} JobState=FAILED Reason=NonZeroExitCode ExitCode=0:9"
+    status = poll(job)
+    assert status.ended
+    assert (
+        status.describe()
+        == f"slurm job {job.number} ended as FAILED (killed by signal 9, possibly out of memory)"
+    )
+
+
+def test_a_job_that_the_cluster_has_forgotten_is_dead_after_the_grace(
+    cluster: Cluster, run: RunDirectory
+) -> None:
+    job = backend("launcher.grace=3600").submit(run.path)
+    cluster.queue.clear()
+    assert not poll(job).ended  # a slow file server may still bring its manifest
+    job.backend.options.grace = 0.0
+    assert poll(job).describe() == f"slurm job {job.number} is no longer known to the cluster"
+
+
+def test_a_silent_controller_says_nothing_about_the_jobs(cluster: Cluster, run: RunDirectory) -> None:
+    job = backend().submit(run.path)
+    cluster.down = True
+    assert poll(job).phase is Phase.QUEUED
+
+
+def test_the_queue_is_asked_once_for_all_and_not_too_often(cluster: Cluster, tmp_path: Path) -> None:
+    several = backend("launcher.poll=3600")
+    jobs = [several.submit(fake_training.make(tmp_path / f"run{i}").path) for i in range(5)]
+    for _ in range(10):
+        for job in jobs:
+            job.poll()
+    assert sum(arguments[0] == "squeue" for arguments in cluster.asked) == 1
+
+
+def test_the_next_sweep_finds_a_living_job_and_only_that(cluster: Cluster, run: RunDirectory) -> None:
+    assert backend().adopt(run.path) is None
+    job = backend().submit(run.path)
+    adopted = backend().adopt(run.path)
+    assert adopted is not None
+    assert adopted.number == job.number
+    cluster.queue[job.number] = ("PENDING", "somebody's else")  # the number was given out again
+    assert backend().adopt(run.path) is None
+    cluster.queue[job.number] = ("COMPLETED", run.id)
+    assert backend().adopt(run.path) is None
+    (run.path / slurm.JOB_FILE).write_text("{")
+    assert backend().adopt(run.path) is None
+
+
+def test_cancelling_asks_the_worker_first(cluster: Cluster, run: RunDirectory) -> None:
+    job = backend().submit(run.path)
+    cluster.asked.clear()
+    job.cancel()
+    assert cluster.asked == [
+        ["scancel", "--state=PENDING", job.number],
+        ["scancel", "--signal=TERM", "--full", job.number],
+    ]
+    job.cancel(force=True)
+    assert cluster.asked[-1] == ["scancel", job.number]
+
+
+def test_a_machine_without_slurm_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shutil.which", lambda program: None)
+    with pytest.raises(UserError, match=r"launcher=slurm: there is no sbatch"):
+        backend()
+
+
+def test_a_refusal_carries_sbatch_s_own_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sbatch = tmp_path / "sbatch"
+    sbatch.write_text("#!/bin/sh\necho 'sbatch: error: invalid partition specified: x' >&2\nexit 1\n")
+    sbatch.chmod(0o755)
+    with pytest.raises(SubmitError, match=r"sbatch refused: .*invalid partition specified: x"):
+        slurm.command([str(sbatch)])
+
+
+def test_every_key_is_explained() -> None:
+    text = Path("conf/launcher/slurm.yaml").read_text()
+    for key in Slurm.__dataclass_fields__:
+        assert f"\n{key}:" in text
