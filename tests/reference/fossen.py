@@ -190,10 +190,10 @@ def simulate(
     current: object = (0, 0, 0),
     step: float | None = None,
 ) -> Array:
-    """States (T, 13) at `times`: RK4 with equal steps no longer than `step`, or DOP853 at rtol 1e-12 without."""
-    v_c = np.asarray(current, float)
+    """States (T, 13) at `times`, in a current (3,) or one that is a function of z: RK4 with equal steps no longer than `step`, or DOP853 at rtol 1e-12 without."""
 
     def f(t: float, y: Array) -> Array:
+        v_c = np.asarray(current(y[2]) if callable(current) else current, float)
         return body.derivative(y, wrench(t, y), v_c)
 
     if step is None:

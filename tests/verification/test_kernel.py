@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from auvbench.simulators import openloop
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles.model import VehicleModel
 
 from ..reference import actuators
-from ..reference.fossen import NED, Array, Wrench, simulate
+from ..reference.fossen import NED, Array, Wrench, constant, simulate
 from ..reference.vehicles import ALL, REXROV_ALLOCATION, THRUSTERS, allocation
 from . import rig
 from .cases_reference import FLIP, STEP, free_motion, in_flu, other_integrator, relative, starts, states
@@ -142,3 +145,53 @@ def test_same_floats_at_any_batch_size(name: str) -> None:
         alone.reset(np.array([0]), pose[i : i + 1], velocity[i : i + 1])
         alone.step(action[i : i + 1], 0.5)
         assert np.array_equal(states(alone)[0], states(together)[i])
+
+
+@pytest.mark.parametrize("name", ["bluerov2", "rexrov"])
+def test_current_that_varies_with_depth(name: str) -> None:
+    """Linear between two depths, constant above and below; the vehicle sinks through all three."""
+    sheet, body = openloop.without_actuators(rig.vehicle(name)), in_flu(ALL[name])
+    top, bottom = np.array([0.5, -0.2, 0.0]), np.array([-0.3, 0.4, 0.1])
+    simulator = FossenSimulator(sheet, 1, max_step=STEP)
+    start = np.concatenate([[0, 0, -1.8, 1, 0, 0, 0], [0.3, 0, -1.0, 0, 0, 0.3]])
+    simulator.reset(np.array([0]), start[None, :7], start[None, 7:])
+    simulator.set_current(top, bottom, (2.0, 2.5))
+    wrench = np.array([0, 0, -30.0, 0, 0, 0]) * sheet.mass / 15
+    simulator.external_wrench[0] = wrench
+    simulator.step(np.zeros((1, 0)), 1.5)
+
+    def current(z: float) -> Array:
+        return top + np.clip((-z - 2.0) / 0.5, 0, 1) * (bottom - top)
+
+    expected = simulate(body, start, np.array([0.0, 1.5]), constant(wrench), current, step=STEP)[-1]
+    assert expected[2] < -2.5
+    assert relative(states(simulator)[0], expected) < 1e-12
+
+
+def test_domain_randomisation() -> None:
+    """Scales of mass, buoyancy, inertia, added mass, damping and thrust are those of the sheet's numbers."""
+    sheet, body = rig.vehicle("bluerov2"), ALL["bluerov2"]
+    rng = np.random.default_rng(9)
+    scales = rng.uniform(0.7, 1.3, (3, 6))
+    pose, velocity = starts(3, seed=10)
+    action = rng.uniform(-1, 1, (3, 6))
+    simulator = FossenSimulator(sheet, 3, max_step=STEP)
+    simulator.reset(np.arange(3), pose, velocity, scales)
+    simulator.effectiveness[:] = rng.uniform(0, 1, (3, 6))
+    simulator.step(action, 0.5)
+    for i, (mass, buoyancy, inertia, added, damping, thrust) in enumerate(scales):
+        scaled = replace(
+            body,
+            m=mass * body.m,
+            W=mass * body.W,
+            B=buoyancy * body.B,
+            I_g=inertia * body.I_g,
+            M_A=added * body.M_A,
+            D_l=damping * body.D_l,
+            D_q=damping * body.D_q,
+        )
+        tau = allocation("bluerov2") @ (40.0 * action[i] * thrust * simulator.effectiveness[i])
+        start = np.concatenate([pose[i], velocity[i]])
+        expected = simulate(scaled, start, np.array([0.0, 0.5]), constant(tau), step=STEP)[-1]
+        # The sheet's directions have eight digits, the transcription's all.
+        assert relative(states(simulator)[i], expected) < 1e-8
