@@ -17,8 +17,38 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".svg", ".pdf")
 
+HELP = """\
+usage: auvbench simulate [KEY=VALUE ...] [--plot [FILE]] [--cfg job]
+
+Integrates one vehicle open loop and writes its trajectory as CSV, or draws it with --plot.
+
+examples:
+  auvbench simulate vehicle=bluerov2_heavy 'input.wrench=[40,0,0,0,0,0]' input.frame=ned duration=20 sample=0.1 output=surge.csv
+  auvbench simulate vehicle=bluerov2 'input.command=[0.5,0.5,0.5,0.5,0,0]' --plot forward.png
+  auvbench simulate vehicle=rexrov thrusters=off 'input.pose=[0,0,-5,0.9962,0.0872,0,0]' 'input.current=[0.3,0,0]'
+
+flags:
+  --plot [FILE]   draw the trajectory; without FILE the output's name with .png, or trajectory.png
+  --cfg job       print the configuration instead of simulating
+  -sc install=bash   shell completion
+
+vehicles (vehicle=NAME): {vehicles}
+
+keys and their defaults:
+{keys}
+The CSV has the columns {header};
+psi is unwrapped. A sheet of your own goes to ./conf/vehicle/ (docs/adding-a-vehicle.md).
+"""
+
 
 def main(arguments: Sequence[str]) -> int:
+    if any(argument in ("-h", "--help") for argument in arguments):
+        _help()
+        return 0
+    if any(argument in ("-m", "--multirun") for argument in arguments):
+        raise ConfigError(
+            "-m: simulate computes one trajectory, type it once for each; grids are for auvbench train"
+        )
     from hydra.core.config_store import ConfigStore
 
     from auvbench.config.compose import run
@@ -27,6 +57,19 @@ def main(arguments: Sequence[str]) -> int:
     ConfigStore.instance().store(name="simulate_schema", node=Simulation)
     run("simulate", _plot_as_override(arguments), simulate)
     return 0
+
+
+def _help() -> None:
+    from importlib import resources
+
+    from auvbench.simulators.openloop import HEADER
+    from auvbench.vehicles.reader import sheet_names
+
+    text = (resources.files("auvbench.conf") / "simulate.yaml").read_text(encoding="utf-8")
+    # The file documents itself; what it says to Hydra is of no use to a reader.
+    keys = text[text.index("\ninput:") : text.index("\nhydra:")].strip()
+    keys = "".join(f"  {line}\n" for line in keys.splitlines())
+    print(HELP.format(vehicles=", ".join(sheet_names()), keys=keys, header=HEADER), end="")
 
 
 def _plot_as_override(arguments: Sequence[str]) -> list[str]:

@@ -12,8 +12,8 @@ from auvbench.config import validate
 from auvbench.config.schema import choice, number
 from auvbench.errors import ConfigError
 
-UNIT_TOLERANCE = 1e-6
-"""How far from 1 the length of a quaternion may be: enough for seven typed digits, too little for a mistake."""
+UNIT_TOLERANCE = 1e-3
+"""How far from 1 the length of a quaternion may be: enough for four typed digits; it is then brought to 1."""
 
 
 @dataclass(kw_only=True)

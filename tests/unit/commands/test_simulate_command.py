@@ -122,6 +122,7 @@ def test_plot(arguments: tuple[str, ...], file: str) -> None:
         (("output=/proc/nowhere/x.csv",), "cannot write there"),
         (("output=.",), "is a directory"),
         (("plot=x.gif",), "must end with one of"),
+        (("-m", "duration=1,2"), "grids are for auvbench train"),
     ],
 )  # fmt: skip
 def test_mistakes_get_one_line(
@@ -137,3 +138,27 @@ def test_mistakes_get_one_line(
 def test_a_failed_run_leaves_no_empty_file() -> None:
     assert run("input.command=[0.5]", "output=x.csv") == 2
     assert not Path("x.csv").exists()
+
+
+def test_help_holds_every_key_with_its_comment(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--help") == 0
+    out = capsys.readouterr().out
+    for word in (
+        "wrench:",
+        "command:",
+        "pose:",
+        "velocity:",
+        "current:",
+        "thrusters:",
+        "sample:",
+        "max_step:",
+        "# s",
+        "rexrov",
+    ):
+        assert word in out
+    assert "hydra" not in out
+
+
+def test_four_digits_of_a_quaternion_are_enough() -> None:
+    assert run("input.pose=[0,0,-5,0.9962,0.0872,0,0]", "duration=0.1", "output=x.csv") == 0
+    assert rows("x.csv")[0, 4] == pytest.approx(2 * np.arctan2(0.0872, 0.9962), abs=1e-12)
