@@ -65,7 +65,8 @@ def _index(agents: Sequence[Agent], wanted: Agent) -> int:
 def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> list[Effect]:
     """The effects of each factor that varies among the agents that learn.
 
-    Of up to three levels every pair; of more, the last (largest) with the first (smallest).
+    Of up to three levels every pair; of more, the last (largest) with the first (smallest). An effect that cannot
+    be tested (no values, a single episode) is left out.
     """
     learners = [agent for agent in agents if learns(agent)]
     result = []
@@ -76,6 +77,7 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
         for second, first in chosen:
             if pairs := matched(learners, factor, first, second):
                 estimate, p = mean_difference(pairs, m, confidence)
-                names = part(factor, first), part(factor, second)
-                result.append(Effect(factor, *names, tuple(pairs), estimate, p))
+                if np.isfinite(p):
+                    names = part(factor, first), part(factor, second)
+                    result.append(Effect(factor, *names, tuple(pairs), estimate, p))
     return result

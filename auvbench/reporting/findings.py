@@ -241,7 +241,8 @@ def _seeds(agents: Sequence[Agent], m: Measure) -> Finding | None:
     known = table.variance > 0
     if not known.any():
         return None
-    share = float(np.median((np.maximum(table.between_seeds - table.residual, 0) / table.variance)[known]))
+    of_seeds = np.maximum(table.between_seeds - table.residual, 0)[known]
+    share = float(np.median(of_seeds / table.variance[known]))
     scale, digits = (100.0, 1) if m.rate else (1.0, 0)
     low, high = scale * means[widest].min(), scale * means[widest].max()
     median = scale * float(np.median(ranges))

@@ -77,9 +77,9 @@ def crossed(data: Sequence[FloatArray], *, rate: bool = False, paired: bool = Tr
     """Decompose the arrays (S_i, E), one per agent, whose columns are the same E scenarios.
 
     NaN is "no value": means are over what is there (few missing values: the pieces of the variance are those of
-    the unweighted means). `rate` says that the values are 0 or 1: an agent at exactly 0 or 1 in several seeds
-    then gets the between-seeds variance of the rate (x + 1)/(n + 2), because no failure in n trials does not
-    prove that there are none. Without `paired` the covariances of agents are left out (NaN), which `means` does
+    the unweighted means). `rate` says that the values are 0 or 1: an agent at exactly 0 or 1
+    then gets the variance of the rate (x + 1)/(n + 2), between seeds where there are several, because no failure in
+    n trials does not prove that there are none. Without `paired` the covariances of agents are left out (NaN), which `means` does
     not need.
     """
     if len({x.shape[1] for x in data}) > 1:
@@ -96,10 +96,16 @@ def crossed(data: Sequence[FloatArray], *, rate: bool = False, paired: bool = Tr
         seeds[i], values[i] = len(x), there.sum()
         if len(x):
             mean[i], columns[i], between[i], residual[i] = _layout(x, there)
-        if rate and len(x) > 1 and mean[i] in (0.0, 1.0):
-            shrunk = (mean[i] * values[i] + 1) / (values[i] + 2)
-            between[i] = shrunk * (1 - shrunk) / values[i]
     covariance, episodes = _covariance(columns, paired)
+    if rate:
+        for edge in np.flatnonzero((mean == 0.0) | (mean == 1.0)):
+            i = int(edge)
+            shrunk = (mean[i] * values[i] + 1) / (values[i] + 2)
+            variance = shrunk * (1 - shrunk) / values[i]
+            if seeds[i] > 1:
+                between[i] = variance
+            else:
+                covariance[i, i] = variance
     seeds_df = np.where(seeds > 1, seeds - 1, np.inf)
     return Crossed(mean, seeds, between, residual, covariance, episodes, values, seeds_df, rate)
 

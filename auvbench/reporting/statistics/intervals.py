@@ -30,10 +30,9 @@ def score_interval(rate: ArrayLike, n: ArrayLike, z: ArrayLike) -> tuple[FloatAr
         center = p + z**2 / (2 * n)
         half = z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
         low, high = (center - half) / (1 + z**2 / n), (center + half) / (1 + z**2 / n)
-    # The ends are exact at the edges; rounding must not leave 1e-18 there.
-    return np.where(p <= 0, 0.0, np.clip(low, 0, 1)) + 0 * p, np.where(
-        p >= 1, 1.0, np.clip(high, 0, 1)
-    ) + 0 * p
+    # The ends are exact at the edges; rounding must not leave 1e-18 there. What is unknown stays NaN.
+    low = np.where((p <= 0) & np.isfinite(low), 0.0, np.clip(low, 0, 1))
+    return low, np.where((p >= 1) & np.isfinite(high), 1.0, np.clip(high, 0, 1))
 
 
 def wilson(successes: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
