@@ -88,7 +88,8 @@ def canvas(width: float, height: float) -> Canvas:
 def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
     """Writes `path`.png and `path`.svg; returns both."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.draw_without_rendering()  # lays out once for both formats
+    if engine := figure.get_layout_engine():
+        engine.execute(figure)  # once for both formats
     figure.set_layout_engine("none")
     png, svg = path.with_suffix(".png"), path.with_suffix(".svg")
     figure.savefig(png, metadata={"Software": None})
