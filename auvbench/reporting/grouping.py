@@ -209,7 +209,8 @@ def _missing_cells(runs: Iterable[RunRecord], keys: Mapping[str, str]) -> list[P
         for cell in cells:
             absent = seeds - present.get(cell, set())
             if absent:
-                key = ({"algo": algo} if "algo" in keys else {}) | dict(zip(others, cell, strict=True))
+                varying = {n: v for n, v, all_ in zip(others, cell, levels, strict=True) if len(all_) > 1}
+                key = ({"algo": algo} if "algo" in keys else {}) | varying
                 name = " ".join(part(n, v) for n, v in key.items())
                 every = (
                     "no run" if absent == seeds else f"no run with seed {', '.join(map(str, sorted(absent)))}"

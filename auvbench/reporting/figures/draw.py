@@ -53,6 +53,10 @@ def draw_all(runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Rankin
             drawn |= rest()
     else:
         drawn = _draw(shared, names, out)
+    for name in names:
+        if name not in drawn:  # an earlier report's, of other runs
+            for suffix in (".png", ".svg"):
+                (out / "figures" / name).with_suffix(suffix).unlink(missing_ok=True)
     return [drawn[name] for name in names if name in drawn]
 
 

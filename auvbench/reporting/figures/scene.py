@@ -23,6 +23,9 @@ MANY = 8
 MOST_TRAINING_FILES = 90
 """training records are long; beyond this many a figure shows fewer agents and says so"""
 
+FEWEST_EPISODES = 10
+"""of a training that is worth a line"""
+
 TRAINING_COLUMNS = ("step", "outcome", "steps", "return", "final_distance_m")
 
 
@@ -60,6 +63,10 @@ class Scene:
             a for a in self.agents if any((r.directory / "train/episodes.csv").is_file() for r in a.runs)
         )
 
+    def trained(self, agents: Sequence[Agent]) -> tuple[Agent, ...]:
+        """Those with a seed whose training can be drawn."""
+        return tuple(a for a in agents if any(self.training(run) is not None for run in a.runs))
+
     def looks_of(self, agents: Sequence[Agent]) -> dict[str, Look]:
         return {agent.label: self.looks[agent.label] for agent in agents}
 
@@ -84,7 +91,7 @@ def _read_training(run: RunRecord) -> pd.DataFrame | None:
         )
     except (OSError, ValueError):
         return None  # a figure without one seed is better than none; the tables name damage that counts
-    return frame.dropna() if len(frame) else None
+    return frame.dropna() if len(frame) >= FEWEST_EPISODES else None
 
 
 def shown(chosen: Sequence[Agent], of: Sequence[Agent]) -> str:

@@ -230,10 +230,11 @@ def failures(scene: Scene) -> Drawing | None:
 
 
 def _waypoints(ax: Axes, x: FloatArray, y: FloatArray, outcome: np.ndarray) -> None:
+    large = 24 if (outcome != 0).sum() < 150 else 9
     for code, name in enumerate(OUTCOMES):  # successes first, beneath the failures
         here = outcome == code
         colour, marker = style.OUTCOME_LOOK[name]
-        size, alpha = (5, 0.3) if code == 0 else (24, 0.9)
+        size, alpha = (5, 0.3) if code == 0 else (large, 0.9)
         ax.scatter(
             x[here], y[here], s=size, color=colour, marker=marker, alpha=alpha, linewidth=0, rasterized=True
         )

@@ -32,7 +32,9 @@ MOST_POINTS = 1500
 def curves(scene: Scene) -> Drawing | None:
     """Mean episode length and return over training steps (thesis, figures 3.1 and 3.7)."""
     learners = scene.learners()
-    panels = _panels(scene, learners)
+    panels = [
+        (title, agents) for title, among in _panels(scene, learners) if (agents := scene.trained(among))
+    ]
     if not panels:
         return None
     chosen = [agent for _, agents in panels for agent in agents]
@@ -60,7 +62,7 @@ def curves(scene: Scene) -> Drawing | None:
     if len(panels) == 1:
         style.legend(figure, scene.looks_of(chosen), markers=False)
     caption = (
-        f"Mean episode length and return during training, in {BINS} equal spans of steps."
+        f"Mean episode length and return during training, in up to {BINS} equal spans of steps."
         + seeds_sentence(chosen)
         + shown(chosen, learners)
         + (
@@ -88,16 +90,17 @@ def _panels(scene: Scene, learners: Sequence[Agent]) -> list[tuple[str, tuple[Ag
 def _binned(scene: Scene, agent: Agent, column: str) -> tuple[FloatArray, FloatArray]:
     """Centres of the spans (B,) and the means in them by seed (seeds, B), NaN where no episode ended."""
     frames = [f for run in agent.runs if (f := scene.training(run)) is not None]
-    last = min((int(f["step"].iloc[-1]) for f in frames), default=1)  # where all seeds have a value
-    edges = np.linspace(0, last, BINS + 1)
+    last = min(int(f["step"].iloc[-1]) for f in frames)  # where all seeds have a value
+    bins = int(np.clip(min(len(f) for f in frames) // 5, 4, BINS))
+    edges = np.linspace(0, last, bins + 1)
     rows = []
     for frame in frames:
         frame = frame[frame["step"] <= last]
-        spans = np.clip(np.searchsorted(edges, frame["step"].to_numpy(), side="left") - 1, 0, BINS - 1)
-        count = np.bincount(spans, minlength=BINS)
-        total = np.bincount(spans, weights=frame[column].to_numpy(np.float64), minlength=BINS)
-        rows.append(np.divide(total, count, out=np.full(BINS, np.nan), where=count > 0))
-    return (edges[1:] + edges[:-1]) / 2, np.array(rows).reshape(-1, BINS)
+        spans = np.clip(np.searchsorted(edges, frame["step"].to_numpy(), side="left") - 1, 0, bins - 1)
+        count = np.bincount(spans, minlength=bins)
+        total = np.bincount(spans, weights=frame[column].to_numpy(np.float64), minlength=bins)
+        rows.append(np.divide(total, count, out=np.full(bins, np.nan), where=count > 0))
+    return (edges[1:] + edges[:-1]) / 2, np.array(rows).reshape(-1, bins)
 
 
 def _band(ax: Axes, scene: Scene, agent: Agent, x: FloatArray, y: FloatArray, *, faint: bool) -> None:

@@ -51,6 +51,23 @@ def test_every_figure_is_written_twice_with_title_and_caption(small: Scene, tmp_
         assert figure.svg.stat().st_size < 600_000
 
 
+def test_a_figure_of_an_earlier_report_goes_when_it_is_not_drawn_again(small: Scene, tmp_path: Path) -> None:
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "training_curves.png").touch()
+    (tmp_path / "figures" / "mine.png").touch()
+    pid = [agent for agent in small.agents if agent.label == "PID"]
+    draw_all([], pid, plain_ranking(pid), tmp_path)
+    names = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert "training_curves.png" not in names
+    assert {"mine.png", "success_over_time.png"} <= names
+
+
+def test_a_training_of_a_few_episodes_is_not_drawn(tmp_path: Path) -> None:
+    drawn_from = build(tmp_path / "grid", algorithms=("ppo",), seeds=(0,), episodes=5, train_episodes=3)
+    for name in ("training_curves", "training_outcomes", "training_logs"):
+        assert draw(name, drawn_from) is None
+
+
 def test_a_child_process_draws_the_same(
     small: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
