@@ -17,6 +17,7 @@ from auvbench.errors import UserError, closest
 if TYPE_CHECKING:
     from auvbench.reporting.figures import Figure
     from auvbench.reporting.model import Agent, Finding, Ranking, RunRecord
+    from auvbench.reporting.study import Beside
 
 FORMATS = ("terminal", "md", "tex", "csv", "html")
 STUDIES = ("thesis",)
@@ -65,8 +66,8 @@ def main(argv: Sequence[str]) -> int:
     )
     by_label = {agent.label: agent for agent in grouped}
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
-    claims, table = _study(runs, ordered, options)
-    report = Report(runs, ordered, ranking, sentences(ranking, ordered), claims, table)
+    claims, numbers = _study(runs, ordered, options)
+    report = Report(runs, ordered, ranking, sentences(ranking, ordered), claims, numbers)
     written = write(report, options, shlex.join(["auvbench", "report", *argv]))
     _show(report, options, written)
     return 0
@@ -82,20 +83,19 @@ class Report:
     ranking: Ranking
     findings: Sequence[Finding]
     claims: Sequence[Finding]
-    beside: str
-    """the study's own table next to ours, as Markdown"""
+    beside: Sequence[Beside]
+    """the study's own numbers next to ours"""
 
 
 def _study(
     runs: Sequence[RunRecord], agents: Sequence[Agent], options: Options
-) -> tuple[Sequence[Finding], str]:
+) -> tuple[Sequence[Finding], Sequence[Beside]]:
     if options.study is None:
-        return (), ""
-    import importlib
+        return (), ()
+    from auvbench.reporting import study
 
-    study = importlib.import_module("auvbench.reporting.study")
     claims = study.answer(runs, agents, options.study, confidence=options.confidence, seed=options.seed)
-    return claims, study.markdown(study.beside(agents, options.confidence))
+    return claims, study.beside(agents, options.confidence)
 
 
 def write(report: Report, options: Options, command: str) -> list[Path]:
@@ -160,6 +160,9 @@ def _show(report: Report, options: Options, written: Sequence[Path]) -> None:
             if findings:
                 console.print(Text(f"\n{title}", style="bold"))
                 console.print(tables.findings_terminal(findings))
+        if report.beside:
+            console.print()
+            console.print(tables.beside_terminal(report.beside))
     if written:
         console.print()
     for path in written:

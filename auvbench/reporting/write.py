@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from auvbench.reporting import tables
+from auvbench.reporting import study, tables
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.model import Comparison, Finding, Ranking
+from auvbench.reporting.study import Beside
 from auvbench.reporting.tables.markdown import escape
 
 
@@ -49,7 +50,7 @@ def markdown(
     ranking: Ranking,
     findings: Sequence[Finding],
     claims: Sequence[Finding],
-    beside: str,
+    beside: Sequence[Beside],
     figures: Sequence[Figure],
     folder: Path,
 ) -> str:
@@ -59,7 +60,7 @@ def markdown(
         ranking: the table.
         findings: sentences that the data generate.
         claims: claims of a study with their verdicts.
-        beside: the study's own table next to ours, as Markdown.
+        beside: the study's own numbers next to ours.
         figures: drawn already.
         folder: where report.md will lie.
     """
@@ -72,7 +73,7 @@ def markdown(
     if claims:
         parts += ["## Claims of the study", "\n".join(f"{i}. {_finding(f)}" for i, f in enumerate(claims, 1))]
     if beside:
-        parts += ["## The study's table and ours", beside.rstrip()]
+        parts += ["## The study's table and ours", study.markdown(beside).rstrip()]
     if figures:
         parts.append("## Figures")
     for figure in figures:

@@ -166,6 +166,23 @@ def test_a_preset_holds_options_and_the_command_line_beats_it(grid: list[Path], 
     assert report(grid[0].parent, "--preset", preset) == 2
 
 
+def test_the_thesis_is_answered_and_stands_beside_our_table(
+    grid: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert report(grid[0].parent, "--study", "thesis", "--format", "terminal,md,html", "--no-figures") == 0
+    screen = " ".join(capsys.readouterr().out.split())
+    text = (grid[0].parent / "report" / "report.md").read_text()
+    page = (grid[0].parent / "report" / "index.html").read_text()
+    claims = text.partition("## Claims of the study")[2].partition("## ")[0]
+    assert [line[:2] for line in claims.splitlines() if line[:1].isdigit()] == [f"{i}." for i in range(1, 8)]
+    for verdict in ("Holds.", "Does not hold.", "Cannot be said."):
+        assert screen.count(verdict) == claims.count(f"**{verdict}**")
+    assert claims.count("**") == 2 * 7
+    assert "SAC4 (SAC K=1)" in text  # 25 Hz, as all of the grid
+    assert "SAC4 SAC K=1 100 " in screen
+    assert "straightness and step count" in page
+
+
 def test_help_lists_the_options(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as leaving:
         report("--help")
