@@ -162,7 +162,7 @@ def _show(report: Report, options: Options, written: Sequence[Path]) -> None:
                 console.print(tables.findings_terminal(findings))
         if report.beside:
             console.print()
-            console.print(tables.beside_terminal(report.beside))
+            console.print(tables.beside_terminal(report.beside, console.width))
     if written:
         console.print()
     for path in written:

@@ -15,14 +15,14 @@ ON_SCREEN = ("success_rate", "mean_steps", "mean_deviation_mean_m")
 """the measures that fit; report.md has all"""
 
 
-def beside_terminal(rows: Sequence[Beside]) -> RenderableType:
-    """A line per agent of the study: its number, ours, and the interval of ours."""
+def beside_terminal(rows: Sequence[Beside], width: int = 80) -> RenderableType:
+    """A line per agent of the study: its number, ours, and the interval of ours; more measures on wider terminals."""
     table = Table(box=None, header_style="bold", pad_edge=False, title_justify="left")
     table.title = Text("the study's numbers and ours", style="bold")
     table.add_column("agent")
     table.add_column("ours")
     titles = {row.measure: row.title for row in rows}
-    shown = [measure for measure in ON_SCREEN if measure in titles]
+    shown = [measure for measure in ON_SCREEN if measure in titles][: max(1, width // 40 - 1)]
     for measure in shown:
         table.add_column(titles[measure], justify="right", no_wrap=True)
         table.add_column("", justify="right", no_wrap=True)
