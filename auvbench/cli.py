@@ -22,6 +22,7 @@ COMMANDS: dict[str, str] = {
     "vehicles": "list vehicles, or show what one vehicle's numbers imply",
     "simulate": "integrate one vehicle open loop, to CSV or a plot",
     "runs": "list runs with state, progress and success",
+    "replay": "show one test episode again: summary, figure, film",
     "completion": "print a script for tab completion in bash, zsh or fish",
 }
 

@@ -44,6 +44,7 @@ class Rollout:
     records: list[Record]  # in the order of the episodes
     trajectories: dict[int, Trajectory]  # by episode
     duration: float  # s of an agent step
+    actuators: tuple[str, ...]  # names of the columns of a trajectory's command
 
 
 def roll_out(
@@ -63,14 +64,16 @@ def roll_out(
     records: list[Record] = []
     paths: dict[int, Trajectory] = {}
     duration = 1.0 / config.step.frequency
+    actuators: tuple[str, ...] = ()
     for start in range(0, len(episodes), batch):
         numbers = episodes[start : start + batch]
         environments = Batch(config, len(numbers), seed=seed, test=True, autoreset=False)
         environments.task.assign(numbers)
+        actuators = environments.vehicle.actuators
         followed = numbers[: max(0, trajectories - start)].tolist()
         agent.reset(numbers)
         records += _one_batch(environments, agent, followed, paths)
-    return Rollout(records, paths, duration)
+    return Rollout(records, paths, duration, actuators)
 
 
 def _one_batch(

@@ -1,0 +1,61 @@
+"""`auvbench replay RUN`: one episode of a test once more, on the terminal, as a figure, as a film."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from auvbench.errors import RunError, UserError
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> None:  # type: ignore[override]
+        raise UserError(f"{message}; auvbench replay --help shows what there is")
+
+
+def main(arguments: Sequence[str]) -> int:
+    parser = _Parser(
+        prog="auvbench replay",
+        description="Runs one episode of a test once more (its row is the same) and shows it.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("run", type=Path, metavar="RUN", help="a run directory")
+    parser.add_argument("--episode", type=int, default=0, help="episode of the protocol (default: 0)")
+    parser.add_argument("--protocol", default="test", help="protocol (default: test)")
+    parser.add_argument("--condition", default=None, help="condition (default: the protocol's first)")
+    parser.add_argument(
+        "--out", type=Path, default=None, help="folder of the figure (default: the run's replays/)"
+    )
+    parser.add_argument(
+        "--video",
+        type=Path,
+        nargs="?",
+        const=Path(),
+        help="a film as well: FILE.mp4 (needs ffmpeg) or FILE.gif (default: a GIF beside the figure)",
+    )
+    options = parser.parse_args(list(arguments))
+
+    from auvbench.config.compose import compose
+    from auvbench.config.validate import evaluate_config
+    from auvbench.evaluation.replay import replay
+    from auvbench.runs.directory import find_runs
+
+    runs = find_runs([options.run])
+    if len(runs) != 1:
+        raise RunError(f"{options.run}: holds {len(runs)} runs; name one of them, e.g. {runs[0].path}")
+    protocol = evaluate_config(compose("evaluate", [f"protocol={options.protocol}"])).protocol
+    condition = options.condition or protocol.conditions[0].name
+    episode = replay(runs[0], protocol, condition, options.episode)
+
+    from auvbench.reporting.replay import draw, film, summary
+
+    print(summary(episode))
+    folder = options.out or runs[0].path / "replays"
+    stem = folder / f"{protocol.name}-{condition}-{options.episode}"
+    png, svg = draw(episode, stem)
+    print(f"\nwrote {png}\nwrote {svg}")
+    if options.video is not None:
+        target = options.video if options.video != Path() else stem.with_suffix(".gif")
+        print(f"wrote {film(episode, target)}")
+    return 0

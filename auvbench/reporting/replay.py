@@ -1,0 +1,218 @@
+"""A replayed episode for people: a summary with sparklines, a figure, a film."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+
+from auvbench.errors import ReportError
+from auvbench.evaluation.replay import Replay
+from auvbench.reporting.figures import style
+from auvbench.reporting.figures.style import COLOURS, OUTCOME_LOOK
+
+BARS = "▁▂▃▄▅▆▇█"
+FILM_RATE = 25  # pictures per second
+LONGEST_FILM = 150  # pictures; a longer episode is shown faster
+
+
+def sparkline(values: Any, width: int = 48, low: float | None = None, high: float | None = None) -> str:
+    """A series as a line of block characters, means over equal parts; as short as the series at least.
+
+    >>> sparkline([0, 1, 2, 3], width=4)
+    '▁▃▆█'
+    """
+    series = np.asarray(values, dtype=float)
+    parts = np.array([part.mean() for part in np.array_split(series, min(width, len(series)))])
+    floor = float(parts.min()) if low is None else low
+    span = (float(parts.max()) if high is None else high) - floor
+    level = (parts - floor) / span if span > 0 else np.zeros_like(parts)
+    return "".join(BARS[i] for i in np.clip(np.rint(level * 7), 0, 7).astype(int))
+
+
+def summary(episode: Replay) -> str:
+    """What happened, in a dozen lines."""
+    r, config = episode.record, episode.config
+    wx, wy, wz = (float(v) for v in episode.waypoint)
+    limits = episode.position[:, 2]
+    lines = [
+        f"{episode.run}, protocol {episode.protocol}, condition {episode.condition}, episode {r['episode']}",
+        f"{r['outcome']} after {r['steps']} steps ({float(r['duration_s']):.1f} s at "
+        f"{config.step.frequency:g} Hz), return {float(r['return']):.1f}",
+        f"waypoint ({wx:.1f}, {wy:.1f}, {wz:.1f}) m, {float(r['initial_distance_m']):.1f} m away; "
+        f"ended {float(r['final_distance_m']):.2f} m from it",
+        f"path {float(r['path_length_m']):.1f} m (efficiency {float(r['path_efficiency']):.2f}), deviation "
+        f"{float(r['deviation_mean_m']):.2f} ± {float(r['deviation_std_m']):.2f} m, "
+        f"depth margin {float(r['depth_margin_m']):.1f} m",
+        f"command norm {float(r['command_norm_mean_N']):.1f} N on average, energy {float(r['energy_J']) / 1e3:.2f} kJ",
+        "",
+    ]
+    series: list[tuple[str, Any, str, float | None, float | None]] = [
+        ("distance", episode.distance, "m", 0.0, None),
+        ("z", limits, "m", None, None),
+        ("yaw", np.degrees(episode.yaw), "deg", -180.0, 180.0),
+    ]
+    bound = float(np.abs(episode.command).max()) or 1.0
+    series += [(name, episode.command[:, j], "N", -bound, bound) for j, name in enumerate(episode.actuators)]
+    width = max(len(name) for name, *_ in series)
+    for name, values, unit, low, high in series:
+        lines.append(
+            f"{name:<{width}}  {sparkline(values, low=low, high=high)}  {np.min(values):.1f} to {np.max(values):.1f} {unit}"
+        )
+    return "\n".join(lines)
+
+
+def _scene(figure: Canvas, episode: Replay) -> tuple[Any, Axes, Axes, Axes]:
+    """Axes in space, from above, distance and commands over time, with all that does not move."""
+    grid = figure.add_gridspec(2, 3, width_ratios=[1.5, 1.2, 1.2])
+    space: Any = figure.add_subplot(grid[:, 0], projection="3d")
+    above, time, command = (
+        figure.add_subplot(grid[:, 1]),
+        figure.add_subplot(grid[0, 2]),
+        figure.add_subplot(grid[1, 2]),
+    )
+    task, w = episode.config.task, episode.waypoint
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 19), np.linspace(0, np.pi, 10))
+    ball = (np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v))
+    space.plot_wireframe(
+        *(task.goal_radius * b + c for b, c in zip(ball, w, strict=True)), color="#9a9a9a", linewidth=0.4
+    )
+    corners = np.vstack([episode.position, w - task.goal_radius, w + task.goal_radius])
+    middle, half = (
+        (corners.max(0) + corners.min(0)) / 2,
+        max(float(np.ptp(corners, axis=0).max()) / 2, 2.0) * 1.05,
+    )
+    space.set(
+        xlim=(middle[0] - half, middle[0] + half),
+        ylim=(middle[1] - half, middle[1] + half),
+        zlim=(middle[2] - half, middle[2] + half),
+        xlabel="x (m)",
+        ylabel="y (m)",
+        zlabel="z (m)",
+        box_aspect=(1, 1, 1),
+    )
+    xs, ys = np.meshgrid([middle[0] - half, middle[0] + half], [middle[1] - half, middle[1] + half])
+    for depth in (task.depth_low, task.depth_high):
+        if middle[2] - half <= depth <= middle[2] + half:
+            space.plot_surface(xs, ys, np.full_like(xs, depth), color="#D55E00", alpha=0.12)
+    above.add_patch(_circle(w, task.goal_radius))
+    above.plot(*episode.position[0, :2], "k+", markersize=9)
+    above.set(
+        xlabel="x (m)",
+        ylabel="y (m)",
+        xlim=(middle[0] - half, middle[0] + half),
+        ylim=(middle[1] - half, middle[1] + half),
+        title="from above",
+    )
+    above.set_aspect("equal")
+    time.axhline(task.goal_radius, color="#9a9a9a", linewidth=0.8)
+    end = float(episode.time[-1])
+    time.set(
+        ylabel="distance (m)",
+        xlim=(0, end),
+        ylim=(0, float(episode.distance.max()) * 1.05),
+        title="over time",
+    )
+    bound = float(np.abs(episode.command).max()) * 1.05 or 1.0
+    command.set(ylabel="command (N)", xlabel="time (s)", xlim=(0, end), ylim=(-bound, bound))
+    return space, above, time, command
+
+
+def _circle(waypoint: Any, radius: float) -> Any:
+    from matplotlib.patches import Circle
+
+    return Circle((float(waypoint[0]), float(waypoint[1])), radius, fill=False, color="#9a9a9a")
+
+
+def _heading(episode: Replay) -> str:
+    r = episode.record
+    return f"{episode.run}   episode {r['episode']}: {r['outcome']} after {r['steps']} steps"
+
+
+def draw(episode: Replay, path: Path) -> tuple[Path, Path]:
+    """The figure of an episode, `path`.png and `path`.svg; returns both."""
+    with style.styled():
+        figure = style.canvas(11.0, 4.6)
+        space, above, time, command = _scene(figure, episode)
+        colour = OUTCOME_LOOK[str(episode.record["outcome"])][0]
+        x, y, z = episode.position.T
+        space.plot(x, y, z, color=colour)
+        above.plot(x, y, color=colour)
+        stride = max(1, len(x) // 12)
+        above.quiver(
+            x[::stride],
+            y[::stride],
+            np.cos(episode.yaw[::stride]),
+            np.sin(episode.yaw[::stride]),
+            color=colour,
+            angles="xy",
+            width=0.006,
+            scale=18,
+        )
+        time.plot(episode.time, episode.distance, color=colour)
+        for j, name in enumerate(episode.actuators):
+            command.step(
+                episode.time[:-1],
+                episode.command[:, j],
+                where="post",
+                color=COLOURS[j % len(COLOURS)],
+                linewidth=0.9,
+                label=name,
+            )
+        command.legend(ncols=4, fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.3))
+        figure.suptitle(_heading(episode), x=0.01, ha="left", fontsize=10)
+        return style.save(figure, path)
+
+
+def film(episode: Replay, path: Path) -> Path:
+    """The episode as a film: MP4 where ffmpeg is installed, GIF by its suffix.
+
+    Raises:
+        ReportError: another suffix, or an MP4 without ffmpeg.
+    """
+    if path.suffix not in (".mp4", ".gif"):
+        raise ReportError(f"--video {path}: must end in .mp4 or .gif")
+    if path.suffix == ".mp4" and shutil.which("ffmpeg") is None:
+        raise ReportError(f"--video {path}: an MP4 needs ffmpeg, which is not installed; name a .gif instead")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    steps = len(episode.command)
+    frames = np.unique(np.linspace(0, steps, min(steps + 1, LONGEST_FILM)).astype(int))
+    with style.styled():
+        figure = style.canvas(10.4, 4.4)
+        space, above, time, command = _scene(figure, episode)
+        figure.suptitle(_heading(episode), x=0.01, ha="left", fontsize=10)
+        colour = OUTCOME_LOOK[str(episode.record["outcome"])][0]
+        (path3,) = space.plot([], [], [], color=colour)
+        (nose3,) = space.plot([], [], [], color="black", linewidth=3)
+        (path2,) = above.plot([], [], color=colour)
+        (nose2,) = above.plot([], [], color="black", linewidth=3)
+        (line,) = time.plot([], [], color=colour)
+        thrusters = [
+            command.step([], [], where="post", color=COLOURS[j % len(COLOURS)], linewidth=0.9)[0]
+            for j in range(episode.command.shape[1])
+        ]
+        arm = 0.05 * (above.get_xlim()[1] - above.get_xlim()[0])
+
+        def show(step: int) -> list[Any]:
+            p = episode.position[: step + 1]
+            path3.set_data_3d(*p.T)
+            path2.set_data(p[:, 0], p[:, 1])
+            tip = p[-1] + arm * np.array([np.cos(episode.yaw[step]), np.sin(episode.yaw[step]), 0.0])
+            nose3.set_data_3d(*np.stack([p[-1], tip]).T)
+            nose2.set_data([p[-1, 0], tip[0]], [p[-1, 1], tip[1]])
+            line.set_data(episode.time[: step + 1], episode.distance[: step + 1])
+            for j, thruster in enumerate(thrusters):
+                thruster.set_data(episode.time[:step], episode.command[:step, j])
+            return [path3, nose3, path2, nose2, line, *thrusters]
+
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+        animation = FuncAnimation(figure, show, frames=frames.tolist(), blit=False)
+        writer = FFMpegWriter(fps=FILM_RATE) if path.suffix == ".mp4" else PillowWriter(fps=FILM_RATE)
+        animation.save(str(path), writer=writer, dpi=80)
+    return path
