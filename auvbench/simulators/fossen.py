@@ -34,6 +34,9 @@ _STATE = (
 THREAD_BATCH = 4096
 """Smaller batches stay on one thread: handing work over costs more than it saves."""
 
+DISCRETISATIONS = 64
+"""Substep lengths for which exact discretisations of the actuators are kept."""
+
 
 class FossenSimulator:
     """N copies of a vehicle, integrated with RK4 in substeps no longer than `max_step`.
@@ -138,6 +141,8 @@ class FossenSimulator:
         h = duration / substeps
         discrete = self._discrete.get(h)
         if discrete is None:
+            if len(self._discrete) >= DISCRETISATIONS:
+                self._discrete.clear()
             discrete = self._discrete[h] = discretise(self.vehicle, h / 2.0)
         arguments = (
             self.pose,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from auvbench.dynamics import layout
 from auvbench.dynamics.kernel import PARAMETER_ROWS
 from auvbench.dynamics.rigid_body import rigid_body_mass
-from auvbench.vehicles.actuators import FIN_PARAMETERS, t200_power
+from auvbench.vehicles.actuators import FIN_PARAMETERS, Lag, t200_power
 from auvbench.vehicles.model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -128,12 +128,15 @@ def discretise(vehicle: VehicleModel, duration: float) -> FloatArray:
     """Exact discretisations (n_u, DISCRETE_COLUMNS) of all actuators for one duration in s."""
     table = np.zeros((len(vehicle.units), layout.DISCRETE_COLUMNS))
     table[:, layout.HALF_STEP] = duration
+    done: dict[Lag, tuple[FloatArray, FloatArray]] = {}  # a group of thrusters shares its lag
     for row, unit in zip(table, vehicle.units, strict=True):
         order = unit.lag.order
         if order == 0:
             row[layout.DISCRETE_C] = 1.0  # a rate-limited actuator's state is its output
             continue
-        A, B = unit.lag.discretise(duration)
+        if unit.lag not in done:
+            done[unit.lag] = unit.lag.discretise(duration)
+        A, B = done[unit.lag]
         square = np.zeros((3, 3))
         square[:order, :order] = A
         row[:9] = square.ravel()

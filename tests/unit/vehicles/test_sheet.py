@@ -71,6 +71,21 @@ def test_hydra_composes_the_same_vehicle(name):
     assert composed.actuators == direct.actuators
 
 
+def test_the_command_line_overrides_a_number():
+    node = compose(
+        "train",
+        [
+            "vehicle.rigid_body.mass.value=16",
+            "vehicle.actuators.thrusters.lag.value=0.1",
+            "vehicle.frame=enu",
+        ],
+    ).vehicle
+    vehicle = load(OmegaConf.to_container(node, resolve=True))
+    assert vehicle.mass == 16.0
+    assert vehicle.units[0].lag.order == 1
+    np.testing.assert_allclose(vehicle.units[0].lag.discretise(0.1)[0], np.exp(-1.0))
+
+
 def test_every_number_names_a_source():
     """No list or number outside of `value`, and a source beside each value."""
 
