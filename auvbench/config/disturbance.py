@@ -1,11 +1,6 @@
-"""Disturbances: what spans several of their values, and composing them by name."""
+"""Disturbances: what spans several of their values."""
 
 from __future__ import annotations
-
-import dataclasses
-from collections.abc import Sequence
-
-from omegaconf import DictConfig, OmegaConf
 
 from auvbench.config import schema
 from auvbench.errors import ConfigError
@@ -36,29 +31,3 @@ def check(disturbance: schema.Disturbance) -> None:
 def _ordered(low_key: str, low: float, high_key: str, high: float | None) -> None:
     if high is not None and high < low:
         raise ConfigError(f"disturbance.{high_key}={high:g}: must be at least disturbance.{low_key}={low:g}")
-
-
-def compose(overrides: Sequence[str] = ()) -> schema.Disturbance:
-    """The disturbance that a command line would give, e.g. of a test condition.
-
-    >>> compose(["disturbance=current", "disturbance.current.speed=0.5"]).current.speed
-    0.5
-
-    Raises:
-        ConfigError: a name, a key or a value is wrong.
-    """
-    from auvbench.config import compose as composing
-    from auvbench.config import validate
-
-    config = composing.compose("train", overrides)
-    assert isinstance(config.disturbance, DictConfig)
-    disturbance = OmegaConf.to_object(config.disturbance)
-    assert isinstance(disturbance, schema.Disturbance)
-    validate.check(disturbance, "disturbance.")
-    check(disturbance)
-    return disturbance
-
-
-def replace(config: schema.TrainConfig, disturbance: schema.Disturbance) -> schema.TrainConfig:
-    """The same configuration under another disturbance."""
-    return dataclasses.replace(config, disturbance=disturbance)

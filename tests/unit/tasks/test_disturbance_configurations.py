@@ -10,8 +10,7 @@ from omegaconf import OmegaConf
 from stable_baselines3.common.vec_env import VecNormalize
 
 from auvbench.agents import learners
-from auvbench.config import disturbance
-from auvbench.config.compose import compose, typed
+from auvbench.config.compose import compose, option, typed
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv
@@ -105,14 +104,10 @@ def test_the_configuration_of_a_run_reads_back():
     assert typed(plain).disturbance == train_config(config).disturbance
 
 
-def test_composing_a_disturbance_alone():
-    got = disturbance.compose(["disturbance=current", "disturbance.current.speed=0.5"])
-    assert (got.name, got.current.speed) == ("current", 0.5)
-    config = train_config(compose("train", []))
-    assert disturbance.replace(config, got).disturbance is got
-    assert config.disturbance.name == "none"
-    with pytest.raises(ConfigError, match=r"disturbance.current.speed=11: must be at least 0 and at most 10"):
-        disturbance.compose(["disturbance.current.speed=11"])
+def test_an_option_put_into_a_runs_configuration():
+    config = compose("train", ["algo=pid", "disturbance=moderate"])
+    config.disturbance = option("disturbance", "severe")
+    assert typed(config).disturbance == train_config(compose("train", ["disturbance=severe"])).disturbance
 
 
 @pytest.mark.parametrize(
