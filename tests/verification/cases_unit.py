@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from auvbench.dynamics.rigid_body import coriolis
+from auvbench.simulators import openloop
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles.actuators import FIN_PARAMETERS, Actuator, Curve, Lag
 
@@ -96,6 +97,23 @@ def gz_lift() -> float:
     of = rig.model(rig.body(), (wing,), density=1.2041)
     # About the hinge, to port, a positive angle lowers the leading edge.
     return float(rig.hydrodynamic_wrench(of, (0.2, 0, 0, 0, 0, 0), action=[-1.0])[2])
+
+
+RUNNING = "measured on a running gz-sim 8.14.0, added mass by SDF's fluid_added_mass"
+
+
+@cache
+def ahead() -> tuple[float, float]:
+    """Pitch (rad) and climb (m/s) of bluerov2 under 4 x 10 N ahead, settled, before it begins to yaw."""
+    rows = openloop.integrate(
+        rig.vehicle("bluerov2"), duration=15.0, sample=5.0, command=[0.25, 0.25, 0.25, 0.25, 0, 0]
+    ).rows()
+    return float(rows[-1, 5]), float((rows[-1, 3] - rows[-2, 3]) / 5.0)
+
+
+def free_rise() -> float:
+    rows = openloop.integrate(rig.vehicle("bluerov2"), duration=60.0, sample=60.0).rows()
+    return float(rows[-1, 9])
 
 
 # ---------------------------------------------------------------- UUV Simulator
@@ -211,7 +229,7 @@ def _thruster_cases() -> list[Case]:
     rows += [
         Case(SECTION_THRUSTERS, "T200 at 1100 us: electrical power", T200, 388.8, lambda: electrical_power(1100), 0.1, "W"),
         Case(SECTION_THRUSTERS, "T200 at 1900 us: electrical power", T200, 381.0, lambda: electrical_power(1900), 0.5, "W"),
-        Case(SECTION_THRUSTERS, "T200 in its dead band: electrical power", T200, 0.0, lambda: electrical_power(1500), 0.05, "W"),
+        Case(SECTION_THRUSTERS, "T200 in its dead band: electrical power", T200, 0.0, lambda: electrical_power(1500), 1e-9, "W"),
     ]  # fmt: skip
     rows += [
         Case(SECTION_THRUSTERS, f"von Benzon's curve at command {0.1 * (k + 1):.1f}", VON_BENZON, force,
@@ -260,6 +278,13 @@ def cases() -> list[Case]:
         Case(SECTION_GZ, "lift of a wing, cla 4, a0 .1, area 10, rho 1.2041, .2 m/s, dihedral .1",
              GZ, 0.0958, gz_lift, 5e-5, "N")
     )  # fmt: skip
+    rows += [
+        Case(SECTION_GZ, "yaw moment of M_A = diag(2, 15, 15, .01, .5, .5) at u 1, v .2 m/s",
+             RUNNING, -2.6, lambda: float(added_mass_wrench((2, 15, 15, 0.01, 0.5, 0.5), (1, 0.2, 0, 0, 0, 0))[5]), 1e-6, "N m"),
+        Case(SECTION_GZ, "bluerov2, 4 x 10 N ahead: pitch", RUNNING, -0.095, lambda: ahead()[0], 1e-3, "rad"),
+        Case(SECTION_GZ, "bluerov2, 4 x 10 N ahead: climb", RUNNING, 0.212, lambda: ahead()[1], 5e-4, "m/s"),
+        Case(SECTION_GZ, "bluerov2, free rise", RUNNING, 0.15447, free_rise, 2e-4, "m/s"),
+    ]  # fmt: skip
     rows += [
         Case(SECTION_UUV, "added mass of a sphere, radius .1 m, rho 1028", UUV, 2.153, sphere_added_mass, 5e-4, "kg"),
         Case(SECTION_UUV, "its quadratic drag at 1 m/s", UUV, -8.074, sphere_drag, 5e-4, "N"),

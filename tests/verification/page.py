@@ -44,9 +44,10 @@ switched off, as theirs. Closed form: u = u_inf tanh(t / tau), u_inf = sqrt(F / 
 values are those of a plain integration of the same parameters. The turn meets the test only with the rudder beyond its joint
 limit, which that simulation does not enforce; with the limit the vehicle turns more slowly (last line of the turn).""",
     cases_unit.SECTION_GZ: """\
-Values in the unit tests of gz-sim 8 (Gazebo Harmonic). Its Hydrodynamics plugin had a wrong sign in the added-mass
-Coriolis term from 2021 on (in releases up to 8.14.0 its yaw moment while swaying is still the opposite of these values), so
-these are the tests' numbers, not the plugin's behaviour.""",
+Values in the unit tests of gz-sim 8 (Gazebo Harmonic), and motions of a running one. Its Hydrodynamics plugin has had a
+wrong sign in the added-mass Coriolis term since 2021 (up to 8.14.0 its yaw moment while swaying is the opposite of these values, and
+under 4 x 10 N ahead its BlueROV2 pitches by -.235 rad and climbs at .294 m/s), so the motions are those with added mass by SDF's
+`fluid_added_mass`, which has the right sign.""",
     cases_unit.SECTION_UUV: "Values in the unit tests of the UUV Simulator.",
     cases_unit.SECTION_DOCKAUV: """\
 Matrix entries in the unit tests of gym_dockauv with Wu's parameters (`bluerov2_wu2018`), in its axes (z down). D and the
