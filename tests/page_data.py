@@ -9,7 +9,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from auvbench.reporting import grouping, load
+from auvbench.reporting import grouping, load, study
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.model import (
     Agent,
@@ -42,6 +42,7 @@ def parts(folder: Path, **grid: Any) -> dict[str, Any]:
         "colours": colours(agents),
         "findings": findings(agents),
         "claims": claims(runs),
+        "beside": study.beside(agents),
         "command": "auvbench report outputs/grid --rank-by success_rate --baseline PID --format html",
     }
 

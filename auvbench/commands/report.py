@@ -114,7 +114,10 @@ def write(report: Report, options: Options, command: str) -> list[Path]:
     if "html" in options.format:
         written.append(_page(out / "index.html", report, figures, command))
     if "md" in options.format:
-        text = files.markdown(ranking, report.findings, report.claims, report.beside, figures, out)
+        from auvbench.reporting.study import markdown
+
+        table = markdown(report.beside) if report.beside else ""
+        text = files.markdown(ranking, report.findings, report.claims, table, figures, out)
         written.append(files.text(out / "report.md", text))
     if "tex" in options.format:
         written.append(files.text(out / "table.tex", tables.latex(ranking)))
@@ -138,6 +141,7 @@ def _page(path: Path, report: Report, figures: Sequence[Figure], command: str) -
         figures=figures,
         findings=report.findings,
         claims=report.claims,
+        beside=report.beside,
         colours=colour_of(report.agents),
         command=command,
     )

@@ -17,6 +17,7 @@ class Links:
         self._folder = page.parent.resolve()
         self._protocol = protocol
         self._agents = {agent.label: index for index, agent in enumerate(agents)}
+        self._run_ids = {agent.label: [run.id for run in agent.runs] for agent in agents}
         self._runs = {run.id: run for run in runs}
         self._anchors = {run.id: f"run-{number}" for number, run in enumerate(runs, start=1)}
 
@@ -55,6 +56,10 @@ class Links:
         if index >= 0 and known:
             return f"#agent-{index}"
         return f"#{self._anchors[known[0].id]}" if known else ""
+
+    def of_agent(self, label: str) -> str:
+        """The same for an agent of the page; '' for any other label."""
+        return self.of_runs(label, self._run_ids.get(label, ()))
 
     def _existing(self, path: Path) -> str:
         return self.to(path) if path.is_file() else ""

@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from auvbench.reporting.model import Agent, Comparison, Finding, Problem, Ranking, RunRecord
 from auvbench.reporting.page import figures as figures_
-from auvbench.reporting.page import sources, table
+from auvbench.reporting.page import sources, study, table
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.notes import grouped
@@ -23,6 +23,7 @@ from auvbench.reporting.write import against_baseline, text
 
 if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
     from auvbench.reporting.figures import Figure
+    from auvbench.reporting.study import Beside
 
 SCRIPTS = ("tables.js", "lightbox.js", "scene.js", "viewer.js")
 """Joined in this order into the page's one script."""
@@ -46,6 +47,7 @@ def write(
     figures: Sequence[Figure] = (),
     findings: Sequence[Finding] = (),
     claims: Sequence[Finding] = (),
+    beside: Sequence[Beside] = (),
     problems: Sequence[Problem] = (),
     trajectories: trajectories_.Scenes | None = None,
     colours: Mapping[str, tuple[str, Any, Any]],
@@ -65,6 +67,7 @@ def write(
         figures: objects with `name`, `title`, `caption`, `png`, `svg`, in the order to show.
         findings: sentences that the data generate.
         claims: the claims of a study with their verdicts.
+        beside: the numbers of a study's own table with ours.
         problems: what was found while loading; those of the ranking are added.
         trajectories: the paths of the 3-D view; None reads them from the agents' runs.
         colours: by label (colour as #rrggbb, marker, line style), as in the figures.
@@ -110,6 +113,8 @@ def write(
             pairs=table.pairs(others, alpha=1.0 - ranking.confidence),
             findings=sources.sentences(findings, links),
             claims=sources.sentences(claims, links),
+            beside=study.table(beside, hues, links),
+            marks=study.MARKS,
             figures=embedded,
             scenes=scenes,
             data=_data(scenes, agents, styles, runs),
@@ -194,8 +199,9 @@ def _length(value: Any, default: float) -> float:
 
 
 def _without(comparisons: Sequence[Comparison], shown: Sequence[Comparison]) -> list[Comparison]:
-    there = {id(comparison) for comparison in shown}
-    return [comparison for comparison in comparisons if id(comparison) not in there]
+    """The comparisons of other pairs of agents than those shown, whichever of a pair comes first."""
+    there = {(frozenset((x.first, x.second)), x.metric) for x in shown}
+    return [x for x in comparisons if (frozenset((x.first, x.second)), x.metric) not in there]
 
 
 def _distinct(problems: Sequence[Problem]) -> list[Problem]:

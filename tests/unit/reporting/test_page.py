@@ -17,8 +17,9 @@ import pytest
 
 from auvbench.reporting import page
 from auvbench.reporting.model import Agent, Estimate, Finding, Ranking, Row, RunRecord
-from auvbench.reporting.page import figures, numbers, table, trajectories
+from auvbench.reporting.page import figures, numbers, study, table, trajectories
 from auvbench.reporting.page.links import Links
+from auvbench.reporting.ranking import rank
 from tests import page_data
 
 
@@ -114,6 +115,16 @@ def test_every_number_of_the_ranking_is_linked(grid: dict[str, Any]) -> None:
     assert (several if several.seeds > 1 else lines[1]).href.startswith("#agent-")
 
 
+def test_comparisons_with_the_baseline_stand_in_one_table_only(tmp_path: Path) -> None:
+    parts = page_data.parts(tmp_path, reward_k=(1.0, 40.0), seeds=(0, 1), episodes=30, train_episodes=0)
+    ranking = rank(parts["agents"], baseline="pid")
+    n = len(ranking.rows)
+    path = page.write(tmp_path / "report" / "index.html", **(parts | {"ranking": ranking}))
+    text = path.read_text(encoding="utf-8")
+    assert f"Against the baseline PID ({n - 1})" in text
+    assert f"Pairs of agents ({(n - 1) * (n - 2) // 2})" in text
+
+
 def test_hostile_names_stay_text(grid: dict[str, Any]) -> None:
     evil = page_data.EVIL
     agents = [dataclasses.replace(grid["agents"][0], label=evil), *grid["agents"][1:]]
@@ -170,6 +181,26 @@ def test_failed_write_keeps_the_old_page(grid: dict[str, Any], html: str) -> Non
         page.write(path, **given)
     assert path.read_text(encoding="utf-8") == html
     assert [child.name for child in path.parent.iterdir() if child.name.startswith(".")] == []
+
+
+def test_numbers_of_a_study_stand_beside_ours(grid: dict[str, Any]) -> None:
+    links = Links(grid["folder"] / "report" / "index.html", grid["agents"], grid["runs"], "test")
+    shown = study.table(grid["beside"], {}, links)
+    assert shown is not None
+    lines = {line.name: line for line in shown.lines}
+    assert list(lines)[:2] == ["SAC0", "SAC1"]
+    mine, other = lines["SAC4"], lines["SAC0"]  # K = 1 at 25 Hz is in the grid, K = 40 is not
+    assert (mine.label, other.label) == ("SAC", "")
+    success = mine.pairs[0]
+    assert success is not None
+    assert (success.theirs, success.their_interval) == ("100.0", "98.1 – 100.0")
+    agent = next(agent for agent in grid["agents"] if agent.label == "SAC")
+    assert float(success.ours) == pytest.approx(100 * agent.success.mean(), abs=1)
+    assert other.pairs[0] is not None
+    assert other.pairs[0].ours == ""
+    assert lines["PPO7"].pairs[1] is None
+    assert shown.marks == ("r", "text")
+    assert study.table((), {}, links) is None
 
 
 # Trajectories
