@@ -52,7 +52,8 @@ class Batch:
         seed: of every draw; None takes `config.seed`.
         test: draw from the streams of test protocols.
         autoreset: begin the next episode in the step that ended one.
-        vehicle: another vehicle than the configuration's sheet (transfer protocols).
+        vehicle: another vehicle than the configuration's sheet.
+        first: index of the first environment, where the batch is part of a larger one.
     """
 
     def __init__(
@@ -64,13 +65,14 @@ class Batch:
         test: bool = False,
         autoreset: bool = True,
         vehicle: VehicleModel | None = None,
+        first: int = 0,
     ) -> None:
         self.config = config
         self.n = int(config.algo.n_envs if n is None else n)
         self.vehicle = sheet.load(config.vehicle) if vehicle is None else vehicle
         self.simulator = make_simulator(config.simulator, self.vehicle, self.n)
         self.task = WaypointTask(
-            config, self.vehicle, self.n, config.seed if seed is None else seed, test=test
+            config, self.vehicle, self.n, config.seed if seed is None else seed, test=test, first=first
         )
         self.disturbances = disturbances.make(config, self.vehicle, self.task)
         self.autoreset = autoreset
@@ -163,7 +165,7 @@ def _below(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[
 def make_simulator(config: schema.Simulator, vehicle: VehicleModel, n: int) -> Simulator:
     """The simulator that the configuration names."""
     if config.name == "fossen":
-        return FossenSimulator(vehicle, n, max_step=config.max_step, threads=config.threads)
+        return FossenSimulator(vehicle, n, max_step=config.max_step)
     raise ConfigError(f"simulator.name={config.name}: unknown; valid: fossen")
 
 

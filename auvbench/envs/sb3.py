@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 
 from auvbench.envs import spaces
 from auvbench.envs.batch import Batch
+from auvbench.envs.sharded import ShardedBatch
 from auvbench.tasks.waypoint import Record
 
 # SB3 looks into the info of every environment at every step; those of running episodes are all this one.
@@ -25,7 +26,7 @@ class WaypointVecEnv(VecEnv):
     `finished` holds the rows of the episodes that ended in the last step.
     """
 
-    def __init__(self, batch: Batch) -> None:
+    def __init__(self, batch: Batch | ShardedBatch) -> None:
         self.batch = batch
         self.finished: list[Record] = []
         self._actions: NDArray[np.float32] | None = None

@@ -9,9 +9,10 @@ from gymnasium import spaces
 
 from auvbench.config import schema
 from auvbench.envs.batch import Batch, observation_bounds
+from auvbench.envs.sharded import ShardedBatch
 
 
-def of(batch: Batch) -> tuple[spaces.Box, spaces.Box]:
+def of(batch: Batch | ShardedBatch) -> tuple[spaces.Box, spaces.Box]:
     """Observation space (4 + n_u,) and action space (n_u,) of one environment of the batch."""
     n_u = len(batch.vehicle.actuators)
     high = observation_bounds(n_u)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.envs import spaces
-from auvbench.envs.batch import Batch
+from auvbench.envs.sharded import make_batch
 from auvbench.errors import ConfigError
 
 Arrays = NDArray[Any]
@@ -33,7 +33,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         config: schema.TrainConfig | None = None,
     ) -> None:
         typed = spaces.configuration(config, overrides)
-        self.batch = Batch(typed, num_envs)
+        self.batch = make_batch(typed, num_envs)
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces.of(self.batch)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

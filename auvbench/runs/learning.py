@@ -12,8 +12,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from auvbench.agents import learners
 from auvbench.config import schema
-from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.envs.sharded import make_batch
 from auvbench.runs.checkpoint import events, finite
 from auvbench.runs.checkpoint.callback import Checkpointer
 from auvbench.runs.checkpoint.files import storage
@@ -65,7 +65,7 @@ def learn(
         stop=stop,
     )
     resumed = checkpointer.prepare()
-    batch = Batch(config)
+    batch = make_batch(config)
     environment = WaypointVecEnv(batch)
     normaliser = VecNormalize(
         environment,

@@ -58,10 +58,18 @@ class WaypointTask:
         n: environments.
         seed: of everything drawn here, 0 .. 2^32 - 1.
         test: draw from the streams of test protocols, which no training shares.
+        first: index of the first environment, where the batch is part of a larger one.
     """
 
     def __init__(
-        self, config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *, test: bool = False
+        self,
+        config: schema.TrainConfig,
+        vehicle: VehicleModel,
+        n: int,
+        seed: int,
+        *,
+        test: bool = False,
+        first: int = 0,
     ) -> None:
         self.vehicle = vehicle
         self.n = n
@@ -73,7 +81,7 @@ class WaypointTask:
         self.observation_size = 4 + n_u
         self.F: Floats = np.zeros((n, k.N_FLOATS))
         self.C: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
-        self.C[:, k.C_ENVIRONMENT] = np.arange(n)
+        self.C[:, k.C_ENVIRONMENT] = first + np.arange(n)
         self.C[:, k.C_EPISODE] = -1
         self.previous: Floats = np.zeros((n, n_u))
         self.offset: Floats = np.zeros((n, 4))

@@ -146,3 +146,29 @@ def test_a_seed_out_of_range_is_the_users_mistake():
     env = gymnasium.make("auvbench/Waypoint-v0")
     with pytest.raises(auvbench.errors.ConfigError, match="seed=4294967296"):
         env.unwrapped.batch.reseed(1 << 32)
+
+
+@pytest.mark.parametrize("disturbance", ["none", "severe"])
+def test_threads_change_neither_floats_nor_saved_states(disturbance, monkeypatch):
+    from auvbench.envs import sharded
+
+    monkeypatch.setattr(sharded, "SMALLEST", 8)
+    overrides = ("task.max_steps=12", f"disturbance={disturbance}")
+    one = sharded.make_batch(configuration(*overrides), 37, seed=5)
+    three = sharded.make_batch(configuration(*overrides, "simulator.threads=3"), 37, seed=5)
+    assert isinstance(three, sharded.ShardedBatch)
+    a, b = run(one, 40), run(three, 40)
+    np.testing.assert_array_equal(a[0], b[0])
+    np.testing.assert_array_equal(a[1], b[1])
+    assert a[2] == b[2]
+    saved, other = one.state_dict(), three.state_dict()
+    assert saved.keys() == other.keys()
+    for key in saved:
+        np.testing.assert_array_equal(saved[key], other[key], err_msg=key)
+    four = sharded.make_batch(configuration(*overrides, "simulator.threads=4"), 37, seed=99)
+    four.reset()
+    four.load_state_dict(saved)
+    for action in actions(30, 37):
+        expected, got = one.step(action), four.step(action)
+        np.testing.assert_array_equal(expected.observation, got.observation)
+        np.testing.assert_array_equal(expected.ended, got.ended)
