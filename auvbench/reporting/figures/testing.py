@@ -48,7 +48,7 @@ def cumulative_means(scene: Scene) -> Drawing | None:
     if log:
         axes[1].autoscale()
         style.symlog(axes[1])
-    style.legend(figure, scene.looks_of(chosen), markers=False)
+    style.legend(figure, scene.looks_of(chosen))
     caption = (
         "Mean over the first n test episodes. Where the lines have become level, more episodes would change little."
         + seeds_sentence(chosen)
@@ -69,7 +69,18 @@ def _line_and_band(ax: Axes, scene: Scene, agent: Agent, x: FloatArray, y: Float
     """Mean over seeds and their range; x (n,), y (seeds, n)."""
     look = scene.looks[agent.label]
     alpha = 0.15 if len(scene.agents) <= 4 else 0.08
-    ax.plot(x, y.mean(axis=0), color=look.colour, linestyle=look.linestyle)
+    # A few markers, at other places for each agent, tell lines apart where they run together or in grey.
+    place = list(scene.looks).index(agent.label) % MANY
+    every = (len(x) // (3 * MANY) * (place + 1), max(1, len(x) // 3))
+    ax.plot(
+        x,
+        y.mean(axis=0),
+        color=look.colour,
+        linestyle=look.linestyle,
+        marker=look.marker,
+        markevery=every,
+        markersize=4.5,
+    )
     if len(y) > 1:
         ax.fill_between(x, y.min(axis=0), y.max(axis=0), color=look.colour, alpha=alpha, linewidth=0)
 
@@ -140,7 +151,10 @@ def _correlation(points: FloatArray) -> str:
 def success_over_time(scene: Scene) -> Drawing | None:
     """Share of the test episodes that have reached the goal, over simulated time."""
     chosen = scene.top(MANY)
-    longest = max(float(a.metrics["duration_s"].max()) for a in chosen)
+    arrivals = [a.metrics["duration_s"][a.outcome == 0] for a in chosen]
+    if not any(times.size for times in arrivals):
+        return None
+    longest = 1.05 * max(float(times.max()) for times in arrivals if times.size)  # after it, nothing happens
     t = np.linspace(0, longest, 240)
     figure = style.canvas(6.4, 4.2)
     ax = figure.subplots()
@@ -152,7 +166,7 @@ def success_over_time(scene: Scene) -> Drawing | None:
     ax.set_ylabel("episodes that reached the goal (%)")
     ax.set_ylim(0, 101)
     ax.set_xlim(0, longest)
-    style.legend(figure, scene.looks_of(chosen), markers=False)
+    style.legend(figure, scene.looks_of(chosen))
     caption = (
         "Share of the test episodes that have ended in success by a simulated time: the faster, the further left; "
         "the end of a line is the success rate." + seeds_sentence(chosen) + shown(chosen, scene.agents)
@@ -186,7 +200,7 @@ def performance_profiles(scene: Scene) -> Drawing | None:
     ax.set_ylim(0, 101)
     ax.set_xlabel("τ, times the shortest time to goal on the same scenario")
     ax.set_ylabel("test episodes within τ (%)")
-    style.legend(figure, scene.looks_of(chosen), markers=False)
+    style.legend(figure, scene.looks_of(chosen))
     caption = (
         "Performance profiles: the share of test episodes that an agent finishes within τ times the shortest time "
         "that any of the agents shown needed on that scenario; a failure never finishes. At the left, how often "

@@ -149,6 +149,14 @@ def test_success_over_time_ends_at_the_success_rate(small: Scene) -> None:
     assert ends == pytest.approx([100 * agent.success.mean() for agent in small.agents])
 
 
+def test_nobody_arrives(tmp_path: Path) -> None:
+    drawn_from = build(tmp_path / "grid", algorithms=("random",), seeds=(0,), episodes=4)
+    assert not drawn_from.agents[0].success.any()
+    assert draw("success_over_time", drawn_from) is None
+    assert draw("performance_profiles", drawn_from) is None
+    assert draw("failures", drawn_from) is not None
+
+
 def test_cumulative_means_end_at_the_mean(small: Scene) -> None:
     canvas = draw("cumulative_means", small)
     assert canvas is not None
