@@ -69,12 +69,12 @@ def coverage(
 ) -> dict[str, FloatArray]:
     """By method the share (4,) of experiments whose interval holds the truth, the truth being known.
 
-    Of the success rate, the mean steps, and the differences of both to a second agent of the same world (truth 0).
+    Without resamples, or with one seed, the t-type interval alone. Of the success rate, the mean steps, and the differences of both to a second agent of the same world (truth 0).
     """
     rng = np.random.default_rng(seed)
     rate, steps = world.truth()
     truth = np.array([rate, steps, 0.0, 0.0])
-    inside = {method: np.zeros(4) for method in METHODS}
+    inside = {method: np.zeros(4) for method in (METHODS if resamples and S > 1 else METHODS[:1])}
     tail = (1 - confidence) / 2
     for _ in range(replications):
         scenarios = rng.normal(size=E)
@@ -82,7 +82,7 @@ def coverage(
         lows, highs = _t_type(agents, confidence)
         inside[METHODS[0]] += (lows <= truth) & (truth <= highs)
         for method, rescaled in ((METHODS[1], False), (METHODS[2], True)):
-            if resamples == 0 or S == 1:
+            if method not in inside:
                 continue
             drawn = multiplicities(E, resamples, rng)
             weights = [seed_weights(S, resamples, rng, rescaled=rescaled) for _ in range(2)] * 2
@@ -170,7 +170,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     for seed_sd in (0.0, 0.5, 1.0):
         for level in (0.5, 3.0):
             world = World(level, seed_sd)
-            for S in (2, 3, 5, 10):
+            # One seed: only where seeds do not differ is there something that its interval promises to hold.
+            for S in (1, 2, 3, 5, 10) if seed_sd == 0 else (2, 3, 5, 10):
                 found = coverage(
                     world, S, options.episodes, replications=options.replications, resamples=options.resamples
                 )
