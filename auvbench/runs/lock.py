@@ -91,9 +91,15 @@ class RunLock:
     def path(self) -> Path:
         return _file(self.run, self.generation)
 
-    def verify(self) -> None:
-        """Raises `LockLostError` when the run belongs to somebody else by now. Call it before anything is written."""
-        self._look()
+    def verify(self, *, look: bool = True) -> None:
+        """Raises `LockLostError` when the run belongs to somebody else by now.
+
+        Args:
+            look: at the file server, before something important is written; without it, the last heartbeat's
+                look has to do, which costs nothing.
+        """
+        if look:
+            self._look()
         if self._lost is not None:
             raise LockLostError(self._lost)
 
@@ -102,6 +108,7 @@ class RunLock:
         if self._released.is_set():
             return
         self._released.set()
+        _mine.pop(self.run.absolute(), None)
         with contextlib.suppress(OSError):
             if _highest(self.run) == self.generation:
                 text = json.dumps({**asdict(self.holder), "free": True})
@@ -182,8 +189,20 @@ def acquire(
     for generation in _generations(run):
         if generation < held.generation:
             _file(run, generation).unlink(missing_ok=True)
+    _mine[run.absolute()] = held
     threading.Thread(target=held._beat, name="run-lock", daemon=True).start()
     return held
+
+
+_mine: dict[Path, RunLock] = {}
+"""The locks that this process holds, for those who write into a run without having been handed its lock."""
+
+
+def verify(run: str | Path, *, look: bool = True) -> None:
+    """As `RunLock.verify`, for the lock that this process took; does nothing when it took none."""
+    held = _mine.get(Path(run).absolute())
+    if held is not None:
+        held.verify(look=look)
 
 
 def current(run: str | Path) -> Holder | None:

@@ -16,6 +16,7 @@ from auvbench.errors import AuvbenchError, TrainingError
 from auvbench.runs import interruption, provenance
 from auvbench.runs.checkpoint.files import storage
 from auvbench.runs.directory import RunDirectory, now
+from auvbench.runs.lock import LockLostError
 from auvbench.runs.progress import Watch
 
 
@@ -65,6 +66,8 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
             result = _learn(run, config, watch, stop) if learns(config.algo.agent) else {}
             with storage(f"cannot write {run.path}"):
                 manifest = close("complete", **result)
+        except LockLostError:
+            raise  # the run and its manifest are somebody else's by now
         except (KeyboardInterrupt, interruption.Interrupted):
             with suppress(OSError):
                 close("interrupted")

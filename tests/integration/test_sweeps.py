@@ -9,7 +9,9 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -120,6 +122,32 @@ def test_a_single_run_that_is_held_is_left_alone(folder: Path) -> None:
     assert f"held by {lock.processes.host()}, pid {os.getpid()}, since" in second.stderr
 
 
+def test_a_training_whose_run_was_taken_over_stops_without_writing_more(folder: Path) -> None:
+    """As after a night in a suspended laptop, while a cluster went on with the run."""
+    process = subprocess.Popen(
+        [*AUVBENCH, "train", "algo=ppo", "train.total_steps=100000000", "train.checkpoint.steps=4096"],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        wait_for_work(folder / "outputs" / "default", process)
+        (run,) = find_runs([folder])
+        held = lock.current(run.path)
+        assert held is not None
+        thief = json.dumps(asdict(replace(held, host="node7", machine="other", token="another")))
+        (run.path / lock.FOLDER / "000002").write_text(thief)
+        output, _ = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == 1
+    assert "node7" in output.splitlines()[-1]
+    assert "taken it over" in output.splitlines()[-1]
+    assert run.manifest()["state"] == "running"
+    assert lock.current(run.path) == replace(held, host="node7", machine="other", token="another")
+
+
 @pytest.mark.slow
 def test_a_sweep_killed_again_and_again_ends_as_one_that_was_not(folder: Path) -> None:
     """Eight runs, ten times kill -9 of the whole process group at random moments."""
@@ -151,7 +179,7 @@ def test_a_sweep_killed_again_and_again_ends_as_one_that_was_not(folder: Path) -
     assert sum(json.loads(run.manifest_path.read_text())["attempts"] for run in found.values()) > 8
 
 
-def wait_for_work(folder: Path, process: subprocess.Popen[bytes]) -> None:
+def wait_for_work(folder: Path, process: subprocess.Popen[Any]) -> None:
     """Until a worker has a run, or the sweep is over."""
     deadline = time.monotonic() + 60
     while process.poll() is None and time.monotonic() < deadline:

@@ -10,6 +10,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from auvbench.errors import TrainingError
+from auvbench.runs import lock
 from auvbench.runs.checkpoint import finite, state
 from auvbench.runs.checkpoint.files import storage
 from auvbench.runs.checkpoint.logs import GrowingLog, LogMark, cut
@@ -113,6 +114,7 @@ class Checkpointer(BaseCallback):
             # taken here, after that draw.
             state.restore_draws(self.subject, self._draws_to_restore.components)
             self._draws_to_restore = None
+        lock.verify(self.store.run, look=False)
         finite.check_losses(self.model)
         if isinstance(self.model, OnPolicyAlgorithm):
             # A rollout of many steps follows, so looking at every weight costs nothing beside it.
@@ -149,6 +151,7 @@ class Checkpointer(BaseCallback):
         if step == self._saved_step:
             return
         began = time.monotonic()
+        lock.verify(self.store.run)
         finite.check_parameters(self.model)
         components = state.capture(self.subject)
         components.values["learner"]["at_rollout_start"] = at_rollout_start
