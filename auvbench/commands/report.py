@@ -114,10 +114,7 @@ def write(report: Report, options: Options, command: str) -> list[Path]:
     if "html" in options.format:
         written.append(_page(out / "index.html", report, figures, command))
     if "md" in options.format:
-        from auvbench.reporting.study import markdown
-
-        table = markdown(report.beside) if report.beside else ""
-        text = files.markdown(ranking, report.findings, report.claims, table, figures, out)
+        text = files.markdown(ranking, report.findings, report.claims, report.beside, figures, out)
         written.append(files.text(out / "report.md", text))
     if "tex" in options.format:
         written.append(files.text(out / "table.tex", tables.latex(ranking)))
