@@ -12,19 +12,8 @@ import sys
 from collections.abc import Sequence
 
 from auvbench import __version__
+from auvbench.commands import COMMANDS
 from auvbench.errors import AuvbenchError, UserError, closest
-
-COMMANDS: dict[str, str] = {
-    "train": "train one run, or a grid of runs with -m",
-    "resume": "finish interrupted runs, or extend runs to a larger budget",
-    "evaluate": "apply a test protocol to trained runs",
-    "report": "rank runs and write tables, figures and a page",
-    "vehicles": "list vehicles, or show what one vehicle's numbers imply",
-    "simulate": "integrate one vehicle open loop, to CSV or a plot",
-    "runs": "list runs with state, progress and success",
-    "replay": "show one test episode again: summary, figure, film",
-    "completion": "print a script for tab completion in bash, zsh or fish",
-}
 
 
 def usage() -> str:

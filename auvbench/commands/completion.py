@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from auvbench.commands import COMMANDS
 from auvbench.errors import UserError, closest
 
 # Hydra completes overrides when it is asked with the line in COMP_LINE; a command's name must be taken out first.
@@ -61,8 +62,6 @@ def main(arguments: Sequence[str]) -> int:
         return 0 if arguments else 2
     if len(arguments) > 1 or arguments[0] not in SCRIPTS:
         raise UserError(f"completion {' '.join(arguments)}: no such shell; {closest(arguments[0], SCRIPTS)}")
-    from auvbench.cli import COMMANDS
-
     script = SCRIPTS[arguments[0]]
     for placeholder, text in (
         ("@COMMANDS@", " ".join(COMMANDS)),
