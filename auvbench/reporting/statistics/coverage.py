@@ -69,7 +69,8 @@ def coverage(
 ) -> dict[str, FloatArray]:
     """By method the share (4,) of experiments whose interval holds the truth, the truth being known.
 
-    Without resamples, or with one seed, the t-type interval alone. Of the success rate, the mean steps, and the differences of both to a second agent of the same world (truth 0).
+    Of the success rate, the mean steps, and the differences of both to a second agent of the same world (truth 0).
+    Without resamples, or with one seed, the t-type interval alone.
     """
     rng = np.random.default_rng(seed)
     rate, steps = world.truth()
