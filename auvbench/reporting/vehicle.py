@@ -101,9 +101,11 @@ def show(vehicle: VehicleModel) -> None:
     _hydrostatics(console, vehicle)
     console.print(_matrix("mass matrix M = M_RB + M_A, kg, kg m, kg m2", vehicle.M, inspect.SYMBOLS))
     if vehicle.units:
-        names = [unit.name for unit in vehicle.units]
+        thrusters = [k for k, unit in enumerate(vehicle.units) if unit.kind == "thruster"]
+        names = [vehicle.actuators[k] for k in thrusters]
         title = f"allocation: wrench per newton, rank {inspect.rank(vehicle)} of 6"
-        console.print(_matrix(title, vehicle.allocation, inspect.COMPONENTS, names))
+        # Transposed, so that eight thrusters fit into 80 columns.
+        console.print(_matrix(title, vehicle.allocation.T[thrusters], names, inspect.COMPONENTS))
         _actuators(console, vehicle)
     _motion(console, vehicle)
     console.print("[bold]warnings[/bold]")
@@ -156,58 +158,75 @@ def _matrix(
 
 
 def _actuators(console: Console, vehicle: VehicleModel) -> None:
-    table = new_table("actuator", "kind", "at command -1", "at command +1", "force, N", title="actuators")
+    table = new_table(
+        "actuator", "kind", "at -1", "at +1", "force, N", title="actuators: what commands -1 and +1 stand for"
+    )
     table.columns[1].justify = "left"
     units = {"fin": "rad", "mass_shifter": "m", "buoyancy_engine": "m3", "drop_weight": ""}
     for unit, force in zip(vehicle.units, vehicle.force_limits, strict=True):
         rotor = "rad/s" if unit.rotor_constant else "N"
         symbol = units.get(unit.kind, rotor)
         low, high = (f"{limit:.5g} {symbol}".strip() for limit in unit.curve.limits)
-        newtons = f"{force[0]:+.4g} to {force[1]:+.4g}" if unit.kind == "thruster" else ""
+        newtons = f"{force[0]:+.4g} {force[1]:+.4g}" if unit.kind == "thruster" else ""
         table.add_row(unit.name, unit.kind.replace("_", " "), low, high, newtons)
     console.print(table)
 
 
 def _motion(console: Console, vehicle: VehicleModel) -> None:
-
     rows = inspect.reach(vehicle)
+    if not rows:
+        return
     taus = inspect.linear_time_constants(vehicle)
-    table = new_table(
-        "axis",
-        "direction",
-        "force",
-        "terminal speed",
-        "time to 63 %",
-        "M/D at rest",
-        "",
-        title="steady motion, level, at full thrust",
-    )
-    table.columns[1].justify = table.columns[-1].justify = "left"
-    for row in rows:
-        force, speed = ("N", "m/s") if row.axis < 3 else ("N m", "rad/s")
-        notes = []
-        if abs(row.speed_with_buoyancy - row.speed) > 5e-4:
-            notes.append(f"{row.speed_with_buoyancy:.3f} {speed} with net buoyancy")
-        if row.bollard_force > row.force * 1.001:
-            notes.append(
-                f"{row.bollard_force:.4g} N and {row.bollard_speed:.3f} {speed} with moments unbalanced"
+    table = new_table("axis", "direction", "force", "speed", "to 63 %", "M/D", title="terminal speeds")
+    table.columns[1].justify = "left"
+    for axis in sorted({row.axis for row in rows}):
+        force_unit, speed_unit = ("N", "m/s") if axis < 3 else ("N m", "rad/s")
+        tau = taus[inspect.AXES[axis]]
+        for row in _directions(rows, axis):
+            table.add_row(
+                inspect.AXES[axis],
+                row.direction if len(_directions(rows, axis)) > 1 else "both ways",
+                f"{row.force:.4g} {force_unit}",
+                f"{row.speed:.3f} {speed_unit}",
+                f"{row.rise_time:.3g} s",
+                "-" if tau is None else f"{tau:.3g} s",
             )
-        if row.axis in (3, 4):
+    console.print(table)
+    console.print("  Level, at full thrust; time to 63 % of the speed; time constant M/D near rest.")
+    for note in _notes(vehicle, rows):
+        console.print(f"  {note}", soft_wrap=True)
+    console.print()
+
+
+def _directions(rows: list[inspect.Reach], axis: int) -> list[inspect.Reach]:
+    """The rows of an axis, one where both directions are the same."""
+    own = [row for row in rows if row.axis == axis]
+    return own[:1] if len(own) == 2 and abs(own[0].force - own[1].force) < 1e-3 * own[0].force else own
+
+
+def _notes(vehicle: VehicleModel, rows: list[inspect.Reach]) -> list[str]:
+    """What the table of terminal speeds has no column for."""
+    notes = [
+        f"{inspect.AXES[row.axis]}: {row.bollard_force:.4g} N and {row.bollard_speed:.3f} m/s {row.direction} where the"
+        " moments are left unbalanced"
+        for axis in range(3)
+        for row in _directions(rows, axis)
+        if row.bollard_force > row.force * 1.001
+    ]
+    lifted = [
+        f"{row.speed_with_buoyancy:.3f} m/s {row.direction}"
+        for row in rows
+        if abs(row.speed_with_buoyancy - row.speed) > 5e-4
+    ]
+    if lifted:
+        notes.append(f"heave with the net buoyancy: {', '.join(lifted)}")
+    for axis in (3, 4):
+        for row in _directions(rows, axis):
             heel = inspect.heel(vehicle, row.force)
-            notes.append(
-                "turns it over"
+            effect = (
+                "turns the vehicle over"
                 if heel is None
                 else f"holds {np.degrees(heel):.0f} deg against the righting moment"
             )
-        tau = taus[inspect.AXES[row.axis]]
-        table.add_row(
-            inspect.AXES[row.axis],
-            row.direction,
-            f"{row.force:.4g} {force}",
-            f"{row.speed:.3f} {speed}",
-            f"{row.rise_time:.3g} s",
-            "no linear damping" if tau is None else f"{tau:.3g} s",
-            "; ".join(notes),
-        )
-    if rows:
-        console.print(table)
+            notes.append(f"{inspect.AXES[axis]}: full thrust {effect}")
+    return notes
