@@ -39,7 +39,12 @@ def together(text: str, parts: Sequence[Part]) -> Finding:
         if part.missing
     ]
     runs = tuple(dict.fromkeys(run for part in parts for run in part.run_ids))
-    return Finding(text, verdict, "; ".join(statistics), "; ".join(missing), runs)
+    return Finding(text, verdict, _sentence(statistics), _sentence(missing), runs)
+
+
+def _sentence(parts: Sequence[str]) -> str:
+    text = "; ".join(parts)
+    return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
 def by_interval(estimate: Estimate, above: float, *, less: bool = False) -> str:

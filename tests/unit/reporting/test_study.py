@@ -146,7 +146,7 @@ def test_parts_make_a_verdict():
     assert together("x", [Part(HOLDS), Part(OPEN)]).verdict == OPEN
     assert together("x", [Part(OPEN), Part(FAILS)]).verdict == FAILS
     found = together("x", [Part(HOLDS, "s1"), Part(OPEN, "s2", "m2")])
-    assert (found.statistic, found.missing) == ("(a) s1: holds; (b) s2: cannot be said", "(b) m2")
+    assert (found.statistic, found.missing) == ("(a) s1: holds; (b) s2: cannot be said.", "(b) m2.")
 
 
 def test_by_interval():
@@ -208,7 +208,7 @@ def test_claim_2_compares_equal_budgets(tmp_path):
     late = trained(tmp_path, "sac", 1.0, 10.0, 0, training(700_000, episodes=2000), steps=1_000_000)
     brief = trained(tmp_path, "sac", 1.0, 25.0, 0, training(episodes=300), steps=300_000)
     told = claim(2, [late, brief])
-    assert (told.verdict, told.missing) == (OPEN, "runs that converge")
+    assert (told.verdict, told.missing) == (OPEN, "Runs that converge.")
 
 
 def test_claim_3(tmp_path):
@@ -222,7 +222,7 @@ def test_claim_3(tmp_path):
     told = claim(3, runs, better)
     assert told.verdict == FAILS
     assert "does not hold" in told.statistic
-    assert claim(3, (), agents).missing == "(c) training records of SAC that differ in K at equal frequency"
+    assert claim(3, (), agents).missing == "(c) training records of SAC that differ in K at equal frequency."
 
 
 def test_claim_4():
