@@ -26,7 +26,11 @@ from typing import Any
 from tests.soak.bits import bits
 from tests.soak.killing import kill_at_operation
 
-_NETS = ["algo.net_arch=[16,16]", "task.max_steps=15", "noise=thesis"]
+# Short episodes with every noise and every disturbance on: currents, faults, delays, sensors, drawn vehicles.
+_NETS = [
+    *("algo.net_arch=[16,16]", "task.max_steps=15", "noise=thesis"),
+    *("disturbance=severe", "disturbance.fault.time_high=1.0"),
+]
 _PPO = ["algo=ppo", *_NETS, "algo.batch_size=32", "algo.n_epochs=2"]
 _OFF = [*_NETS, "algo.batch_size=16", "algo.learning_starts=40", "algo.buffer_size=400"]
 _ONE = ["algo.n_envs=1", "algo.gradient_steps=1", "train.total_steps=150"]
