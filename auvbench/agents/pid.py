@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.config import schema
+from auvbench.vehicles.inspect import reach
 from auvbench.vehicles.model import VehicleModel
 
 Floats = NDArray[np.float64]
 
-SURGE, SWAY, HEAVE, YAW = 0, 1, 2, 5
+SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 
 
 class PIDController:
@@ -41,6 +42,9 @@ class PIDController:
         self.body_frame = config.task.position_frame == "body"
         self.mass = np.diag(vehicle.M).copy()
         self.allocation = np.linalg.pinv(_controlled(vehicle.allocation))
+        # Nobody plans a speed out of reach: what little thrust is left must still hold the heading.
+        ahead = [row.speed for row in reach(vehicle) if row.axis == SURGE and row.sign > 0]
+        self.cruise_speed = min([gains.cruise_speed, *(0.9 * speed for speed in ahead)])
         # Exact discretisation of a first-order low-pass filter.
         self.smoothing = 1.0 - np.exp(-self.dt / gains.filter_time)
         self.lift = vehicle.buoyancy - vehicle.weight
@@ -60,7 +64,7 @@ class PIDController:
         error, yaw, yaw_error = self._readings(observation.astype(np.float64))
         self._estimate_velocity(error, yaw)
         distance = np.linalg.norm(error, axis=1, keepdims=True)
-        speed = np.minimum(g.cruise_speed, g.approach * distance)
+        speed = np.minimum(self.cruise_speed, g.approach * distance)
         wanted = speed * error / np.maximum(distance, 1e-9)
 
         # World to the levelled body frame: the readings hold no roll and pitch.
@@ -116,9 +120,19 @@ class PIDController:
 
 
 def _controlled(allocation: Floats) -> Floats:
-    """The rows of the allocation that are controlled; roll and pitch are left to the restoring moment."""
+    """The rows of the allocation that are controlled.
+
+    Roll and pitch are not measured; where the thrusters can produce their moments independently of what is wanted,
+    they are asked for none, else thrust below the centre of gravity would tip a vehicle with a weak restoring moment.
+    """
     rows = allocation.copy()
-    rows[3:5] = 0.0
+    wanted = [SURGE, SWAY, HEAVE, YAW]
+    for moment in (ROLL, PITCH):
+        rank = np.linalg.matrix_rank(allocation[wanted])
+        if np.linalg.matrix_rank(allocation[[*wanted, moment]]) > rank:
+            wanted.append(moment)
+        else:
+            rows[moment] = 0.0
     return rows
 
 
