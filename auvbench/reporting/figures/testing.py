@@ -202,7 +202,7 @@ def performance_profiles(scene: Scene) -> Drawing | None:
     ax.set_ylabel("test episodes within τ (%)")
     style.legend(figure, scene.looks_of(chosen))
     caption = (
-        "Performance profiles: the share of test episodes that an agent finishes within τ times the shortest time "
+        "The share of test episodes that an agent finishes within τ times the shortest time "
         "that any of the agents shown needed on that scenario; a failure never finishes. At the left, how often "
         "it is the fastest; at the right, how often it arrives."
         + seeds_sentence(chosen)
