@@ -9,12 +9,15 @@ the scan of an ordinary installation, which does see it, finds the same classes.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.core.plugins import Plugins
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.plugins.launcher import Launcher
@@ -52,7 +55,7 @@ class Compose(Launcher):
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
         # All of them before the first is handed over: a mistake in the last one is found before anything happens.
-        composed = [self._compose(list(overrides)) for overrides in job_overrides]
+        composed = self.compose(job_overrides)
         returns = []
         for overrides, config in zip(job_overrides, composed, strict=True):
             done = JobReturn(overrides=list(overrides), cfg=config, status=JobStatus.COMPLETED)
@@ -60,13 +63,41 @@ class Compose(Launcher):
             returns.append(done)
         return returns
 
-    def _compose(self, overrides: list[str]) -> DictConfig:
-        config = self.hydra_context.config_loader.load_sweep_config(self.config, overrides)
+    def compose(self, jobs: Sequence[Sequence[str]]) -> list[DictConfig]:
+        """The configuration of each job.
+
+        Hydra composes once for each choice of files; jobs that differ in values alone, as seeds do, share that,
+        and their values are then set by the same function that Hydra itself would call next.
+        """
+        parser = OverridesParser.create(config_loader=self.hydra_context.config_loader)
+        bases: dict[tuple[str, ...], DictConfig] = {}
+        composed = []
+        for job in jobs:
+            overrides = parser.parse_overrides(list(job))
+            values = [override for override in overrides if self._sets_a_value(override)]
+            choices = tuple(
+                line for line, override in zip(job, overrides, strict=True) if override not in values
+            )
+            if choices not in bases:
+                bases[choices] = self._choose(choices)
+            config = copy.deepcopy(bases[choices])
+            ConfigLoaderImpl._apply_overrides_to_config(values, config)
+            composed.append(config)
+        return composed
+
+    def _sets_a_value(self, override: Override) -> bool:
+        """Whether an override is one that Hydra applies after composing."""
+        if isinstance(override.value(), dict) or override.package is not None or override.is_hydra_override():
+            return False
+        loader = self.hydra_context.config_loader
+        assert isinstance(loader, ConfigLoaderImpl)
+        return not loader.repository.group_exists(override.key_or_group)
+
+    def _choose(self, choices: Sequence[str]) -> DictConfig:
+        config = self.hydra_context.config_loader.load_sweep_config(self.config, list(choices))
         held = OmegaConf.select(config, "hydra.sweeper.grids")
         if held != OmegaConf.select(self.config, "hydra.sweeper.grids"):
-            raise ConfigError(
-                f"{' '.join(overrides)}: an experiment with grids is swept alone, one at a time"
-            )
+            raise ConfigError(f"{' '.join(choices)}: an experiment with grids is swept alone, one at a time")
         with open_dict(config):
             del config["hydra"]
         return config

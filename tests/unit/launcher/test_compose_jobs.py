@@ -1,0 +1,88 @@
+"""The jobs of a grid are composed as Hydra composes each of them alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from omegaconf import DictConfig, OmegaConf
+
+from auvbench.config.compose import compose, run
+from auvbench.errors import ConfigError
+
+
+def jobs(*arguments: str) -> list[DictConfig]:
+    """What `auvbench train -m ARGUMENTS` composes."""
+
+    def single(config: DictConfig) -> Any:
+        raise AssertionError("this is a grid")
+
+    found: list[DictConfig] = run("train", ["-m", *arguments], single, grid=list)
+    return found
+
+
+def alone(overrides: Sequence[str]) -> Any:
+    return OmegaConf.to_container(compose("train", overrides), resolve=True)
+
+
+def test_each_job_is_what_it_would_be_alone() -> None:
+    found = jobs(
+        "algo=sac,ppo",
+        "algo.learning_rate=0.01",
+        "seed=3,4",
+        "noise=none",
+        "++task.goal_radius=0.5",
+        "~experiment",
+    )
+    typed = [
+        [f"algo={algo}", "algo.learning_rate=0.01", f"seed={seed}", "noise=none", "++task.goal_radius=0.5"]
+        for algo in ("sac", "ppo")
+        for seed in (3, 4)
+    ]
+    assert [OmegaConf.to_container(config, resolve=True) for config in found] == [
+        alone(line) for line in typed
+    ]
+
+
+def test_jobs_do_not_share_what_they_may_change() -> None:
+    first, second = jobs("algo=ppo", "seed=1,2")
+    first.algo.net_arch.append(8)
+    assert second.algo.net_arch == compose("train", ["algo=ppo"]).algo.net_arch
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["seed=1,two"], "seed: 'two' is not a whole number"),
+        (["algo=ppo,sca"], "algo=sca: no such option; did you mean 'sac'"),
+        (["reward.kk=1,2"], "reward.kk: unknown key; did you mean reward.k"),
+        (["algo=ppo,sac", "algo.n_epochs=3"], "algo.n_epochs: unknown key"),
+    ],
+)
+def test_a_mistake_in_any_job_is_one_line(arguments: list[str], message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        jobs(*arguments)
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_experiment_with_grids_cannot_be_an_axis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "conf" / "experiment"
+    folder.mkdir(parents=True)
+    (folder / "study.yaml").write_text("# @package _global_\nhydra: {sweeper: {grids: [{seed: '1,2'}]}}\n")
+    monkeypatch.chdir(tmp_path)
+    assert [config.seed for config in jobs("experiment=study")] == [1, 2]
+    with pytest.raises(ConfigError, match="an experiment with grids is swept alone"):
+        jobs("experiment=study,null")
+
+
+def test_a_grid_that_nothing_remains_of_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "conf" / "experiment"
+    folder.mkdir(parents=True)
+    grids = "[{algo: sac, seed: '1,2'}, {algo: pid, seed: 0}]"
+    (folder / "study.yaml").write_text(f"# @package _global_\nhydra: {{sweeper: {{grids: {grids}}}}}\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=r"algo=pid seed=1: leaves no job"):
+        jobs("experiment=study", "algo=pid", "seed=1")
