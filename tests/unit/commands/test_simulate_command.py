@@ -162,3 +162,19 @@ def test_help_holds_every_key_with_its_comment(capsys: pytest.CaptureFixture[str
 def test_four_digits_of_a_quaternion_are_enough() -> None:
     assert run("input.pose=[0,0,-5,0.9962,0.0872,0,0]", "duration=0.1", "output=x.csv") == 0
     assert rows("x.csv")[0, 4] == pytest.approx(2 * np.arctan2(0.0872, 0.9962), abs=1e-12)
+
+
+def test_enu_and_ned_agree_on_where_north_is() -> None:
+    """Typed as a navigator would: heading north-east, a current to the east, a push to starboard."""
+    psi = 0.6  # NED heading; the ENU yaw of the same heading is pi/2 - psi
+    ned_q, enu_q = (np.array([np.cos(a / 2), 0, 0, np.sin(a / 2)]) for a in (psi, np.pi / 2 - psi))
+    listed = ",".join(f"{value:.17g}" for value in (3, -2, 7, *ned_q))
+    assert run("vehicle=bluerov2_wu2018", f"input.pose=[{listed}]", "input.wrench=[5,9,-2,0,0,0.3]", "input.frame=ned",
+               "input.current=[0,0.4,0.1]", "duration=6", "output=ned.csv") == 0  # fmt: skip
+    listed = ",".join(f"{value:.17g}" for value in (-2, 3, -7, *enu_q))
+    assert run("vehicle=bluerov2_wu2018", f"input.pose=[{listed}]", "input.wrench=[5,-9,2,0,0,-0.3]", "input.frame=enu",
+               "input.current=[0.4,0,-0.1]", "duration=6", "output=enu.csv") == 0  # fmt: skip
+    ned, enu = rows("ned.csv"), rows("enu.csv")
+    np.testing.assert_allclose(enu[:, [2, 1, 3]], ned[:, 1:4] * [1, 1, -1], atol=1e-9)
+    np.testing.assert_allclose(enu[:, 6], np.pi / 2 - ned[:, 6], atol=1e-9)
+    np.testing.assert_allclose(enu[:, 7:], ned[:, 7:] * [1, -1, -1, 1, -1, -1], atol=1e-9)
