@@ -183,7 +183,7 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str], problems: list[P
         directory = run.directory / "evaluations" / name
         if not directory.is_dir():
             if name == protocols[0]:
-                hint = f"auvbench evaluate protocol={name} {run.directory}"
+                hint = f"auvbench evaluate {run.directory} protocol={name}"
                 problems.append(Problem(run.id, "missing", f"no evaluation by protocol {name}: {hint}"))
             continue
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.padding import Padding
 from rich.table import Table
@@ -38,14 +39,21 @@ class RankingTable:
         usual = c.present(c.COLUMNS, self.ranking)
         by_weight = [c.COLUMNS[i] for i in c.BY_WEIGHT if c.COLUMNS[i] in usual]
         order = [*c.extra(self.ranking), *by_weight]
-        for n in range(len(order), 0, -1):
-            shown = [column for column in (*c.extra(self.ranking), *usual) if column in order[:n]]
-            if (
-                console.measure(self._table(shown), options=console.options.update(max_width=10_000)).maximum
-                <= width
-            ):
+        fixed = console.measure(self._table(()), options=console.options.update(max_width=10_000)).maximum
+        room = width - fixed
+        kept: list[c.Column] = []
+        for column in order:
+            room -= self._width(column)
+            if room < 0 and kept:
                 break
+            kept.append(column)
+        shown = [column for column in (*c.extra(self.ranking), *usual) if column in kept]
         return shown, [column for column in usual if column not in shown]
+
+    def _width(self, column: c.Column) -> int:
+        """Of a column on screen, with its padding: measured here, since rich measures all columns anew each time."""
+        texts = [text for row in self.ranking.rows for text in c.cell(row, column)]
+        return max(map(cell_len, (column.title, column.unit, *texts))) + 2
 
     def _table(self, shown: Sequence[c.Column]) -> Table:
         table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 1))

@@ -152,7 +152,7 @@ def test_runs_that_were_not_evaluated(grid: list[Path]) -> None:
     shutil.rmtree(grid[0] / "evaluations" / "test")
     runs, problems = load([grid[0].parent])
     assert kinds(problems) == {grid[0].name: "missing"}
-    assert f"auvbench evaluate protocol=test {grid[0]}" in problems[0].message
+    assert f"auvbench evaluate {grid[0]} protocol=test" in problems[0].message
     runs, _ = load([grid[0]])
     with pytest.raises(ReportError, match="none of the 1 runs has a usable evaluation by protocol 'test'"):
         agents(runs)
