@@ -39,7 +39,7 @@ def test_report_command_writes_the_page(tmp_path: Path) -> None:
 @pytest.mark.parametrize("condition", ["severe", "current=0.5"])
 def test_page_of_another_condition_shows_its_paths(tmp_path: Path, condition: str) -> None:
     protocols = {"robustness": ROBUSTNESS}
-    write_experiment(tmp_path / "grid", protocols=protocols, seeds=(0,), episodes=12, train_episodes=0)
+    write_experiment(tmp_path / "grid", protocols=protocols, seeds=(0,), episodes=12, train_episodes=20)
     options = ["--protocol", "robustness", "--condition", condition, "--format", "html", "--no-figures"]
     assert main([str(tmp_path / "grid"), *options]) == 0
     page = tmp_path / "grid" / "report" / "index.html"

@@ -7,16 +7,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
+from auvbench.reporting.effects import learns
 from auvbench.reporting.model import Agent, RunRecord
 
 
 class Links:
-    """Relative links from the page's folder to the files of runs, and anchors within the page."""
+    """Relative links from the page's folder to the files of runs, and anchors within the page.
+
+    `learners` holds the labels of the agents that were trained.
+    """
 
     def __init__(self, page: Path, agents: Sequence[Agent], runs: Sequence[RunRecord], protocol: str) -> None:
         self._folder = page.parent.resolve()
         self._protocol = protocol
         self._agents = {agent.label: index for index, agent in enumerate(agents)}
+        self.learners = frozenset(agent.label for agent in agents if learns(agent))
         self._run_ids = {agent.label: [run.id for run in agent.runs] for agent in agents}
         self._runs = {run.id: run for run in runs}
         self._anchors = {run.id: f"run-{number}" for number, run in enumerate(runs, start=1)}

@@ -173,6 +173,8 @@ def _training(run: RunRecord, links: Links) -> tuple[Number, Number, Number]:
     )
     href = links.training(run)
     total = _number(run.manifest.get("total_steps"))
+    if run.state == "complete" and not steps:
+        steps = total = None  # a controller with nothing to learn
     text = numbers.fixed(steps, 0)
     if steps is not None and total is not None and steps < total:
         text += f" of {numbers.fixed(total, 0)}"

@@ -1,4 +1,4 @@
-"""The ranked table as the page shows it: columns, cells, small interval plots, comparisons."""
+"""The ranked table as the page shows it: columns, cells, small interval plots."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from auvbench.reporting.model import Comparison, Estimate, Ranking, Row
+from auvbench.reporting.model import Estimate, Ranking, Row
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.columns import COLUMNS
@@ -129,8 +129,10 @@ class Line:
     group: str
     best: str
     best_sort: float | None
-    seeds: int
+    training: str
+    """'3 seeds', or 'not trained'"""
     one_seed: bool
+    """trained once: another training might give another row"""
     href: str
     cells: tuple[Cell, ...]
 
@@ -145,24 +147,6 @@ class Table:
     """of the first column, which is drawn"""
     one_seed: bool
     """some row's interval covers test episodes only"""
-
-
-@dataclass(frozen=True, slots=True)
-class Pair:
-    """One comparison, printed."""
-
-    first: str
-    second: str
-    metric: str
-    difference: str
-    interval: str
-    difference_sort: float | None
-    p_adjusted: str
-    p_sort: float | None
-    improvement: str
-    improvement_interval: str
-    improvement_sort: float | None
-    resolved: bool
 
 
 def main_table(ranking: Ranking, colours: Mapping[str, str], links: Links) -> Table:
@@ -181,38 +165,9 @@ def further_table(ranking: Ranking, shown: Table, colours: Mapping[str, str], li
     return _table(ranking, rest, colours, links, draw=False) if rest else None
 
 
-def pairs(comparisons: Iterable[Comparison], *, alpha: float = 0.05) -> list[Pair]:
-    """The comparisons; differences of rates in percentage points; resolved where the adjusted p is below alpha."""
-    found = []
-    for comparison in comparisons:
-        heading = _heading(comparison.metric)
-        unit = "points" if heading.rate else heading.unit
-        difference, interval = numbers.estimate(comparison.difference, heading.scale)
-        improvement, improvement_interval = numbers.estimate(comparison.probability_of_improvement)
-        found.append(
-            Pair(
-                first=comparison.first,
-                second=comparison.second,
-                metric=f"{heading.title} ({unit})" if unit else heading.title,
-                difference=difference
-                if difference[0] in (numbers.MINUS + numbers.NOTHING)
-                else f"+{difference}",
-                interval=interval,
-                difference_sort=_sortable(comparison.difference.value),
-                p_adjusted=numbers.p_value(comparison.p_adjusted),
-                p_sort=_sortable(comparison.p_adjusted),
-                improvement=improvement,
-                improvement_interval=improvement_interval,
-                improvement_sort=_sortable(comparison.probability_of_improvement.value),
-                resolved=comparison.p_adjusted < alpha,
-            )
-        )
-    return found
-
-
 def order_in_words(ranking: Ranking) -> str:
     """'success, then steps'."""
-    titles = [_heading(metric).title.lower() for metric in (ranking.rank_by, ranking.then) if metric]
+    titles = [heading_of(metric).title.lower() for metric in (ranking.rank_by, ranking.then) if metric]
     return ", then ".join(titles)
 
 
@@ -220,7 +175,7 @@ def _held(ranking: Ranking) -> list[str]:
     return list(dict.fromkeys(metric for row in ranking.rows for metric in row.estimates))
 
 
-def _heading(metric: str) -> Heading:
+def heading_of(metric: str) -> Heading:
     """The words of the other tables where they have this metric, its own name in words where not."""
     definition = DEFINITIONS.get(metric, metric)
     for column in COLUMNS:
@@ -239,7 +194,7 @@ def _heading(metric: str) -> Heading:
 def _table(
     ranking: Ranking, metrics: Sequence[str], colours: Mapping[str, str], links: Links, *, draw: bool
 ) -> Table:
-    headings = tuple(_heading(metric) for metric in metrics)
+    headings = tuple(heading_of(metric) for metric in metrics)
     axis = _axis(ranking.rows, headings[0]) if draw and headings else None
     lines = tuple(_line(row, headings, axis, colours, links) for row in ranking.rows)
     lines = _aligned(lines)
@@ -250,6 +205,7 @@ def _line(
     row: Row, headings: Sequence[Heading], axis: Axis | None, colours: Mapping[str, str], links: Links
 ) -> Line:
     href = links.of_runs(row.label, row.run_ids)
+    seeds, learns = len(row.seeds), row.label in links.learners
     low, high = row.rank_interval
     return Line(
         index=links.index_of(row.label),
@@ -260,9 +216,9 @@ def _line(
         rank_sort=row.rank + (low + high) / 1e6,
         group=row.group,
         best=numbers.probability(row.probability_best),
-        best_sort=_sortable(row.probability_best),
-        seeds=len(row.seeds),
-        one_seed=len(row.seeds) == 1,
+        best_sort=sortable(row.probability_best),
+        training=f"{seeds} seed{'' if seeds == 1 else 's'}" if learns else "not trained",
+        one_seed=learns and seeds == 1,
         href=href,
         cells=tuple(
             _cell(row.estimates.get(heading.metric), heading, href, axis if place == 0 else None)
@@ -317,5 +273,5 @@ def _axis(rows: Iterable[Row], heading: Heading) -> Axis | None:
     return Axis(low, high, heading.unit, max(0, -math.floor(math.log10(step))))
 
 
-def _sortable(value: float) -> float | None:
+def sortable(value: float) -> float | None:
     return value if math.isfinite(value) else None

@@ -14,8 +14,8 @@ import jinja2
 from markupsafe import Markup
 
 from auvbench.reporting.model import Agent, Comparison, Finding, Problem, Ranking, RunRecord
+from auvbench.reporting.page import comparisons, sources, study, table
 from auvbench.reporting.page import figures as figures_
-from auvbench.reporting.page import sources, study, table
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.notes import grouped
@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
     from auvbench.reporting.figures import Figure
     from auvbench.reporting.study import Beside
 
-SCRIPTS = ("tables.js", "lightbox.js", "scene.js", "viewer.js")
+SCRIPTS = ("tables.js", "lightbox.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
 """Joined in this order into the page's one script."""
 QUESTION = "Which controller tracks waypoints best on this vehicle, and how sure are we?"
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
@@ -109,8 +109,8 @@ def write(
             runs_found=len(runs),
             table=shown,
             further=table.further_table(ranking, shown, hues, links),
-            against=table.pairs(against, alpha=1.0 - ranking.confidence),
-            pairs=table.pairs(others, alpha=1.0 - ranking.confidence),
+            against=comparisons.pairs(against, alpha=1.0 - ranking.confidence),
+            pairs=comparisons.pairs(others, alpha=1.0 - ranking.confidence),
             findings=sources.sentences(findings, links),
             claims=sources.sentences(claims, links),
             beside=study.table(beside, hues, links),
@@ -198,10 +198,10 @@ def _length(value: Any, default: float) -> float:
     return float(value) if isinstance(value, int | float) and abs(value) < 1e6 else default
 
 
-def _without(comparisons: Sequence[Comparison], shown: Sequence[Comparison]) -> list[Comparison]:
+def _without(found: Sequence[Comparison], shown: Sequence[Comparison]) -> list[Comparison]:
     """The comparisons of other pairs of agents than those shown, whichever of a pair comes first."""
     there = {(frozenset((x.first, x.second)), x.metric) for x in shown}
-    return [x for x in comparisons if (frozenset((x.first, x.second)), x.metric) not in there]
+    return [x for x in found if (frozenset((x.first, x.second)), x.metric) not in there]
 
 
 def _distinct(problems: Sequence[Problem]) -> list[Problem]:

@@ -110,9 +110,21 @@ def test_every_number_of_the_ranking_is_linked(grid: dict[str, Any]) -> None:
     )
     lines = table.main_table(grid["ranking"], {}, links).lines
     assert all(cell.href for line in lines for cell in line.cells if cell.text != numbers.NOTHING)
-    several, one = lines[0], next(line for line in lines if line.seeds == 1)
+    several = next(line for line in lines if line.label == "SAC")
+    one = next(line for line in lines if line.label == "PID")
     assert one.href.endswith("evaluations/test/episodes.csv")
-    assert (several if several.seeds > 1 else lines[1]).href.startswith("#agent-")
+    assert several.href.startswith("#agent-")
+
+
+def test_one_training_seed_is_said_next_to_the_number(tmp_path: Path) -> None:
+    parts = page_data.parts(tmp_path, algorithms=("sac", "pid"), seeds=(0,), episodes=10, train_episodes=20)
+    links = Links(tmp_path / "index.html", parts["agents"], parts["runs"], "test")
+    lines = {line.label: line for line in table.main_table(parts["ranking"], {}, links).lines}
+    assert (lines["SAC"].training, lines["SAC"].one_seed) == ("1 seed", True)
+    assert (lines["PID"].training, lines["PID"].one_seed) == ("not trained", False)
+    html = page.write(tmp_path / "index.html", **parts).read_text(encoding="utf-8")
+    assert html.count('class="note"') == 1
+    assert "the interval covers test episodes only, not what another training would have given" in html
 
 
 def test_comparisons_with_the_baseline_stand_in_one_table_only(tmp_path: Path) -> None:

@@ -1,116 +1,7 @@
 // Drawing the water volume and the paths on a canvas. World ENU: x east, y north, z up, metres.
 const Scene = (() => {
   "use strict";
-  const DASHES = { solid: [], dashed: [7, 4], dashdot: [8, 3, 2, 3], dotted: [2, 3] };
-  const LIGHT = { ink: "#1c2830", soft: "#566570", rule: "#c9d2d6", raised: "#ffffff", water: "#2b7a8c" };
-  const FOCAL = 1.6;
-  const PAPER = [560, 400]; // px of the picture in print
-  const VIEWS = {
-    free: { azimuth: -1.05, elevation: 0.38, flat: false },
-    top: { azimuth: -Math.PI / 2, elevation: Math.PI / 2, flat: true },
-    south: { azimuth: -Math.PI / 2, elevation: 0, flat: true },
-    east: { azimuth: 0, elevation: 0, flat: true },
-  };
-
-  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-
-  /** Colours of the page as it looks now; those of paper while printing. */
-  function palette(printing) {
-    if (printing) return LIGHT;
-    const style = getComputedStyle(document.documentElement);
-    return Object.fromEntries(Object.keys(LIGHT).map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
-  }
-
-  function luminance(hex) {
-    const parts = [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16) / 255);
-    const linear = parts.map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4));
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
-  }
-
-  /** Contrast ratio of two colours (WCAG 2). */
-  function contrast(a, b) {
-    const [low, high] = [luminance(a), luminance(b)].sort((x, y) => x - y);
-    return (high + 0.05) / (low + 0.05);
-  }
-
-  /** A canvas that keeps to its size on the page and the screen's pixels, or to a given size on paper. */
-  function prepare(canvas, paper) {
-    const scale = paper ? 3 : Math.min(3, window.devicePixelRatio || 1);
-    const [width, height] = paper || [canvas.clientWidth || 600, canvas.clientHeight || 300];
-    const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
-    if (canvas.width !== w) canvas.width = w;
-    if (canvas.height !== h) canvas.height = h;
-    const context = canvas.getContext("2d");
-    context.setTransform(scale, 0, 0, scale, 0, 0);
-    context.clearRect(0, 0, width, height);
-    context.lineJoin = context.lineCap = "round";
-    context.font = '12px system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
-    return { context, width, height };
-  }
-
-  class Camera {
-    constructor() {
-      this.distance = 100;
-      this.target = [0, 0, -30];
-      this.turnTo("free");
-    }
-    turnTo(view) {
-      Object.assign(this, VIEWS[view]);
-    }
-    turn(azimuth, elevation) {
-      this.flat = false;
-      this.azimuth += azimuth;
-      this.elevation = Math.max(-1.2, Math.min(Math.PI / 2, this.elevation + elevation));
-    }
-    zoom(factor) {
-      this.distance = Math.max(2, Math.min(5000, this.distance / factor));
-    }
-    axes() {
-      const [ca, sa] = [Math.cos(this.azimuth), Math.sin(this.azimuth)];
-      const [ce, se] = [Math.cos(this.elevation), Math.sin(this.elevation)];
-      return { right: [-sa, ca, 0], up: [-se * ca, -se * sa, ce], back: [ce * ca, ce * sa, se] };
-    }
-    /** A function from a point (m) to [x, y, metres-to-pixels], null behind the camera. */
-    projector(width, height) {
-      const { right, up, back } = this.axes();
-      const focal = FOCAL * Math.min(width, height);
-      const { target, distance, flat } = this;
-      return (p) => {
-        const rel = [p[0] - target[0], p[1] - target[1], p[2] - target[2]];
-        const depth = flat ? distance : distance - dot(rel, back);
-        if (depth < 0.3) return null;
-        const scale = focal / depth;
-        return [width / 2 + dot(rel, right) * scale, height / 2 - dot(rel, up) * scale, scale];
-      };
-    }
-    /** Move by pixels in the plane of the picture. */
-    pan(dx, dy, width, height) {
-      const { right, up } = this.axes();
-      const metres = this.distance / (FOCAL * Math.min(width, height));
-      this.target = this.target.map((v, i) => v - right[i] * dx * metres + up[i] * dy * metres);
-    }
-    /** Centre the box in the picture and make it fill it, with room for labels. */
-    fit(box, width, height) {
-      this.target = box.low.map((low, i) => (low + box.high[i]) / 2);
-      const size = Math.hypot(...box.low.map((low, i) => box.high[i] - low));
-      this.distance = 2 * FOCAL * size;
-      const room = [Math.max(60, width - 150), Math.max(60, height - 100)];
-      for (let round = 0; round < 6; round++) {
-        const project = this.projector(width, height);
-        const seen = corners(box).map(project).filter(Boolean);
-        const [xs, ys] = [seen.map((p) => p[0]), seen.map((p) => p[1])];
-        const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
-        this.pan(width / 2 - (x0 + x1) / 2, height / 2 - (y0 + y1) / 2, width, height);
-        this.distance *= Math.max((x1 - x0) / room[0], (y1 - y0) / room[1]);
-      }
-    }
-  }
-
-  function corners({ low, high }) {
-    const found = [];
-    for (const x of [low[0], high[0]]) for (const y of [low[1], high[1]]) for (const z of [low[2], high[2]]) found.push([x, y, z]);
-    return found;
-  }
+  const { DASHES, PAPER, palette, contrast, prepare, halo, text } = Pen;
 
   /** The box around start, waypoint, depth limits and the paths shown, in whole tens of metres sideways. */
   function bounds(world, waypoint, tracks) {
@@ -174,8 +65,6 @@ const Scene = (() => {
     context.textBaseline = "middle";
     context.fillText(`limit ${text(z)} m`, at[0] + 8, at[1]);
   }
-
-  const text = (value) => String(value).replace("-", "−");
 
   /** Tick labels along one edge of the box; none where the edge is seen end on. */
   function axis(context, project, from, to, values, along, name, shift, colours, taken) {
@@ -315,13 +204,6 @@ const Scene = (() => {
     context.setLineDash([]);
   }
 
-  /** A wider line in the page's soft colour under one that would not show, such as black at night. */
-  function halo(context, colours, width, draw) {
-    context.strokeStyle = colours.soft;
-    context.lineWidth = width;
-    draw();
-  }
-
   /** Where the vehicle is: a dot on its way and at success, a cross at a collision, a square at a timeout. */
   function vehicle(context, project, track, time, colours) {
     const at = project(position(track, time));
@@ -378,62 +260,5 @@ const Scene = (() => {
     return box;
   }
 
-  /** Distance to the waypoint over time, with the moment shown in the picture above. */
-  function chart(canvas, show) {
-    const { context, width, height } = prepare(canvas, show.printing && [PAPER[0], 130]);
-    const { world, tracks, time, longest } = show;
-    const colours = palette(show.printing);
-    const area = { left: 40, right: width - 12, top: 12, bottom: height - 30 };
-    let most = 10;
-    for (const track of tracks) for (const d of track.distance) most = Math.max(most, d);
-    const x = (t) => area.left + ((area.right - area.left) * t) / (longest || 1);
-    const y = (d) => area.bottom - ((area.bottom - area.top) * d) / most;
-    context.fillStyle = colours.soft;
-    context.lineWidth = 1;
-    const step = most > 60 ? 50 : most > 25 ? 20 : 10;
-    for (let d = 0; d <= most; d += step) {
-      context.strokeStyle = colours.rule;
-      context.globalAlpha = d ? 0.5 : 1;
-      stroke(context, [[area.left, y(d)], [area.right, y(d)]]);
-      context.globalAlpha = 1;
-      context.textAlign = "right";
-      context.textBaseline = "middle";
-      context.fillText(text(d), area.left - 7, y(d));
-    }
-    const ticks = [1, 2, 5, 10, 20, 50, 100, 200, 500].find((s) => longest / s <= Math.max(3, width / 90)) ?? 1000;
-    context.textBaseline = "top";
-    context.textAlign = "center";
-    for (let t = 0; t <= longest; t += ticks) context.fillText(text(t), x(t), area.bottom + 5);
-    context.textAlign = "right";
-    context.fillStyle = colours.ink;
-    context.fillText("time, s", area.right, area.bottom + 17);
-    context.textAlign = "left";
-    context.fillText("distance to the waypoint, m", area.left + 6, 0);
-    context.strokeStyle = colours.water;
-    context.setLineDash([4, 3]);
-    stroke(context, [[area.left, y(world.goal_radius)], [area.right, y(world.goal_radius)]]);
-    context.setLineDash([]);
-    for (const track of tracks) {
-      const points = Array.from(track.distance, (d, i) => [x(Math.min(i * track.dt, track.end)), y(d)]);
-      if (contrast(track.colour, colours.raised) < 2) halo(context, colours, 3.6, () => stroke(context, points));
-      context.strokeStyle = track.colour;
-      context.lineWidth = 1.6;
-      context.setLineDash(DASHES[track.dash] ?? []);
-      stroke(context, points);
-      context.setLineDash([]);
-    }
-    context.setLineDash([]);
-    context.strokeStyle = colours.ink;
-    context.lineWidth = 1;
-    stroke(context, [[x(time), area.top], [x(time), area.bottom]]);
-    return { toTime: (px) => Math.max(0, Math.min(longest, ((px - area.left) / (area.right - area.left)) * longest)) };
-  }
-
-  function stroke(context, points) {
-    context.beginPath();
-    points.forEach(([px, py], i) => (i ? context.lineTo(px, py) : context.moveTo(px, py)));
-    context.stroke();
-  }
-
-  return { Camera, DASHES, PAPER, bounds, contrast, draw, chart, position };
+  return { bounds, draw, position };
 })();

@@ -10,7 +10,7 @@
   const OUTCOMES = { success: "success", collision: "collision", timeout: "timeout", "": "unknown" };
   const PLAY_SECONDS = 9;
 
-  const camera = new Scene.Camera();
+  const camera = new Camera();
   const chosen = new Set(); // run ids
   let episode = world.episodes[0];
   let tracks = [];
@@ -38,7 +38,7 @@
     queued = false;
     const show = { world, waypoint: episode.waypoint, tracks: shown(), time, longest: longest(), printing };
     Scene.draw(canvas, camera, show);
-    toTime = Scene.chart(plot, show).toTime;
+    toTime = Chart.draw(plot, show).toTime;
     by("now").value = `${time.toFixed(1)} s of ${longest().toFixed(1)} s`;
     for (const row of body.rows) {
       const track = tracks[Number(row.dataset.track)];
@@ -77,9 +77,9 @@
     const svg = document.createElementNS(space, "svg");
     const line = document.createElementNS(space, "line");
     for (const [name, value] of Object.entries({ width: 26, height: 10, "aria-hidden": "true" })) svg.setAttribute(name, value);
-    const look = { x1: 1, x2: 25, y1: 5, y2: 5, stroke: track.colour, "stroke-width": 3, "stroke-dasharray": Scene.DASHES[track.dash]?.join(" ") ?? "" };
+    const look = { x1: 1, x2: 25, y1: 5, y2: 5, stroke: track.colour, "stroke-width": 3, "stroke-dasharray": Pen.DASHES[track.dash]?.join(" ") ?? "" };
     for (const [name, value] of Object.entries(look)) line.setAttribute(name, value);
-    if (Scene.contrast(track.colour, "#172026") < 2) svg.classList.add("dim");
+    if (Pen.contrast(track.colour, "#172026") < 2) svg.classList.add("dim");
     svg.append(line);
     return svg;
   }
@@ -251,7 +251,7 @@
   window.addEventListener("beforeprint", () => {
     before = { ...camera };
     printing = true;
-    camera.fit(Scene.bounds(world, episode.waypoint, shown()), ...Scene.PAPER);
+    camera.fit(Scene.bounds(world, episode.waypoint, shown()), ...Pen.PAPER);
     draw();
   });
   window.addEventListener("afterprint", () => {

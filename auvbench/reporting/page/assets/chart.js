@@ -1,0 +1,64 @@
+// Distance to the waypoint over time, under the picture.
+const Chart = (() => {
+  "use strict";
+  const { DASHES, PAPER, palette, contrast, prepare, halo, text } = Pen;
+
+  /** Distance to the waypoint over time, with the moment shown in the picture above. */
+  function draw(canvas, show) {
+    const { context, width, height } = prepare(canvas, show.printing && [PAPER[0], 130]);
+    const { world, tracks, time, longest } = show;
+    const colours = palette(show.printing);
+    const area = { left: 40, right: width - 12, top: 12, bottom: height - 30 };
+    let most = 10;
+    for (const track of tracks) for (const d of track.distance) most = Math.max(most, d);
+    const x = (t) => area.left + ((area.right - area.left) * t) / (longest || 1);
+    const y = (d) => area.bottom - ((area.bottom - area.top) * d) / most;
+    context.fillStyle = colours.soft;
+    context.lineWidth = 1;
+    const step = most > 60 ? 50 : most > 25 ? 20 : 10;
+    for (let d = 0; d <= most; d += step) {
+      context.strokeStyle = colours.rule;
+      context.globalAlpha = d ? 0.5 : 1;
+      stroke(context, [[area.left, y(d)], [area.right, y(d)]]);
+      context.globalAlpha = 1;
+      context.textAlign = "right";
+      context.textBaseline = "middle";
+      context.fillText(text(d), area.left - 7, y(d));
+    }
+    const ticks = [1, 2, 5, 10, 20, 50, 100, 200, 500].find((s) => longest / s <= Math.max(3, width / 90)) ?? 1000;
+    context.textBaseline = "top";
+    context.textAlign = "center";
+    for (let t = 0; t <= longest; t += ticks) context.fillText(text(t), x(t), area.bottom + 5);
+    context.textAlign = "right";
+    context.fillStyle = colours.ink;
+    context.fillText("time, s", area.right, area.bottom + 17);
+    context.textAlign = "left";
+    context.fillText("distance to the waypoint, m", area.left + 6, 0);
+    context.strokeStyle = colours.water;
+    context.setLineDash([4, 3]);
+    stroke(context, [[area.left, y(world.goal_radius)], [area.right, y(world.goal_radius)]]);
+    context.setLineDash([]);
+    for (const track of tracks) {
+      const points = Array.from(track.distance, (d, i) => [x(Math.min(i * track.dt, track.end)), y(d)]);
+      if (contrast(track.colour, colours.raised) < 2) halo(context, colours, 3.6, () => stroke(context, points));
+      context.strokeStyle = track.colour;
+      context.lineWidth = 1.6;
+      context.setLineDash(DASHES[track.dash] ?? []);
+      stroke(context, points);
+      context.setLineDash([]);
+    }
+    context.setLineDash([]);
+    context.strokeStyle = colours.ink;
+    context.lineWidth = 1;
+    stroke(context, [[x(time), area.top], [x(time), area.bottom]]);
+    return { toTime: (px) => Math.max(0, Math.min(longest, ((px - area.left) / (area.right - area.left)) * longest)) };
+  }
+
+  function stroke(context, points) {
+    context.beginPath();
+    points.forEach(([px, py], i) => (i ? context.lineTo(px, py) : context.moveTo(px, py)));
+    context.stroke();
+  }
+
+  return { draw };
+})();
