@@ -4,7 +4,8 @@ Outer loop: a velocity towards the waypoint, `cruise_speed` when far and `approa
 loop: proportional-integral control of the velocity with the drag at the wanted speed as feed-forward, and of the
 heading towards the waypoint. The wanted wrench is allocated to the thrusters by the pseudo-inverse (Fossen 2021,
 section 11.2.1, unconstrained allocation) and scaled down as a whole where a thruster would saturate, so that its
-direction is kept. Gains follow from bandwidths and the masses of the vehicle's sheet.
+direction is kept. A vehicle with fins runs ahead and steers with them (`steering.py`). Gains follow from bandwidths
+and the masses of the vehicle's sheet.
 
 It has no better sensors than the learners: yaw is the bearing to the waypoint less the yaw error, velocities are
 filtered differences of the noisy readings.
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
+from auvbench.agents.steering import Steering
 from auvbench.config import schema
 from auvbench.vehicles.inspect import reach
 from auvbench.vehicles.model import VehicleModel
@@ -48,6 +50,8 @@ class PIDController:
         # Exact discretisation of a first-order low-pass filter.
         self.smoothing = 1.0 - np.exp(-self.dt / gains.filter_time)
         self.lift = vehicle.buoyancy - vehicle.weight
+        special = any(unit.kind != "thruster" for unit in vehicle.units)
+        self.steering = Steering(vehicle, gains.heading_bandwidth, self.dt) if special else None
         self.reset(np.empty(0, dtype=np.int64))
 
     def reset(self, episodes: Integers) -> None:
@@ -58,6 +62,8 @@ class PIDController:
         self.velocity: Floats = np.zeros((n, 3))
         self.yaw_rate: Floats = np.zeros(n)
         self.integral: Floats = np.zeros((n, 3))
+        if self.steering is not None:
+            self.steering.reset(n)
 
     def act(self, observation: Observations) -> Actions:
         g = self.gains
@@ -74,6 +80,9 @@ class PIDController:
         drag = (vehicle.linear_damping[:3] + vehicle.quadratic_damping[:3] * np.abs(feed)) * feed
         force = self.mass[:3] * (g.bandwidth * miss + self.integral) + drag
         force[:, HEAVE] -= self.lift
+        if self.steering is not None:
+            # Fins work by way through the water: always ahead, with all there is.
+            force[:, SURGE] = np.sum(vehicle.force_limits[:, 1])
         omega = g.heading_bandwidth
         moment = self.mass[YAW] * (omega**2 * yaw_error - 2.0 * omega * self.yaw_rate)
 
@@ -85,6 +94,8 @@ class PIDController:
         for row in range(6):
             thrust += wrench[:, row : row + 1] * self.allocation[:, row]
         action, saturated = self._within_limits(thrust)
+        if self.steering is not None:
+            action = action + self.steering.act(error, yaw_error, self.velocity)
         # Conditional integration: no wind-up while the thrusters give all they have.
         step = g.bandwidth / g.integral_time * self.dt
         self.integral += np.where(saturated[:, None], 0.0, step * miss)
