@@ -19,7 +19,7 @@ LEARNERS: dict[str, str] = {
     "td3": "stable_baselines3:TD3",
 }
 CONTROLLERS: dict[str, str] = {
-    "pid": "auvbench.agents.pid:PIDController",
+    "pid": "auvbench.agents.pid:controller",
     "random": "auvbench.agents.random:RandomAgent",
 }
 
