@@ -18,8 +18,9 @@ from auvbench.vehicles.model import VehicleModel
 Floats = NDArray[np.float64]
 
 STEEPEST = np.radians(35.0)  # flight-path angle asked for
-RUDDER_GAIN = 2.0  # rad of rudder per rad of yaw error
-RATE_GAIN = 6.0  # rad per rad/s
+RUDDER_GAIN = 4.0  # rad of rudder per rad of yaw error; the hull damps the turn by itself
+TURNING_RADIUS = 14.0  # m of the Tethys at full rudder, 0.9 m/s and 0.064 rad/s
+MARGIN = 3.0  # m; the goal's radius
 PATH_GAIN = 1.0  # rad of elevator per rad of flight-path error
 LEAD_GAIN = 0.35  # rad of elevator per rad of wanted flight-path angle
 
@@ -55,7 +56,7 @@ class FinController:
         wanted = np.clip(np.arctan2(now.error[:, 2], np.maximum(level, 1e-6)), -STEEPEST, STEEPEST)
         path = np.arctan2(now.velocity[:, 2], np.maximum(np.hypot(*now.velocity[:, :2].T), 0.3))
 
-        turn = RUDDER_GAIN * self._heading_error(level) - RATE_GAIN * now.yaw_rate
+        turn = RUDDER_GAIN * self._heading_error(level)
         climb = PATH_GAIN * (wanted - path) + LEAD_GAIN * wanted
         climb = np.where(speed < 0.1, 0.0, climb)
         lift = np.clip(now.error[:, 2] / 3.0, -1.0, 1.0)
@@ -80,11 +81,11 @@ class FinController:
     def _heading_error(self, level: Floats) -> Floats:
         """Yaw error (n,) to steer by; zero while a waypoint inside the turning circle is run away from."""
         error = self.estimate.yaw_error
-        radius = np.maximum(np.linalg.norm(self.estimate.velocity, axis=1), 0.3) / 0.06
-        # Inside a turning circle: nearer than the chord that the tightest turn cuts off at this bearing.
-        inside = level < 2.0 * radius * np.abs(np.sin(error))
-        behind = np.abs(error) > np.pi / 2
-        self.opening = np.where(self.opening, level < 1.6 * radius, inside & behind & (level > 4.0))
+        # Distance of the waypoint from the centre of the tightest turn to its side.
+        ahead, aside = level * np.cos(error), level * np.abs(np.sin(error))
+        off = np.hypot(ahead, aside - TURNING_RADIUS)
+        within = (off < TURNING_RADIUS - MARGIN) & (level > MARGIN)
+        self.opening = np.where(self.opening, off < TURNING_RADIUS, within)
         return np.where(self.opening, 0.0, error)
 
     def _normalised(self, j: int, angle: Floats) -> Floats:
