@@ -31,15 +31,15 @@ SUCCESS_RADIUS = 3.0
 DEPTH = (-60.0, -1.0)
 MAX_STEPS = 1000
 ROBUSTNESS = (
-    "calm",
-    "moderate",
-    "severe",
-    *(f"current={v}" for v in ("0.0", "0.25", "0.5", "0.75", "1.0")),
-    *(f"delay={v}" for v in ("0.0", "0.1", "0.2", "0.5")),
-    *(f"noise={v}" for v in ("1.0", "2.0", "4.0", "8.0")),
-    *(f"mass={v}" for v in ("0.7", "1.0", "1.3")),
-    *(f"dead_thruster={v}" for v in ("0", "1")),
+    "nominal",
+    *(f"level={v}" for v in ("calm", "moderate", "severe")),
+    *(f"current={v}" for v in ("0.25", "0.5", "0.75", "1")),
+    "dead-thruster",
+    *(f"delay={v}" for v in ("0.1", "0.2", "0.3", "0.5")),
+    *(f"noise={v}" for v in ("2", "4", "8")),
+    *(f"{name}={v}" for name in ("mass", "drag") for v in ("0.7", "1.3")),
 )
+"""the conditions of conf/protocol/robustness.yaml"""
 EPISODE_COLUMNS = (
     "episode",
     "environment",
@@ -212,15 +212,15 @@ def _number(text: str) -> int:
 def _weathered(skill: Skill, condition: str) -> Skill:
     """The skill under a condition of the robustness protocol."""
     name, _, text = condition.partition("=")
-    value = float(text) if text else 0.0
+    value = 0.0 if name in ("nominal", "level", "dead-thruster") else float(text)
     harm = {
-        "moderate": 0.8,
-        "severe": 2.2,
+        "level": {"moderate": 0.8, "severe": 2.2}.get(text, 0.0),
         "current": 3.5 * value**2,
         "delay": 6.0 * value,
         "noise": 0.35 * (value - 1),
         "mass": 2.0 * abs(value - 1),
-        "dead_thruster": 1.5 * value,
+        "drag": 1.0 * abs(value - 1),
+        "dead-thruster": 1.5,
     }.get(name, 0.0)
     logit = np.log(skill.success / (1 - skill.success)) - harm
     return Skill(

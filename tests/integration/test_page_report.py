@@ -36,7 +36,7 @@ def test_report_command_writes_the_page(tmp_path: Path) -> None:
     assert '"episode": 2' in page.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("condition", ["severe", "current=0.5"])
+@pytest.mark.parametrize("condition", ["level=severe", "current=0.5"])
 def test_page_of_another_condition_shows_its_paths(tmp_path: Path, condition: str) -> None:
     protocols = {"robustness": ROBUSTNESS}
     write_experiment(tmp_path / "grid", protocols=protocols, seeds=(0,), episodes=12, train_episodes=20)

@@ -104,7 +104,7 @@ def test_27_agents_stay_readable(name: str, many: Scene) -> None:
 @pytest.fixture(scope="module")
 def many(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     root = tmp_path_factory.mktemp("runs") / "many"
-    protocols = {"test": ("nominal",), "robustness": ("calm", "current=0.5", "current=1.0")}
+    protocols = {"test": ("nominal",), "robustness": ("nominal", "current=0.5", "current=1")}
     grid = {"reward_k": (1, 40, 100), "frequencies": (10, 25, 55)}
     return build(
         root,
@@ -211,7 +211,7 @@ def test_robustness_never_mixes_scenarios(small: Scene, tmp_path: Path) -> None:
         algorithms=("ppo",),
         seeds=(0, 1),
         episodes=10,
-        protocols={"test": ("nominal",), "robustness": ("calm",)},
+        protocols={"test": ("nominal",), "robustness": ("nominal", "level=calm")},
     )
     path = drawn_from.agents[0].runs[1].directory / "evaluations" / "robustness" / "summary.json"
     canvas = draw("robustness", drawn_from)
@@ -221,6 +221,44 @@ def test_robustness_never_mixes_scenarios(small: Scene, tmp_path: Path) -> None:
     canvas = draw("robustness", drawn_from)
     assert canvas is not None
     assert (bands, len(canvas.axes[0].collections)) == (1, 0)
+
+
+def test_robustness_has_a_panel_per_factor_with_the_undisturbed_condition_in_its_place(small: Scene) -> None:
+    canvas = draw("robustness", small)
+    assert canvas is not None
+    panels = {ax.get_title(loc="left"): ax for ax in canvas.axes if ax.get_visible()}
+    assert list(panels) == [
+        *(
+            "level",
+            "current (m/s)",
+            "other conditions",
+            "delay (s)",
+            "noise (times)",
+            "mass (times)",
+            "drag (times)",
+        )
+    ]
+    ticks = {title: [text.get_text() for text in ax.get_xticklabels()] for title, ax in panels.items()}
+    assert ticks["level"] == ["nominal", "calm", "moderate", "severe"]
+    assert ticks["current (m/s)"] == ["0", "0.25", "0.5", "0.75", "1"]
+    assert ticks["mass (times)"] == ["0.7", "1", "1.3"]
+    nominal = [100 * r["success_rate"] for r in _nominal(small)]
+    first = [float(np.asarray(line.get_ydata())[0]) for line in panels["current (m/s)"].lines]
+    assert first == pytest.approx(nominal)
+
+
+def _nominal(drawn_from: Scene) -> list[dict[str, float]]:
+    """Each agent's undisturbed condition, mean over seeds."""
+    found = []
+    for agent in drawn_from.agents:
+        rates = [
+            json.loads((run.directory / "evaluations" / "robustness" / "summary.json").read_text())[
+                "conditions"
+            ][0]
+            for run in agent.runs
+        ]
+        found.append({"success_rate": float(np.mean([rate["success_rate"] for rate in rates]))})
+    return found
 
 
 def test_returns_of_different_k_ask_for_another_axis() -> None:

@@ -219,7 +219,7 @@ def test_grouping_by_less_pools_and_by_nonsense_is_refused(grid: list[Path]) -> 
 
 def test_conditions(grid: list[Path]) -> None:
     for path in grid[:-1]:
-        write_evaluation(path, "robustness", ("calm", "current=0.5"), 6)
+        write_evaluation(path, "robustness", ("nominal", "current=0.5"), 6)
     runs, problems = load([grid[0].parent], ("test", "robustness"))
     assert problems == []  # a second protocol may be absent from a run
     assert available_protocols(runs) == ["robustness", "test"]
