@@ -152,7 +152,7 @@ def test_a_training_whose_run_was_taken_over_stops_without_writing_more(folder: 
 def test_a_sweep_killed_again_and_again_ends_as_one_that_was_not(folder: Path) -> None:
     """Eight runs, ten times kill -9 of the whole process group at random moments."""
     sweep = ["train", "-m", "algo=ppo,sac", "seed=0,1,2,3", "algo.n_envs=8", "algo.net_arch=[32,32]"]
-    sweep += ["train.total_steps=3000", "train.checkpoint.steps=500"]
+    sweep += ["train.total_steps=2000", "train.checkpoint.steps=500"]
     whole = auvbench(folder, *sweep, "name=whole")
     assert whole.returncode == 0, whole.stdout + whole.stderr
     chance = random.Random(4)

@@ -13,6 +13,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from auvbench.agents.base import learns
+from auvbench.errors import RunError
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Progress
 from auvbench.runs.scheduling import estimate, progress
@@ -61,7 +63,8 @@ class Watch:
         self.rows: dict[Path, Row] = {}
         for run in runs:
             manifest = run.manifest()
-            self.rows[run.path] = Row(run, manifest["algo"], manifest["total_steps"], manifest["steps"])
+            total = manifest["total_steps"] if _trains(run) else 0
+            self.rows[run.path] = Row(run, manifest["algo"], total, manifest["steps"])
         self._next_read = 0.0
 
     def begin(self) -> None:
@@ -205,6 +208,14 @@ class TableView(Watch):
 def view(runs: Sequence[RunDirectory], slots: int | None, console: Console) -> View:
     """The view that suits where the output goes."""
     return (TableView if console.is_terminal else PlainView)(runs, slots, console)
+
+
+def _trains(run: RunDirectory) -> bool:
+    """Whether the run's budget of steps is going to be used: PID and random have nothing to learn."""
+    try:
+        return learns(run.config()["algo"]["agent"])
+    except (RunError, KeyError, TypeError):  # the worker will say what is wrong with it
+        return True
 
 
 def sentence(at: Progress) -> str:

@@ -71,6 +71,16 @@ def test_the_sweep_ends_when_its_last_run_does(runs: list[RunDirectory]) -> None
     assert view.remaining() == pytest.approx(15.0)
 
 
+def test_a_controller_that_does_not_learn_takes_no_time_worth_mentioning(runs: list[RunDirectory]) -> None:
+    for run in runs[1:]:
+        run.config_path.write_text("algo: {name: mine, agent: pid}")
+    view = views.PlainView(runs, 1, Console(file=io.StringIO()))
+    start(view, runs[0])
+    write(runs[0], 500, 100.0)
+    view.refresh()
+    assert view.remaining() == pytest.approx(5.0)
+
+
 def test_plain_lines_say_what_happens(runs: list[RunDirectory], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(views, "LINES_EVERY", 0.0)
     text = io.StringIO()
