@@ -120,5 +120,5 @@ def _table(rows: Sequence[Row], of: int) -> None:
     counts: dict[str, int] = {}
     for row in rows:
         counts[row.state] = counts.get(row.state, 0) + 1
-    shown = f"{len(rows)} runs" if len(rows) == of else f"{len(rows)} of {of} runs"
+    shown = f"{of} run{'s' if of != 1 else ''}" if len(rows) == of else f"{len(rows)} of {of} runs"
     print(f"{shown}: " + (", ".join(f"{number} {state}" for state, number in counts.items()) or "none"))

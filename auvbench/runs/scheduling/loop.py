@@ -107,6 +107,10 @@ class Loop:
                 if not self.active:
                     raise
                 return  # a limit of the cluster, perhaps: again when a job has ended
+            except OSError as error:  # its directory has gone or takes nothing more
+                self.waiting.popleft()
+                self._settle(run, Outcome.FAILED, f"could not be started: {error}")
+                continue
             self.waiting.popleft()
             self.tries[run.path] = self.tries.get(run.path, 0) + 1
             self.active[job] = run
@@ -123,7 +127,10 @@ class Loop:
                 self.view.say(f"{run.path.name}: {status.describe()}; it is resumed")
                 self.waiting.appendleft(run)
                 continue
-            outcome, message = judge(run, job, status, cancelled=self.signals > 0)
+            try:
+                outcome, message = judge(run, job, status, cancelled=self.signals > 0)
+            except RunError as error:  # somebody removed or damaged it meanwhile
+                outcome, message = Outcome.FAILED, str(error)
             self._settle(run, outcome, message)
 
     def _settle(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
@@ -141,7 +148,7 @@ class Loop:
         self.waiting.clear()
         if self.active:
             verb = "are killed" if force else "save and leave; once more kills them"
-            self.view.say(f"interrupted: {len(self.active)} runs {verb}")
+            self.view.say(f"interrupted: the {len(self.active)} running {verb}")
         for job in self.active:
             job.cancel(force=force)
 

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.config.launchers import Slurm
-from auvbench.errors import UserError
+from auvbench.errors import RunError, UserError
 from auvbench.runs.scheduling.base import TARGET, Phase, Status, SubmitError
 from auvbench.runs.worker import LOG
 
@@ -203,7 +203,10 @@ class SlurmBackend:
 def _settled(run: Path) -> bool:
     from auvbench.runs.directory import RunDirectory
 
-    return RunDirectory(run).manifest()["state"] in ("complete", "failed", "interrupted")
+    try:
+        return RunDirectory(run).manifest()["state"] in ("complete", "failed", "interrupted")
+    except RunError:  # removed or damaged meanwhile: nothing to wait for
+        return True
 
 
 def _fields(text: str) -> dict[str, str]:

@@ -46,7 +46,8 @@ def summarise(result: Result, console: Console) -> None:
     """Counts, then each run that needs somebody's attention, by name."""
     counts = {outcome: result.of(outcome) for outcome in Outcome}
     text = ", ".join(f"{len(runs)} {outcome}" for outcome, runs in counts.items() if runs)
-    console.print(f"{len(result.outcomes)} runs: {text}", highlight=False)
+    total = len(result.outcomes)
+    console.print(f"{total} run{'s' if total != 1 else ''}: {text}", highlight=False)
     for outcome in (Outcome.FAILED, Outcome.INTERRUPTED, Outcome.HELD):
         for path, message in counts[outcome].items():
             console.print(f"  {outcome}: {path}: {message}", soft_wrap=True, highlight=False, markup=False)

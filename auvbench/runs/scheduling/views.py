@@ -126,7 +126,7 @@ class Watch:
         parts = [f"{count.pop(str(Outcome.COMPLETE), 0)} of {len(self.rows)} complete"]
         parts += [f"{number} {state}" for state, number in sorted(count.items()) if state != "waiting"]
         left = self.remaining()
-        if left is None:
+        if not left:  # unknown, or over
             return ", ".join(parts)
         until = datetime.now().astimezone() + timedelta(seconds=left)
         day = "" if until.date() == datetime.now().astimezone().date() else f"{until:%a} "

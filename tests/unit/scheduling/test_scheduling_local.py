@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -156,7 +157,7 @@ def test_a_signal_is_passed_on_and_the_runs_save(folder: Path, number: signal.Si
     process.send_signal(number)
     output, _ = process.communicate(timeout=30)
     assert process.returncode == code, output
-    assert "2 runs save and leave" in output
+    assert "the 2 running save and leave" in output
     assert "2 interrupted, 1 not started" in output
     states = [run.manifest()["state"] for run in runs]
     assert sorted(states) == ["interrupted", "interrupted", "pending"]
@@ -224,6 +225,19 @@ def test_outputs_that_cannot_be_written_fail_with_a_clear_message(folder: Path) 
     result, _ = carry_out([run])
     assert "cannot be locked" in (run.path / "train" / "log.txt").read_text()
     assert result.exit_code == 1
+
+
+def test_a_run_that_is_removed_meanwhile_costs_no_other(folder: Path) -> None:
+    gone = fake_training.make(folder / "gone", step_s=0.05)
+    good = fake_training.make(folder / "good", step_s=0.05)
+    process = start_sweep(folder)
+    until(lambda: under_way([gone, good]) == 2)
+    shutil.rmtree(gone.path, ignore_errors=True)
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 1, output
+    assert f"failed: {gone.path}: " in output
+    assert good.manifest()["state"] == "complete"
+    shutil.rmtree(gone.path, ignore_errors=True)
 
 
 def test_a_worker_computes_with_one_thread(folder: Path) -> None:
