@@ -137,6 +137,7 @@ class RunDirectory:
 
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
 def place(config: Mapping[str, Any]) -> RunDirectory:
@@ -163,7 +164,7 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
         return run
     try:
         run.path.mkdir(parents=True, exist_ok=True)
-        write_atomic(run.config_path, HEADER + yaml.safe_dump(dict(config), sort_keys=False))
+        write_atomic(run.config_path, HEADER + yaml.dump(dict(config), Dumper=_DUMPER, sort_keys=False))
         # Of two sweeps that begin at once, the slower must not undo what the faster's worker has written by now.
         create_atomic(run.manifest_path, as_json(_fresh_manifest(run, config, command)))
     except OSError as error:
