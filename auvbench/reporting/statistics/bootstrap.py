@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.special import ndtr, ndtri
-from scipy.stats import trim_mean
 
 from auvbench.reporting.statistics.intervals import FloatArray
 
@@ -36,6 +35,8 @@ def iqm(values: FloatArray, axis: int = -1) -> FloatArray:
     >>> float(iqm(np.array([0.0, 1.0, 2.0, 3.0, 100.0, 3.0, 2.0, -50.0])))
     2.0
     """
+    from scipy.stats import trim_mean  # half a second of imports that most reports do not need
+
     return np.asarray(trim_mean(values, 0.25, axis=axis))
 
 

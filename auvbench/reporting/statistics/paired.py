@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, gammaln
-from scipy.stats import rankdata
 
 from auvbench.reporting.model import Estimate
 from auvbench.reporting.statistics.crossed import covers, crossed, means
@@ -61,6 +60,8 @@ def probability_of_improvement(x: ArrayLike, y: ArrayLike) -> float:
     0.6666666666666666
     """
     x, y = np.asarray(x, dtype=np.float64).ravel(), np.asarray(y, dtype=np.float64).ravel()
+    from scipy.stats import rankdata  # half a second of imports that most reports do not need
+
     ranks = rankdata(np.concatenate([x, y]))[: len(x)]
     return float((ranks.sum() - len(x) * (len(x) + 1) / 2) / (len(x) * len(y)))
 

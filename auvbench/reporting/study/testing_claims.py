@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from auvbench.reporting.effects import learns, matched, mean_difference
 from auvbench.reporting.measures import measure
@@ -150,6 +149,8 @@ def rank_correlation(
 
     tanh(atanh rho ± z sqrt((1 + rho²/2) / (n - 3))).
     """
+    from scipy.stats import spearmanr  # half a second of imports that most reports do not need
+
     rho = float(spearmanr(x, y).statistic)
     if not np.isfinite(rho):
         return Estimate(0.0, -1.0, 1.0, confidence)
