@@ -6,7 +6,7 @@ import argparse
 import os
 import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from importlib import resources
 from pathlib import Path
@@ -104,6 +104,10 @@ def write(report: Report, options: Options, command: str) -> list[Path]:
     from auvbench.reporting import write as files
 
     out = options.out or beside(report.runs)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot write into {out}: {error.strerror}") from error
     ranking = report.ranking
     written = []
     figures: Sequence[Figure] = ()
@@ -266,15 +270,17 @@ def _options(settings: Mapping[str, Any]) -> Options:
         condition=str(settings["condition"]),
         format=formats,
         figures=settings["figures"],
-        out=None if settings["out"] is None else Path(settings["out"]),
+        out=None if settings["out"] is None else Path(str(settings["out"])),
         study=study,
         confidence=confidence,
         seed=int(_number("seed", settings["seed"], 0, 2**32 - 1)),
     )
 
 
-def _names(value: str | Iterable[str]) -> tuple[str, ...]:
-    names = value.split(",") if isinstance(value, str) else list(value)
+def _names(value: Any) -> tuple[str, ...]:
+    names = value.split(",") if isinstance(value, str) else value
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise UserError(f"{value!r} is not a list of names")
     cleaned = tuple(dict.fromkeys(name.strip() for name in names if name.strip()))
     if not cleaned:
         raise UserError(f"an empty list of names: {value!r}")

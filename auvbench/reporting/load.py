@@ -112,6 +112,8 @@ def _read_run(directory: Path) -> RunRecord:
     manifest = _json(directory / "manifest.json")
     if missing := {"id", "state", "seed"} - manifest.keys():
         raise _Damage(f"manifest.json is not that of a run (no {', '.join(sorted(missing))})", "foreign")
+    if not isinstance(manifest["seed"], int):
+        raise _Damage(f"manifest.json has the seed {manifest['seed']!r}, which is no integer")
     path = directory / "config.yaml"
     try:
         # The C loader is ten times faster than OmegaConf on a resolved configuration.
@@ -126,7 +128,7 @@ def _read_run(directory: Path) -> RunRecord:
         id=str(manifest["id"]),
         directory=directory,
         state=str(manifest["state"]),
-        seed=int(manifest["seed"]),
+        seed=manifest["seed"],
         config=dict(_flat(config)),
         manifest=manifest,
     )
@@ -196,7 +198,8 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str], problems: list[P
 def _why_not(run: RunRecord) -> Problem:
     manifest = run.manifest
     if run.state == "failed":
-        error = manifest.get("error") or {}
+        error = manifest.get("error")
+        error = error if isinstance(error, dict) else {}
         at = f" at step {error['step']:,}" if isinstance(error.get("step"), int) else ""
         return Problem(run.id, "failed", f"failed{at}: {error.get('message', 'no message')}")
     steps, total = manifest.get("steps") or 0, manifest.get("total_steps") or 0
@@ -231,7 +234,10 @@ def _read_episodes(path: Path, summary: Mapping[str, Any]) -> pd.DataFrame:
     needed = ("condition", "episode", "outcome", *CORE_COLUMNS)
     if missing := [c for c in needed if c not in frame.columns]:
         raise _Damage(f"episodes.csv lacks the columns {', '.join(missing)}")
-    expected = sum(int(c["episodes"]) for c in summary["conditions"])
+    try:
+        expected = sum(int(condition["episodes"]) for condition in summary["conditions"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise _Damage("summary.json does not say how many episodes each condition has") from error
     if len(frame) != expected:
         raise _Damage(f"episodes.csv has {len(frame)} rows, summary.json says {expected}: evaluate again")
     if not ends_with_newline or frame.iloc[-1:, -1].isna().any():

@@ -121,6 +121,8 @@ def test_what_can_be_reported_is_and_the_rest_is_named(
         (("--confidence", "95"), "confidence='95' is not a number from 0.5 to 0.999"),
         (("--seed", "x"), "seed='x' is not a number"),
         (("--study", "thesys"), "did you mean 'thesis'?"),
+        (("--out", "/dev/null/report"), "cannot write into /dev/null/report"),
+        (("--format", ","), "an empty list of names"),
         (("--preset", "nowhere.yaml"), "cannot read the preset nowhere.yaml"),
     ],
 )
@@ -172,8 +174,9 @@ def test_a_preset_holds_options_and_the_command_line_beats_it(grid: list[Path], 
     )
     success = [float(row["success_rate"]) for row in rows(tmp_path / "b")]
     assert success == sorted(success, reverse=True)
-    preset.write_text("rank_bye: mean_steps\n")
-    assert report(grid[0].parent, "--preset", preset) == 2
+    for wrong in ("rank_bye: mean_steps", "format: 5", "group_by: null", "figures: perhaps", "[", "- a"):
+        preset.write_text(wrong)
+        assert report(grid[0].parent, "--preset", preset) == 2
 
 
 def test_the_thesis_is_answered_and_stands_beside_our_table(

@@ -64,6 +64,8 @@ def _rates(agent: Agent) -> Curve:
             continue
         fingerprint = found.get("fingerprint")
         for condition in found.get("conditions", ()):
+            if not {"name", "success_rate"} <= condition.keys():
+                continue
             rates.setdefault(str(condition["name"]), []).append(100 * float(condition["success_rate"]))
     return rates
 

@@ -137,6 +137,14 @@ def test_damaged_manifest_and_config_are_named(grid: list[Path]) -> None:
     assert kinds(problems) == {str(path): kind for path, kind in zip(grid, expected, strict=False)}
 
 
+def test_fields_of_another_type_are_named(grid: list[Path]) -> None:
+    edit(grid[0] / "manifest.json", seed=None)
+    edit(grid[1] / "evaluations" / "test" / "summary.json", conditions=[{"name": "nominal"}])
+    edit(grid[2] / "manifest.json", state="failed", error="just words")
+    _, problems = load([grid[0].parent])
+    assert kinds(problems) == {str(grid[0]): "damaged", grid[1].name: "damaged", grid[2].name: "failed"}
+
+
 def test_failed_and_unfinished_runs_are_named_and_leave_the_table(grid: list[Path]) -> None:
     set_state([grid[0]], "failed", "loss is nan")
     set_state([grid[1]], "interrupted")
