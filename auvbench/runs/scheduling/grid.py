@@ -8,6 +8,7 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
+from auvbench.agents.base import learns
 from auvbench.config import launchers
 from auvbench.errors import ConfigError
 from auvbench.runs import plan
@@ -35,15 +36,21 @@ def carry_out(
     distinct: dict[Path, DictConfig] = {}
     for config in configs:
         distinct.setdefault(plan.check(config).path, config)
-    chosen = backend(configs[0].launcher, target=target)
+    learning = any(learns(config.algo.agent) for config in distinct.values())
+    chosen = backend(configs[0].launcher, target=target, learning=learning)
     if any(config.launcher != configs[0].launcher for config in configs):
         raise ConfigError("launcher: a grid has one launcher; it cannot be an axis")
     runs: list[RunDirectory] = [plan.prepare(config, command) for config in distinct.values()]
     return sweep(runs, chosen, console)
 
 
-def backend(launcher: DictConfig, *, target: str = TARGET) -> Backend:
+def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True) -> Backend:
     """The backend that a `launcher` configuration names.
+
+    Args:
+        launcher: the composed `launcher` group.
+        target: what a worker calls with a run directory, as module:function.
+        learning: whether any of the runs learns; without, nobody waits for torch.
 
     Raises:
         UserError: it cannot work on this machine.
@@ -59,7 +66,7 @@ def backend(launcher: DictConfig, *, target: str = TARGET) -> Backend:
 
         return RayBackend(options, target=target)
     if isinstance(options, launchers.Local):
-        from auvbench.runs.scheduling.local import LocalBackend
+        from auvbench.runs.scheduling.local import KERNELS, PRELOAD, LocalBackend
 
-        return LocalBackend(options.workers, target=target)
+        return LocalBackend(options.workers, target=target, preload=PRELOAD if learning else KERNELS)
     raise ConfigError("launcher: its file must start from a schema (see conf/launcher)")

@@ -19,15 +19,17 @@ from typing import Any, ClassVar
 from auvbench.runs.scheduling.base import TARGET, Phase, Status, SubmitError
 from auvbench.runs.worker import ONE_THREAD
 
+KERNELS = ("auvbench.runs.scheduling.warm:kernels",)
+"""What every run does first."""
+
 PRELOAD = (
-    "auvbench.runs.training",
     "auvbench.runs.learning",
     "stable_baselines3",
     "torch.utils.tensorboard",
     "torch._dynamo",  # which the first optimiser of a process imports, unasked
-    "auvbench.runs.scheduling.warm:kernels",
+    *KERNELS,
 )
-"""What training imports sooner or later, and what it does first."""
+"""What a learner imports sooner or later besides."""
 
 
 @dataclass(slots=True, eq=False)
