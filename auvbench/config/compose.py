@@ -12,6 +12,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -119,9 +120,13 @@ def option(group: str, choice: str) -> DictConfig:
     Raises:
         ConfigError: there is no such group or option.
     """
-    node = compose("train", [f"{group}={choice}"])[group]
-    assert isinstance(node, DictConfig)
-    return node
+    return OmegaConf.create(_option(group, choice))
+
+
+@lru_cache(maxsize=256)
+def _option(group: str, choice: str) -> Any:
+    """Composing takes a tenth of a second, and a protocol asks for the same few options for every run."""
+    return OmegaConf.to_container(compose("train", [f"{group}={choice}"])[group])
 
 
 def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:

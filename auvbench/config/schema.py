@@ -319,6 +319,7 @@ class Protocol:
     frequency: float | None = field(metadata={"low": 0.0, "high": 1000.0, "open_low": True})
     batch: int = number(1, 65_536)
     trajectories: int = number(0, 100_000)
+    overrides: list[str]
     conditions: list[Condition]
 
 

@@ -33,6 +33,8 @@ class Circumstance:
 def circumstances(protocol: schema.Protocol, config: dict[str, Any]) -> list[Circumstance]:
     """The conditions of a protocol for a run's resolved configuration.
 
+    Task, noise and disturbance are the protocol's, whatever the run was trained with.
+
     Conditions on a vehicle with other actuators than the run's are left out: its policy cannot act there.
 
     Raises:
@@ -52,12 +54,14 @@ def _circumstance(
     protocol: schema.Protocol, condition: schema.Condition, config: dict[str, Any]
 ) -> Circumstance:
     node = OmegaConf.create(config)
-    for override in condition.overrides:
+    for override in [*protocol.overrides, *condition.overrides]:
         key, separator, value = override.partition("=")
         where = f"protocol {protocol.name}, condition {condition.name}"
         if not separator:
             raise ConfigError(f"{where}: {override!r} is not key=value")
         _apply(node, key, value, where)
+    # How the observation is written down is the agent's affair, not the scenario's.
+    node.task.position_frame = config["task"]["position_frame"]
     frequency = condition.frequency or protocol.frequency
     result = typed(node)
     if frequency is not None:
@@ -100,7 +104,7 @@ def _condition_fingerprint(protocol: schema.Protocol, circumstance: Circumstance
         "episodes": protocol.episodes,
         "seed": protocol.seed,
         "condition": circumstance.name,
-        "task": asdict(config.task),
+        "task": {key: value for key, value in asdict(config.task).items() if key != "position_frame"},
         "noise": asdict(config.noise),
         "disturbance": _plain(config.disturbance),
         "vehicle": without_descriptions(config.vehicle),

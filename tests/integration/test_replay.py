@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from auvbench.cli import main
+from auvbench.reporting.replay import LONGEST_FILM
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def test_the_episode_is_the_one_of_the_table(run, tmp_path, capsys):
     with Image.open(tmp_path / "test-nominal-3.png") as figure:
         assert len(set(figure.convert("L").getdata())) > 50, "the figure is blank"
     with Image.open(film) as pictures:
-        assert pictures.n_frames == int(row["steps"]) + 1
+        assert pictures.n_frames == min(int(row["steps"]) + 1, LONGEST_FILM)
         first = pictures.convert("L").tobytes()
         pictures.seek(pictures.n_frames - 1)
         assert pictures.convert("L").tobytes() != first, "nothing moves"

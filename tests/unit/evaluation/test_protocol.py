@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -14,10 +15,12 @@ from auvbench.errors import ConfigError
 from auvbench.evaluation.protocol import circumstances, fingerprint
 
 
+@lru_cache
 def protocol(*overrides: str):
     return evaluate_config(compose("evaluate", ["protocol.episodes=5", *overrides])).protocol
 
 
+@lru_cache
 def config(*overrides: str) -> dict:
     return OmegaConf.to_container(compose("train", list(overrides)), resolve=True)
 
@@ -31,7 +34,18 @@ BASE = of(protocol(), config())
 
 @pytest.mark.parametrize(
     "override",
-    ["algo=pid", "reward.k=100", "seed=7", "step.frequency=55", "train.total_steps=3", "name=other"],
+    [
+        "algo=pid",
+        "reward.k=100",
+        "seed=7",
+        "step.frequency=55",
+        "train.total_steps=3",
+        "name=other",
+        "noise=none",
+        "task.goal_radius=2",
+        "task.position_frame=body",
+        "disturbance=severe",
+    ],
 )
 def test_agents_meet_the_same_scenarios_whatever_they_are(override):
     assert of(protocol(), config(override)) == BASE
@@ -39,15 +53,22 @@ def test_agents_meet_the_same_scenarios_whatever_they_are(override):
 
 @pytest.mark.parametrize(
     "override",
-    ["noise=none", "task.goal_radius=2", "vehicle=bluerov2_wu2018", "disturbance.current.speed=0.2"],
+    ["vehicle=bluerov2_wu2018", "vehicle.rigid_body.mass.value=16", "simulator.max_step=0.005"],
 )
-def test_other_circumstances_are_other_scenarios(override):
+def test_other_vehicles_are_other_scenarios(override):
     assert of(protocol(), config(override)) != BASE
 
 
 @pytest.mark.parametrize(
     "override",
-    ["protocol.seed=124", "protocol.episodes=6", "protocol.frequency=25", "protocol=native"],
+    [
+        "protocol.seed=124",
+        "protocol.episodes=6",
+        "protocol.frequency=25",
+        "protocol=native",
+        'protocol.overrides=["noise=none"]',
+        'protocol.overrides=["task.goal_radius=2"]',
+    ],
 )
 def test_other_tests_are_other_scenarios(override):
     assert of(protocol(override), config()) != BASE
@@ -75,6 +96,11 @@ def test_robustness_has_levels_and_one_factor_at_a_time():
     assert found["mass=0.7"].disturbance.randomisation.mass.high == 0.7
     assert found["drag=1.3"].disturbance.randomisation.damping.low == 1.3
     assert found["level=severe"].disturbance.name == "severe"
+    trained = {
+        c.name: c.config
+        for c in circumstances(protocol("protocol=robustness"), config("disturbance=moderate"))
+    }
+    assert trained["noise=2"].disturbance == nominal.disturbance, "one factor at a time"
     for name, changed in found.items():
         assert changed.task == nominal.task, name
         assert changed.step == nominal.step, name
