@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -19,6 +20,7 @@ from auvbench.runs.checkpoint.callback import Checkpointer
 from auvbench.runs.checkpoint.files import storage
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Request
+from auvbench.runs.lock import LockLostError
 from auvbench.runs.progress import Reporter, Watch
 from auvbench.runs.records import EpisodeLog
 
@@ -46,9 +48,20 @@ class Recorder(BaseCallback):
 
 
 def learn(
-    run: RunDirectory, config: schema.TrainConfig, watch: Watch | None, stop: Request | None = None
+    run: RunDirectory,
+    config: schema.TrainConfig,
+    watch: Watch | None = None,
+    stop: Request | None = None,
+    note: Callable[..., object] | None = None,
 ) -> dict[str, Any]:
     """Trains the learner of a run, from its last checkpoint on; returns what its manifest is to say.
+
+    Args:
+        run: its frozen directory.
+        config: its typed configuration.
+        watch: called with each report of progress.
+        stop: set by whoever wants the run to save and leave.
+        note: called after each checkpoint with entries for the manifest; `run.update_manifest` by default.
 
     Raises:
         TrainingError: a NaN, or a disk that is full, read-only or failing.
@@ -82,7 +95,9 @@ def learn(
     with storage(f"cannot write the records of {run.path}"):
         log = EpisodeLog(run.path / EPISODES, keep=resumed.logs[EPISODES].length if resumed else None)
         model.set_logger(Logger(str(run.train), [events.EventWriter(run.train)]))
+        note = note or run.update_manifest
         checkpointer.flush = log.flush
+        checkpointer.saved_hook = lambda: note(**_reached(model.num_timesteps, reporter))
         try:
             with finite.diagnosed(model):
                 model.learn(
@@ -91,6 +106,9 @@ def learn(
                     log_interval=_log_interval(config),
                 )
             reporter.step(model.num_timesteps, force=True)
+        except LockLostError:
+            log.abandon()  # the files are somebody else's by now
+            raise
         except BaseException:
             with suppress(OSError):
                 run.update_manifest(**_reached(model.num_timesteps, reporter))

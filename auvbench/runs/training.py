@@ -57,13 +57,16 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
             host=provenance.host(),
         )
 
-    def close(state: str, **changes: Any) -> dict[str, Any]:
+    def note(**changes: Any) -> dict[str, Any]:
         wall = before + time.monotonic() - begun
-        return run.update_manifest(state=state, ended=now(), wall_time_s=round(wall, 3), **changes)
+        return run.update_manifest(wall_time_s=round(wall, 3), **changes)
+
+    def close(state: str, **changes: Any) -> dict[str, Any]:
+        return note(state=state, ended=now(), **changes)
 
     with interruption.deferred() as stop:
         try:
-            result = _learn(run, config, watch, stop) if learns(config.algo.agent) else {}
+            result = _learn(run, config, watch, stop, note) if learns(config.algo.agent) else {}
             with storage(f"cannot write {run.path}"):
                 manifest = close("complete", **result)
         except LockLostError:
@@ -93,9 +96,7 @@ def _detail(error: Exception, step: int) -> dict[str, Any]:
     }
 
 
-def _learn(
-    run: RunDirectory, config: schema.TrainConfig, watch: Watch | None, stop: interruption.Request
-) -> dict[str, Any]:
+def _learn(run: RunDirectory, config: schema.TrainConfig, *arguments: Any) -> dict[str, Any]:
     from auvbench.runs.learning import learn
 
-    return learn(run, config, watch, stop)
+    return learn(run, config, *arguments)

@@ -10,6 +10,7 @@ interrupted by SIGINT or SIGTERM after saving.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import os
 import signal
@@ -79,12 +80,14 @@ def carry_out(run: RunDirectory, function: Target) -> None:
         try:
             function(run)
         except KeyboardInterrupt:
-            settle(run, "interrupted")
+            with contextlib.suppress(OSError):
+                settle(run, "interrupted")
             raise
         except lock.LockLostError:
             raise  # the manifest is somebody else's by now
         except BaseException as error:
-            record_failure(run, error)
+            with contextlib.suppress(OSError):  # on a full disk the first error is the one to tell
+                record_failure(run, error)
             raise
 
 

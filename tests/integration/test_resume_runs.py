@@ -15,7 +15,7 @@ import torch
 
 from auvbench.cli import main
 from auvbench.errors import ConfigError, RunError, TrainingError
-from auvbench.runs import learning
+from auvbench.runs import learning, lock
 from auvbench.runs.checkpoint.extending import extend
 from auvbench.runs.checkpoint.store import CheckpointStore, CheckpointWarning
 from auvbench.runs.directory import RunDirectory
@@ -196,6 +196,38 @@ def test_clocks_that_jump_backwards_do_not_matter(
     assert bits(run.path) == whole
 
 
+def test_the_manifest_knows_the_last_checkpoint_while_the_run_goes_on(
+    run: RunDirectory, strike: Strike
+) -> None:
+    """So that a kill -9 leaves more than "running, step 0"."""
+    seen = []
+    strike(900, lambda _: seen.append((run.manifest(), CheckpointStore(run.path).steps()[0])))
+    execute(run)
+    (manifest, step), *_ = seen
+    assert manifest["state"] == "running"
+    assert manifest["steps"] == step >= 600
+    assert manifest["wall_time_s"] > 0.0
+
+
+def test_a_run_that_somebody_took_over_is_not_written_to(
+    run: RunDirectory, strike: Strike, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def files() -> dict[Path, bytes]:
+        return {path: path.read_bytes() for path in run.path.rglob("*") if path.is_file()}
+
+    def lost(*_: object, **__: object) -> None:
+        seen.append(files())
+        raise lock.LockLostError("taken over")
+
+    strike(700, lambda _: monkeypatch.setattr(lock, "verify", lost))
+    with pytest.raises(lock.LockLostError):
+        execute(run)
+    (before,) = seen
+    assert files() == before
+
+
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
     """A file system of 3 MB."""
@@ -222,14 +254,17 @@ def fill(disk: Path) -> None:
 
 
 def test_a_full_disk_is_named_and_costs_nothing(
-    case: str, whole: dict[str, str], small_disk: Path, strike: Strike
+    case: str, whole: dict[str, str], small_disk: Path, strike: Strike, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = frozen(small_disk, "tried", case, [EVERY])
     strike(500, lambda _: fill(small_disk))
-    with pytest.raises(TrainingError, match="disk is full; free some space"):
-        execute(run)
+    assert main(["resume", str(run.path)]) == 1
+    error = capsys.readouterr().err
+    assert "disk is full; free some space and give the same command again" in error
+    assert error.count("\n") == 1
     store = CheckpointStore(run.path)
     assert store.peek() is not None
+    assert run.manifest()["steps"] >= store.steps()[0] - 200
     assert not [path for path in store.folder.iterdir() if path.name.startswith(".")]
     with pytest.raises(TrainingError, match="disk is full"):  # still full: still one clear line
         execute(run)

@@ -47,6 +47,7 @@ class Checkpointer(BaseCallback):
     Attributes:
         parts: carriers of state beside the learner, by name.
         flush: called before the logs are measured; hands over what their writers still hold back.
+        saved_hook: called after each checkpoint, for those who note elsewhere how far the run is.
         resumed: the checkpoint that the run goes on from; None for a new run.
         saved: checkpoints written by this process.
         spent: s of wall time that writing them took.
@@ -65,6 +66,7 @@ class Checkpointer(BaseCallback):
         self.store = CheckpointStore(run, keep)
         self.parts: Mapping[str, Stateful] = {}
         self.flush: Callable[[], object] = _nothing
+        self.saved_hook: Callable[[], object] = _nothing
         self.resumed: Checkpoint | None = None
         self.spent = 0.0
         self.saved = 0
@@ -165,6 +167,8 @@ class Checkpointer(BaseCallback):
         except TrainingError:
             self.store.prune()  # segments that no checkpoint names only fill the disk further
             raise
+        with storage(f"cannot note the checkpoint of step {step}"):
+            self.saved_hook()
         self._saved_step, self._saved_at = step, time.monotonic()
         self.spent += self._saved_at - began
         self.saved += 1
@@ -186,4 +190,4 @@ class Checkpointer(BaseCallback):
 
 
 def _nothing() -> None:
-    """Logs whose writers hold nothing back need no flushing."""
+    """For those who have nothing to do there."""
