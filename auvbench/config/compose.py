@@ -120,7 +120,9 @@ def option(group: str, choice: str) -> DictConfig:
     Raises:
         ConfigError: there is no such group or option.
     """
-    return OmegaConf.create(_option(group, choice))
+    node = OmegaConf.create(_option(group, choice))
+    assert isinstance(node, DictConfig)
+    return node
 
 
 @lru_cache(maxsize=256)

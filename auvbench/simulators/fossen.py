@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -31,9 +29,6 @@ _STATE = (
     "external_wrench",
     "scales",
 )
-THREAD_BATCH = 4096
-"""Smaller batches stay on one thread: handing work over costs more than it saves."""
-
 DISCRETISATIONS = 64
 """Substep lengths for which exact discretisations of the actuators are kept."""
 
@@ -41,13 +36,13 @@ DISCRETISATIONS = 64
 class FossenSimulator:
     """N copies of a vehicle, integrated with RK4 in substeps no longer than `max_step`.
 
-    A vehicle's trajectory is the same to the last bit in a batch of any size and on any number of threads.
+    A vehicle's trajectory is the same to the last bit in a batch of any size.
+    Threads are a matter of the batch above (`envs/sharded.py`): `step` releases the interpreter's lock.
 
     Args:
         vehicle: the model to simulate.
         n: number of vehicles.
         max_step: longest substep in s; a step of `duration` takes ceil(duration / max_step) equal ones.
-        threads: threads for batches of 4096 vehicles and more.
 
     Attributes beyond `Simulator`'s:
         current: (n, 8) velocity of the current at the top (3), difference to the bottom (3), z of the top,
@@ -58,17 +53,14 @@ class FossenSimulator:
 
     """
 
-    def __init__(self, vehicle: VehicleModel, n: int, max_step: float = 0.01, threads: int = 1) -> None:
+    def __init__(self, vehicle: VehicleModel, n: int, max_step: float = 0.01) -> None:
         if n < 1:
             raise ConfigError(f"number of vehicles is {n}: it must be at least 1")
         if not (max_step > 0.0 and math.isfinite(max_step)):
             raise ConfigError(f"simulator.max_step is {max_step}: it must be a positive number of seconds")
-        if threads < 1:
-            raise ConfigError(f"simulator.threads is {threads}: it must be at least 1")
         self.vehicle = vehicle
         self.n = n
         self.max_step = max_step
-        self.threads = threads
         n_u = len(vehicle.units)
         self._table, self._curves = unit_table(vehicle)
         self._geometry = geometry_table(vehicle)
@@ -80,7 +72,6 @@ class FossenSimulator:
         )
         self._discrete: dict[float, FloatArray] = {}
         self._n_blocks = -(-n // layout.LANES)
-        self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 and n >= THREAD_BATCH else None
 
         self.pose = np.zeros((n, 7))
         self.pose[:, 3] = 1.0
@@ -144,7 +135,7 @@ class FossenSimulator:
             if len(self._discrete) >= DISCRETISATIONS:
                 self._discrete.clear()
             discrete = self._discrete[h] = discretise(self.vehicle, h / 2.0)
-        arguments = (
+        advance(
             self.pose,
             self.velocity,
             self.actuators,
@@ -160,19 +151,10 @@ class FossenSimulator:
             discrete,
             self._curves,
             self._flags,
+            (0, self._n_blocks),
+            substeps,
+            h,
         )
-
-        def part(first: int, last: int) -> None:
-            advance(*arguments, (first, last), substeps, h)
-
-        if self._pool is None:
-            part(0, self._n_blocks)
-            return
-        bounds = np.linspace(0, self._n_blocks, self.threads + 1).astype(int).tolist()
-        jobs = [self._pool.submit(part, *pair) for pair in pairwise(bounds[1:])]
-        part(0, bounds[1])
-        for job in jobs:
-            job.result()
 
     def state_dict(self) -> dict[str, FloatArray]:
         """Copies of all that an exact resume needs."""

@@ -14,9 +14,9 @@ def bluerov2():
     return load("bluerov2")
 
 
-def flown(vehicle, n, seed=0, steps=20, threads=1):
+def flown(vehicle, n, seed=0, steps=20):
     """A batch after some steps from random states; row i does not depend on n."""
-    simulator = FossenSimulator(vehicle, n, threads=threads)
+    simulator = FossenSimulator(vehicle, n)
     rng = np.random.default_rng(seed)
     size = 5000
     quaternion = rng.normal(size=(size, 4))
@@ -38,12 +38,6 @@ def test_a_vehicle_is_the_same_to_the_last_bit_in_any_batch(bluerov2):
         other = flown(bluerov2, n)
         assert np.array_equal(other.pose, reference.pose[:n])
         assert np.array_equal(other.velocity, reference.velocity[:n])
-
-
-def test_threads_do_not_change_a_bit(bluerov2):
-    one, two = flown(bluerov2, 4999, steps=3), flown(bluerov2, 4999, steps=3, threads=2)
-    assert np.array_equal(one.pose, two.pose)
-    assert np.array_equal(one.velocity, two.velocity)
 
 
 @pytest.mark.parametrize("frequency", [10, 25, 55])
@@ -143,7 +137,6 @@ def test_scales_change_one_vehicle_and_reset_restores_it(bluerov2):
     [
         ({"n": 0}, "number of vehicles is 0"),
         ({"n": 1, "max_step": 0.0}, "max_step"),
-        ({"n": 1, "threads": 0}, "threads"),
     ],
 )
 def test_bad_arguments(bluerov2, arguments, message):
