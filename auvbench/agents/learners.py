@@ -126,9 +126,12 @@ def save(model: BaseAlgorithm, normaliser: VecNormalize, folder: Path) -> None:
 
 
 def statistics(normaliser: VecNormalize) -> dict[str, NDArray[np.float64]]:
-    """Running statistics of observations and returns as plain arrays."""
-    observations, returns = normaliser.obs_rms, normaliser.ret_rms
-    assert isinstance(observations, RunningMeanStd)
+    """Running statistics of observations and returns as plain arrays; mean 0 and variance 1 where none are kept."""
+    returns = normaliser.ret_rms
+    observations = RunningMeanStd(shape=normaliser.observation_space.shape or ())
+    if normaliser.norm_obs:
+        assert isinstance(normaliser.obs_rms, RunningMeanStd)
+        observations = normaliser.obs_rms
     return {
         "observation_mean": np.asarray(observations.mean, dtype=np.float64),
         "observation_variance": np.asarray(observations.var, dtype=np.float64),

@@ -101,6 +101,18 @@ def test_signals_save_and_leave(
     assert bits(run.path) == whole
 
 
+def test_a_run_without_normalisation_resumes_as_well(case: str, tmp_path: Path, strike: Strike) -> None:
+    plain = ["train.normalise_observations=false", "train.normalise_rewards=false"]
+    whole = frozen(tmp_path, "whole", case, plain)
+    execute(whole)
+    run = frozen(tmp_path, "tried", case, [EVERY, *plain])
+    strike(600, lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    with pytest.raises(Interrupted):
+        execute(run)
+    execute(run)
+    assert bits(run.path) == bits(whole.path)
+
+
 def test_without_time_to_save_the_last_checkpoint_counts(
     case: str, whole: dict[str, str], run: RunDirectory, strike: Strike, monkeypatch: pytest.MonkeyPatch
 ) -> None:
