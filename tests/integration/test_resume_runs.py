@@ -76,6 +76,23 @@ def test_cadence_does_not_change_a_bit(whole: dict[str, str], run: RunDirectory)
     assert bits(run.path) == whole
 
 
+def test_nothing_in_a_run_needs_unpickling(run: RunDirectory) -> None:
+    execute(run)
+    kinds = set()
+    for path in run.path.rglob("*"):
+        if not path.is_file():
+            continue
+        kinds.add(path.suffix)
+        if path.suffix == ".pt":
+            torch.load(path, weights_only=True)
+        elif path.suffix == ".npz":
+            with np.load(path, allow_pickle=False) as arrays:
+                assert all(not arrays[name].dtype.hasobject for name in arrays.files)
+        elif "tfevents" not in path.name:
+            path.read_text(encoding="utf-8")  # a pickle begins with a byte that is no UTF-8
+    assert {".pt", ".npz", ".json", ".yaml", ".csv"} <= kinds
+
+
 def test_a_checkpoint_by_the_clock_does_not_change_a_bit(
     case: str, whole: dict[str, str], tmp_path: Path
 ) -> None:
