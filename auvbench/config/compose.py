@@ -8,6 +8,7 @@ needs no change to the package.
 from __future__ import annotations
 
 import argparse
+import copy
 import os
 import re
 import sys
@@ -120,15 +121,15 @@ def option(group: str, choice: str) -> DictConfig:
     Raises:
         ConfigError: there is no such group or option.
     """
-    node = OmegaConf.create(_option(group, choice))
-    assert isinstance(node, DictConfig)
-    return node
+    return copy.deepcopy(_option(group, choice))
 
 
 @lru_cache(maxsize=256)
-def _option(group: str, choice: str) -> Any:
+def _option(group: str, choice: str) -> DictConfig:
     """Composing takes a tenth of a second, and a protocol asks for the same few options for every run."""
-    return OmegaConf.to_container(compose("train", [f"{group}={choice}"])[group])
+    node = compose("train", [f"{group}={choice}"])[group]
+    assert isinstance(node, DictConfig)
+    return node
 
 
 def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:

@@ -110,7 +110,7 @@ def test_energy_is_conserved_without_damping(name: str, attitude: Array, nu: Arr
 @search
 @given(vehicles, positions, attitudes, velocities)
 def test_quaternion_stays_of_length_one(name: str, position: Array, attitude: Array, nu: Array) -> None:
-    pose, _ = fly(bare(name), at(position, attitude), nu, 3.0, max_step=0.02)
+    pose, _ = fly(bare(name), at(position, attitude), nu, 3.0, max_step=0.005)
     assert np.linalg.norm(pose[3:]) == pytest.approx(1.0, abs=1e-12)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from auvbench.cli import main
+from auvbench.commands import COMMANDS
 
 
 def complete(line: str) -> list[str]:
@@ -43,7 +44,7 @@ def test_bash_completes(line, expected):
 def test_scripts_name_every_command(shell, capsys):
     assert main(["completion", shell]) == 0
     out = capsys.readouterr().out
-    assert "train evaluate" in out
+    assert all(command in out for command in COMMANDS)
     assert "@" not in out.replace("[@]", "")
 
 
