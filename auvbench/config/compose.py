@@ -237,6 +237,12 @@ def translate(error: BaseException, entry: str = "train", overrides: Sequence[st
     if overridden:
         key = overridden.group(1)
         return ConfigError(f"{key}: no such question or key; {_near_key(key, entry, overrides)}")
+    several = re.search(r"Ambiguous value for argument '([^']*)'", text)
+    if several:
+        key, _, values = several.group(1).partition("=")
+        return ConfigError(
+            f"{key}={values}: several values make a grid: add -m (a list is written [{values}])"
+        )
     unequal = re.search(r"parsing override '([^']*)'", text)
     if unequal:
         detail = " ".join(text.split("\nSee ")[0].split()).split("' ", 1)[-1]
