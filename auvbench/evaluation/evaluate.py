@@ -29,21 +29,8 @@ from auvbench.vehicles import sheet
 SCHEMA_VERSION = 1
 COLUMNS = ("condition", "frequency_hz", *RECORD_COLUMNS)
 
-MEANS = (
-    "steps",
-    "duration_s",
-    "return",
-    "final_distance_m",
-    "deviation_mean_m",
-    "deviation_std_m",
-    "command_norm_mean_N",
-    "command_norm_sum_N",
-    "energy_J",
-    "path_length_m",
-    "path_efficiency",
-    "smoothness_per_s",
-    "depth_margin_m",
-)
+MEANS = RECORD_COLUMNS[RECORD_COLUMNS.index("steps") : RECORD_COLUMNS.index("waypoint_x_m")]
+"""The columns of a record that are averaged in summary.json: all but the scenario's own."""
 
 
 def read_summary(run: RunDirectory, protocol: str) -> dict[str, Any] | None:
