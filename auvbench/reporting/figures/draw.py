@@ -31,6 +31,9 @@ FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
 }
 """by file name; one that has nothing to show returns None"""
 
+SECOND_PROCESS = ("training_curves", "training_outcomes", "training_logs", "improvement", "trajectories")
+"""About half of the work; those that read the training records stand together, so that they are read once."""
+
 
 def draw_all(runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Ranking, out: Path) -> list[Figure]:
     """Draws every figure that the data allow into `out`/figures.
@@ -47,9 +50,8 @@ def draw_all(runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Rankin
     shared = scene(agents, ranking)
     names = list(FIGURES)
     if _can_fork():
-        mine, theirs = names[::2], names[1::2]
-        with _forked(shared, theirs, out) as rest:
-            drawn = _draw(shared, mine, out)
+        with _forked(shared, SECOND_PROCESS, out) as rest:
+            drawn = _draw(shared, [name for name in names if name not in SECOND_PROCESS], out)
             drawn |= rest()
     else:
         drawn = _draw(shared, names, out)
