@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from auvbench.runs.listing import Row
 
-NUMBERS = ("progress", "seed", "success", "wall time")
+NUMBERS = ("steps", "progress", "seed", "success", "wall time")
 STYLES = {"running": "cyan", "interrupted": "yellow", "failed": "red", "complete": "green", "pending": "dim"}
 
 
@@ -97,6 +97,7 @@ def _table(rows: Sequence[Row], of: int) -> None:
         "experiment": [row.name for row in rows],
         "run": [row.id for row in rows],
         "state": [Text(row.state, STYLES[row.state]) for row in rows],
+        "steps": [f"{row.steps:,}" if row.steps else "" for row in rows],
         "progress": [f"{row.progress:.0%}" for row in rows],
         "seed": [str(row.seed) for row in rows],
         "success": ["" if row.success_rate is None else f"{row.success_rate:.0%}" for row in rows],

@@ -95,7 +95,18 @@ def test_filters_and_order(outputs: Path, capsys: pytest.CaptureFixture[str]) ->
 def test_the_table(outputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["runs", str(outputs)]) == 0
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert lines[0] == ["experiment", "run", "state", "progress", "seed", "success", "wall", "time", "remark"]
+    assert lines[0] == [
+        "experiment",
+        "run",
+        "state",
+        "steps",
+        "progress",
+        "seed",
+        "success",
+        "wall",
+        "time",
+        "remark",
+    ]
     assert ["first", "sac-b", "complete", "100%", "0", "97%", "1", "h", "2", "min"] in lines
     assert ["second", "ppo-c", "failed", "30%", "0", "the", "loss", "is", "[bold]"] in lines
     assert lines[-1][:2] == ["4", "runs:"]
