@@ -138,9 +138,19 @@ class SlurmBackend:
         return ["--requeue", *(f"--{key}={value}" for key, value in named.items() if value), *options.sbatch]
 
     def script(self, run: Path) -> str:
-        """The batch script of a run. The worker takes the shell's place, so that signals reach it."""
+        """The batch script of a run. The worker takes the shell's place, so that signals reach it.
+
+        Until the worker listens, an announcement of the time limit is ignored rather than deadly: what follows it
+        at the limit, SIGTERM, makes the run save as well.
+        """
         worker = [sys.executable, "-P", "-m", "auvbench.runs.worker", str(run), "--target", self.target]
-        lines = ["#!/bin/bash", *self.options.setup, f"exec {shlex.join(worker)} --requeue", ""]
+        lines = [
+            "#!/bin/bash",
+            "trap '' USR1",
+            *self.options.setup,
+            f"exec {shlex.join(worker)} --requeue",
+            "",
+        ]
         return "\n".join(lines)
 
     def update(self) -> None:

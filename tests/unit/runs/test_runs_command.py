@@ -107,8 +107,8 @@ def test_the_table(outputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
         "time",
         "remark",
     ]
-    assert ["first", "sac-b", "complete", "100%", "0", "97%", "1", "h", "2", "min"] in lines
-    assert ["second", "ppo-c", "failed", "30%", "0", "the", "loss", "is", "[bold]"] in lines
+    assert ["first", "sac-b", "complete", "1,000", "100%", "0", "97%", "1", "h", "2", "min"] in lines
+    assert ["second", "ppo-c", "failed", "300", "30%", "0", "the", "loss", "is", "[bold]"] in lines
     assert lines[-1][:2] == ["4", "runs:"]
 
 

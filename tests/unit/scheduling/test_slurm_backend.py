@@ -96,7 +96,7 @@ def test_the_script_says_what_was_configured(cluster: Cluster, run: RunDirectory
     assert "account" not in found
     lines = script.splitlines()
     assert lines[0] == "#!/bin/bash"
-    assert lines[1:3] == ["module load python", "source env/bin/activate"]
+    assert lines[1:4] == ["trap '' USR1", "module load python", "source env/bin/activate"]
     words = shlex.split(lines[-1])
     assert words[:2] == ["exec", sys.executable]
     assert words[words.index("auvbench.runs.worker") + 1] == str(run.path)
