@@ -1,16 +1,18 @@
-"""Runs as jobs of a SLURM cluster, through `sbatch`, `squeue`, `scontrol` and `scancel` alone.
+"""Runs as jobs of a SLURM cluster: submitit writes the batch scripts and submits them.
 
-Not through submitit: what it would do for us is to write the batch script, and what it does besides is in the
-way. It learns a job's state from `sacct` only, so on a cluster without accounting a killed job never ends; it
-hands over a pickled function where we have a directory and a command; and its requeue at the time limit counts
-attempts, where a run that resumes exactly may be requeued as often as it takes.
+What is submitted is a command, not a pickled function. Three things that submitit could do besides are done
+otherwise, since an exact run allows or needs it:
 
-The truth about a run is in its manifest; the cluster is asked only whether a job is still there. Asking is one
-`squeue` for all jobs every `poll` seconds.
+* whether a job is still there is learnt from one `squeue` for all jobs every `poll` seconds, for submitit asks
+  `sacct` alone: on a cluster without accounting a killed job would never end. How the run ended is in its manifest;
+* near its time limit the worker saves and has itself requeued as often as it takes, for submitit counts time-outs;
+* jobs are found again by the next sweep from the run's directory, not from pickled job objects.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import shlex
@@ -21,12 +23,17 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+
+from submitit.core.utils import FailedJobError, FailedSubmissionError
+from submitit.slurm.slurm import SlurmExecutor
 
 from auvbench.config.launchers import Slurm
 from auvbench.errors import RunError, UserError
 from auvbench.runs.scheduling.base import TARGET, Phase, Status, SubmitError
 from auvbench.runs.worker import LOG
+
+SCRIPTS = "slurm"
+"""In the run directory: the batch scripts that submitit wrote for it."""
 
 JOB_FILE = "slurm.json"
 """In the run directory: the job that was last submitted for it, so that the next sweep finds it again."""
@@ -41,6 +48,17 @@ WAITING = {
     "SPECIAL_EXIT",
 }
 RUNNING = {"RUNNING", "COMPLETING", "STAGE_OUT", "SIGNALING", "SUSPENDED", "STOPPED", "RESIZING"}
+
+
+class Executor(SlurmExecutor):
+    """Submitit's, with further options on sbatch's command line, where no settings of a surrounding job rule."""
+
+    options: Sequence[str] = ()
+
+    def _make_submission_command(self, submission_file_path: Path) -> list[str]:
+        # A sweep that runs inside a job must not hand that job's settings on to those it submits.
+        unset = [f"--unset={name}" for name in os.environ if name.startswith("SBATCH_")]
+        return ["env", *unset, "sbatch", *self.options, str(submission_file_path)]
 
 
 @dataclass(slots=True, eq=False)
@@ -82,7 +100,7 @@ class SlurmBackend:
     name = "slurm"
 
     def __init__(self, options: Slurm, *, target: str = TARGET) -> None:
-        for program in ("sbatch", "squeue", "scontrol", "scancel"):
+        for program in ("sbatch", "srun", "squeue", "scontrol", "scancel"):
             if shutil.which(program) is None:
                 raise UserError(f"launcher=slurm: there is no {program} on this machine; valid: a login node")
         self.options = options
@@ -94,11 +112,7 @@ class SlurmBackend:
     def submit(self, run: Path) -> SlurmJob:
         run = run.absolute()
         (run / LOG).parent.mkdir(exist_ok=True)
-        number = (
-            command(["sbatch", "--parsable", *self.arguments(run)], text=self.script(run))
-            .split(";")[0]
-            .strip()
-        )
+        number = submit(self.executor(run), self.worker(run))
         (run / JOB_FILE).write_text(json.dumps({"job": number, "submitted": time.time()}), encoding="utf-8")
         return self._watch(run, number)
 
@@ -119,39 +133,43 @@ class SlurmBackend:
     def close(self) -> None:
         """Jobs that are still queued or running go on; the next sweep finds them (`adopt`)."""
 
-    def arguments(self, run: Path) -> list[str]:
-        """Sbatch's options for a run. On its command line, where no path needs quoting, not in the script."""
-        options = self.options
-        named = {
-            "job-name": run.name,
-            "output": str(run / LOG).replace("%", "%%"),
-            "open-mode": "append",
-            "nodes": "1",
-            "ntasks": "1",
-            "cpus-per-task": str(options.cpus),
-            "partition": options.partition,
-            "account": options.account,
-            "time": options.time,
-            "mem": options.mem,
-            "signal": f"B:USR1@{options.signal_before}" if options.time else None,
-        }
-        return ["--requeue", *(f"--{key}={value}" for key, value in named.items() if value), *options.sbatch]
+    def executor(self, run: Path) -> Executor:
+        """Submitit's executor for a run: sbatch's options and the shell lines before the worker.
 
-    def script(self, run: Path) -> str:
-        """The batch script of a run. The worker takes the shell's place, so that signals reach it.
-
-        Until the worker listens, an announcement of the time limit is ignored rather than deadly: what follows it
-        at the limit, SIGTERM, makes the run save as well.
+        The worker takes the place of the batch shell, without srun, so that signals reach it alone. Until it
+        listens, an announcement of the time limit is ignored rather than deadly: what follows it at the limit,
+        SIGTERM, makes the run save as well.
         """
-        worker = [sys.executable, "-P", "-m", "auvbench.runs.worker", str(run), "--target", self.target]
-        lines = [
-            "#!/bin/bash",
-            "trap '' USR1",
-            *self.options.setup,
-            f"exec {shlex.join(worker)} --requeue",
-            "",
-        ]
-        return "\n".join(lines)
+        options = self.options
+        folder = run / SCRIPTS
+        folder.mkdir(exist_ok=True)
+        executor = Executor(folder=folder)
+        executor.options = options.sbatch
+        executor.update_parameters(
+            job_name=run.name,
+            time=options.time,
+            partition=options.partition,
+            account=options.account,
+            mem=options.mem,
+            nodes=1,
+            ntasks_per_node=1,
+            cpus_per_task=options.cpus,
+            setup=["trap '' USR1", *options.setup],
+            stderr_to_stdout=True,
+            use_srun=False,
+            wckey=None,
+            additional_parameters={
+                "output": str(run / LOG).replace("%", "%%"),
+                "requeue": True,
+                "signal": f"B:USR1@{options.signal_before}",
+            },
+        )
+        return executor
+
+    def worker(self, run: Path) -> str:
+        """The shell command that carries out a run."""
+        words = [sys.executable, "-P", "-m", "auvbench.runs.worker", str(run), "--target", self.target]
+        return f"exec {shlex.join(words)} --requeue"
 
     def update(self) -> None:
         """Asks the cluster about all jobs, at most every `poll` seconds."""
@@ -210,6 +228,21 @@ class SlurmBackend:
         return {number: (state, name) for number, state, name in rows if number in numbers}
 
 
+def submit(executor: Executor, line: str) -> str:
+    """Submits a shell command and returns the number of its job.
+
+    Raises:
+        SubmitError: sbatch refused; the message is its own last line.
+    """
+    try:
+        with contextlib.redirect_stderr(io.StringIO()):  # it prints what it also raises
+            job = executor._submit_command(line)
+    except (FailedJobError, FailedSubmissionError) as error:
+        lines = str(error).strip().splitlines() or ["no reason given"]
+        raise SubmitError(f"sbatch refused: {lines[-1]}") from error
+    return str(job.job_id)
+
+
 def _settled(run: Path) -> bool:
     from auvbench.runs.directory import RunDirectory
 
@@ -224,17 +257,15 @@ def _fields(text: str) -> dict[str, str]:
     return dict(word.split("=", 1) for word in text.split() if "=" in word)
 
 
-def command(arguments: Sequence[str], *, text: str | None = None, check: bool = True) -> str:
-    """Runs one of SLURM's programs and returns what it prints.
+def command(arguments: Sequence[str], *, check: bool = True) -> str:
+    """Runs one of SLURM's programs that tell and cancel, and returns what it prints.
 
     Raises:
         SubmitError: it failed (with `check`); the message is its own last line.
     """
-    environment: dict[str, Any] = {**os.environ, "SLURM_TIME_FORMAT": "standard"}
-    # A sweep that runs inside a job must not hand that job's settings on to those it submits.
-    environment = {k: v for k, v in environment.items() if not k.startswith("SBATCH_")}
+    environment = {**os.environ, "SLURM_TIME_FORMAT": "standard"}
     done = subprocess.run(
-        arguments, input=text, capture_output=True, text=True, check=False, env=environment, timeout=120
+        arguments, capture_output=True, text=True, check=False, env=environment, timeout=120
     )
     if done.returncode and check:
         last = (done.stderr.strip() or done.stdout.strip() or f"exit code {done.returncode}").splitlines()[-1]

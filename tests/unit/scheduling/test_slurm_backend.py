@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import subprocess
 import sys
@@ -20,40 +21,71 @@ from auvbench.runs.scheduling.base import Phase, SubmitError
 from auvbench.runs.scheduling.slurm import SlurmBackend
 from tests import fake_training
 
+SBATCH = """\
+#!/bin/sh
+echo run >> "$CLUSTER/count"
+number=$((100 + $(wc -l < "$CLUSTER/count")))
+for script; do :; done
+cp "$script" "$CLUSTER/$number.sh"
+printf '%s\\n' "$@" > "$CLUSTER/$number.options"
+env | grep ^SBATCH_ > "$CLUSTER/$number.env"
+echo "Submitted batch job $number"
+"""
+
 
 class Cluster:
-    """What squeue and scontrol say, and what was asked for."""
+    """What squeue and scontrol say, and what was asked for; sbatch is a program that keeps what it is given."""
 
-    def __init__(self) -> None:
-        self.queue: dict[str, tuple[str, str]] = {}  # number -> state, name
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.queue: dict[str, tuple[str, str]] = {}  # number -> state, name; besides what sbatch was given
         self.job = ""  # scontrol show job
         self.down = False
         self.asked: list[list[str]] = []
-        self.scripts: list[str] = []
-        self.options: dict[str, str] = {}  # of the last sbatch
 
-    def __call__(self, arguments: Sequence[str], *, text: str | None = None, check: bool = True) -> str:
+    @property
+    def scripts(self) -> list[str]:
+        return [file.read_text() for file in sorted(self.folder.glob("*.sh"))]
+
+    @property
+    def arguments(self) -> list[str]:
+        """Of the last sbatch, but for the script."""
+        return sorted(self.folder.glob("*.options"))[-1].read_text().splitlines()[:-1]
+
+    @property
+    def options(self) -> dict[str, str]:
+        """Of the last script, as sbatch reads them."""
+        words = [
+            word
+            for line in self.scripts[-1].splitlines()
+            if line.startswith("#SBATCH ")
+            for word in shlex.split(line.removeprefix("#SBATCH "))
+        ]
+        return dict(word.removeprefix("--").partition("=")[::2] for word in words)
+
+    def __call__(self, arguments: Sequence[str], *, check: bool = True) -> str:
         self.asked.append(list(arguments))
         if self.down:
             if check:
                 raise SubmitError(f"{arguments[0]} refused: Unable to contact slurm controller")
             return ""
-        if arguments[0] == "sbatch":
-            self.scripts.append(text or "")
-            self.options = dict(word.removeprefix("--").partition("=")[::2] for word in arguments[1:])
-            number = str(100 + len(self.scripts))
-            self.queue[number] = ("PENDING", self.options["job-name"])
-            return f"{number};cluster\n"
         if arguments[0] == "squeue":
             return "".join(f"{number}|{state}|{name}\n" for number, (state, name) in self.queue.items())
         return self.job if arguments[0] == "scontrol" else ""
 
 
 @pytest.fixture
-def cluster(monkeypatch: pytest.MonkeyPatch) -> Cluster:
-    cluster = Cluster()
+def cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cluster:
+    programs, folder = tmp_path / "bin", tmp_path / "cluster"
+    programs.mkdir()
+    folder.mkdir()
+    for name in ("sbatch", "srun", "squeue", "scontrol", "scancel"):
+        (programs / name).write_text(SBATCH if name == "sbatch" else "#!/bin/sh\n")
+        (programs / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{programs}:{os.environ['PATH']}")
+    monkeypatch.setenv("CLUSTER", str(folder))
+    cluster = Cluster(folder)
     monkeypatch.setattr(slurm, "command", cluster)
-    monkeypatch.setattr("shutil.which", lambda program: f"/usr/bin/{program}")
     return cluster
 
 
@@ -67,6 +99,12 @@ def backend(*overrides: str) -> SlurmBackend:
     found = grid.backend(config.launcher)
     assert isinstance(found, SlurmBackend)
     return found
+
+
+def submit(cluster: Cluster, run: RunDirectory, *overrides: str) -> slurm.SlurmJob:
+    job = backend(*overrides).submit(run.path)
+    cluster.queue[job.number] = ("PENDING", run.id)
+    return job
 
 
 def poll(job: slurm.SlurmJob) -> Any:
@@ -91,12 +129,11 @@ def test_the_script_says_what_was_configured(cluster: Cluster, run: RunDirectory
     assert found["job-name"] == run.id
     assert found["output"] == str(run.train / "log.txt")
     assert found["open-mode"] == "append"
-    assert (found["nice"], found["constraint"]) == ("100", "avx2&ib")
     assert "requeue" in found
-    assert "account" not in found
-    lines = script.splitlines()
-    assert lines[0] == "#!/bin/bash"
-    assert lines[1:4] == ["trap '' USR1", "module load python", "source env/bin/activate"]
+    assert not {"account", "error", "wckey", "array"} & set(found)
+    assert cluster.arguments == ["--nice=100", "--constraint=avx2&ib"]
+    lines = [line for line in script.splitlines() if line and not line.startswith("#")]
+    assert lines[:3] == ["trap '' USR1", "module load python", "source env/bin/activate"]
     words = shlex.split(lines[-1])
     assert words[:2] == ["exec", sys.executable]
     assert words[words.index("auvbench.runs.worker") + 1] == str(run.path)
@@ -105,13 +142,27 @@ def test_the_script_says_what_was_configured(cluster: Cluster, run: RunDirectory
 def test_the_script_is_a_shell_script_whatever_the_path(cluster: Cluster, tmp_path: Path) -> None:
     odd = fake_training.make(tmp_path / "it's 100% odd" / "run")
     backend().submit(odd.path)
-    subprocess.run(["bash", "-n"], input=cluster.scripts[0], text=True, check=True)
-    assert shlex.split(cluster.scripts[0].splitlines()[-1])[5] == str(odd.path)
+    (script,) = cluster.scripts
+    subprocess.run(["bash", "-n"], input=script, text=True, check=True)
+    assert shlex.split(script.strip().splitlines()[-1])[5] == str(odd.path)
     assert cluster.options["output"] == str(odd.train / "log.txt").replace("%", "%%")
 
 
+def test_a_sweep_inside_a_job_does_not_hand_on_its_settings(
+    cluster: Cluster, run: RunDirectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SBATCH_PARTITION", "of-the-surrounding-job")
+    backend().submit(run.path)
+    assert (cluster.folder / "101.env").read_text() == ""
+
+
+def test_nothing_pickled_is_handed_over(cluster: Cluster, run: RunDirectory) -> None:
+    backend().submit(run.path)
+    assert sorted({file.suffix for file in (run.path / slurm.SCRIPTS).iterdir()}) == [".sh"]
+
+
 def test_a_job_waits_runs_and_ends(cluster: Cluster, run: RunDirectory) -> None:
-    job = backend().submit(run.path)
+    job = submit(cluster, run)
     assert job.poll().phase is Phase.QUEUED
     for state, phase in (
         ("RUNNING", Phase.RUNNING),
@@ -126,7 +177,7 @@ def test_a_job_waits_runs_and_ends(cluster: Cluster, run: RunDirectory) -> None:
 
 
 def test_a_dead_job_says_how_it_died(cluster: Cluster, run: RunDirectory) -> None:
-    job = backend().submit(run.path)
+    job = submit(cluster, run)
     cluster.queue[job.number] = ("FAILED", run.id)
     cluster.job = f"JobId={job.number} JobName={run.id} JobState=FAILED Reason=NonZeroExitCode ExitCode=0:9"
     status = poll(job)
@@ -140,7 +191,7 @@ def test_a_dead_job_says_how_it_died(cluster: Cluster, run: RunDirectory) -> Non
 def test_a_job_that_the_cluster_has_forgotten_is_dead_after_the_grace(
     cluster: Cluster, run: RunDirectory
 ) -> None:
-    job = backend("launcher.grace=3600").submit(run.path)
+    job = submit(cluster, run, "launcher.grace=3600")
     cluster.queue.clear()
     assert not poll(job).ended  # a slow file server may still bring its manifest
     job.backend.options.grace = 0.0
@@ -148,7 +199,7 @@ def test_a_job_that_the_cluster_has_forgotten_is_dead_after_the_grace(
 
 
 def test_a_silent_controller_says_nothing_about_the_jobs(cluster: Cluster, run: RunDirectory) -> None:
-    job = backend().submit(run.path)
+    job = submit(cluster, run)
     cluster.down = True
     assert poll(job).phase is Phase.QUEUED
 
@@ -164,7 +215,7 @@ def test_the_queue_is_asked_once_for_all_and_not_too_often(cluster: Cluster, tmp
 
 def test_the_next_sweep_finds_a_living_job_and_only_that(cluster: Cluster, run: RunDirectory) -> None:
     assert backend().adopt(run.path) is None
-    job = backend().submit(run.path)
+    job = submit(cluster, run)
     adopted = backend().adopt(run.path)
     assert adopted is not None
     assert adopted.number == job.number
@@ -177,7 +228,7 @@ def test_the_next_sweep_finds_a_living_job_and_only_that(cluster: Cluster, run: 
 
 
 def test_cancelling_asks_the_worker_first(cluster: Cluster, run: RunDirectory) -> None:
-    job = backend().submit(run.path)
+    job = submit(cluster, run)
     cluster.asked.clear()
     job.cancel()
     assert cluster.asked == [
@@ -194,12 +245,15 @@ def test_a_machine_without_slurm_is_one_clear_line(monkeypatch: pytest.MonkeyPat
         backend()
 
 
-def test_a_refusal_carries_sbatch_s_own_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sbatch = tmp_path / "sbatch"
-    sbatch.write_text("#!/bin/sh\necho 'sbatch: error: invalid partition specified: x' >&2\nexit 1\n")
-    sbatch.chmod(0o755)
+def test_a_refusal_carries_sbatch_s_own_words(
+    cluster: Cluster, run: RunDirectory, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bin" / "sbatch").write_text(
+        "#!/bin/sh\necho 'sbatch: error: invalid partition specified: x' >&2\nexit 1\n"
+    )
     with pytest.raises(SubmitError, match=r"sbatch refused: .*invalid partition specified: x"):
-        slurm.command([str(sbatch)])
+        backend().submit(run.path)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_every_key_is_explained() -> None:
