@@ -103,7 +103,8 @@ def test_a_grid_completes_with_a_failure_among_it(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert result.of(Outcome.FAILED) == {bad.path: "the loss is not a number"}
     assert set(result.of(Outcome.COMPLETE)) == {run.path for run in good}
-    assert f"running as slurm job {job_of(bad)}" in text or f"queued as slurm job {job_of(bad)}" in text
+    for run in (bad, *good):
+        assert f"{run.path.name}: queued as slurm job {job_of(run)}" in text
     for run in good:
         assert (run.path / "result.txt").read_text() == fake_training.chain(50)
         assert "worker, pid" in (run.path / "train" / "log.txt").read_text()

@@ -141,6 +141,11 @@ class PlainView(Watch):
         self._next_lines = time.monotonic() + LINES_EVERY
         self._announced = False
 
+    def started(self, run: RunDirectory, job: Job) -> None:
+        super().started(run, job)
+        if job.mark:  # a cluster knows it from now on, whatever becomes of this process
+            self.say(f"{_clock()} {run.path.name}: {Phase.QUEUED} as {job}")
+
     def polled(self, run: RunDirectory, phase: Phase) -> None:
         row = self.rows[run.path]
         if row.state != phase:  # the job knows by now who it is, a process id for example
