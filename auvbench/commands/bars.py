@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from auvbench.runs.scheduling.estimate import duration
+
 if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory
     from auvbench.runs.progress import Progress, Watch
@@ -73,20 +75,6 @@ def _line(progress: Progress) -> str:
     if progress.mean_return is not None:
         parts.append(f"return {progress.mean_return:,.0f}")
     return ", ".join(parts)
-
-
-def duration(seconds: float) -> str:
-    """Seconds as a person says them.
-
-    >>> duration(42), duration(185), duration(7260)
-    ('42 s', '3 min 5 s', '2 h 1 min')
-    """
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
 class Teller:

@@ -91,7 +91,7 @@ def _table(rows: Sequence[Row], of: int) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from auvbench.runs.scheduling.views import duration
+    from auvbench.runs.scheduling.estimate import duration
 
     columns: dict[str, list[str | Text]] = {
         "experiment": [row.name for row in rows],

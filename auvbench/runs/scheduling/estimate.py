@@ -1,4 +1,4 @@
-"""When a sweep will end."""
+"""When a sweep will end, and how to say it."""
 
 from __future__ import annotations
 
@@ -42,3 +42,17 @@ def pace(kind: str, paces: Mapping[str, Sequence[float]]) -> float | None:
         return fmean(own)
     every = [value for values in paces.values() for value in values if value > 0]
     return fmean(every) if every else None
+
+
+def duration(seconds: float) -> str:
+    """A time in its two largest units.
+
+    >>> duration(59.4), duration(130), duration(11400), duration(200000)
+    ('59 s', '2 min 10 s', '3 h 10 min', '2 d 7 h')
+    """
+    whole = max(0, round(seconds))
+    for unit, size, below, part in (("d", 86400, "h", 3600), ("h", 3600, "min", 60), ("min", 60, "s", 1)):
+        if whole >= size:
+            rest = whole % size // part
+            return f"{whole // size} {unit}" + (f" {rest} {below}" if rest else "")
+    return f"{whole} s"

@@ -19,6 +19,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Progress
 from auvbench.runs.scheduling import estimate, progress
 from auvbench.runs.scheduling.base import Job, Phase
+from auvbench.runs.scheduling.estimate import duration
 from auvbench.runs.scheduling.loop import Outcome, View
 
 READ_EVERY = 1.0  # s between two looks at the runs' progress files
@@ -234,20 +235,6 @@ def sentence(at: Progress) -> str:
     if left is not None:
         parts.append(f"{duration(left)} to go")
     return ", ".join(parts)
-
-
-def duration(seconds: float) -> str:
-    """Two units of it.
-
-    >>> duration(59.4), duration(130), duration(11400), duration(200000)
-    ('59 s', '2 min 10 s', '3 h 10 min', '2 d 7 h')
-    """
-    whole = max(0, round(seconds))
-    for unit, size, below, part in (("d", 86400, "h", 3600), ("h", 3600, "min", 60), ("min", 60, "s", 1)):
-        if whole >= size:
-            rest = whole % size // part
-            return f"{whole // size} {unit}" + (f" {rest} {below}" if rest else "")
-    return f"{whole} s"
 
 
 def _cells(row: Row) -> tuple[str, str, str, str, str]:
