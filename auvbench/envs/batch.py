@@ -52,7 +52,6 @@ class Batch:
         seed: of every draw; None takes `config.seed`.
         test: draw from the streams of test protocols.
         autoreset: begin the next episode in the step that ended one.
-        vehicle: another vehicle than the configuration's sheet.
         first: index of the first environment, where the batch is part of a larger one.
     """
 
@@ -64,12 +63,11 @@ class Batch:
         seed: int | None = None,
         test: bool = False,
         autoreset: bool = True,
-        vehicle: VehicleModel | None = None,
         first: int = 0,
     ) -> None:
         self.config = config
         self.n = int(config.algo.n_envs if n is None else n)
-        self.vehicle = sheet.load(config.vehicle) if vehicle is None else vehicle
+        self.vehicle = sheet.load(config.vehicle)
         self.simulator = make_simulator(config.simulator, self.vehicle, self.n)
         self.task = WaypointTask(
             config, self.vehicle, self.n, config.seed if seed is None else seed, test=test, first=first
