@@ -19,7 +19,8 @@ from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks import disturbances
 from auvbench.tasks.kernels import C_EPISODE, COLLISION, SUCCESS, TIMEOUT
-from auvbench.tasks.waypoint import Record, WaypointTask
+from auvbench.tasks.record import Record
+from auvbench.tasks.waypoint import WaypointTask
 from auvbench.vehicles import sheet
 from auvbench.vehicles.model import VehicleModel
 

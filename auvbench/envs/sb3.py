@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 from auvbench.envs import spaces
 from auvbench.envs.batch import Batch
 from auvbench.envs.sharded import ShardedBatch
-from auvbench.tasks.waypoint import Record
+from auvbench.tasks.record import Record
 
 # SB3 looks into the info of every environment at every step; those of running episodes are all this one.
 _NOTHING: dict[str, Any] = {}

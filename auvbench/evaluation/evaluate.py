@@ -22,8 +22,7 @@ from auvbench.runs import provenance
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.files import write_json
 from auvbench.runs.training import load_config
-from auvbench.tasks.kernels import OUTCOMES
-from auvbench.tasks.waypoint import RECORD_COLUMNS, Record
+from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
 from auvbench.vehicles import sheet
 
 SCHEMA_VERSION = 1

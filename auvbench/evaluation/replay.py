@@ -13,7 +13,7 @@ from auvbench.evaluation.evaluate import make_agent
 from auvbench.evaluation.protocol import circumstances
 from auvbench.evaluation.rollout import roll_out
 from auvbench.runs.directory import RunDirectory
-from auvbench.tasks.waypoint import Record
+from auvbench.tasks.record import Record
 
 Floats = NDArray[np.float32]
 

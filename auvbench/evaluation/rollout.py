@@ -11,7 +11,7 @@ from auvbench.agents.base import Agent
 from auvbench.config import schema
 from auvbench.envs.batch import Batch
 from auvbench.tasks.kernels import F_WAYPOINT
-from auvbench.tasks.waypoint import Record
+from auvbench.tasks.record import Record
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

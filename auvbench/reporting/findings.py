@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from auvbench.reporting.effects import effects, learns
 from auvbench.reporting.measures import Measure, measure
-from auvbench.reporting.model import OUTCOMES, Agent, Estimate, Finding, Ranking, Row
+from auvbench.reporting.model import Agent, Estimate, Finding, Ranking, Row
 from auvbench.reporting.prose import (
     amount,
     counted,
@@ -24,6 +24,7 @@ from auvbench.reporting.prose import (
 )
 from auvbench.reporting.statistics import EPISODES_ONLY, crossed, holm, shared
 from auvbench.reporting.statistics.intervals import FloatArray, quantile
+from auvbench.tasks.record import OUTCOMES
 
 NEAR_THE_LIMIT = 5.0
 """m; a waypoint so close to the surface or the floor counts as near a depth limit"""

@@ -12,7 +12,8 @@ import pandas as pd
 
 from auvbench.errors import ReportError, closest
 from auvbench.reporting.labels import labels, part, sort_key
-from auvbench.reporting.model import OUTCOMES, Agent, Problem, RunRecord
+from auvbench.reporting.model import Agent, Problem, RunRecord
+from auvbench.tasks.record import OUTCOMES
 
 DEFAULT_GROUPING = ("algo.name", "reward.k", "step.frequency")
 

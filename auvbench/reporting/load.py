@@ -18,7 +18,8 @@ import yaml
 
 from auvbench.errors import ReportError
 from auvbench.reporting.grouping import agents
-from auvbench.reporting.model import OUTCOMES, Evaluation, Problem, RunRecord
+from auvbench.reporting.model import Evaluation, Problem, RunRecord
+from auvbench.tasks.record import OUTCOMES
 
 __all__ = ["CORE_COLUMNS", "SCHEMA_VERSION", "agents", "available_protocols", "load"]
 
@@ -36,7 +37,8 @@ CORE_COLUMNS = (
     "command_norm_sum_N",
     "energy_J",
 )
-"""without these, finite in every row, an evaluation is not reported on"""
+"""without these, finite in every row, an evaluation is not reported on; not all of a record's columns, so that an
+evaluation stays readable when a later auvbench measures something more"""
 
 
 class _Damage(Exception):

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from auvbench.errors import ReportError, closest
-from auvbench.reporting.model import OUTCOMES, Agent
+from auvbench.reporting.model import Agent
 from auvbench.reporting.statistics.intervals import FloatArray
+from auvbench.tasks.record import OUTCOMES
 
 HIGHER_IS_BETTER = {
     "steps": False,

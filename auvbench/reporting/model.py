@@ -15,9 +15,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-OUTCOMES = ("success", "collision", "timeout")
-"""The three ends of an episode, in the order of their codes 0, 1, 2."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:

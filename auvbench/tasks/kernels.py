@@ -39,13 +39,12 @@ N_FLOATS = 20
 C_STEPS = 0
 C_EPISODE = 1
 C_ENVIRONMENT = 2
-C_OUTCOME = 3  # -1 under way, else an index into OUTCOMES
+C_OUTCOME = 3  # -1 under way, else an index into record.OUTCOMES
 N_INTEGERS = 4
 
 SUCCESS = 0
 COLLISION = 1
 TIMEOUT = 2
-OUTCOMES = ("success", "collision", "timeout")
 
 # Entries of the parameter vector P.
 P_GOAL = 0

@@ -15,38 +15,11 @@ from auvbench.config import schema
 from auvbench.dynamics.random import TEST
 from auvbench.errors import TrainingError
 from auvbench.tasks import kernels as k
-from auvbench.tasks.kernels import OUTCOMES
+from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
 from auvbench.vehicles.model import VehicleModel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-RECORD_COLUMNS = (
-    "episode",
-    "environment",
-    "outcome",
-    "steps",
-    "duration_s",
-    "return",
-    "initial_distance_m",
-    "final_distance_m",
-    "deviation_mean_m",
-    "deviation_std_m",
-    "command_norm_mean_N",
-    "command_norm_sum_N",
-    "energy_J",
-    "path_length_m",
-    "path_efficiency",
-    "smoothness_per_s",
-    "depth_margin_m",
-    "waypoint_x_m",
-    "waypoint_y_m",
-    "waypoint_z_m",
-    "start_yaw_rad",
-)
-"""A record: one row per episode, the same in training and in tests. Definitions in docs/protocol.md."""
-
-Record = dict[str, float | int | str]
 
 
 class WaypointTask:

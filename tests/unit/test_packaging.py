@@ -54,3 +54,9 @@ def test_help_imports_nothing_heavy():
 
 def test_composing_imports_no_learner():
     assert not imported("train", "--cfg", "job") & HEAVY
+
+
+def test_loading_runs_for_a_report_loads_no_compiler():
+    code = "import sys, auvbench.reporting.load; print(sorted({'numba', 'torch'} & sys.modules.keys()))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

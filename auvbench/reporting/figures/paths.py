@@ -13,7 +13,8 @@ from matplotlib.axes import Axes
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
 from auvbench.reporting.figures.testing import depth_limits, goal_radius
-from auvbench.reporting.model import OUTCOMES, Agent
+from auvbench.reporting.model import Agent
+from auvbench.tasks.record import OUTCOMES
 
 MOST = 6
 """paths in one picture"""

@@ -18,7 +18,8 @@ from auvbench.reporting.figures.scene import (
     shown,
     wants_symlog,
 )
-from auvbench.reporting.model import OUTCOMES, Agent, Estimate
+from auvbench.reporting.model import Agent, Estimate
+from auvbench.tasks.record import OUTCOMES
 
 MOST_LABELS = 12
 """points with their names written beside them; more would overlap"""

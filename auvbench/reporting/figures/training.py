@@ -20,7 +20,8 @@ from auvbench.reporting.figures.scene import (
     wants_symlog,
 )
 from auvbench.reporting.labels import part
-from auvbench.reporting.model import OUTCOMES, Agent
+from auvbench.reporting.model import Agent
+from auvbench.tasks.record import OUTCOMES
 
 BINS = 60
 WINDOW = 100

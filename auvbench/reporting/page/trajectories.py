@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.reporting.model import OUTCOMES, Agent, Problem, RunRecord
+from auvbench.reporting.model import Agent, Problem, RunRecord
+from auvbench.tasks.record import OUTCOMES
 
 POINTS = 320
 """most positions kept of one path"""
