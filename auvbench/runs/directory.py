@@ -164,7 +164,8 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
         return run
     try:
         run.path.mkdir(parents=True, exist_ok=True)
-        write_atomic(run.config_path, HEADER + yaml.dump(dict(config), Dumper=_DUMPER, sort_keys=False))
+        text = HEADER + yaml.dump(dict(config), Dumper=_DUMPER, sort_keys=False)
+        write_atomic(run.config_path, text.encode())
         # Of two sweeps that begin at once, the slower must not undo what the faster's worker has written by now.
         create_atomic(run.manifest_path, as_json(_fresh_manifest(run, config, command)))
     except OSError as error:

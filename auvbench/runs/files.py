@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import Any
 
 
-def write_atomic(path: Path, text: str) -> None:
-    """Replaces a text file: staged beside it, flushed to disk, renamed into place."""
-    staged = _stage(path, text)
+def write_atomic(path: Path, data: bytes) -> None:
+    """Replaces a file: staged beside it, flushed to disk, renamed into place.
+
+    Until the directory is flushed too, a loss of power may bring the old content back.
+    """
+    staged = _stage(path, data)
     try:
         os.replace(staged, path)
     except BaseException:
@@ -19,9 +22,9 @@ def write_atomic(path: Path, text: str) -> None:
         raise
 
 
-def create_atomic(path: Path, text: str) -> bool:
-    """Makes a text file unless it is there; False when somebody else made it, whose content then stays."""
-    staged = _stage(path, text)
+def create_atomic(path: Path, data: bytes) -> bool:
+    """Makes a file unless it is there; False when somebody else made it, whose content then stays."""
+    staged = _stage(path, data)
     try:
         os.link(staged, path)
     except FileExistsError:
@@ -33,12 +36,12 @@ def create_atomic(path: Path, text: str) -> bool:
     return True
 
 
-def _stage(path: Path, text: str) -> Path:
+def _stage(path: Path, data: bytes) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         # mkstemp makes files private; runs are to be read by others.
@@ -54,6 +57,6 @@ def write_json(path: Path, value: Any) -> None:
     write_atomic(path, as_json(value))
 
 
-def as_json(value: Any) -> str:
+def as_json(value: Any) -> bytes:
     """Indented JSON; NaN is refused."""
-    return json.dumps(value, indent=2, allow_nan=False) + "\n"
+    return (json.dumps(value, indent=2, allow_nan=False) + "\n").encode()

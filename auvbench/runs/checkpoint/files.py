@@ -1,7 +1,8 @@
 """Files that are either whole or not there: write, fsync, rename, and errors that say what to do.
 
 A rename within one directory is atomic, but neither the data nor the new name is on the disk before both the
-file and its directory were fsynced (POSIX promises no more), so every function here does both.
+file and its directory were fsynced (POSIX promises no more): whoever writes files here fsyncs their directory
+once, after the last of them.
 """
 
 from __future__ import annotations
@@ -58,23 +59,11 @@ def fsync_directory(path: Path) -> None:
 
 
 def write_durable(path: Path, data: bytes) -> None:
-    """Writes a new file and fsyncs it; the caller fsyncs the directory once after the last file."""
+    """Writes a new file and fsyncs it."""
     with path.open("wb") as file:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
-
-
-def write_atomic(path: Path, data: bytes) -> None:
-    """Replaces a file so that a reader, or a crash, sees the old or the new one and nothing between."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        write_durable(temporary, data)
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    fsync_directory(path.parent)
 
 
 def sha256(data: bytes | memoryview) -> str:

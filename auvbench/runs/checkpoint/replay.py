@@ -18,7 +18,8 @@ import numpy as np
 from stable_baselines3.common.buffers import ReplayBuffer
 
 from auvbench.errors import TrainingError
-from auvbench.runs.checkpoint.files import sha256, sha256_of_prefix, write_atomic
+from auvbench.runs.checkpoint.files import fsync_directory, sha256, sha256_of_prefix
+from auvbench.runs.files import write_atomic
 
 FIELDS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 SEGMENT_TRANSITIONS = 16_384  # about 2 MB for the waypoint task
@@ -102,6 +103,7 @@ class ReplayStore:
             stop = min(start + length, rows)
             known = self._written.get((start, stop))
             segments.append(known or self._write(buffer, start, stop, rows))
+        fsync_directory(self.folder)
         return segments
 
     def _write(self, buffer: ReplayBuffer, start: int, stop: int, rows: int) -> Segment:

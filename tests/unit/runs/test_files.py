@@ -12,16 +12,16 @@ from auvbench.runs import files
 
 def test_replaces_what_is_there(tmp_path: Path) -> None:
     file = tmp_path / "new" / "file.txt"
-    for text in ("one", "two"):
-        files.write_atomic(file, text)
-        assert file.read_text() == text
+    for data in (b"one", b"two"):
+        files.write_atomic(file, data)
+        assert file.read_bytes() == data
     assert list(file.parent.iterdir()) == [file]
 
 
 def test_creates_only_what_is_not_there(tmp_path: Path) -> None:
     file = tmp_path / "file.txt"
-    assert files.create_atomic(file, "mine")
-    assert not files.create_atomic(file, "another's")
+    assert files.create_atomic(file, b"mine")
+    assert not files.create_atomic(file, b"another's")
     assert file.read_text() == "mine"
     assert list(tmp_path.iterdir()) == [file]
 
@@ -31,6 +31,6 @@ def test_creates_without_hard_links_too(tmp_path: Path, monkeypatch: pytest.Monk
         raise PermissionError("no links here")
 
     monkeypatch.setattr(os, "link", refuse)
-    assert files.create_atomic(tmp_path / "file.txt", "text")
+    assert files.create_atomic(tmp_path / "file.txt", b"text")
     assert (tmp_path / "file.txt").read_text() == "text"
     assert len(list(tmp_path.iterdir())) == 1
