@@ -7,6 +7,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 from omegaconf import OmegaConf
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecNormalize
 
 from auvbench.agents import learners
@@ -66,6 +67,7 @@ def test_every_file_trains_a_few_steps(name):
     )
     environment = WaypointVecEnv(Batch(config))
     model = learners.make(config, VecNormalize(environment))
+    model.set_logger(Logger(None, []))  # the one that SB3 would make leaves an empty folder in /tmp
     model.learn(128)
     assert model.num_timesteps == 128
     assert np.all(np.isfinite(environment.batch.simulator.pose))
