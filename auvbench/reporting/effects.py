@@ -12,7 +12,7 @@ import numpy as np
 from auvbench.reporting.labels import part, sort_key
 from auvbench.reporting.measures import Measure
 from auvbench.reporting.model import Agent, Estimate
-from auvbench.reporting.statistics import contrast, crossed
+from auvbench.reporting.statistics import contrast
 
 
 def learns(agent: Agent) -> bool:
@@ -54,7 +54,7 @@ def mean_difference(
     for first, second in pairs:
         weights[_index(agents, first)] += 1 / len(pairs)
         weights[_index(agents, second)] -= 1 / len(pairs)
-    found = contrast(crossed([m.values(agent) for agent in agents], rate=m.rate), weights, confidence)
+    found = contrast(m.table(agents), weights, confidence)
     return found.estimate, found.p_value
 
 

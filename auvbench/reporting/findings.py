@@ -22,7 +22,7 @@ from auvbench.reporting.prose import (
     turned,
     unit,
 )
-from auvbench.reporting.statistics import EPISODES_ONLY, crossed, holm, shared
+from auvbench.reporting.statistics import EPISODES_ONLY, holm, shared
 from auvbench.reporting.statistics.intervals import FloatArray, quantile
 from auvbench.tasks.record import OUTCOMES
 
@@ -238,7 +238,7 @@ def _seeds(agents: Sequence[Agent], m: Measure) -> Finding | None:
     means = [m.values(agent).mean(axis=1) for agent in several]
     ranges = np.array([x.max() - x.min() for x in means])
     widest = int(ranges.argmax())
-    table = crossed([m.values(agent) for agent in several], rate=m.rate, paired=False)
+    table = m.table(several, paired=False)
     known = table.variance > 0
     if not known.any():
         return None

@@ -64,7 +64,7 @@ def rank(
     agents, estimates, value = [agents[i] for i in order], [estimates[i] for i in order], value[order]
     if not np.isfinite(value).any():
         raise ReportError(f"no agent has values of {rank_by}")
-    table = st.moderated(st.crossed([by.values(agent) for agent in agents], rate=by.rate))
+    table = st.moderated(by.table(agents))
     pairs = st.pairs(table, confidence)
     p, adjusted = _p_values(agents, by, table, pairs)
     resolved = adjusted < 1 - confidence
@@ -153,8 +153,7 @@ def _estimates(agents: Sequence[Agent], confidence: float) -> list[dict[str, Est
     """By agent, the estimates of all measures; one that an agent lacks is NaN, never zero."""
     result: list[dict[str, Estimate]] = [{} for _ in agents]
     for m in all_measures(agents):
-        table = st.crossed([m.values(agent) for agent in agents], rate=m.rate, paired=False)
-        for found, estimate in zip(result, st.means(table, confidence), strict=True):
+        for found, estimate in zip(result, st.means(m.table(agents, paired=False), confidence), strict=True):
             found[m.name] = estimate
     return result
 

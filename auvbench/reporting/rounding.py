@@ -1,7 +1,8 @@
 """Numbers rounded by their uncertainty: as many decimals as the interval earns, no more.
 
-The rule is the usual one of metrology (JCGM 100:2008, 7.2.6): the uncertainty, here the half-width of the
-interval, keeps two significant digits, and the value is rounded to the same decimal place.
+The rule is the usual one of metrology (JCGM 100:2008, 7.2.6): the uncertainty keeps two significant digits, and the
+value is rounded to the same decimal place. The uncertainty is the longer arm of the interval: the half width of a
+symmetric one, and still that where the other end was cut because a time or a distance is not negative.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def rounded(estimate: Estimate, scale: float = 1.0) -> tuple[str, str, str]:
         three strings; the bounds are empty where there is no interval (one episode, no spread).
     """
     value, low, high = (scale * x for x in (estimate.value, estimate.low, estimate.high))
-    half = (high - low) / 2
+    half = max(value - low, high - value)
     if not math.isfinite(value):
         return NOTHING, "", ""
     if not math.isfinite(half) or half <= abs(value) * 1e-12:

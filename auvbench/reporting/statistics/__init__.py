@@ -1,7 +1,7 @@
 """Statistics of the report: pure functions on arrays (seeds, episodes); docs/statistics.md says why these.
 
-`intervals` has Wilson's interval, `crossed` means and differences over seeds and scenarios, `bootstrap` the
-resampling, `paired` tests and effect sizes between agents, `groups` the letters.
+`intervals` has Wilson's interval, `crossed` means over seeds and scenarios, `differences` those of agents,
+`bootstrap` the resampling, `paired` tests and effect sizes between agents, `groups` the letters.
 """
 
 from auvbench.reporting.statistics.bootstrap import (
@@ -19,14 +19,11 @@ from auvbench.reporting.statistics.crossed import (
     EPISODES_ONLY,
     MIXED,
     SEEDS_AND_EPISODES,
-    Contrast,
     Crossed,
-    Pairs,
-    contrast,
     crossed,
     means,
-    pairs,
 )
+from auvbench.reporting.statistics.differences import Contrast, Pairs, contrast, pairs
 from auvbench.reporting.statistics.groups import letter, letters, shared
 from auvbench.reporting.statistics.intervals import quantile, score_interval, wilson
 from auvbench.reporting.statistics.moderation import moderated

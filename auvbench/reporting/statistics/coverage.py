@@ -17,7 +17,8 @@ from scipy.special import expit
 from scipy.stats import gamma, norm
 
 from auvbench.reporting.statistics.bootstrap import multiplicities, paired_means, seed_weights
-from auvbench.reporting.statistics.crossed import crossed, means, pair_spread, pairs
+from auvbench.reporting.statistics.crossed import crossed, means
+from auvbench.reporting.statistics.differences import pair_spread, pairs
 from auvbench.reporting.statistics.intervals import FloatArray
 from auvbench.reporting.statistics.moderation import moderated
 from auvbench.reporting.statistics.paired import holm

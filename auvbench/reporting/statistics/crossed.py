@@ -1,4 +1,4 @@
-"""Means and rates over training seeds and test scenarios, and differences of them, with t-type intervals.
+"""Means and rates over training seeds and test scenarios, with t-type intervals; differences.py has those of agents.
 
 The data of an agent are an array (seeds S, episodes E): every trained policy meets the same scenarios, so seeds
 and scenarios are crossed. What may vary is taken as
@@ -22,7 +22,7 @@ Each source has its own quantile of Student's t, and the squares add up (Howe 19
 with S - 1 degrees of freedom for the seeds of one agent, Welch's for those of several, and E - 1 for scenarios.
 One quantile with Satterthwaite's degrees of freedom for the sum was tried and covers too little with 2 or 3 seeds,
 as does every bootstrap (docs/statistics.md). With one seed A and R are 0: the interval is conditional on that seed
-and covers test episodes only.
+and covers test episodes only. An interval ends where the range of possible values does.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from auvbench.reporting.model import Estimate
 from auvbench.reporting.statistics.intervals import FloatArray, quantile, score_interval
@@ -61,6 +62,8 @@ class Crossed:
     values: FloatArray  # (n,) values in all
     seeds_df: FloatArray  # (n,) degrees of freedom of between_seeds; infinite with one seed
     rate: bool
+    least: FloatArray  # (n,) smallest and
+    most: FloatArray  # (n,) largest value that a mean can have; infinite where there is no limit
 
     @property
     def variance(self) -> FloatArray:
@@ -73,14 +76,20 @@ class Crossed:
         return np.maximum(np.diagonal(self.between_scenarios) - self.residual, 0.0)
 
 
-def crossed(data: Sequence[FloatArray], *, rate: bool = False, paired: bool = True) -> Crossed:
+def crossed(
+    data: Sequence[FloatArray],
+    *,
+    rate: bool = False,
+    paired: bool = True,
+    bounds: tuple[ArrayLike, ArrayLike] = (-np.inf, np.inf),
+) -> Crossed:
     """Decompose the arrays (S_i, E), one per agent, whose columns are the same E scenarios.
 
     NaN is "no value": means are over what is there (few missing values: the pieces of the variance are those of
     the unweighted means). `rate` says that the values are 0 or 1: an agent at exactly 0 or 1
     then gets the variance of the rate (x + 1)/(n + 2), between seeds where there are several, because no failure in
     n trials does not prove that there are none. Without `paired` the covariances of agents are left out (NaN), which `means` does
-    not need.
+    not need. `bounds` are the least and the most that a value can be, for all agents or (n,); those of a rate are 0 and 1.
     """
     if len({x.shape[1] for x in data}) > 1:
         raise ValueError(
@@ -107,7 +116,10 @@ def crossed(data: Sequence[FloatArray], *, rate: bool = False, paired: bool = Tr
             else:
                 covariance[i, i] = variance
     seeds_df = np.where(seeds > 1, seeds - 1, np.inf)
-    return Crossed(mean, seeds, between, residual, covariance, episodes, values, seeds_df, rate)
+    least, most = (
+        np.broadcast_to(np.asarray(end, dtype=np.float64), (n,)) for end in ((0, 1) if rate else bounds)
+    )
+    return Crossed(mean, seeds, between, residual, covariance, episodes, values, seeds_df, rate, least, most)
 
 
 def _layout(
@@ -150,17 +162,25 @@ def _covariance(columns: FloatArray, paired: bool) -> tuple[FloatArray, FloatArr
     return covariance, episodes
 
 
-def _squares(table: Crossed) -> FloatArray:
+def squares(table: Crossed) -> FloatArray:
     """(n,) A² / its degrees of freedom; 0 with one seed."""
     return np.asarray(table.between_seeds**2 / table.seeds_df, dtype=np.float64)
 
 
-def _limits(table: Crossed, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def within(
+    low: ArrayLike, value: ArrayLike, high: ArrayLike, least: ArrayLike, most: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """The interval without what cannot be; it keeps the value, whatever the data claim."""
+    return np.minimum(np.maximum(low, least), value), np.maximum(np.minimum(high, most), value)
+
+
+def limits(table: Crossed, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Interval of each agent's rate or mean, q standard errors wide to each side; q is (n,) or (n, m)."""
     shape = (-1,) + (1,) * (q.ndim - 1)
     mean, variance = table.mean.reshape(shape), table.variance.reshape(shape)
     if not table.rate:
-        return mean - q * np.sqrt(variance), mean + q * np.sqrt(variance)
+        half = q * np.sqrt(variance)
+        return within(mean - half, mean, mean + half, table.least.reshape(shape), table.most.reshape(shape))
     seeds, values, episodes = (part.reshape(shape) for part in (table.seeds, table.values, table.episodes))
     # One seed: Wilson's own interval. Several: as many trials as would have this variance (Dean & Pagano 2015).
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -170,133 +190,20 @@ def _limits(table: Crossed, q: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def means(table: Crossed, confidence: float = 0.95) -> list[Estimate]:
-    """Mean of each agent with its interval; a rate's stays within [0, 1] and never has zero width.
+    """Mean of each agent with its interval, within what is possible; a rate's never has zero width.
 
     One seed and a rate: Wilson's interval. One seed and a mean: Student's t over the episodes. Several seeds: see
     the module's formula, for a rate as Wilson's interval with the effective number of trials p (1 - p) / variance.
     An interval that cannot be computed (one seed of one episode) is NaN.
     """
     spread = Spread(
-        table.between_seeds, welch(table.between_seeds, _squares(table)), table.scenarios, table.episodes - 1
+        table.between_seeds, welch(table.between_seeds, squares(table)), table.scenarios, table.episodes - 1
     )
     q = spread.quantile(confidence)
     if table.rate:
         q = np.where(table.seeds <= 1, quantile(confidence), q)
-    low, high = _limits(table, q)
+    low, high = limits(table, q)
     return [
         Estimate(float(m), float(a), float(b), confidence, covers(np.array([s])))
         for m, a, b, s in zip(table.mean, low, high, table.seeds, strict=True)
     ]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pairs:
-    """All differences row agent - column agent, (n, n) each."""
-
-    difference: FloatArray
-    low: FloatArray
-    high: FloatArray
-    p_value: FloatArray  # two-sided; of equal means
-
-    def estimate(self, i: int, j: int, table: Crossed, confidence: float) -> Estimate:
-        """The difference of agent i and agent j as an `Estimate`."""
-        value, low, high = (float(a[i, j]) for a in (self.difference, self.low, self.high))
-        return Estimate(value, low, high, confidence, covers(table.seeds[[i, j]]))
-
-
-def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
-    """All differences of two agents, paired by scenario, with intervals and t-type p-values.
-
-    Means: t interval of the module's formula. Rates: the square-and-add interval, Newcombe (1998, Stat. Med.
-    17:873 and 17:2635) and Zou & Donner (2008, Stat. Med. 27:1693): with limits l, u of each rate and r the
-    correlation of the two estimates,
-    d - sqrt((p1-l1)² - 2 r (p1-l1)(u2-p2) + (u2-p2)²), d + sqrt((u1-p1)² - 2 r (u1-p1)(p2-l2) + (p2-l2)²).
-    """
-    spread = pair_spread(table)
-    difference = table.mean[:, None] - table.mean[None, :]
-    q = spread.quantile(confidence)
-    if table.rate:
-        single = np.maximum(table.seeds[:, None], table.seeds[None, :]) <= 1
-        low, high = _square_and_add(table, np.where(single, quantile(confidence), q), difference)
-    else:
-        half = q * np.sqrt(spread.seeds + spread.scenarios)
-        low, high = difference - half, difference + half
-    # The p-values are symmetric: half of them, by bisection, are enough.
-    p = np.ones_like(difference)
-    upper = np.triu_indices(len(p), 1)
-    p[upper] = spread.take(upper).p_value(difference[upper])
-    p.T[upper] = p[upper]
-    return Pairs(difference, low, high, p)
-
-
-def pair_spread(table: Crossed) -> Spread:
-    """Variance of all differences (n, n)."""
-    cov, diagonal = table.between_scenarios, np.diagonal(table.between_scenarios)
-    noise = table.residual[:, None] + table.residual[None, :]
-    scenarios = np.maximum(diagonal[:, None] + diagonal[None, :] - 2 * cov - noise, 0.0)
-    between = table.between_seeds[:, None] + table.between_seeds[None, :]
-    squares = _squares(table)
-    fewer = np.minimum(table.episodes[:, None], table.episodes[None, :]) - 1
-    return Spread(between, welch(between, squares[:, None] + squares[None, :]), scenarios, fewer)
-
-
-def _square_and_add(table: Crossed, q: FloatArray, difference: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ends (n, n) of the differences of rates, from each rate's own interval at the pair's quantile."""
-    low, high = _limits(table, q)
-    down, up = (
-        table.mean[:, None] - low,
-        high - table.mean[:, None],
-    )  # (n, n): agent i at the quantile of (i, j)
-    r = _correlation(table)
-    below = np.sqrt(np.maximum(down**2 - 2 * r * down * up.T + up.T**2, 0.0))
-    above = np.sqrt(np.maximum(up**2 - 2 * r * up * down.T + down.T**2, 0.0))
-    return np.maximum(difference - below, -1.0), np.minimum(difference + above, 1.0)
-
-
-def _correlation(table: Crossed) -> FloatArray:
-    """Correlation (n, n) of the estimates of two rates; with one seed each Newcombe's, corrected for continuity.
-
-    His psi of method 10 lowers a positive n11 n22 - n12 n21 by n/2, to 0 at most: in covariances by 1/(2 n).
-    """
-    covariance = table.between_scenarios.copy()
-    single = np.maximum(table.seeds[:, None], table.seeds[None, :]) <= 1
-    n = np.minimum(table.episodes[:, None], table.episodes[None, :])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        corrected = np.maximum(covariance - 1 / (2 * n * (n - 1)), 0.0)
-        covariance = np.where(single & (covariance > 0), corrected, covariance)
-        r = covariance / np.sqrt(np.outer(table.variance, table.variance))
-    return np.clip(np.nan_to_num(r, nan=0.0, posinf=0.0, neginf=0.0), -1.0, 1.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Contrast:
-    """A weighted sum of agents' means with its interval and two-sided p-value of zero."""
-
-    estimate: Estimate
-    p_value: float
-
-
-def contrast(table: Crossed, weights: FloatArray, confidence: float = 0.95) -> Contrast:
-    """Weighted sum (n,) of the means, such as an effect averaged over matched cells, with a t interval.
-
-    A rate's contrast has the t interval too: sums of several agents' rates are far from the edges' trouble, save
-    when all rates are 0 or 1.
-    """
-    used = np.asarray(weights) != 0
-    w = np.where(used, weights, 0.0)[used]
-    between = float(w**2 @ table.between_seeds[used])
-    noise = float(w**2 @ table.residual[used])
-    scenarios = max(float(w @ table.between_scenarios[np.ix_(used, used)] @ w) - noise, 0.0)
-    value = float(w @ table.mean[used])
-    spread = Spread(
-        np.array([between]),
-        welch(np.array([between]), np.array([w**4 @ _squares(table)[used]])),
-        np.array([scenarios]),
-        np.array([table.episodes[used].min() - 1]),
-    )
-    half = float(spread.quantile(confidence)[0] * np.sqrt(between + scenarios))
-    p = float(spread.p_value(np.array([value]))[0])
-    low, high = value - half, value + half
-    if table.rate and np.abs(w).sum() <= 2:  # a difference of averages of rates
-        low, high = max(low, -1.0), min(high, 1.0)
-    return Contrast(Estimate(value, low, high, confidence, covers(table.seeds[used])), p)

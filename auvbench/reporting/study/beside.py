@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from auvbench.reporting.measures import measure
 from auvbench.reporting.model import Agent, Estimate
 from auvbench.reporting.rounding import NOTHING, rounded
-from auvbench.reporting.statistics import crossed, means, wilson
+from auvbench.reporting.statistics import means, wilson
 from auvbench.reporting.study import thesis
 from auvbench.reporting.study.evidence import Evidence, cell
 
@@ -36,30 +36,37 @@ class Beside:
 def beside(agents: Sequence[Agent], confidence: float = 0.95) -> tuple[Beside, ...]:
     """Every number of the thesis's table with ours of the same algorithm, K and training frequency."""
     evidence = Evidence((), agents, confidence, 0)
+    ours = {metric: _estimates(metric, agents, confidence) for metric in thesis.TABLE}
     rows = []
     for name in thesis.AGENTS:
         mine = [a for a in evidence.of(name[:3].lower()) if cell(a) == thesis.CELLS[name[3:]]]
         agent = mine[0] if len(mine) == 1 else None
         for metric, row in thesis.TABLE.items():
             if name in row:
-                rows.append(_beside(name, metric, row[name], agent, confidence))
+                label = "" if agent is None else agent.label
+                rows.append(_beside(name, metric, row[name], label, ours[metric].get(label), confidence))
     return tuple(rows)
 
 
+def _estimates(metric: str, agents: Sequence[Agent], confidence: float) -> dict[str, Estimate]:
+    """By label, rates in percent."""
+    m = measure(metric)
+    scale = 100.0 if m.rate else 1.0
+    found = means(m.table(agents, paired=False), confidence) if agents else []
+    return {
+        agent.label: replace(e, value=scale * e.value, low=scale * e.low, high=scale * e.high)
+        for agent, e in zip(agents, found, strict=True)
+    }
+
+
 def _beside(
-    name: str, metric: str, reported: thesis.Reported, agent: Agent | None, confidence: float
+    name: str, metric: str, reported: thesis.Reported, label: str, ours: Estimate | None, confidence: float
 ) -> Beside:
-    m, ours, interval = measure(metric), None, None
-    if m.rate:
+    interval = None
+    if measure(metric).rate:
         low, high = wilson(reported.value / 100 * thesis.EPISODES, thesis.EPISODES, confidence)
         interval = (100 * float(low), 100 * float(high))
-    if agent is not None:
-        e = means(crossed([m.values(agent)], rate=m.rate), confidence)[0]
-        scale = 100.0 if m.rate else 1.0
-        ours = Estimate(scale * e.value, scale * e.low, scale * e.high, e.confidence, e.covers)
-    label = "" if agent is None else agent.label
-    title = thesis.TITLES[metric]
-    return Beside(name, label, metric, title, reported.value, reported.mark, interval, ours)
+    return Beside(name, label, metric, thesis.TITLES[metric], reported.value, reported.mark, interval, ours)
 
 
 def markdown(rows: Sequence[Beside]) -> str:

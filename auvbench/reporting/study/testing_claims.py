@@ -11,7 +11,7 @@ from auvbench.reporting.measures import measure
 from auvbench.reporting.model import Agent, Estimate, Finding
 from auvbench.reporting.prose import amount, counted, difference, listed, probability
 from auvbench.reporting.ranking import rank
-from auvbench.reporting.statistics import contrast, crossed, means, quantile
+from auvbench.reporting.statistics import contrast, means, quantile
 from auvbench.reporting.study import thesis
 from auvbench.reporting.study.evidence import Evidence, cell, cell_of_run
 from auvbench.reporting.study.trend import trend
@@ -177,7 +177,7 @@ def sac_is_more_robust_to_frequency(e: Evidence) -> Finding:
         parts.append(Part(OPEN, missing="an evaluated PPO agent with K=1 at 25 Hz"))
     else:
         m = measure("success_rate")
-        estimate = means(crossed([mine.success], rate=True), e.confidence)[0]
+        estimate = means(m.table([mine]), e.confidence)[0]
         verdict = by_interval(estimate, 0.5, less=True)
         missing = more_seeds([mine]) if verdict == OPEN else ""
         parts.append(
@@ -212,8 +212,7 @@ def _interaction(
         used += [sac[k, high], sac[k, low], ppo[k, high], ppo[k, low]]
         weights += [1.0, -1.0, -1.0, 1.0]
     m = measure("success_rate")
-    table = crossed([agent.success for agent in used], rate=True)
-    estimate = contrast(table, np.array(weights) / len(ends), e.confidence).estimate
+    estimate = contrast(m.table(used), np.array(weights) / len(ends), e.confidence).estimate
     verdict = by_interval(estimate, 0.0)
     low, high = ends[0][1:]
     statistic = f"from {low:g} to {high:g} Hz SAC's success changes by {difference(estimate, m)} more than PPO's, over {counted(len(ends), 'value')} of K"

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as some
 from scipy import stats
 
 from auvbench.reporting.statistics import (
@@ -225,3 +227,43 @@ def test_means_do_not_need_the_covariances():
     data[1][:, :4] = np.nan
     for alone, together in zip(means(crossed(data, paired=False)), means(crossed(data)), strict=True):
         assert (alone.low, alone.high) == pytest.approx((together.low, together.high))
+
+
+@given(
+    some.lists(some.floats(0, 1000, width=32), min_size=8, max_size=8),
+    some.sampled_from([1, 2, 4]),
+    some.floats(-5, 0),
+    some.floats(1000, 2000) | some.just(np.inf),
+)
+def test_a_cut_interval_is_the_whole_one_without_what_cannot_be(values, S, least, most):
+    data = [np.array(values).reshape(S, -1), np.array(values[::-1]).reshape(S, -1)]
+    whole, cut = crossed(data), crossed(data, bounds=(least, most))
+    for a, b in zip(means(whole), means(cut), strict=True):
+        assert (b.low, b.value, b.high) == (max(a.low, least), a.value, min(a.high, most))
+    a, b = pairs(whole), pairs(cut)
+    assert np.array_equal(b.low, np.maximum(a.low, least - most))
+    assert np.array_equal(b.high, np.minimum(a.high, most - least))
+    assert np.array_equal(a.p_value, b.p_value)
+    weights = np.array([1.0, -1.0])
+    one, other = contrast(whole, weights), contrast(cut, weights)
+    assert other.estimate.low == max(one.estimate.low, least - most)
+    assert other.p_value == one.p_value
+
+
+def test_cutting_costs_no_coverage():
+    """Two seeds, steps near their limit: most intervals reach beyond it, and hold the truth as often when cut."""
+    rng, hits, reach = np.random.default_rng(4), np.zeros(2), 0
+    truth = 1000 - 100 * (stats.norm.cdf(1) + stats.norm.pdf(1))  # of min(N(900, 100²), 1000)
+    for _ in range(400):
+        steps = np.minimum(900 + 60 * rng.normal(size=(2, 1)) + 80 * rng.normal(size=(2, 40)), 1000)
+        found = [means(crossed([steps], bounds=b))[0] for b in ((-np.inf, np.inf), (1, 1000))]
+        hits += [e.low <= truth <= e.high for e in found]
+        reach += found[0].high > 1000
+    assert hits[0] == hits[1]
+    assert reach > 200
+
+
+def test_data_outside_the_range_stay_in_their_interval():
+    estimate = means(crossed([np.array([[-3.0, -2.0, -4.0]])], bounds=(0, 10)))[0]
+    assert estimate.low == estimate.value == -3
+    assert estimate.high > -3

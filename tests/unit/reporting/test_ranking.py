@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from auvbench.errors import ReportError
-from auvbench.reporting.measures import HIGHER_IS_BETTER, MEASURES, measure
+from auvbench.reporting.measures import COLUMNS, MEASURES, measure
 from auvbench.reporting.ranking import ALL_PAIRS, rank
 from auvbench.reporting.statistics import EPISODES_ONLY, MIXED, SEEDS_AND_EPISODES, holm, mcnemar
 from tests.unit.reporting.agents import agent
@@ -112,7 +112,40 @@ def test_direction_follows_the_measure():
     assert rank([rich, poor], rank_by="collision_rate").rows[0].estimates["collision_rate"].value == min(
         (x.outcome == 1).mean() for x in (rich, poor)
     )
-    assert set(HIGHER_IS_BETTER) == {m.column for m in MEASURES.values()} - {"outcome"}
+    assert set(COLUMNS) == {m.column for m in MEASURES.values()} - {"outcome"}
+
+
+def test_no_interval_leaves_what_is_possible():
+    """Two seeds that differ wildly: t(1) = 12.7 would promise negative steps."""
+    good, bad = agent("sac", seeds=2, steps=200), agent("ppo", seeds=2, level=-1)
+    more = {
+        "frequency_hz": np.full((2, 200), 10.0),
+        "energy_J": np.array([[1e3], [3e4]]) + np.zeros((2, 200)),
+        "path_efficiency": np.array([[0.2], [0.9]]) + np.zeros((2, 200)),
+        "return": np.array([[1.0], [600.0]]) + np.zeros((2, 200)),
+    }
+    agents = [
+        replace(a, metrics={**a.metrics, **more, "time_to_goal_s": a.metrics["steps"] * [[0.02], [0.1]]})
+        for a in (good, bad)
+    ]
+    ranking = rank(agents, rank_by="mean_steps")
+    limits = {
+        "steps": (1, 1000),
+        "time_to_goal_s": (0, 100),
+        "energy_J": (0, np.inf),
+        "path_efficiency": (-1, 1),
+    }
+    for row in ranking.rows:
+        for column, (least, most) in limits.items():
+            e = row.estimates[f"mean_{column}"]
+            assert least <= e.low < e.value < e.high <= most, (column, e)
+    energy = ranking.rows[0].estimates["mean_energy_J"]
+    assert energy.low == 0
+    assert energy.high == pytest.approx(
+        energy.value + 12.7062 * np.std([1e3, 3e4], ddof=1) / np.sqrt(2), rel=1e-4
+    )
+    assert ranking.comparisons[0].difference.low >= -999
+    assert ranking.rows[0].estimates["mean_return"].low < 0
 
 
 def test_equal_success_is_decided_by_steps_and_full_equality_shares_the_rank():
