@@ -57,7 +57,7 @@ def environments() -> Iterator[Row]:
 
 def threads() -> Iterator[Row]:
     """What a second thread gains on a large batch."""
-    for n in (4096, 8192):
+    for n in (1024, 4096, 8192):
         one, two = (
             _stepper(make_batch(configuration(f"step.frequency={FREQUENCY}", f"simulator.threads={t}"), n))
             for t in (1, 2)

@@ -113,6 +113,10 @@ class Batch:
 
     def step(self, action: NDArray[np.floating]) -> Transition:
         """One agent step of 1/frequency seconds for actions (n, n_u), clipped to [-1, 1]."""
+        return self._conclude(self._compute(action))
+
+    def _compute(self, action: NDArray[np.floating]) -> int:
+        """Everything up to the observation; returns how many episodes ended."""
         np.clip(action, -1.0, 1.0, out=self._action)
         task, simulator = self.task, self.simulator
         command = task.add_noise(self._action)
@@ -125,7 +129,13 @@ class Batch:
         ended_count = task.advance(simulator.pose, self._action, simulator.command_force, power)
         if self.disturbances is not None:
             self.disturbances.read()
-        observation = task.observe(self._measured())
+        task.observe(self._measured())
+        return ended_count
+
+    def _conclude(self, ended_count: int) -> Transition:
+        """The transition of a step that is computed, and the next episode where one of `ended_count` ended."""
+        task = self.task
+        observation = task.observation
         if not ended_count:
             none = np.zeros(self.n, dtype=np.bool_)
             return Transition(observation, task.reward, none, none, self._none, observation[:0], [])

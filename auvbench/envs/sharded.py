@@ -1,7 +1,8 @@
-"""A large batch on several threads: contiguous parts, each a `Batch` of its own.
+"""A large disturbed batch on several threads: contiguous parts, each a `Batch` of its own.
 
-The compiled kernels release the interpreter's lock, so whole steps run side by side. Environment i draws from
-(seed, i) in whichever part it lies: results, and the saved state, do not depend on the number of threads.
+Between the kernels of a disturbed step the interpreter decides what comes next, so that whole steps run side by
+side only as far as its lock permits; undisturbed batches do better (`team.py`). Environment i draws from (seed, i)
+in whichever part it lies: results, and the saved state, do not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -16,18 +17,25 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.envs.batch import Batch, Transition
+from auvbench.envs.team import TeamBatch
 
-SMALLEST = 4096
-"""environments from which a second thread pays"""
+SMALLEST = 64
+"""environments from which a second thread pays in an undisturbed batch"""
+
+SMALLEST_DISTURBED = 1024
+"""environments from which a second thread pays in a disturbed batch"""
 
 
 def make_batch(
     config: schema.TrainConfig, n: int | None = None, *, seed: int | None = None
 ) -> Batch | ShardedBatch:
-    """The batch for a configuration: on `simulator.threads` threads from SMALLEST environments up."""
+    """The batch for a configuration, on `simulator.threads` threads where they pay."""
     count = int(config.algo.n_envs if n is None else n)
     if config.simulator.threads > 1 and count >= SMALLEST:
-        return ShardedBatch(config, count, seed=seed)
+        if Batch(config, 1, seed=seed).disturbances is None:
+            return TeamBatch(config, count, seed=seed)
+        if count >= SMALLEST_DISTURBED:
+            return ShardedBatch(config, count, seed=seed)
     return Batch(config, count, seed=seed)
 
 

@@ -37,7 +37,7 @@ class FossenSimulator:
     """N copies of a vehicle, integrated with RK4 in substeps no longer than `max_step`.
 
     A vehicle's trajectory is the same to the last bit in a batch of any size.
-    Threads are a matter of the batch above (`envs/sharded.py`): `step` releases the interpreter's lock.
+    Threads are a matter of the batch above (`envs/team.py`): `step` releases the interpreter's lock.
 
     Args:
         vehicle: the model to simulate.
@@ -128,6 +128,15 @@ class FossenSimulator:
         action = np.ascontiguousarray(command, dtype=np.float64)
         if action.shape != self.command_force.shape:
             raise ValueError(f"command has shape {action.shape}, expected {self.command_force.shape}")
+        advance(*self.kernel_arguments(action, duration, 0, self.n))
+
+    def kernel_arguments(
+        self, command: FloatArray, duration: float, start: int, stop: int
+    ) -> tuple[Any, ...]:
+        """What `dynamics.kernel.advance` takes to step the vehicles start .. stop - 1, multiples of LANES or `n`.
+
+        For those who call it from compiled code: the arrays stay the same ones until vehicles get other scales.
+        """
         substeps = self.substeps(duration)
         h = duration / substeps
         discrete = self._discrete.get(h)
@@ -135,11 +144,11 @@ class FossenSimulator:
             if len(self._discrete) >= DISCRETISATIONS:
                 self._discrete.clear()
             discrete = self._discrete[h] = discretise(self.vehicle, h / 2.0)
-        advance(
+        return (
             self.pose,
             self.velocity,
             self.actuators,
-            action,
+            command,
             self.effectiveness,
             self.command_force,
             self.power,
@@ -151,7 +160,7 @@ class FossenSimulator:
             discrete,
             self._curves,
             self._flags,
-            (0, self._n_blocks),
+            (start // layout.LANES, -(-stop // layout.LANES)),
             substeps,
             h,
         )

@@ -95,17 +95,7 @@ class WaypointTask:
 
     def add_noise(self, action: Floats) -> Floats:
         """The command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
-        k.add_command_noise(
-            0,
-            self.n,
-            action,
-            self.C,
-            self.parameters,
-            self.noise_scale,
-            self.seed,
-            self._test,
-            self.command,
-        )
+        k.add_command_noise(*self.noise_arguments(action, 0, self.n))
         return self.command
 
     def advance(self, pose: Floats, action: Floats, force: Floats, power: Floats) -> int:
@@ -114,19 +104,14 @@ class WaypointTask:
         Raises:
             TrainingError: the simulation left the finite numbers.
         """
-        ended = k.advance(
-            0,
-            self.n,
-            pose,
-            action,
-            self.previous,
-            force,
-            power,
-            self.F,
-            self.C,
-            self.parameters,
-            self.reward,
-        )
+        return self.checked(k.advance(*self.advance_arguments(pose, action, force, power, 0, self.n)))
+
+    def checked(self, ended: int) -> int:
+        """What the kernel `advance` returned, if it is a number of episodes.
+
+        Raises:
+            TrainingError: the simulation left the finite numbers.
+        """
         if ended < 0:
             row = -1 - ended
             raise TrainingError(
@@ -137,22 +122,30 @@ class WaypointTask:
 
     def observe(self, pose: Floats, indices: Integers | None = None) -> NDArray[np.float32]:
         """Observations (n, 4 + n_u) from (measured) poses; only the rows in `indices` are renewed if given."""
-        arguments = (
-            pose,
-            self.offset,
-            self.previous,
-            self.F,
-            self.C,
-            self.parameters,
-            self.seed,
-            self._test,
-            self.observation,
-        )
         if indices is None:
-            k.observe(0, self.n, *arguments)
+            k.observe(*self.observe_arguments(pose, 0, self.n))
         else:
-            k.observe_some(indices, *arguments)
+            k.observe_some(indices, *self.observe_arguments(pose, 0, self.n)[2:])
         return self.observation
+
+    # What the kernels take for the environments start .. stop - 1. The arrays stay the same ones.
+
+    def noise_arguments(self, action: Floats, start: int, stop: int) -> tuple[Any, ...]:
+        """Of `kernels.add_command_noise`."""
+        scale, seed, test = self.noise_scale, self.seed, self._test
+        return start, stop, action, self.C, self.parameters, scale, seed, test, self.command
+
+    def advance_arguments(
+        self, pose: Floats, action: Floats, force: Floats, power: Floats, start: int, stop: int
+    ) -> tuple[Any, ...]:
+        """Of `kernels.advance`."""
+        sums = self.F, self.C, self.parameters, self.reward
+        return start, stop, pose, action, self.previous, force, power, *sums
+
+    def observe_arguments(self, pose: Floats, start: int, stop: int) -> tuple[Any, ...]:
+        """Of `kernels.observe`."""
+        state = self.previous, self.F, self.C, self.parameters
+        return start, stop, pose, self.offset, *state, self.seed, self._test, self.observation
 
     def records(self, indices: Integers) -> list[Record]:
         """The rows of episodes that just ended, columns RECORD_COLUMNS."""

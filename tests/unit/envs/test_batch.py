@@ -15,6 +15,7 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.envs.team import TeamBatch
 
 assert auvbench.__version__
 
@@ -153,10 +154,11 @@ def test_threads_change_neither_floats_nor_saved_states(disturbance, monkeypatch
     from auvbench.envs import sharded
 
     monkeypatch.setattr(sharded, "SMALLEST", 8)
+    monkeypatch.setattr(sharded, "SMALLEST_DISTURBED", 8)
     overrides = ("task.max_steps=12", f"disturbance={disturbance}")
     one = sharded.make_batch(configuration(*overrides), 37, seed=5)
     three = sharded.make_batch(configuration(*overrides, "simulator.threads=3"), 37, seed=5)
-    assert isinstance(three, sharded.ShardedBatch)
+    assert type(three) is (TeamBatch if disturbance == "none" else sharded.ShardedBatch)
     a, b = run(one, 40), run(three, 40)
     np.testing.assert_array_equal(a[0], b[0])
     np.testing.assert_array_equal(a[1], b[1])
