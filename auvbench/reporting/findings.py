@@ -83,7 +83,7 @@ def _resolved(ranking: Ranking) -> Finding | None:
     if neighbours == n - 1:
         text += "the order is that of the table."
     else:
-        text += "agents that share a letter may stand in another order."
+        text += "across the others the order may be another."
     percent = f"{100 * ranking.confidence:g} %"
     return Finding(
         text, statistic=f"Tests of all {n * (n - 1) // 2} pairs, Holm-corrected, {percent} together."

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from auvbench.reporting.model import Estimate, Ranking, Row
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.tables.columns import COLUMNS
+from auvbench.reporting.tables.columns import COLUMNS, letters
+from auvbench.reporting.tables.notes import resolution
 
 PLOT_WIDTH = 108
 """px of an interval plot; its ends keep `PLOT_MARGIN` for the dot"""
@@ -147,6 +148,10 @@ class Table:
     """of the first column, which is drawn"""
     one_seed: bool
     """some row's interval covers test episodes only"""
+    letters: bool
+    """the group letters can be read"""
+    resolution: str
+    """how a reader sees who is resolved from whom"""
 
 
 def main_table(ranking: Ranking, colours: Mapping[str, str], links: Links) -> Table:
@@ -198,7 +203,9 @@ def _table(
     axis = _axis(ranking.rows, headings[0]) if draw and headings else None
     lines = tuple(_line(row, headings, axis, colours, links) for row in ranking.rows)
     lines = _aligned(lines)
-    return Table(headings, lines, axis, any(line.one_seed for line in lines))
+    words = resolution(ranking)
+    one_seed = any(line.one_seed for line in lines)
+    return Table(headings, lines, axis, one_seed, letters(ranking), words[:1].upper() + words[1:])
 
 
 def _line(

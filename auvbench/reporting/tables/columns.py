@@ -52,6 +52,9 @@ BY_WEIGHT = (0, 3, 1, 2, 6, 4, 10, 7, 5, 8, 9)
 
 DAGGER = "†"
 
+MOST_LETTERS = 8
+"""of an agent's group; beyond, a column of letters says nothing to a reader that the rank intervals do not"""
+
 
 def present(columns: Sequence[Column], ranking: Ranking) -> tuple[Column, ...]:
     """The columns that at least one row has a number for; what the table is ranked by is always among them."""
@@ -81,6 +84,16 @@ def rank(row: Row) -> str:
     """'1', or '2 (1–3)' where resampling leaves the rank open."""
     low, high = row.rank_interval
     return str(row.rank) if low == high == row.rank else f"{row.rank} ({low}–{high})"
+
+
+def letters(ranking: Ranking) -> bool:
+    """Whether the column of group letters can be read. The CSV has them always."""
+    return all(len(row.group) <= MOST_LETTERS for row in ranking.rows)
+
+
+def lead(ranking: Ranking) -> tuple[str, ...]:
+    """Headings of the columns before the first metric."""
+    return ("rank", "group", "agent", "seeds") if letters(ranking) else ("rank", "agent", "seeds")
 
 
 def one_seed_among_many(ranking: Ranking) -> frozenset[str]:

@@ -74,12 +74,13 @@ def _float(
     ranking: Ranking, rows: Sequence[Row], shown: Sequence[c.Column], caption: str, label: str, *, full: bool
 ) -> str:
     marked = c.one_seed_among_many(ranking)
-    headings = ["rank", "group", "agent", "seeds", *(_split_heading(column.tex) for column in shown)]
+    lead = c.lead(ranking)
+    headings = [*lead, *(_split_heading(column.tex) for column in shown)]
     lines = [
         r"\begin{table}[htbp]",
         r"\centering\scriptsize\setlength{\tabcolsep}{3pt}",
         rf"\caption{{{caption}}}\label{{{label}}}",
-        rf"\begin{{tabular}}{{@{{}}lllr{'r' * len(shown)}@{{}}}}",
+        rf"\begin{{tabular}}{{@{{}}{'l' * (len(lead) - 1)}r{'r' * len(shown)}@{{}}}}",
         r"\toprule",
         " & ".join(headings) + r" \\",
         r"\midrule",
@@ -87,9 +88,10 @@ def _float(
     for row in rows:
         name = escape(row.label + (f" {c.DAGGER}" if row.label in marked else ""))
         cells = [c.cell(row, column) for column in shown]
-        values = [escape(c.rank(row)), escape(row.group), name, c.seeds(row), *(escape(v) for v, _ in cells)]
+        group = [escape(row.group)] if "group" in lead else []
+        values = [escape(c.rank(row)), *group, name, c.seeds(row), *(escape(v) for v, _ in cells)]
         # A bracket at the start of a row would be read as the optional argument of the \\ above it.
-        intervals = ["", "", "", "", *(rf"{{\tiny {escape(i)}}}" if i else "" for _, i in cells)]
+        intervals = [*("" for _ in lead), *(rf"{{\tiny {escape(i)}}}" if i else "" for _, i in cells)]
         lines += [" & ".join(values) + r" \\[-2pt]", " & ".join(intervals) + r" \\[1.5pt]"]
     lines += [r"\bottomrule", r"\end{tabular}"]
     if full:

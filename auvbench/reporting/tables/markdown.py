@@ -35,8 +35,10 @@ def markdown(ranking: Ranking) -> str:
     for row in ranking.rows:
         label = escape(row.label) + (f" {c.DAGGER}" if row.label in marked else "")
         cells = [" ".join(filter(None, c.cell(row, column))) for column in shown]
-        rows.append([c.rank(row), row.group, label, c.seeds(row), *cells])
-    table = pipes(["rank", "group", "agent", "seeds", *(x.heading for x in shown)], rows, 3)
+        group = [row.group] if c.letters(ranking) else []
+        rows.append([c.rank(row), *group, label, c.seeds(row), *cells])
+    lead = c.lead(ranking)
+    table = pipes([*lead, *(x.heading for x in shown)], rows, len(lead) - 1)
     parts = [table, "\n".join(escape(line) for line in notes(ranking))]
     for title, problems in grouped(ranking.problems):
         lines = [f"- {escape(p.where)}: {escape(p.message)}" for p in problems]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from auvbench.reporting.model import Problem, Ranking
-from auvbench.reporting.tables.columns import DAGGER, one_seed_among_many
+from auvbench.reporting.tables.columns import DAGGER, letters, one_seed_among_many
 
 KINDS = {
     "failed": "failed",
@@ -26,8 +26,7 @@ def notes(ranking: Ranking) -> list[str]:
         f"Protocol {ranking.protocol}, condition {ranking.condition}, scenarios {ranking.fingerprint}: "
         f"{episodes} episodes per training seed, the same for every agent. Training seeds: {_seeds(ranking)}.",
         f"Ranked by {ranking.rank_by}, then {ranking.then}. Brackets are {percent} intervals; a rank in "
-        f"parentheses is its {percent} interval; agents that share a group letter are not resolved from each "
-        "other.",
+        f"parentheses is its {percent} interval; {resolution(ranking)}.",
     ]
     single = [row for row in ranking.rows if len(row.seeds) < 2]
     if single and len(single) == len(ranking.rows):
@@ -43,6 +42,16 @@ def notes(ranking: Ranking) -> list[str]:
     elif ranking.rows:
         lines.append("The intervals cover training seeds and test episodes.")
     return lines
+
+
+def resolution(ranking: Ranking) -> str:
+    """How a reader sees which agents are resolved from each other."""
+    if letters(ranking):
+        return "agents that share a group letter are not resolved from each other"
+    return (
+        "agents whose rank intervals do not overlap are resolved from each other (the group letters, too many to "
+        "read here, are in the CSV)"
+    )
 
 
 def _seeds(ranking: Ranking) -> str:

@@ -58,7 +58,9 @@ class RankingTable:
     def _table(self, shown: Sequence[c.Column]) -> Table:
         table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 1))
         table.add_column("rank", justify="left", no_wrap=True)
-        table.add_column("group", overflow="fold", max_width=8)
+        letters = c.letters(self.ranking)
+        if letters:
+            table.add_column("group", no_wrap=True)
         widest = max((len(word) for row in self.ranking.rows for word in row.label.split()), default=5)
         table.add_column("agent", overflow="fold", min_width=max(widest, 5))
         table.add_column("seeds", justify="right", no_wrap=True)
@@ -71,8 +73,10 @@ class RankingTable:
             label = Text(row.label + (f" {c.DAGGER}" if row.label in marked else ""))
             if row.rank == 1:
                 label.stylize("bold")
-            cells: list[RenderableType] = [c.rank(row), Text(row.group, style="cyan"), label, c.seeds(row)]
-            table.add_row(*cells, *(_stacked(row, column) for column in shown))
+            group = [Text(row.group, style="cyan")] if letters else []
+            table.add_row(
+                c.rank(row), *group, label, c.seeds(row), *(_stacked(row, column) for column in shown)
+            )
         return table
 
 

@@ -127,6 +127,14 @@ def test_one_training_seed_is_said_next_to_the_number(tmp_path: Path) -> None:
     assert "the interval covers test episodes only, not what another training would have given" in html
 
 
+def test_letters_that_nobody_can_read_are_no_column(grid: dict[str, Any], html: str) -> None:
+    rows = tuple(dataclasses.replace(row, group="abcdefghi") for row in grid["ranking"].rows)
+    many = written(grid, ranking=dataclasses.replace(grid["ranking"], rows=rows))
+    assert html.count('class="letters"') == len(rows)
+    assert 'class="letters"' not in many
+    assert "Agents whose rank intervals do not overlap are resolved" in many
+
+
 def test_comparisons_with_the_baseline_stand_in_one_table_only(tmp_path: Path) -> None:
     parts = page_data.parts(tmp_path, reward_k=(1.0, 40.0), seeds=(0, 1), episodes=30, train_episodes=0)
     ranking = rank(parts["agents"], baseline="pid")

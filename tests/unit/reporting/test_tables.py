@@ -90,6 +90,24 @@ def test_notes_say_what_the_numbers_cover(ranking: Ranking) -> None:
     assert "†" not in text
 
 
+def test_letters_that_nobody_can_read_give_way_to_the_rank_intervals(ranking: Ranking) -> None:
+    rows = tuple(replace(row, group="abcdefghi"[i:]) for i, row in enumerate(ranking.rows))
+    many = replace(ranking, rows=rows)
+    for text in (on_screen(many, 100), tables.markdown(many), tables.latex(many)):
+        assert "group |" not in text
+        assert "abcdefghi" not in text
+        assert "rank intervals do not overlap" in " ".join(text.split())
+    for text in (on_screen(ranking, 100), tables.markdown(ranking), tables.latex(ranking)):
+        assert "share a group letter" in " ".join(text.split())
+    lines = [line for line in tables.markdown(many).splitlines() if line.startswith("|")]
+    assert len({line.count("|") for line in lines}) == 1
+    assert "---" in lines[1].split("|")[2]
+    assert lines[1].split("|")[3].strip() == "---:"
+    body = [line for line in tables.latex(many).splitlines() if line.endswith(r"\\[-2pt]")]
+    assert {len(re.findall(r"(?<!\\)&", line)) for line in body} == {8, 7}
+    assert next(csv_module.DictReader(io.StringIO(tables.csv(many))))["group"] == "abcdefghi"
+
+
 def test_csv_reads_back_bit_for_bit(ranking: Ranking) -> None:
     rows = list(csv_module.DictReader(io.StringIO(tables.csv(ranking))))
     assert [row["agent"] for row in rows] == [row.label for row in ranking.rows]
