@@ -44,6 +44,14 @@ class Options:
 def main(argv: Sequence[str]) -> int:
     """Exit code 0 when there is a report, whatever had to be left out of it: the report names that."""
     paths, options = parse(argv)
+    from auvbench.reporting.processes import uncollected
+
+    with uncollected():
+        _report(paths, options, shlex.join(["auvbench", "report", *argv]))
+    return 0
+
+
+def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     from auvbench.reporting.findings import sentences
     from auvbench.reporting.load import agents, load
     from auvbench.reporting.measures import measure
@@ -68,9 +76,8 @@ def main(argv: Sequence[str]) -> int:
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
     claims, numbers = _study(runs, ordered, options)
     report = Report(runs, ordered, ranking, sentences(ranking, ordered), claims, numbers)
-    written = write(report, options, shlex.join(["auvbench", "report", *argv]))
+    written = write(report, options, command)
     _show(report, options, written)
-    return 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ import yaml
 from auvbench.errors import ReportError
 from auvbench.reporting.grouping import agents
 from auvbench.reporting.model import Evaluation, Problem, RunRecord
+from auvbench.reporting.processes import each
 from auvbench.tasks.record import OUTCOMES
 
 __all__ = ["CORE_COLUMNS", "SCHEMA_VERSION", "agents", "available_protocols", "load"]
@@ -39,6 +41,10 @@ CORE_COLUMNS = (
 )
 """without these, finite in every row, an evaluation is not reported on; not all of a record's columns, so that an
 evaluation stays readable when a later auvbench measures something more"""
+
+
+_Read = tuple[RunRecord | None, list[Problem]]
+"""a run, if it can be used, and what is wrong with it"""
 
 
 class _Damage(Exception):
@@ -67,19 +73,22 @@ def load(
     """
     protocols = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     problems: list[Problem] = []
-    runs: list[RunRecord] = []
-    for directory in _directories(paths, problems):
-        try:
-            run = _read_run(directory)
-        except _Damage as damage:
-            problems.append(Problem(str(directory), damage.kind, str(damage)))
-            continue
-        runs.append(run)
-    runs = _without_duplicates(runs, problems)
+    directories = list(_directories(paths, problems))
+    runs = _without_duplicates(_collect(each(_read_run, directories), problems), problems)
     if not runs:
         details = f": {problems[0].where}: {problems[0].message}" if problems else ""
         raise ReportError(f"no run under {', '.join(map(str, paths))}{details}")
-    return [_with_evaluations(run, protocols, problems) for run in runs], problems
+    return _collect(each(lambda run: _with_evaluations(run, protocols), runs), problems), problems
+
+
+def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
+    """The runs there are; what was wrong is added to `problems`."""
+    runs = []
+    for run, found in read:
+        problems += found
+        if run is not None:
+            runs.append(run)
+    return runs
 
 
 def available_protocols(runs: Iterable[RunRecord]) -> list[str]:
@@ -110,7 +119,14 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
             problems.append(Problem(str(path), "missing", "no run here (no folder with a manifest.json)"))
 
 
-def _read_run(directory: Path) -> RunRecord:
+def _read_run(directory: Path) -> _Read:
+    try:
+        return _run(directory), []
+    except _Damage as damage:
+        return None, [Problem(str(directory), damage.kind, str(damage))]
+
+
+def _run(directory: Path) -> RunRecord:
     manifest = _json(directory / "manifest.json")
     if missing := {"id", "state", "seed"} - manifest.keys():
         raise _Damage(f"manifest.json is not that of a run (no {', '.join(sorted(missing))})", "foreign")
@@ -177,12 +193,12 @@ def _without_duplicates(runs: Sequence[RunRecord], problems: list[Problem]) -> l
     return kept
 
 
-def _with_evaluations(run: RunRecord, protocols: Sequence[str], problems: list[Problem]) -> RunRecord:
+def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
     """The run with its evaluations read; a failed or unfinished one keeps none."""
     if run.state != "complete":
-        problems.append(_why_not(run))
-        return run
+        return run, [_why_not(run)]
     evaluations = {}
+    problems = []
     for name in protocols:
         directory = run.directory / "evaluations" / name
         if not directory.is_dir():
@@ -194,7 +210,7 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str], problems: list[P
             evaluations[name] = _read_evaluation(directory)
         except _Damage as damage:
             problems.append(Problem(run.id, damage.kind, f"evaluation {name}: {damage}"))
-    return RunRecord(run.id, run.directory, run.state, run.seed, run.config, run.manifest, evaluations)
+    return replace(run, evaluations=evaluations), problems
 
 
 def _why_not(run: RunRecord) -> Problem:
@@ -225,7 +241,7 @@ def _read_evaluation(directory: Path) -> Evaluation:
 def _read_episodes(path: Path, summary: Mapping[str, Any]) -> pd.DataFrame:
     """episodes.csv, checked: all columns, all rows of the summary, no row cut short, all values finite."""
     try:
-        frame = pd.read_csv(path, engine="c")
+        frame = pd.read_csv(path, engine="c", low_memory=False)
         with path.open("rb") as file:
             file.seek(-1, os.SEEK_END)
             ends_with_newline = file.read() == b"\n"

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import sys
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from auvbench.reporting.figures import matrices, paths, robustness, style, testing, training
 from auvbench.reporting.figures.model import Figure
 from auvbench.reporting.figures.scene import Drawing, Scene, scene
 from auvbench.reporting.model import Agent, Ranking, RunRecord
+from auvbench.reporting.processes import beside
 
 FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     "success_over_grid": matrices.success_over_grid,
@@ -49,12 +45,9 @@ def draw_all(runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Rankin
     """
     shared = scene(agents, ranking)
     names = list(FIGURES)
-    if _can_fork():
-        with _forked(shared, SECOND_PROCESS, out) as rest:
-            drawn = _draw(shared, [name for name in names if name not in SECOND_PROCESS], out)
-            drawn |= rest()
-    else:
-        drawn = _draw(shared, names, out)
+    with beside(lambda: _draw(shared, SECOND_PROCESS, out)) as rest:
+        drawn = _draw(shared, [name for name in names if name not in SECOND_PROCESS], out)
+        drawn |= rest()
     for name in names:
         if name not in drawn:  # an earlier report's, of other runs
             for suffix in (".png", ".svg"):
@@ -72,40 +65,3 @@ def _draw(shared: Scene, names: Sequence[str], out: Path) -> dict[str, Figure]:
             png, svg = style.save(drawing.canvas, out / "figures" / name)
         figures[name] = Figure(name, drawing.title, drawing.caption, png, svg)
     return figures
-
-
-def _can_fork() -> bool:
-    """Drawing is all Python, so a second core helps only a second process; a fork needs no copy of the data.
-
-    Not with other threads around, whose locks a fork may catch held, and not off Linux.
-    """
-    return sys.platform == "linux" and (os.cpu_count() or 1) > 1 and threading.active_count() == 1
-
-
-@contextmanager
-def _forked(shared: Scene, names: Sequence[str], out: Path) -> Iterator[Callable[[], dict[str, Figure]]]:
-    """Draws some figures in a child; gives a function that waits for them."""
-    context = multiprocessing.get_context("fork")
-    receiver, sender = context.Pipe(duplex=False)
-
-    def work() -> None:
-        sender.send(_draw(shared, names, out))
-
-    child = context.Process(target=work, daemon=True)
-    child.start()
-    sender.close()
-
-    def result() -> dict[str, Figure]:
-        try:
-            drawn: dict[str, Figure] = receiver.recv()
-        except EOFError:  # the child died: draw here, where an error is seen
-            drawn = _draw(shared, names, out)
-        return drawn
-
-    try:
-        yield result
-    finally:
-        receiver.close()
-        if child.is_alive():
-            child.terminate()
-        child.join()

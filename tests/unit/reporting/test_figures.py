@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from auvbench.reporting import processes
 from auvbench.reporting.figures import FIGURES, colour_of, draw_all, style
 from auvbench.reporting.figures.scene import Scene, scene, wants_symlog
 from auvbench.reporting.load import agents, load
@@ -71,10 +72,8 @@ def test_a_training_of_a_few_episodes_is_not_drawn(tmp_path: Path) -> None:
 def test_a_child_process_draws_the_same(
     small: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from auvbench.reporting.figures import draw as module
-
     for name, forks in (("forked", True), ("alone", False)):
-        monkeypatch.setattr(module, "_can_fork", lambda forks=forks: forks)
+        monkeypatch.setattr(processes, "can_fork", lambda forks=forks: forks)
         draw_all([], small.agents, small.ranking, tmp_path / name)
     for file in (tmp_path / "alone" / "figures").iterdir():
         assert file.read_bytes() == (tmp_path / "forked" / "figures" / file.name).read_bytes(), file.name
