@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.config import schema
+from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import uniform
 from auvbench.vehicles.model import VehicleModel
 
@@ -15,7 +15,7 @@ from auvbench.vehicles.model import VehicleModel
 ACTION = 0x80
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics")
 def _draw(seed: int, step: int, episodes: Integers, action: NDArray[np.float64]) -> None:
     for i in range(action.shape[0]):
         for j in range(action.shape[1]):

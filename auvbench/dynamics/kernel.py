@@ -8,8 +8,6 @@ same quantity of 16 vehicles lies side by side, advanced there by all substeps o
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -18,8 +16,8 @@ from numpy.typing import NDArray
 from auvbench.dynamics import layout
 from auvbench.dynamics.actuation import advance_actuators, apply_thrust, hold_commands
 from auvbench.dynamics.appendages import add_appendages
+from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.equations import off_diagonal, runge_kutta_stage
-from auvbench.dynamics.fingerprint import fingerprint
 from auvbench.dynamics.layout import CURRENT, LANES, PARAMETERS, ROWS, STATE_ROWS, S, X, Y
 
 FloatArray = NDArray[np.float64]
@@ -91,76 +89,67 @@ def _scatter(ws: FloatArray, block: int, pose: FloatArray, velocity: FloatArray)
             velocity[i, j] = ws[(X + 7 + j) * L + l]
 
 
-def _compiled(version: int) -> Any:
-    """`advance`, cached on disk under `version` (see `fingerprint.py`)."""
-
-    @njit(cache=True, nogil=True)
-    def advance(
-        pose: FloatArray,  # (n, 7)
-        velocity: FloatArray,  # (n, 6)
-        states: FloatArray,  # (n, n_actuator_states)
-        command: FloatArray,  # (n, n_u) in [-1, 1]
-        effectiveness: FloatArray,  # (n, n_u)
-        force: FloatArray,  # (n, n_u) out: N that the command stands for
-        power: FloatArray,  # (n,) out: electrical W of that command
-        current: FloatArray,  # (n, 8)
-        external: FloatArray,  # (n, 6) body wrench
-        parameters: FloatArray,  # (n_blocks, rows * LANES), or one row for all blocks
-        units: FloatArray,  # (n_u, ACTUATOR_COLUMNS)
-        geometry: FloatArray,  # (n_u, GEOMETRY_COLUMNS)
-        discrete: FloatArray,  # (n_u, DISCRETE_COLUMNS) for half a substep
-        tables: FloatArray,  # (k, points)
-        # Off-diagonal added mass, actuators with dynamics, actuators that are no thrusters.
-        flags: tuple[bool, bool, bool],
-        blocks: tuple[int, int],  # first block, one past the last
-        substeps: int,
-        h: float,
-    ) -> None:
-        """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
-        _ = version
-        full, dynamic, special = flags
-        n_u = units.shape[0]
-        count = states.shape[1]
-        # One piece of memory on a cache line's boundary: vectors of 64 bytes that straddle two lines cost twice.
-        memory = np.zeros((ROWS + 3 * n_u + count + 1) * L)
-        skip = (-memory.ctypes.data % 64) // 8
-        ws = memory[skip : skip + ROWS * L]
-        table = memory[skip + ROWS * L : skip + (ROWS + 3 * n_u + count) * L].reshape((3 * n_u + count, L))
-        value = table[:n_u]  # static curve of the command
-        output = table[n_u : 2 * n_u]  # after the dynamics
-        thrust = table[2 * n_u : 3 * n_u]  # effectiveness times thrust scale
-        inner = table[3 * n_u :]
-        for block in range(blocks[0], blocks[1]):
-            _gather(ws, block, pose, velocity, current, external, parameters, block == blocks[0])
-            hold_commands(ws, block, states, command, effectiveness, force, power, units, geometry, discrete,
-                          tables, value, output, thrust, inner)  # fmt: skip
-            for _ in range(substeps):
-                _begin(ws)
-                # The classical Runge-Kutta method; one call in the source, so that it is compiled once.
-                for stage in range(4):
-                    weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
-                    ahead = h / 2.0 if stage < 2 else h * (3 - stage)
-                    if dynamic and (stage == 1 or stage == 3):
-                        advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-                    if not (full or special):
-                        # With the constant the compiler drops the terms of the off-diagonal added mass, so that
-                        # vehicles without it do not pay for it.
-                        runge_kutta_stage(ws, weight, ahead, False)
-                        continue
-                    if full:
-                        off_diagonal(ws)
-                    if special:
-                        apply_thrust(ws, units, geometry, output, thrust)
-                        add_appendages(ws, units, geometry, output)
-                    runge_kutta_stage(ws, weight, ahead, full)
-                _finish(ws)
-            _scatter(ws, block, pose, velocity)
-            if states.shape[1] > 0:
-                for l in range(min(L, pose.shape[0] - block * L)):
-                    for j in range(states.shape[1]):
-                        states[block * L + l, j] = inner[j, l]
-
-    return advance
-
-
-advance = _compiled(fingerprint(Path(__file__).parent))
+@compiled()
+def advance(
+    pose: FloatArray,  # (n, 7)
+    velocity: FloatArray,  # (n, 6)
+    states: FloatArray,  # (n, n_actuator_states)
+    command: FloatArray,  # (n, n_u) in [-1, 1]
+    effectiveness: FloatArray,  # (n, n_u)
+    force: FloatArray,  # (n, n_u) out: N that the command stands for
+    power: FloatArray,  # (n,) out: electrical W of that command
+    current: FloatArray,  # (n, 8)
+    external: FloatArray,  # (n, 6) body wrench
+    parameters: FloatArray,  # (n_blocks, rows * LANES), or one row for all blocks
+    units: FloatArray,  # (n_u, ACTUATOR_COLUMNS)
+    geometry: FloatArray,  # (n_u, GEOMETRY_COLUMNS)
+    discrete: FloatArray,  # (n_u, DISCRETE_COLUMNS) for half a substep
+    tables: FloatArray,  # (k, points)
+    # Off-diagonal added mass, actuators with dynamics, actuators that are no thrusters.
+    flags: tuple[bool, bool, bool],
+    blocks: tuple[int, int],  # first block, one past the last
+    substeps: int,
+    h: float,
+) -> None:
+    """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
+    full, dynamic, special = flags
+    n_u = units.shape[0]
+    count = states.shape[1]
+    # One piece of memory on a cache line's boundary: vectors of 64 bytes that straddle two lines cost twice.
+    memory = np.zeros((ROWS + 3 * n_u + count + 1) * L)
+    skip = (-memory.ctypes.data % 64) // 8
+    ws = memory[skip : skip + ROWS * L]
+    table = memory[skip + ROWS * L : skip + (ROWS + 3 * n_u + count) * L].reshape((3 * n_u + count, L))
+    value = table[:n_u]  # static curve of the command
+    output = table[n_u : 2 * n_u]  # after the dynamics
+    thrust = table[2 * n_u : 3 * n_u]  # effectiveness times thrust scale
+    inner = table[3 * n_u :]
+    for block in range(blocks[0], blocks[1]):
+        _gather(ws, block, pose, velocity, current, external, parameters, block == blocks[0])
+        hold_commands(ws, block, states, command, effectiveness, force, power, units, geometry, discrete,
+                      tables, value, output, thrust, inner)  # fmt: skip
+        for _ in range(substeps):
+            _begin(ws)
+            # The classical Runge-Kutta method; one call in the source, so that it is compiled once.
+            for stage in range(4):
+                weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+                ahead = h / 2.0 if stage < 2 else h * (3 - stage)
+                if dynamic and (stage == 1 or stage == 3):
+                    advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
+                if not (full or special):
+                    # With the constant the compiler drops the terms of the off-diagonal added mass, so that
+                    # vehicles without it do not pay for it.
+                    runge_kutta_stage(ws, weight, ahead, False)
+                    continue
+                if full:
+                    off_diagonal(ws)
+                if special:
+                    apply_thrust(ws, units, geometry, output, thrust)
+                    add_appendages(ws, units, geometry, output)
+                runge_kutta_stage(ws, weight, ahead, full)
+            _finish(ws)
+        _scatter(ws, block, pose, velocity)
+        if states.shape[1] > 0:
+            for l in range(min(L, pose.shape[0] - block * L)):
+                for j in range(states.shape[1]):
+                    states[block * L + l, j] = inner[j, l]

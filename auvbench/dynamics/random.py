@@ -45,7 +45,7 @@ _WEYL_1 = np.uint64(0xBB67AE85)
 _TWO_PI = 2.0 * math.pi
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def words(
     key0: int, key1: int, c0: int, c1: int, c2: int, c3: int
 ) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
@@ -68,19 +68,19 @@ def words(
     return x0, x1, x2, x3
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _unit(word: np.uint64) -> float:
     return (np.float64(word) + 0.5) * 2.0**-32
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def uniform4(key0: int, key1: int, c0: int, c1: int, c2: int, c3: int) -> tuple[float, float, float, float]:
     """Four numbers uniform in the open interval (0, 1): (word + 1/2) 2^-32."""
     w0, w1, w2, w3 = words(key0, key1, c0, c1, c2, c3)
     return _unit(w0), _unit(w1), _unit(w2), _unit(w3)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def normal4(key0: int, key1: int, c0: int, c1: int, c2: int, c3: int) -> tuple[float, float, float, float]:
     """Four independent standard normal numbers: Box-Muller (1958) on each pair of words."""
     u0, u1, u2, u3 = uniform4(key0, key1, c0, c1, c2, c3)
@@ -94,7 +94,7 @@ def normal4(key0: int, key1: int, c0: int, c1: int, c2: int, c3: int) -> tuple[f
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def uniform(seed: int, stream: int, channel: int, step: int, episode: int, environment: int) -> float:
     """The uniform draw of one channel; channel c is entry c % 4 of `uniform4` at block c // 4."""
     u = uniform4(seed, stream, channel // 4, step, episode, environment)
@@ -108,7 +108,7 @@ def uniform(seed: int, stream: int, channel: int, step: int, episode: int, envir
     return u[3]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def normal(seed: int, stream: int, channel: int, step: int, episode: int, environment: int) -> float:
     """The standard normal draw of one channel; channel c is entry c % 4 of `normal4` at block c // 4."""
     z = normal4(seed, stream, channel // 4, step, episode, environment)

@@ -13,17 +13,13 @@ import threading
 import weakref
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-import auvbench.dynamics
-import auvbench.tasks
 from auvbench.config import schema
-from auvbench.dynamics.fingerprint import fingerprint
+from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.kernel import advance as advance_vehicles
 from auvbench.dynamics.layout import LANES
 from auvbench.envs import atomics
@@ -46,61 +42,50 @@ DONE = 0  # of a member's line: steps done so far
 ENDED = 1  # of a member's line: what the task's kernel `advance` returned last
 
 
-def _compiled(version: int) -> Any:
-    """`take_part`, cached on disk under `version` (see dynamics/fingerprint.py)."""
-
-    @njit(cache=True, nogil=True)
-    def take_part(
-        signals: NDArray[np.int64],
-        member: int,
-        members: int,
-        patience: int,
-        start: int,
-        stop: int,
-        action: NDArray[np.float64],
-        noise: tuple[Any, ...],
-        physics: tuple[Any, ...],
-        ends: tuple[Any, ...],
-        reading: tuple[Any, ...],
-    ) -> None:
-        """Steps a range of environments: member 0 once, then it waits for the others; they whenever asked."""
-        _ = version
-        own = LINE * (1 + member)
-        looks = 0
-        while looks < patience:
-            if load(signals, ASKED) == signals[own + DONE]:
-                if load(signals, STOP) != 0:
-                    return
-                looks += 1
-                sched_yield()
-                continue
-            looks = 0
-            for i in range(start, stop):
-                for j in range(action.shape[1]):
-                    if action[i, j] > 1.0:
-                        action[i, j] = 1.0
-                    elif action[i, j] < -1.0:
-                        action[i, j] = -1.0
-            add_command_noise(*noise)
-            advance_vehicles(*physics)
-            signals[own + ENDED] = advance(*ends)
-            observe(*reading)
-            store(signals, own + DONE, signals[own + DONE] + 1)
-            if member == 0:
-                for other in range(1, members):
-                    while load(signals, LINE * (1 + other) + DONE) != signals[ASKED]:
-                        sched_yield()
+@compiled("dynamics", "tasks")
+def take_part(
+    signals: NDArray[np.int64],
+    member: int,
+    members: int,
+    patience: int,
+    start: int,
+    stop: int,
+    action: NDArray[np.float64],
+    noise: tuple[Any, ...],
+    physics: tuple[Any, ...],
+    ends: tuple[Any, ...],
+    reading: tuple[Any, ...],
+) -> None:
+    """Steps a range of environments: member 0 once, then it waits for the others; they whenever asked."""
+    own = LINE * (1 + member)
+    looks = 0
+    while looks < patience:
+        if load(signals, ASKED) == signals[own + DONE]:
+            if load(signals, STOP) != 0:
                 return
+            looks += 1
+            sched_yield()
+            continue
+        looks = 0
+        for i in range(start, stop):
+            for j in range(action.shape[1]):
+                if action[i, j] > 1.0:
+                    action[i, j] = 1.0
+                elif action[i, j] < -1.0:
+                    action[i, j] = -1.0
+        add_command_noise(*noise)
+        advance_vehicles(*physics)
+        signals[own + ENDED] = advance(*ends)
+        observe(*reading)
+        store(signals, own + DONE, signals[own + DONE] + 1)
+        if member == 0:
+            for other in range(1, members):
+                while load(signals, LINE * (1 + other) + DONE) != signals[ASKED]:
+                    sched_yield()
+            return
 
-    return take_part
 
-
-take_part = _compiled(
-    fingerprint(*(Path(path) for room in (auvbench.dynamics, auvbench.tasks) for path in room.__path__))
-)
-
-
-@njit(cache=True)
+@compiled()
 def ask(signals: NDArray[np.int64]) -> None:
     """Asks all members for one more step."""
     store(signals, ASKED, signals[ASKED] + 1)

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import COMMAND, SCENARIO, SENSOR, uniform4
 
 Floats = NDArray[np.float64]
@@ -73,14 +74,14 @@ N_PARAMETERS = 27
 _TWO_PI = 2.0 * math.pi
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def wrap(angle: float) -> float:
     """An angle in [-pi, pi)."""
     wrapped = angle - _TWO_PI * math.floor((angle + math.pi) / _TWO_PI)
     return wrapped if wrapped < math.pi else -math.pi
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def noise(u: float, low: float, high: float, both_signs: bool) -> float:
     """Noise of magnitude uniform in [low, high] from one uniform draw; `both_signs`: either sign, evenly."""
     if not both_signs:
@@ -90,7 +91,7 @@ def noise(u: float, low: float, high: float, both_signs: bool) -> float:
     return magnitude if v >= 0.0 else -magnitude
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics")
 def draw_scenarios(
     indices: Integers,
     F: Floats,
@@ -131,7 +132,7 @@ def draw_scenarios(
         C[i, C_OUTCOME] = -1
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics")
 def add_command_noise(
     start: int,
     stop: int,
@@ -161,7 +162,7 @@ def add_command_noise(
                 command[i, j] = min(1.0, max(-1.0, value))
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics")
 def advance(
     start: int,
     stop: int,
@@ -242,7 +243,7 @@ def advance(
     return ended
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def observe_row(
     i: int,
     pose: Floats,
@@ -284,7 +285,7 @@ def observe_row(
         observation[i, 4 + j] = previous[i, j]
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics")
 def observe(
     start: int,
     stop: int,
@@ -303,7 +304,7 @@ def observe(
         observe_row(i, pose, offset, previous, F, C, P, seed, test, observation)
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics")
 def observe_some(
     indices: Integers,
     pose: Floats,

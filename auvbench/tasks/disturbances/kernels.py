@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import BIAS, CURRENT, DRIFT, FAULT, RANDOMISATION, SENSOR, normal4, uniform4
 from auvbench.tasks.kernels import C_ENVIRONMENT, C_EPISODE, C_STEPS
 
@@ -72,7 +73,7 @@ _FLUCTUATION = 1  # CURRENT: three normals per step
 _GAUSSIAN = 1  # SENSOR: block 0 is the task's uniform noise
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics", "tasks")
 def draw_current(indices: Integers, C: Integers, Q: Floats, seed: int, test: int, D: Floats) -> None:
     """Mean current and stationary fluctuation of new episodes."""
     for k in range(indices.shape[0]):
@@ -94,7 +95,7 @@ def draw_current(indices: Integers, C: Integers, Q: Floats, seed: int, test: int
         D[i, D_FLUCTUATION + 2] = Q[Q_SIGMA + 2] * z[2]
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics", "tasks")
 def advance_current(C: Integers, Q: Floats, seed: int, test: int, D: Floats) -> None:
     """One agent step of the Gauss-Markov process, exactly discretised (Fossen 2021, section 10.3).
 
@@ -112,7 +113,7 @@ def advance_current(C: Integers, Q: Floats, seed: int, test: int, D: Floats) -> 
             )
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics", "tasks")
 def current_at(D: Floats, top: Floats, bottom: Floats) -> None:
     """Current (n, 3) at the top and at the bottom of the profile: means plus fluctuation."""
     for i in range(D.shape[0]):
@@ -122,7 +123,7 @@ def current_at(D: Floats, top: Floats, bottom: Floats) -> None:
             bottom[i, axis] = D[i, D_BOTTOM + axis] + fluctuation
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics", "tasks")
 def draw_faults(
     indices: Integers,
     C: Integers,
@@ -151,7 +152,7 @@ def draw_faults(
         D[i, D_HELD] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics", "tasks")
 def apply_faults(
     C: Integers,
     Q: Floats,
@@ -182,7 +183,7 @@ def apply_faults(
         I[i, I_BEGUN] = 1
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics", "tasks")
 def draw_scales(indices: Integers, C: Integers, Q: Floats, seed: int, test: int, scales: Floats) -> None:
     """Factors (len(indices), 6) on mass, buoyancy, inertia, added mass, damping and thrust of new episodes.
 
@@ -204,7 +205,7 @@ def draw_scales(indices: Integers, C: Integers, Q: Floats, seed: int, test: int,
             scales[k, 1] *= 1.0 + (scales[k, 0] - 1.0) * Q[Q_WEIGHT_RATIO]
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics", "tasks")
 def draw_bias(indices: Integers, C: Integers, Q: Floats, seed: int, test: int, D: Floats) -> None:
     """Bias of the readings of new episodes; their drift begins at zero."""
     for k in range(indices.shape[0]):
@@ -215,7 +216,7 @@ def draw_bias(indices: Integers, C: Integers, Q: Floats, seed: int, test: int, D
             D[i, D_DRIFT + channel] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics", "tasks")
 def advance_drift(C: Integers, Q: Floats, seed: int, test: int, D: Floats) -> None:
     """One agent step of the random walks: increments of variance drift^2 dt, so exact at any step."""
     for i in range(C.shape[0]):
@@ -224,7 +225,7 @@ def advance_drift(C: Integers, Q: Floats, seed: int, test: int, D: Floats) -> No
             D[i, D_DRIFT + channel] += Q[Q_STEP_DRIFT + channel] * z[channel]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _offset_row(
     i: int, C: Integers, Q: Floats, seed: int, test: int, noisy: bool, D: Floats, offset: Floats
 ) -> None:
@@ -236,14 +237,14 @@ def _offset_row(
             offset[i, channel] += Q[Q_GAUSSIAN + channel] * z[channel]
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics", "tasks")
 def offsets(C: Integers, Q: Floats, seed: int, test: int, noisy: bool, D: Floats, offset: Floats) -> None:
     """Errors (n, 4) of the position (m) and yaw (rad) readings of all environments."""
     for i in range(C.shape[0]):
         _offset_row(i, C, Q, seed, test, noisy, D, offset)
 
 
-@njit(cache=True, nogil=True)
+@compiled("dynamics", "tasks")
 def offsets_of(
     indices: Integers,
     C: Integers,

@@ -1,0 +1,50 @@
+"""Compiling with a cache on disk that notices every change.
+
+numba's own looks at the file of a function and not at what the function calls or which constants it imports: after a
+change in another file it would go on running the old code. `compiled` makes the cache look at all the sources that a
+function may reach into. What only other compiled functions call is compiled into them and not cached by itself: a
+plain `njit` does for it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+
+PACKAGE = Path(__file__).parent.parent
+
+
+def compiled(*rooms: str) -> Callable[[Callable[..., Any]], Any]:
+    """`njit`, without the interpreter's lock and cached until a source changes that the function came from.
+
+    Args:
+        rooms: the folders of the package, besides the function's own, whose functions or constants it uses.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher: Any = njit(cache=True, nogil=True)(function)
+        if dispatcher is function:  # NUMBA_DISABLE_JIT: a debugger wants to see the Python
+            return function
+        folders = (Path(function.__code__.co_filename).parent, *(PACKAGE / room for room in rooms))
+        # What the cache compares before it trusts its content: a stamp of the function's file. numba has no public
+        # way to add to it; a cell in the function's closure would do, but takes a function around each function.
+        index = dispatcher._cache._cache_file
+        index._source_stamp = (index._source_stamp, *map(fingerprint, folders))
+        return dispatcher
+
+    return decorate
+
+
+@cache
+def fingerprint(folder: Path) -> str:
+    """A digest of the names and contents of all Python files in a folder."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.glob("*.py")):
+        digest.update(f"{path.name} {path.stat().st_size} ".encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
