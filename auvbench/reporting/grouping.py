@@ -98,11 +98,9 @@ def _rows(
         )
     kept, problems = _one_fingerprint(evaluated, protocol)
     rows = {}
-    conditions: set[str] = set()
     for run in kept:
         frame = run.evaluations[protocol].episodes
         here = frame["condition"].to_numpy() == condition
-        conditions.update(map(str, frame["condition"].unique()))
         if here.any():
             part_of = frame if here.all() else frame[here]
             in_order = part_of["episode"].is_monotonic_increasing
@@ -112,6 +110,7 @@ def _rows(
                 Problem(run.id, "missing", f"evaluation {protocol} has no condition {condition!r}")
             )
     if not rows:
+        conditions = {str(name) for run in kept for name in run.evaluations[protocol].episodes["condition"]}
         raise ReportError(
             f"protocol {protocol} has no condition {condition!r}; {closest(condition, conditions)}"
         )
@@ -139,11 +138,11 @@ def _one_fingerprint(runs: Sequence[RunRecord], protocol: str) -> tuple[list[Run
 
 def _same_episodes(rows: Mapping[str, pd.DataFrame], problems: list[Problem]) -> dict[str, pd.DataFrame]:
     """Only runs with the same episode ids: column j of every metric must be the same scenario."""
-    ids = {run: frame["episode"].to_numpy() for run, frame in rows.items()}
-    chosen = Counter(tuple(array) for array in ids.values()).most_common(1)[0][0]
+    ids = {run: tuple(frame["episode"].tolist()) for run, frame in rows.items()}
+    chosen = Counter(ids.values()).most_common(1)[0][0]
     kept = {}
     for run, frame in rows.items():
-        if tuple(ids[run]) == chosen:
+        if ids[run] == chosen:
             kept[run] = frame
         else:
             message = f"has other episodes ({len(frame)}) than the rest ({len(chosen)}): evaluate it again"
@@ -158,15 +157,17 @@ def _agent(
     frames: Sequence[pd.DataFrame],
     protocol: str,
 ) -> Agent:
-    words = np.array([frame["outcome"].to_numpy() for frame in frames])
-    outcome = np.select([words == name for name in OUTCOMES], list(range(len(OUTCOMES)))).astype(np.int8)
-    numeric = [
-        {str(c) for c, dtype in f.dtypes.items() if pd.api.types.is_numeric_dtype(dtype)} for f in frames
-    ]
-    shared = set.intersection(*numeric) - set(NOT_METRICS)
-    columns = [c for c in frames[0].columns if c in shared]
-    table = np.array([frame[columns].to_numpy(np.float64) for frame in frames])  # (seeds, episodes, columns)
-    metrics = {column: np.ascontiguousarray(table[:, :, i]) for i, column in enumerate(columns)}
+    table = pd.concat(
+        frames, join="inner", ignore_index=True
+    )  # at once: a column by itself of each seed is slow
+    words = table["outcome"].to_numpy()
+    codes = np.select([words == name for name in OUTCOMES], list(range(len(OUTCOMES)))).astype(np.int8)
+    outcome = codes.reshape(len(frames), -1)
+    metrics = {
+        str(column): np.array(table[column], dtype=np.float64).reshape(len(frames), -1)
+        for column, dtype in table.dtypes.items()
+        if column not in NOT_METRICS and pd.api.types.is_numeric_dtype(dtype)
+    }
     metrics["time_to_goal_s"] = np.where(outcome == 0, metrics["duration_s"], np.nan)
     fingerprint = group[0].evaluations[protocol].fingerprint
     return Agent(label, dict(key), tuple(group), fingerprint, outcome, metrics)

@@ -267,6 +267,9 @@ def _read_episodes(path: Path, summary: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def _check_finite(frame: pd.DataFrame) -> None:
+    core = frame[list(CORE_COLUMNS)].to_numpy()
+    if core.dtype != object and np.isfinite(core).all():
+        return
     for column in CORE_COLUMNS:
         values = frame[column].to_numpy()
         if values.dtype == object:

@@ -27,7 +27,7 @@ FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
 }
 """by file name; one that has nothing to show returns None"""
 
-SECOND_PROCESS = ("training_curves", "training_outcomes", "training_logs", "improvement", "trajectories")
+SECOND_PROCESS = ("training_curves", "training_outcomes", "training_logs", "trajectories")
 """About half of the work; those that read the training records stand together, so that they are read once."""
 
 
