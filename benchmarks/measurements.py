@@ -12,7 +12,7 @@ import numpy as np
 from auvbench.config.compose import compose
 from auvbench.config.schema import TrainConfig
 from auvbench.config.validate import train_config
-from auvbench.envs.batch import Batch
+from auvbench.envs.batch import Batch, make_simulator
 from auvbench.envs.sharded import ShardedBatch, make_batch
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
@@ -75,7 +75,7 @@ def vehicles() -> Iterator[Row]:
     n = 1024
     for name in sheet_names():
         vehicle = sheet.load(name)
-        simulator = FossenSimulator(vehicle, n)
+        simulator = make_simulator(configuration().simulator, vehicle, n)
         simulator.reset(np.arange(n), np.tile([0, 0, -20, 1, 0, 0, 0], (n, 1)), np.zeros((n, 6)))
         action = np.random.default_rng(0).uniform(-0.5, 0.5, (n, len(vehicle.actuators)))
         seconds = best(lambda s=simulator, a=action: s.step(a, 1 / FREQUENCY), seconds=0.7)

@@ -84,6 +84,7 @@ def facts(vehicle: VehicleModel) -> dict[str, Any]:
             for row in inspect.reach(vehicle)
         ],
         "linear_time_constants_s": inspect.linear_time_constants(vehicle),
+        "shortest_time_constant_s": inspect.shortest_time_constant(vehicle),
         "instabilities": [
             {"plane": case.plane, "above_mps": case.above, "growth_per_s": case.growth, "at_mps": case.speed}
             for case in inspect.instabilities(vehicle)
@@ -129,6 +130,7 @@ def _hydrostatics(console: Console, vehicle: VehicleModel) -> None:
         if trim.determined
         else "any attitude (no righting moment)"
     )
+    fastest = inspect.shortest_time_constant(vehicle)
     motion = f", {'rises' if net > 0 else 'sinks'} at {abs(free):.3f} m/s" if abs(net) > 1e-9 else ""
     rows = [
         ("mass", f"{vehicle.mass:.6g} kg"),
@@ -137,6 +139,7 @@ def _hydrostatics(console: Console, vehicle: VehicleModel) -> None:
         ("centre of gravity", f"{_vector(vehicle.center_of_gravity)} m"),
         ("centre of buoyancy", f"{_vector(vehicle.center_of_buoyancy)} m"),
         ("static trim", attitude),
+        ("shortest time constant", f"{fastest:.3g} s, of damping at full thrust: the longest physics step"),
     ]
     width = max(len(name) for name, _ in rows)
     for name, text in rows:

@@ -182,6 +182,24 @@ def linear_time_constants(vehicle: VehicleModel) -> dict[str, float | None]:
     return {axis: m / d if d > 0.0 else None for axis, m, d in zip(AXES, mass, damping, strict=True)}
 
 
+def shortest_time_constant(vehicle: VehicleModel) -> float:
+    """Seconds in which damping acts where it is fastest, infinite without damping: what the physics step must resolve.
+
+    One over the largest eigenvalue of M^-1 dF/dnu for the damping force F = (D_l + D_q |nu|) nu, at the speeds nu at
+    which F holds along each axis alone what all thrusters together, the net buoyancy and the largest righting moment
+    give along it.
+    """
+    limits = np.abs(vehicle.force_limits).max(axis=1)
+    largest = np.abs(vehicle.allocation) @ limits
+    largest[2] += abs(net_buoyancy(vehicle))
+    largest[3:] += static_trim(vehicle).moment
+    D_l, D_q = vehicle.linear_damping, vehicle.quadratic_damping
+    # Where damping is linear the speed does not matter, and may be infinite.
+    speed = [terminal_speed(f, d, q) if q > 0.0 else 0.0 for f, d, q in zip(largest, D_l, D_q, strict=True)]
+    fastest = float(np.abs(np.linalg.eigvals(vehicle.M_inverse * (D_l + 2.0 * D_q * speed))).max())
+    return 1.0 / fastest if fastest > 0.0 else float("inf")
+
+
 def free_speed(vehicle: VehicleModel) -> float:
     """m/s at which the level vehicle rises (positive) or sinks without thrust."""
     net = net_buoyancy(vehicle)

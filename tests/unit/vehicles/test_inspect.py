@@ -141,6 +141,24 @@ def growth(of: VehicleModel, speed: float, plane: str) -> float:
     return max(sizes[60:]) / max(sizes[:60])
 
 
+class TestShortestTimeConstant:
+    def test_closed_form_where_no_axis_acts_on_another(self) -> None:
+        base = vehicle("bluerov2_realistic_inertia")
+        level = replace(base, center_of_gravity=np.zeros(3), center_of_buoyancy=np.zeros(3))
+        # Yaw damps fastest. All six thrusters at 40 N give 40 (2 * .1665 + 2 * .1750) N m about z.
+        moment = 40.0 * np.abs(base.allocation[5]).sum()
+        rate = (-3.744 + np.sqrt(3.744**2 + 4 * 40.0 * moment)) / 80.0
+        assert inspect.shortest_time_constant(level) == pytest.approx((0.245 + 0.12) / (3.744 + 80.0 * rate))
+
+    def test_without_damping_there_is_none(self) -> None:
+        of = replace(vehicle("bluerov2"), linear_damping=np.zeros(6), quadratic_damping=np.zeros(6))
+        assert inspect.shortest_time_constant(of) == np.inf
+
+    def test_linear_damping_needs_no_speed(self) -> None:
+        of = replace(vehicle("bluerov2"), linear_damping=np.eye(6)[0] * 10.0, quadratic_damping=np.zeros(6))
+        assert inspect.shortest_time_constant(of) == pytest.approx(1.0 / (10.0 * of.M_inverse[0, 0]))
+
+
 class TestWarnings:
     def test_borrowed_inertia(self) -> None:
         assert any("inertia looks too large" in text for text in warnings(vehicle("bluerov2")))
