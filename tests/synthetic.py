@@ -40,6 +40,9 @@ ROBUSTNESS = (
     *(f"{name}={v}" for name in ("mass", "drag") for v in ("0.7", "1.3")),
 )
 """the conditions of conf/protocol/robustness.yaml"""
+FREQUENCY_SWEEP = tuple(f"frequency={v}" for v in (10, 25, 55))
+TRANSFER = ("nominal", "vehicle=bluerov2", "vehicle=bluerov2-realistic-inertia", "vehicle=bluerov2-wu2018")
+"""those that a BlueROV2 meets"""
 EPISODE_COLUMNS = (
     "episode",
     "environment",
@@ -210,9 +213,9 @@ def _number(text: str) -> int:
 
 
 def _weathered(skill: Skill, condition: str) -> Skill:
-    """The skill under a condition of the robustness protocol."""
+    """The skill under a condition of the robustness, frequency_sweep or transfer protocol."""
     name, _, text = condition.partition("=")
-    value = 0.0 if name in ("nominal", "level", "dead-thruster") else float(text)
+    value = 0.0 if name in ("nominal", "level", "dead-thruster", "vehicle") else float(text)
     harm = {
         "level": {"moderate": 0.8, "severe": 2.2}.get(text, 0.0),
         "current": 3.5 * value**2,
@@ -221,6 +224,8 @@ def _weathered(skill: Skill, condition: str) -> Skill:
         "mass": 2.0 * abs(value - 1),
         "drag": 1.0 * abs(value - 1),
         "dead-thruster": 1.5,
+        "frequency": 0.04 * (value - 10),
+        "vehicle": {"bluerov2-realistic-inertia": 0.3, "bluerov2-wu2018": 4.0}.get(text, 0.0),
     }.get(name, 0.0)
     logit = np.log(skill.success / (1 - skill.success)) - harm
     return Skill(

@@ -79,7 +79,8 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
                     tell.line(line)
     if failed == len(runs):
         raise UserError("nothing could be evaluated")
-    print(f"next: auvbench report {shlex.quote(str(runs[0].path.parent))}")
+    which = "" if config.protocol.name == "test" else f" --protocol {config.protocol.name}"
+    print(f"next: auvbench report {shlex.quote(str(runs[0].path.parent))}{which}")
     return 1 if failed else 0
 
 

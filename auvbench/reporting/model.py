@@ -134,6 +134,16 @@ class Comparison:
 
 
 @dataclass(frozen=True, slots=True)
+class Condition:
+    """Success under one condition of a protocol."""
+
+    name: str
+    """nominal, current=0.5, vehicle=bluerov2-heavy"""
+    success: Mapping[str, Estimate]
+    """by the agent's label; an agent that was not tested under it is absent"""
+
+
+@dataclass(frozen=True, slots=True)
 class Ranking:
     """The ranked table and what stands behind it."""
 
@@ -149,6 +159,8 @@ class Ranking:
     improvement: NDArray[np.float64]
     """(agents, agents) probability that the row's agent does better than the column's on a scenario"""
     problems: tuple[Problem, ...] = ()
+    conditions: tuple[Condition, ...] = ()
+    """all of the protocol where it has several, that of the ranking among them"""
 
 
 @dataclass(frozen=True, slots=True)

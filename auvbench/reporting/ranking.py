@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from auvbench.errors import ReportError, closest
 from auvbench.reporting import statistics as st
+from auvbench.reporting.conditions import successes
 from auvbench.reporting.measures import Measure, all_measures, measure
 from auvbench.reporting.model import Agent, Comparison, Estimate, Problem, Ranking, Row
 from auvbench.reporting.statistics.intervals import FloatArray
@@ -101,11 +102,12 @@ def rank(
         )
         for i, agent in enumerate(agents)
     )
+    name = _protocol(agents) if protocol is None else protocol
     return Ranking(
         rows=rows,
         rank_by=rank_by,
         then=then,
-        protocol=_protocol(agents) if protocol is None else protocol,
+        protocol=name,
         condition=condition,
         fingerprint=agents[0].fingerprint,
         confidence=confidence,
@@ -113,6 +115,7 @@ def rank(
         comparisons=tuple(comparisons),
         improvement=st.improvement_matrix(scores),
         problems=(*problems, *_without_values(agents, (by, finer))),
+        conditions=successes(agents, name, confidence),
     )
 
 

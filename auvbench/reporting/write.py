@@ -23,6 +23,14 @@ def text(path: Path, content: str) -> Path:
     return path
 
 
+def if_any(path: Path, content: str) -> list[Path]:
+    """Writes the file where there is content; else an earlier report's goes."""
+    if content:
+        return [text(path, content)]
+    path.unlink(missing_ok=True)
+    return []
+
+
 def against_baseline(ranking: Ranking) -> tuple[Comparison, ...]:
     """The comparisons that get a table of their own: each agent against the baseline, in the ranking's order."""
     found = {}
@@ -65,6 +73,8 @@ def markdown(
         folder: where report.md will lie.
     """
     parts = ["# Report", tables.markdown(ranking).rstrip()]
+    if ranking.conditions:
+        parts += ["## Conditions", tables.conditions_markdown(ranking).rstrip()]
     if findings:
         parts += ["## Findings", "\n".join(f"- {_finding(finding)}" for finding in findings)]
     if comparisons := against_baseline(ranking):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from auvbench.reporting.figures import matrices, paths, robustness, style, testing, training
+from auvbench.reporting.figures import conditions, matrices, paths, style, testing, training
 from auvbench.reporting.figures.model import Figure
 from auvbench.reporting.figures.scene import Drawing, Scene, scene
 from auvbench.reporting.model import Agent, Ranking, RunRecord
@@ -20,7 +20,9 @@ FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     "trajectories": paths.trajectories,
     "failures": testing.failures,
     "cumulative_means": testing.cumulative_means,
-    "robustness": robustness.curves,
+    "robustness": conditions.robustness,
+    "frequency_sweep": conditions.frequency_sweep,
+    "transfer": conditions.transfer,
     "training_curves": training.curves,
     "training_outcomes": training.reward_by_outcome,
     "training_logs": training.logs,

@@ -158,7 +158,7 @@ def main_table(ranking: Ranking, colours: Mapping[str, str], links: Links) -> Ta
     """The metric ranked by first and drawn, then the usual metrics that the ranking holds."""
     held = _held(ranking)
     metrics = dict.fromkeys((ranking.rank_by, *MAIN))
-    return _table(ranking, [m for m in metrics if m in held], colours, links, draw=True)
+    return table_of(ranking, [heading_of(m) for m in metrics if m in held], colours, links, draw=True)
 
 
 def further_table(ranking: Ranking, shown: Table, colours: Mapping[str, str], links: Links) -> Table | None:
@@ -167,7 +167,7 @@ def further_table(ranking: Ranking, shown: Table, colours: Mapping[str, str], li
     rest = [metric for metric in _held(ranking) if metric not in there]
     order = {metric: place for place, metric in enumerate(DEFINITIONS)}
     rest.sort(key=lambda metric: (order.get(metric, len(order)), metric))
-    return _table(ranking, rest, colours, links, draw=False) if rest else None
+    return table_of(ranking, [heading_of(m) for m in rest], colours, links) if rest else None
 
 
 def order_in_words(ranking: Ranking) -> str:
@@ -196,16 +196,21 @@ def heading_of(metric: str) -> Heading:
     return Heading(metric, words[:1].upper() + words[1:], unit, definition, 1.0)
 
 
-def _table(
-    ranking: Ranking, metrics: Sequence[str], colours: Mapping[str, str], links: Links, *, draw: bool
+def table_of(
+    ranking: Ranking,
+    headings: Sequence[Heading],
+    colours: Mapping[str, str],
+    links: Links,
+    *,
+    draw: bool = False,
 ) -> Table:
-    headings = tuple(heading_of(metric) for metric in metrics)
+    """A line per row and a cell per heading; with `draw`, the first column has interval plots."""
     axis = _axis(ranking.rows, headings[0]) if draw and headings else None
     lines = tuple(_line(row, headings, axis, colours, links) for row in ranking.rows)
     lines = _aligned(lines)
     words = resolution(ranking)
     one_seed = any(line.one_seed for line in lines)
-    return Table(headings, lines, axis, one_seed, letters(ranking), words[:1].upper() + words[1:])
+    return Table(tuple(headings), lines, axis, one_seed, letters(ranking), words[:1].upper() + words[1:])
 
 
 def _line(

@@ -14,7 +14,7 @@ import jinja2
 from markupsafe import Markup
 
 from auvbench.reporting.model import Agent, Comparison, Finding, Problem, Ranking, RunRecord
-from auvbench.reporting.page import comparisons, sources, study, table
+from auvbench.reporting.page import comparisons, conditions, sources, study, table
 from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
@@ -109,6 +109,7 @@ def write(
             runs_found=len(runs),
             table=shown,
             further=table.further_table(ranking, shown, hues, links),
+            conditions=conditions.table(ranking, hues, links),
             against=comparisons.pairs(against, alpha=1.0 - ranking.confidence),
             pairs=comparisons.pairs(others, alpha=1.0 - ranking.confidence),
             findings=sources.sentences(findings, links),

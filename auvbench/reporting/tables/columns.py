@@ -96,11 +96,14 @@ def lead(ranking: Ranking) -> tuple[str, ...]:
     return ("rank", "group", "agent", "seeds") if letters(ranking) else ("rank", "agent", "seeds")
 
 
+def lead_cells(row: Row, lead: Sequence[str], marked: frozenset[str]) -> list[str]:
+    """The row's texts under these headings; a label in `marked` gets a dagger."""
+    label = row.label + (f" {DAGGER}" if row.label in marked else "")
+    texts = {"rank": rank(row), "group": row.group, "agent": label, "seeds": str(len(row.seeds))}
+    return [texts[heading] for heading in lead]
+
+
 def one_seed_among_many(ranking: Ranking) -> frozenset[str]:
     """Labels to mark: rows of one training seed in a table where others have several."""
     single = {row.label for row in ranking.rows if len(row.seeds) < 2}
     return frozenset(single if len(single) < len(ranking.rows) else ())
-
-
-def seeds(row: Row) -> str:
-    return str(len(row.seeds))

@@ -31,8 +31,24 @@ def csv(ranking: Ranking) -> str:
     return _text(header, lines)
 
 
+def conditions_csv(ranking: Ranking) -> str:
+    """A row per agent and condition of the protocol: the success rate, from 0 to 1; an empty string for one."""
+    if not ranking.conditions:
+        return ""
+    header = ["agent", "condition", "success_rate", "success_rate_low", "success_rate_high", "covers"]
+    lines = [
+        [row.label, condition.name, e.value, e.low, e.high, e.covers]
+        for row in ranking.rows
+        for condition in ranking.conditions
+        if (e := condition.success.get(row.label))
+    ]
+    return _text(header, lines)
+
+
 def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
-    """A row per paired comparison."""
+    """A row per paired comparison; an empty string where there are none."""
+    if not comparisons:
+        return ""
     header = ["first", "second", "metric", "difference", "difference_low", "difference_high", "p", "p_holm"]
     header += ["probability_of_improvement", "probability_low", "probability_high"]
     return _text(header, map(_comparison, comparisons))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from auvbench.reporting.model import Ranking, Row
+from auvbench.reporting.model import Ranking
 from auvbench.reporting.tables import columns as c
 from auvbench.reporting.tables.notes import grouped, notes
 
 ROWS_PER_FLOAT = 25
 """a float does not break across pages, so a long ranking continues in another one"""
+
+HEAD = r"% \usepackage{booktabs} \usepackage[T1]{fontenc} \usepackage[utf8]{inputenc}"
 
 MOST_PROBLEMS = 12
 """under a table in print; report.md lists all"""
@@ -49,53 +52,65 @@ def latex(ranking: Ranking) -> str:
     r"""Tables to `\input`: where episodes end, then motion and effort. Needs booktabs, and T1 for `"` and `<`."""
     outcome = (*c.extra(ranking), *c.present(c.OUTCOMES, ranking))
     motion = c.present(c.MOTION, ranking)
-    lead = f"Agents ranked by {escape(ranking.rank_by)} on protocol {escape(ranking.protocol)}"
-    floats = _floats(ranking, outcome, f"{lead}.", "outcomes", full=True)
+    lead = c.lead(ranking)
+    caption = f"Agents ranked by {escape(ranking.rank_by)} on protocol {escape(ranking.protocol)}"
+    tables = floats(ranking, lead, outcome, f"{caption}.", "outcomes", full=True)
     if motion:
-        floats += _floats(ranking, motion, f"{lead}: motion and effort.", "motion", full=False)
-    head = r"% \usepackage{booktabs} \usepackage[T1]{fontenc} \usepackage[utf8]{inputenc}"
-    return "\n\n".join([head, *floats]) + "\n"
+        tables += floats(ranking, lead, motion, f"{caption}: motion and effort.", "motion")
+    return "\n\n".join([HEAD, *tables]) + "\n"
 
 
-def _floats(
-    ranking: Ranking, shown: Sequence[c.Column], caption: str, label: str, *, full: bool
+def floats(
+    ranking: Ranking,
+    lead: Sequence[str],
+    shown: Sequence[c.Column],
+    caption: str,
+    label: str,
+    *,
+    full: bool = False,
 ) -> list[str]:
-    rows = ranking.rows
+    """The rows in tables of at most `ROWS_PER_FLOAT`; with `full`, the note stands below the first."""
+    rows, marked = ranking.rows, c.one_seed_among_many(ranking)
     chunks = [rows[i : i + ROWS_PER_FLOAT] for i in range(0, len(rows), ROWS_PER_FLOAT)] or [()]
     result = []
     for i, chunk in enumerate(chunks):
         continued = " (continued)" if i else ""
         name = f"tab:auvbench-{label}" + (f"-{i + 1}" if i else "")
-        result.append(_float(ranking, chunk, shown, caption + continued, name, full=full and not i))
+        below = _below(ranking) if full and not i else ""
+        result.append(
+            _float(replace(ranking, rows=chunk), marked, lead, shown, caption + continued, name, below)
+        )
     return result
 
 
 def _float(
-    ranking: Ranking, rows: Sequence[Row], shown: Sequence[c.Column], caption: str, label: str, *, full: bool
+    ranking: Ranking,
+    marked: frozenset[str],
+    lead: Sequence[str],
+    shown: Sequence[c.Column],
+    caption: str,
+    label: str,
+    below: str,
 ) -> str:
-    marked = c.one_seed_among_many(ranking)
-    lead = c.lead(ranking)
     headings = [*lead, *(_split_heading(column.tex) for column in shown)]
     lines = [
         r"\begin{table}[htbp]",
         r"\centering\scriptsize\setlength{\tabcolsep}{3pt}",
         rf"\caption{{{caption}}}\label{{{label}}}",
-        rf"\begin{{tabular}}{{@{{}}{'l' * (len(lead) - 1)}r{'r' * len(shown)}@{{}}}}",
+        rf"\begin{{tabular}}{{@{{}}{''.join('r' if name == 'seeds' else 'l' for name in lead)}{'r' * len(shown)}@{{}}}}",
         r"\toprule",
         " & ".join(headings) + r" \\",
         r"\midrule",
     ]
-    for row in rows:
-        name = escape(row.label + (f" {c.DAGGER}" if row.label in marked else ""))
+    for row in ranking.rows:
         cells = [c.cell(row, column) for column in shown]
-        group = [escape(row.group)] if "group" in lead else []
-        values = [escape(c.rank(row)), *group, name, c.seeds(row), *(escape(v) for v, _ in cells)]
+        values = [escape(text) for text in (*c.lead_cells(row, lead, marked), *(v for v, _ in cells))]
         # A bracket at the start of a row would be read as the optional argument of the \\ above it.
         intervals = [*("" for _ in lead), *(rf"{{\tiny {escape(i)}}}" if i else "" for _, i in cells)]
         lines += [" & ".join(values) + r" \\[-2pt]", " & ".join(intervals) + r" \\[1.5pt]"]
     lines += [r"\bottomrule", r"\end{tabular}"]
-    if full:
-        lines += ["", r"\medskip", rf"\parbox{{\linewidth}}{{{_below(ranking)}}}"]
+    if below:
+        lines += ["", r"\medskip", rf"\parbox{{\linewidth}}{{{below}}}"]
     return "\n".join([*lines, r"\end{table}"])
 
 

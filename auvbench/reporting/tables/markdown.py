@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from auvbench.reporting.model import Comparison, Ranking
 from auvbench.reporting.tables import columns as c
+from auvbench.reporting.tables.conditions import LEAD, by_condition, note
 from auvbench.reporting.tables.notes import grouped, notes
 from auvbench.reporting.tables.terminal import difference
 
@@ -30,20 +31,31 @@ def pipes(headings: Sequence[str], rows: Iterable[Sequence[str]], right_from: in
 def markdown(ranking: Ranking) -> str:
     """The ranked table, its note and the list of what is not in it."""
     shown = (*c.extra(ranking), *c.present(c.COLUMNS, ranking))
-    marked = c.one_seed_among_many(ranking)
-    rows = []
-    for row in ranking.rows:
-        label = escape(row.label) + (f" {c.DAGGER}" if row.label in marked else "")
-        cells = [" ".join(filter(None, c.cell(row, column))) for column in shown]
-        group = [row.group] if c.letters(ranking) else []
-        rows.append([c.rank(row), *group, label, c.seeds(row), *cells])
-    lead = c.lead(ranking)
-    table = pipes([*lead, *(x.heading for x in shown)], rows, len(lead) - 1)
-    parts = [table, "\n".join(escape(line) for line in notes(ranking))]
+    parts = [_table(ranking, c.lead(ranking), shown), "\n".join(escape(line) for line in notes(ranking))]
     for title, problems in grouped(ranking.problems):
         lines = [f"- {escape(p.where)}: {escape(p.message)}" for p in problems]
         parts.append("\n".join([f"**{title[0].upper()}{title[1:]} ({len(problems)})**", "", *lines]))
     return "\n\n".join(parts) + "\n"
+
+
+def _table(ranking: Ranking, lead: Sequence[str], shown: Sequence[c.Column]) -> str:
+    marked = c.one_seed_among_many(ranking)
+    rows = [
+        [
+            *map(escape, c.lead_cells(row, lead, marked)),
+            *(" ".join(filter(None, c.cell(row, column))) for column in shown),
+        ]
+        for row in ranking.rows
+    ]
+    return pipes([*lead, *(x.heading for x in shown)], rows, lead.index("agent") + 1)
+
+
+def conditions_markdown(ranking: Ranking) -> str:
+    """Success under each condition of the protocol; an empty string where it has only one."""
+    if not ranking.conditions:
+        return ""
+    rows, shown = by_condition(ranking)
+    return f"{_table(rows, LEAD, shown)}\n\n{escape(note(ranking))}\n"
 
 
 def comparisons_markdown(comparisons: Sequence[Comparison]) -> str:

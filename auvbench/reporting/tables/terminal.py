@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
@@ -13,10 +14,13 @@ from rich.text import Text
 from auvbench.reporting.model import Comparison, Finding, Ranking, Row
 from auvbench.reporting.rounding import rounded
 from auvbench.reporting.tables import columns as c
+from auvbench.reporting.tables.conditions import LEAD, blocks, by_condition, note
 from auvbench.reporting.tables.notes import grouped, notes
 
 MOST_PROBLEMS = 6
 """per kind on screen; the files list all"""
+MOST_ROWS = 20
+"""of success by condition, which takes several tables on a narrow screen"""
 
 
 class RankingTable:
@@ -27,7 +31,7 @@ class RankingTable:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         chosen, left_out = self._fitting(console, options.max_width)
-        yield self._table(chosen)
+        yield _table(self.ranking, c.lead(self.ranking), chosen)
         for line in notes(self.ranking):
             yield Text(line, style="dim")
         if left_out:
@@ -39,45 +43,68 @@ class RankingTable:
         usual = c.present(c.COLUMNS, self.ranking)
         by_weight = [c.COLUMNS[i] for i in c.BY_WEIGHT if c.COLUMNS[i] in usual]
         order = [*c.extra(self.ranking), *by_weight]
-        fixed = console.measure(self._table(()), options=console.options.update(max_width=10_000)).maximum
-        room = width - fixed
+        room = width - _fixed(console, self.ranking, c.lead(self.ranking))
         kept: list[c.Column] = []
         for column in order:
-            room -= self._width(column)
+            room -= _width(self.ranking, column)
             if room < 0 and kept:
                 break
             kept.append(column)
         shown = [column for column in (*c.extra(self.ranking), *usual) if column in kept]
         return shown, [column for column in usual if column not in shown]
 
-    def _width(self, column: c.Column) -> int:
-        """Of a column on screen, with its padding: measured here, since rich measures all columns anew each time."""
-        texts = [text for row in self.ranking.rows for text in c.cell(row, column)]
-        return max(map(cell_len, (column.title, column.unit, *texts))) + 2
 
-    def _table(self, shown: Sequence[c.Column]) -> Table:
-        table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 1))
-        table.add_column("rank", justify="left", no_wrap=True)
-        letters = c.letters(self.ranking)
-        if letters:
-            table.add_column("group", no_wrap=True)
-        widest = max((len(word) for row in self.ranking.rows for word in row.label.split()), default=5)
-        table.add_column("agent", overflow="fold", min_width=max(widest, 5))
-        table.add_column("seeds", justify="right", no_wrap=True)
-        for column in shown:
-            table.add_column(
-                Text.from_markup(f"{column.title}\n[dim]{column.unit}[/dim]"), justify="right", no_wrap=True
-            )
-        marked = c.one_seed_among_many(self.ranking)
-        for row in self.ranking.rows:
-            label = Text(row.label + (f" {c.DAGGER}" if row.label in marked else ""))
-            if row.rank == 1:
-                label.stylize("bold")
-            group = [Text(row.group, style="cyan")] if letters else []
-            table.add_row(
-                c.rank(row), *group, label, c.seeds(row), *(_stacked(row, column) for column in shown)
-            )
-        return table
+class ConditionsTable:
+    """Success by condition: one table after the other where the terminal is narrower than all conditions."""
+
+    def __init__(self, ranking: Ranking) -> None:
+        self.ranking = ranking
+        rows, self.columns = by_condition(ranking)
+        self.rows = replace(rows, rows=rows.rows[:MOST_ROWS])
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        room = options.max_width - _fixed(console, self.rows, LEAD)
+        for shown in blocks(self.columns, lambda column: _width(self.rows, column), room):
+            yield _table(self.rows, LEAD, shown)
+            yield Text()
+        yield Text(note(self.ranking), style="dim")
+        if len(self.ranking.rows) > MOST_ROWS:
+            yield Text(f"The best {MOST_ROWS} agents; the written report has all.", style="dim")
+
+
+def _fixed(console: Console, ranking: Ranking, lead: Sequence[str]) -> int:
+    """Width of the table without any metric."""
+    wide = console.options.update(max_width=10_000)
+    return console.measure(_table(ranking, lead, ()), options=wide).maximum
+
+
+def _width(ranking: Ranking, column: c.Column) -> int:
+    """Of a column on screen, with its padding: measured here, since rich measures all columns anew each time."""
+    texts = [text for row in ranking.rows for text in c.cell(row, column)]
+    return max(map(cell_len, (column.title, column.unit, *texts))) + 2
+
+
+def _table(ranking: Ranking, lead: Sequence[str], shown: Sequence[c.Column]) -> Table:
+    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 1))
+    widest = max((len(word) for row in ranking.rows for word in row.label.split()), default=5)
+    for heading in lead:
+        if heading == "agent":
+            table.add_column(heading, overflow="fold", min_width=max(widest, 5))
+        else:
+            table.add_column(heading, justify="right" if heading == "seeds" else "left", no_wrap=True)
+    for column in shown:
+        table.add_column(
+            Text.from_markup(f"{column.title}\n[dim]{column.unit}[/dim]"), justify="right", no_wrap=True
+        )
+    marked = c.one_seed_among_many(ranking)
+    for row in ranking.rows:
+        styles = {"group": "cyan", "agent": "bold" if row.rank == 1 else ""}
+        cells = [
+            Text(text, style=styles.get(heading, ""))
+            for heading, text in zip(lead, c.lead_cells(row, lead, marked), strict=True)
+        ]
+        table.add_row(*cells, *(_stacked(row, column) for column in shown))
+    return table
 
 
 def _stacked(row: Row, column: c.Column) -> Text:
@@ -104,6 +131,11 @@ def _problems(ranking: Ranking) -> RenderResult:
 def terminal(ranking: Ranking) -> RenderableType:
     """The ranked table, its note and the list of what is not in it, for `rich.console.Console.print`."""
     return RankingTable(ranking)
+
+
+def conditions_terminal(ranking: Ranking) -> RenderableType:
+    """Success under each condition of the protocol, for `Console.print`; nothing where it has only one."""
+    return ConditionsTable(ranking) if ranking.conditions else Group()
 
 
 def comparisons_terminal(comparisons: Sequence[Comparison]) -> RenderableType:

@@ -13,7 +13,9 @@ from auvbench.reporting.figures import FIGURES, colour_of, draw_all, style
 from auvbench.reporting.figures.scene import Scene, scene, wants_symlog
 from auvbench.reporting.load import agents, load
 from tests.plain_ranking import plain_ranking
-from tests.synthetic import ROBUSTNESS, write_experiment
+from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, TRANSFER, write_experiment
+
+BY_CONDITION = {"robustness": ROBUSTNESS, "frequency_sweep": FREQUENCY_SWEEP, "transfer": TRANSFER}
 
 
 def build(root: Path, baseline: str | None = None, **grid: object) -> Scene:
@@ -31,7 +33,8 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Scene:
         seeds=(0, 1),
         episodes=25,
         train_episodes=120,
-        protocols={"test": ("nominal",), "robustness": ROBUSTNESS},
+        frequencies=(25,),
+        protocols={"test": ("nominal",), **BY_CONDITION},
     )
 
 
@@ -85,7 +88,7 @@ def test_one_agent_with_one_seed_and_one_episode(name: str, tmp_path: Path) -> N
     canvas = draw(name, drawn_from)
     if canvas is not None:
         style.save(canvas, tmp_path / name)
-    comparing = {"success_over_grid", "performance_profiles", "improvement", "robustness"}
+    comparing = {"success_over_grid", "performance_profiles", "improvement", *BY_CONDITION}
     assert (canvas is None) == (name in comparing or name.startswith("training"))
 
 
@@ -96,14 +99,14 @@ def test_27_agents_stay_readable(name: str, many: Scene) -> None:
         assert drawing is not None
     for ax in drawing.canvas.axes:
         assert len([line for line in ax.lines if len(line.get_xdata()) > 2]) <= 27  # type: ignore[arg-type]
-    if name not in ("success_over_grid", "training_curves", "robustness", "steps_deviation"):
+    if name not in ("success_over_grid", "training_curves", "steps_deviation"):
         assert "of 27 agents, the best-ranked" in drawing.caption
 
 
 @pytest.fixture(scope="module")
 def many(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     root = tmp_path_factory.mktemp("runs") / "many"
-    protocols = {"test": ("nominal",), "robustness": ("nominal", "current=0.5", "current=1")}
+    protocols = {"test": ("nominal",), **BY_CONDITION, "robustness": ("nominal", "current=0.5", "current=1")}
     grid = {"reward_k": (1, 40, 100), "frequencies": (10, 25, 55)}
     return build(
         root,
@@ -244,6 +247,30 @@ def test_robustness_has_a_panel_per_factor_with_the_undisturbed_condition_in_its
     nominal = [100 * r["success_rate"] for r in _nominal(small)]
     first = [float(np.asarray(line.get_ydata())[0]) for line in panels["current (m/s)"].lines]
     assert first == pytest.approx(nominal)
+
+
+def test_the_sweep_has_a_line_per_agent_and_rings_the_frequency_of_training(small: Scene) -> None:
+    canvas = draw("frequency_sweep", small)
+    assert canvas is not None
+    (ax,) = canvas.axes
+    lines = {line.get_label(): line for line in ax.lines if len(np.asarray(line.get_xdata())) == 3}
+    assert set(lines) == {agent.label for agent in small.agents}
+    assert all(np.array_equal(line.get_xdata(), [10, 25, 55]) for line in lines.values())
+    rings = [line for line in ax.lines if len(np.asarray(line.get_xdata())) == 1]
+    assert len(rings) == len(small.learners())
+    assert {float(np.asarray(ring.get_xdata())[0]) for ring in rings} == {25.0}
+
+
+def test_transfer_has_a_group_per_vehicle_and_no_vehicle_twice(small: Scene) -> None:
+    canvas = draw("transfer", small)
+    assert canvas is not None
+    (ax,) = canvas.axes
+    words = [text.get_text() for text in ax.get_yticklabels()]
+    assert words == ["bluerov2\n(as trained)", "bluerov2-realistic-inertia", "bluerov2-wu2018"]
+    points = [line for line in ax.lines if line.get_marker() not in ("None", "")]
+    assert len(points) == 3 * len(small.agents)
+    # Each agent's own line within its group: no point covers another.
+    assert len({float(np.asarray(point.get_ydata())[0]) for point in points}) == len(points)
 
 
 def _nominal(drawn_from: Scene) -> list[dict[str, float]]:

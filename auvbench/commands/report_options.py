@@ -1,0 +1,151 @@
+"""The options of `auvbench report`: conf/report.yaml, a preset, the command line."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from importlib import resources
+from pathlib import Path
+from typing import Any, NoReturn
+
+from auvbench.errors import UserError, closest
+
+FORMATS = ("terminal", "md", "tex", "csv", "html")
+STUDIES = ("thesis",)
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """The keys of conf/report.yaml, which explains them."""
+
+    rank_by: str
+    then: str
+    group_by: tuple[str, ...]
+    baseline: str | None
+    protocol: str
+    condition: str | None
+    format: tuple[str, ...]
+    figures: bool
+    out: Path | None
+    study: str | None
+    confidence: float
+    seed: int
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        unknown = re.search(r"unrecognized arguments: (\S+)", message)
+        if unknown:
+            valid = [name for action in self._actions for name in action.option_strings]
+            message = f"unknown option {unknown[1]!r}; {closest(unknown[1].partition('=')[0], valid)}"
+        raise UserError(f"report: {message}")
+
+
+def parse(argv: Sequence[str]) -> tuple[list[Path], Options]:
+    """Paths and options: conf/report.yaml, then the preset, then the command line."""
+    values = vars(_parser().parse_args(argv))
+    paths = values.pop("paths")
+    preset = values.pop("preset")
+    settings = _read_preset(resources.files("auvbench.conf") / "report.yaml")
+    if preset is not None:
+        settings |= _read_preset(preset)
+    settings |= {key: value for key, value in values.items() if value is not None}
+    return paths, _options(settings)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="auvbench report",
+        allow_abbrev=False,
+        description="Ranks runs and writes tables, figures and a page beside them. "
+        "Defaults: conf/report.yaml; --preset FILE holds your own.",
+        epilog="example: auvbench report outputs/quickstart --baseline pid --format terminal,tex --out paper/",
+    )
+    add = parser.add_argument
+    add("paths", nargs="+", type=Path, metavar="PATH", help="run directories, or folders above them")
+    add("--preset", type=Path, metavar="FILE", help="a YAML file of these options (rank_by: mean_steps)")
+    add("--rank-by", metavar="METRIC", help="success_rate, collision_rate, timeout_rate or mean_<column>")
+    add("--then", metavar="METRIC", help="decides between equals")
+    add("--group-by", metavar="KEY,...", help="configuration keys whose values make a row: algo,reward.k")
+    add(
+        "--baseline",
+        metavar="AGENT",
+        help="compare all with this agent: pid, or a label like 'SAC K=1 10 Hz'",
+    )
+    add("--protocol", metavar="NAME", help="the evaluation that is reported: test, thesis, robustness")
+    add("--condition", metavar="NAME", help="the test condition within the protocol: nominal, current=0.5")
+    add("--format", metavar="NAME,...", help=",".join(FORMATS))
+    add("--figures", action=argparse.BooleanOptionalAction, default=None, help="draw the figures")
+    add("--out", metavar="DIR", help="folder of the report; default <experiment>/report")
+    add("--study", metavar="NAME", help=f"answer the claims of a study: {', '.join(STUDIES)}")
+    add("--confidence", metavar="P", help="of every interval, between 0.5 and 0.999")
+    add("--seed", metavar="N", help="of the bootstrap")
+    return parser
+
+
+def _read_preset(path: Any) -> dict[str, Any]:
+    import yaml
+
+    try:
+        settings = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"cannot read the preset {path}") from error
+    except yaml.YAMLError as error:
+        raise UserError(f"the preset {path} is not valid YAML") from error
+    if not isinstance(settings, Mapping):
+        raise UserError(f"the preset {path} holds no options")
+    known = [field.name for field in fields(Options)]
+    settings = {str(key).replace("-", "_"): value for key, value in settings.items()}
+    for key in settings:
+        if key not in known:
+            raise UserError(f"unknown option {key!r} in {path}; {closest(key, known)}")
+    return settings
+
+
+def _options(settings: Mapping[str, Any]) -> Options:
+    formats = _names(settings["format"])
+    for name in formats:
+        if name not in FORMATS:
+            raise UserError(f"unknown format {name!r}; {closest(name, FORMATS)}")
+    study = settings["study"]
+    if study is not None and study not in STUDIES:
+        raise UserError(f"unknown study {study!r}; {closest(str(study), STUDIES)}")
+    confidence = _number("confidence", settings["confidence"], 0.5, 0.999)
+    if not isinstance(settings["figures"], bool):
+        raise UserError(f"figures={settings['figures']!r} is neither true nor false")
+    return Options(
+        rank_by=str(settings["rank_by"]),
+        then=str(settings["then"]),
+        group_by=_names(settings["group_by"]),
+        baseline=None if settings["baseline"] is None else str(settings["baseline"]),
+        protocol=str(settings["protocol"]),
+        condition=None if settings["condition"] is None else str(settings["condition"]),
+        format=formats,
+        figures=settings["figures"],
+        out=None if settings["out"] is None else Path(str(settings["out"])),
+        study=study,
+        confidence=confidence,
+        seed=int(_number("seed", settings["seed"], 0, 2**32 - 1)),
+    )
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    names = value.split(",") if isinstance(value, str) else value
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise UserError(f"{value!r} is not a list of names")
+    cleaned = tuple(dict.fromkeys(name.strip() for name in names if name.strip()))
+    if not cleaned:
+        raise UserError(f"an empty list of names: {value!r}")
+    return cleaned
+
+
+def _number(name: str, value: Any, low: float, high: float) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not low <= number <= high:
+        raise UserError(f"{name}={value!r} is not a number from {low:g} to {high:g}")
+    return number

@@ -1,0 +1,225 @@
+"""Success under the conditions of a protocol: curves over the levels of a factor, points over vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from auvbench.reporting.conditions import UNDISTURBED, UNITS, split
+from auvbench.reporting.figures import style
+from auvbench.reporting.figures.scene import MANY, Drawing, FloatArray, Scene, seeds_sentence, shown, summary
+from auvbench.reporting.model import Agent
+
+NOMINAL_VALUES = {"current": 0.0, "delay": 0.0, "noise": 1.0, "mass": 1.0, "drag": 1.0}
+"""where the undisturbed condition lies on a factor's axis; elsewhere it is a word before the others"""
+OTHER = "other conditions"
+"""title of the panel of conditions without a level"""
+
+Curve = Mapping[str, list[float]]
+"""success rates of the seeds, by condition"""
+
+
+def robustness(scene: Scene) -> Drawing | None:
+    """Success over the level of each factor; None without evaluations by the robustness protocol."""
+    caption = "Test success under disturbances, one factor at a time, beside the undisturbed condition (protocol robustness)."
+    return _curves(scene, "robustness", "Robustness", caption)
+
+
+def frequency_sweep(scene: Scene) -> Drawing | None:
+    """Success over the frequency of the test; None without evaluations by the frequency_sweep protocol."""
+    caption = (
+        "Test success of the same policies at other frequencies (protocol frequency_sweep). Circled: the frequency of "
+        "the training. The step limit is the same everywhere, so that a high frequency leaves less time."
+    )
+    drawing = _curves(scene, "frequency_sweep", "Test frequency", caption)
+    if drawing is not None:
+        ax = drawing.canvas.axes[0]
+        ax.set_title("")
+        ax.set_xlabel("step frequency of the test (Hz)")
+        _circle_training(ax, scene)
+    return drawing
+
+
+def transfer(scene: Scene) -> Drawing | None:
+    """Success on each vehicle, a group of points per vehicle; None without evaluations by the transfer protocol."""
+    rates = _all_rates(scene, "transfer")
+    chosen = [agent for agent in scene.agents if agent.label in rates]
+    own = {str(agent.runs[0].config.get("vehicle.name")) for agent in chosen}
+    names = dict.fromkeys(name for curve in rates.values() for name in curve)
+    # A run of one vehicle meets it twice: as the undisturbed condition, and among all vehicles.
+    conditions = [name for name in names if UNDISTURBED not in names or {split(name)[1]} != own]
+    if not chosen or len(conditions) < 2:
+        return None
+    figure = style.canvas(7.0, 1.3 + len(conditions) * (0.22 + 0.13 * len(chosen)))
+    ax = figure.subplots()
+    for place, agent in enumerate(chosen):
+        look, curve = scene.looks[agent.label], rates[agent.label]
+        offset = 0.7 * ((place + 0.5) / len(chosen) - 0.5)
+        for y, condition in enumerate(conditions):
+            if seeds := curve.get(condition):
+                ax.hlines(y + offset, min(seeds), max(seeds), color=look.colour, linewidth=1.2)
+                ax.plot(np.mean(seeds), y + offset, color=look.colour, marker=look.marker, markersize=5)
+    for y in range(1, len(conditions)):
+        ax.axhline(y - 0.5, color="#c8c8c8", linewidth=0.7)
+    ax.grid(visible=False, axis="y")
+    ax.tick_params(axis="y", length=0)
+    trained = f"{own.pop()}\n(as trained)" if len(own) == 1 else "as trained"
+    words = [split(c)[1] or (trained if c == UNDISTURBED else c) for c in conditions]
+    ax.set_yticks(range(len(conditions)), words)
+    ax.set_ylim(len(conditions) - 0.5, -0.5)
+    ax.set_xlim(-2, 102)
+    ax.set_xlabel("success (%)")
+    style.legend(figure, scene.looks_of(chosen), lines=False)
+    several = any(len(agent.runs) > 1 for agent in chosen)
+    caption = (
+        "Test success of the same policies on other vehicles with the same actuators (protocol transfer)."
+        + (
+            " Points: mean over training seeds; lines: their range."
+            if several
+            else " One training seed per agent."
+        )
+        + shown(chosen, scene.agents)
+    )
+    return Drawing(figure, "Transfer to other vehicles", caption)
+
+
+def _curves(scene: Scene, protocol: str, title: str, caption: str) -> Drawing | None:
+    """A panel per factor of the protocol, a curve per agent; None where no agent was tested by it."""
+    rates = _all_rates(scene, protocol)
+    chosen = [agent for agent in scene.agents if agent.label in rates]
+    if not chosen:
+        return None
+    factors = _factors(rates)
+    columns = 4 if len(factors) in (4, 7, 8) else min(3, len(factors))
+    lines = -(-len(factors) // columns)
+    width, height = (6.4, 4.2) if len(factors) == 1 else (max(4.6, 2.9 * columns), 2.7 * lines + 0.5)
+    figure = style.canvas(width, height)
+    grid = figure.subplots(lines, columns, squeeze=False, sharey=True)
+    for i, ax in enumerate(grid.flat):
+        ax.set_visible(i < len(factors))
+    for ax, (factor, conditions) in zip(grid.flat, factors.items(), strict=False):
+        for agent in chosen:
+            _curve(ax, scene, agent, rates[agent.label], factor, conditions)
+        _axis(ax, factor, conditions)
+    for ax in grid[:, 0]:
+        ax.set_ylabel("success (%)")
+    style.legend(figure, scene.looks_of(chosen))
+    return Drawing(figure, title, caption + seeds_sentence(chosen) + shown(chosen, scene.agents))
+
+
+def _all_rates(scene: Scene, protocol: str) -> dict[str, Curve]:
+    """By label, of the best agents that were tested by the protocol."""
+    rates: dict[str, Curve] = {}
+    for agent in scene.agents:
+        if len(rates) < MANY and (found := _rates(agent, protocol)):
+            rates[agent.label] = found
+    return rates
+
+
+def _rates(agent: Agent, protocol: str) -> Curve:
+    """Success rates by condition, of the seeds that met the same scenarios as the first."""
+    rates: dict[str, list[float]] = {}
+    fingerprint = None
+    for run in agent.runs:
+        found = summary(run, protocol)
+        if found is None or fingerprint not in (None, found.get("fingerprint")):
+            continue
+        fingerprint = found.get("fingerprint")
+        for condition in found.get("conditions", ()):
+            if not {"name", "success_rate"} <= condition.keys():
+                continue
+            rates.setdefault(str(condition["name"]), []).append(100 * float(condition["success_rate"]))
+    return rates
+
+
+def _factors(rates: Mapping[str, Curve]) -> dict[str, list[str]]:
+    """Conditions by factor, in the order of the protocol: 'current=0.5' belongs to current.
+
+    The undisturbed condition, where there is one, stands first in each: it is everybody's reference.
+    """
+    factors: dict[str, list[str]] = {}
+    conditions = dict.fromkeys(name for curve in rates.values() for name in curve)
+    for condition in conditions:
+        if condition != UNDISTURBED:
+            factor, level = split(condition)
+            factors.setdefault(factor if level else OTHER, []).append(condition)
+    if UNDISTURBED in conditions:
+        factors = {name: [UNDISTURBED, *members] for name, members in factors.items()}
+    return factors or {OTHER: list(conditions)}
+
+
+def _curve(
+    ax: Axes, scene: Scene, agent: Agent, curve: Curve, factor: str, conditions: Sequence[str]
+) -> None:
+    x = _positions(factor, conditions)
+    there = [i for i in np.argsort(x) if conditions[i] in curve]
+    if not there:
+        return
+    y = [np.array(curve[conditions[i]]) for i in there]
+    look = scene.looks[agent.label]
+    line = "" if factor == OTHER else look.linestyle  # a line would say that there is something in between
+    ax.plot(
+        x[there],
+        [v.mean() for v in y],
+        color=look.colour,
+        marker=look.marker,
+        linestyle=line,
+        markersize=4,
+        label=agent.label,
+    )
+    if max(map(len, y)) > 1:
+        low, high = np.array([v.min() for v in y]), np.array([v.max() for v in y])
+        if factor == OTHER:
+            ax.vlines(x[there], low, high, color=look.colour, linewidth=1)
+        else:
+            ax.fill_between(x[there], low, high, color=look.colour, alpha=0.13, linewidth=0)
+
+
+def _circle_training(ax: Axes, scene: Scene) -> None:
+    """A ring around each agent's point at the frequency that it was trained at; a controller has none."""
+    frequency = {a.label: a.runs[0].config.get("step.frequency") for a in scene.learners()}
+    for line in list(ax.lines):
+        label = str(line.get_label())
+        for x, y in zip(np.asarray(line.get_xdata()), np.asarray(line.get_ydata()), strict=True):
+            if x == frequency.get(label):
+                colour = scene.looks[label].colour
+                ring = ax.plot(x, y, "o", markersize=11, color=colour, clip_on=False)[0]
+                ring.set_markerfacecolor("none")
+
+
+def _positions(factor: str, conditions: Sequence[str]) -> FloatArray:
+    """Places on the factor's axis: numbers where all levels are numbers, else the order of the protocol."""
+    numbers = [
+        NOMINAL_VALUES.get(factor) if condition == UNDISTURBED else _number(split(condition)[1])
+        for condition in conditions
+    ]
+    if any(number is None for number in numbers):
+        return np.arange(len(conditions), dtype=np.float64)
+    return np.array(numbers, dtype=np.float64)
+
+
+def _axis(ax: Axes, factor: str, conditions: Sequence[str]) -> None:
+    """Title and ticks of a factor's panel."""
+    unit = UNITS.get(factor)
+    ax.set_title(factor + (f" ({unit})" if unit else ""), loc="left")
+    x = _positions(factor, conditions)
+    numeric = factor in NOMINAL_VALUES or UNDISTURBED not in conditions
+    words = [split(condition)[1] or condition for condition in conditions]
+    if numeric:
+        words = [
+            f"{value:g}" if _number(word) is not None or word == UNDISTURBED else word
+            for value, word in zip(x, words, strict=True)
+        ]
+    order = np.argsort(x)
+    ax.set_xticks(x[order], [words[i] for i in order])
+    ax.set_xmargin(0.3 if factor == OTHER else 0.08)
+    ax.set_ylim(-2, 102)
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

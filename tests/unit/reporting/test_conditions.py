@@ -1,0 +1,155 @@
+"""Success by condition: the rates are those of the episodes, and every format shows all of them."""
+
+import csv as csv_module
+import doctest
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from auvbench.commands.report import main
+from auvbench.reporting import conditions, tables
+from auvbench.reporting.load import agents, load
+from auvbench.reporting.model import Ranking
+from auvbench.reporting.ranking import rank
+from auvbench.reporting.statistics import wilson
+from auvbench.reporting.tables.columns import Column
+from auvbench.reporting.tables.conditions import blocks
+from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, write_experiment
+
+
+@pytest.fixture(scope="module")
+def grid(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("runs") / "grid"
+    protocols = {"test": ("nominal",), "robustness": ROBUSTNESS, "frequency_sweep": FREQUENCY_SWEEP}
+    write_experiment(root, algorithms=("ppo", "pid"), episodes=15, train_episodes=0, protocols=protocols)
+    return root
+
+
+def ranked(grid: Path, protocol: str = "robustness") -> Ranking:
+    runs, _ = load([grid], protocol)
+    condition = conditions.default(runs, protocol)
+    return rank(
+        agents(runs, protocol=protocol, condition=condition)[0], protocol=protocol, condition=condition
+    )
+
+
+def test_examples_of_the_docstrings() -> None:
+    result = doctest.testmod(conditions)
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
+def test_the_rates_are_those_of_the_episodes(grid: Path) -> None:
+    ranking = ranked(grid)
+    assert tuple(c.name for c in ranking.conditions) == ROBUSTNESS
+    for folder in grid.glob("*"):
+        summary = json.loads((folder / "evaluations" / "robustness" / "summary.json").read_text())
+        if folder.name.startswith("pid"):
+            for shown, c in zip(ranking.conditions, summary["conditions"], strict=True):
+                e = shown.success["PID"]
+                assert e.value == pytest.approx(c["success_rate"])
+                assert [e.low, e.high] == pytest.approx(np.array(wilson(15 * c["success_rate"], 15)))
+    nominal = next(c for c in ranking.conditions if c.name == ranking.condition)
+    assert nominal.success == {row.label: row.estimates["success_rate"] for row in ranking.rows}
+
+
+def test_a_protocol_of_one_condition_has_no_table(grid: Path) -> None:
+    ranking = ranked(grid, "test")
+    assert ranking.conditions == ()
+    assert tables.conditions_markdown(ranking) == tables.conditions_latex(ranking) == ""
+    assert tables.conditions_csv(ranking) == ""
+
+
+def test_without_a_nominal_condition_the_first_is_ranked(grid: Path, tmp_path: Path) -> None:
+    assert (
+        main(
+            [
+                str(grid),
+                "--protocol",
+                "frequency_sweep",
+                "--format",
+                "md",
+                "--no-figures",
+                "--out",
+                str(tmp_path),
+            ]
+        )
+        == 0
+    )
+    text = (tmp_path / "report.md").read_text()
+    assert "condition frequency=10," in text
+    assert "| frequency (10 Hz) | frequency (25 Hz) | frequency (55 Hz) |" in text
+
+
+def test_an_agent_without_a_condition_has_a_dash(grid: Path) -> None:
+    ranking = ranked(grid)
+    last = ranking.conditions[-1].success
+    assert isinstance(last, dict)
+    del last["PID"]
+    line = next(x for x in tables.conditions_markdown(ranking).splitlines() if "PID" in x)
+    assert line.endswith("| – |")
+
+
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_a_screen_shows_every_condition(grid: Path, width: int) -> None:
+    console = Console(width=width, file=io.StringIO(), record=True)
+    console.print(tables.conditions_terminal(ranked(grid)))
+    text = console.export_text()
+    assert max(map(len, text.splitlines())) <= width
+    assert text.count("current") == 4
+    assert all(level in text for level in ("0.25 m/s", "× 1.3", "dead-thruster", "severe"))
+
+
+def test_files_show_every_condition(grid: Path) -> None:
+    ranking = ranked(grid)
+    text = tables.conditions_markdown(ranking)
+    assert len({line.count("|") for line in text.splitlines() if line.startswith("|")}) == 1
+    assert text.splitlines()[0].count("|") == 1 + 2 + len(ROBUSTNESS)
+    print_ = tables.conditions_latex(ranking)
+    assert print_.count(r"\begin{table}") == print_.count(r"\end{table}") > 1
+    assert print_.count("current") == 4
+    assert r"$\times$ 1.3" in print_
+    rows = list(csv_module.DictReader(io.StringIO(tables.conditions_csv(ranking))))
+    assert len(rows) == len(ranking.rows) * len(ROBUSTNESS)
+    assert rows[0]["agent"] == ranking.rows[0].label
+
+
+def test_a_later_report_leaves_no_table_of_conditions_behind(grid: Path, tmp_path: Path) -> None:
+    options = [str(grid), "--format", "csv,tex", "--out", str(tmp_path)]
+    assert main([*options, "--protocol", "robustness"]) == 0
+    names = {"conditions.csv", "conditions.tex"}
+    assert names <= {path.name for path in tmp_path.iterdir()}
+    assert main(options) == 0
+    assert not names & {path.name for path in tmp_path.iterdir()}
+
+
+def test_the_page_shows_them_too(grid: Path, tmp_path: Path) -> None:
+    options = ["--format", "html", "--no-figures", "--out", str(tmp_path)]
+    for protocol, shown in (("robustness", True), ("test", False)):
+        assert main([str(grid), "--protocol", protocol, *options]) == 0
+        html = (tmp_path / "index.html").read_text(encoding="utf-8")
+        assert ('id="conditions-table"' in html) == shown
+        assert ('href="#conditions"' in html) == shown
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(1, 30)), min_size=1), st.integers(10, 60))
+def test_blocks_keep_the_order_and_fit(found: Sequence[tuple[str, int]], room: int) -> None:
+    columns = [Column(f"{factor}={i}", "", "", "", width) for i, (factor, width) in enumerate(found)]
+    result = blocks(columns, lambda column: column.scale, room)
+    assert [column for block in result for column in block] == columns
+    assert all(block for block in result)
+    assert all(sum(c.scale for c in block) <= room or len(block) == 1 for block in result)
+
+
+def test_levels_of_a_factor_stay_together() -> None:
+    columns = [Column(name, "", "", "") for name in ("n", "a=1", "a=2", "a=3", "b=1", "b=2")]
+    result = blocks(columns, lambda _: 1, 3)
+    assert [[c.metric for c in block] for block in result] == [["n"], ["a=1", "a=2", "a=3"], ["b=1", "b=2"]]
+    assert np.max([len(block) for block in blocks(columns, lambda _: 1, 2)]) == 2
