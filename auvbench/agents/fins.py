@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.estimate import Estimator
-from auvbench.config import schema
+from auvbench.config import algorithms, schema
 from auvbench.vehicles.model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -34,7 +34,7 @@ class FinController:
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
-        assert isinstance(gains, schema.PID)
+        assert isinstance(gains, algorithms.PID)
         self.vehicle = vehicle
         self.effort = gains.effort
         self.estimate = Estimator(

@@ -18,7 +18,7 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from auvbench.agents.base import LEARNERS, Actions, Integers, Observations, resolve
-from auvbench.config import schema
+from auvbench.config import algorithms, schema
 from auvbench.errors import RunError
 
 ACTIVATIONS = {
@@ -48,7 +48,7 @@ def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
         "device": "cpu",
         "verbose": 0,
     }
-    if isinstance(algo, schema.PPO):
+    if isinstance(algo, algorithms.PPO):
         arguments |= {
             "n_steps": algo.n_steps,
             "n_epochs": algo.n_epochs,
@@ -60,7 +60,7 @@ def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
             "max_grad_norm": algo.max_grad_norm,
         }
     else:
-        assert isinstance(algo, schema.OffPolicy)
+        assert isinstance(algo, algorithms.OffPolicy)
         arguments |= {
             "buffer_size": algo.buffer_size,
             "learning_starts": algo.learning_starts,
@@ -73,21 +73,21 @@ def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
     return learner
 
 
-def _off_policy_arguments(algo: schema.OffPolicy, environment: VecEnv) -> dict[str, Any]:
-    if isinstance(algo, schema.SAC):
+def _off_policy_arguments(algo: algorithms.OffPolicy, environment: VecEnv) -> dict[str, Any]:
+    if isinstance(algo, algorithms.SAC):
         return {
             "ent_coef": _number_or_auto(algo.ent_coef),
             "target_entropy": _number_or_auto(algo.target_entropy),
             "target_update_interval": algo.target_update_interval,
         }
-    assert isinstance(algo, schema.DDPG | schema.TD3)
+    assert isinstance(algo, algorithms.DDPG | algorithms.TD3)
     assert environment.action_space.shape is not None
     n_u = environment.action_space.shape[0]
     arguments: dict[str, Any] = {}
     if algo.action_noise > 0.0:
         base = NormalActionNoise(np.zeros(n_u), np.full(n_u, algo.action_noise))
         arguments["action_noise"] = VectorizedActionNoise(base, environment.num_envs)
-    if isinstance(algo, schema.TD3):
+    if isinstance(algo, algorithms.TD3):
         arguments |= {
             "policy_delay": algo.policy_delay,
             "target_policy_noise": algo.target_policy_noise,
@@ -100,18 +100,18 @@ def _number_or_auto(value: str) -> str | float:
     return value if value.startswith("auto") else float(value)
 
 
-def _learning_rate(algo: schema.Network) -> Any:
+def _learning_rate(algo: algorithms.Network) -> Any:
     if algo.learning_rate_schedule == "linear":
         return LinearSchedule(algo.learning_rate, 0.0, 1.0)
     return algo.learning_rate
 
 
-def _policy_arguments(algo: schema.Network) -> dict[str, Any]:
+def _policy_arguments(algo: algorithms.Network) -> dict[str, Any]:
     arguments: dict[str, Any] = {
         "net_arch": list(algo.net_arch),
         "activation_fn": ACTIVATIONS[algo.activation],
     }
-    if isinstance(algo, schema.PPO):
+    if isinstance(algo, algorithms.PPO):
         arguments["log_std_init"] = algo.log_std_init
     return arguments
 

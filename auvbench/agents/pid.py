@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.estimate import Estimator, to_body
 from auvbench.agents.fins import FinController
-from auvbench.config import schema
+from auvbench.config import algorithms, schema
 from auvbench.vehicles.model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -48,7 +48,7 @@ class PIDController:
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
-        assert isinstance(gains, schema.PID)
+        assert isinstance(gains, algorithms.PID)
         self.gains = gains
         self.vehicle = vehicle
         self.dt = 1.0 / config.step.frequency

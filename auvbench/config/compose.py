@@ -31,19 +31,19 @@ from omegaconf.errors import (
     ValidationError,
 )
 
-from auvbench.config import launchers, schema
+from auvbench.config import algorithms, launchers, schema
 from auvbench.errors import ConfigError, closest
 from hydra_plugins import auvbench_launcher
 
 CONFIG_MODULE = "auvbench.conf"
 
 ALGORITHM_SCHEMAS: dict[str, type] = {
-    "ppo_schema": schema.PPO,
-    "sac_schema": schema.SAC,
-    "ddpg_schema": schema.DDPG,
-    "td3_schema": schema.TD3,
-    "pid_schema": schema.PID,
-    "random_schema": schema.Random,
+    "ppo_schema": algorithms.PPO,
+    "sac_schema": algorithms.SAC,
+    "ddpg_schema": algorithms.DDPG,
+    "td3_schema": algorithms.TD3,
+    "pid_schema": algorithms.PID,
+    "random_schema": algorithms.Random,
 }
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from auvbench.config import disturbance, schema
+from auvbench.config import algorithms, disturbance, schema
 from auvbench.errors import ConfigError, closest
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
@@ -132,7 +132,7 @@ def _across(config: schema.TrainConfig) -> None:
             )
     disturbance.check(config.disturbance)
     algo = config.algo
-    if isinstance(algo, schema.PPO):
+    if isinstance(algo, algorithms.PPO):
         rollout = algo.n_steps * algo.n_envs
         if rollout % algo.batch_size:
             raise ConfigError(
@@ -140,9 +140,9 @@ def _across(config: schema.TrainConfig) -> None:
             )
         if rollout < 2:
             raise ConfigError("algo.n_steps=1: with one environment PPO needs at least 2 steps")
-    if isinstance(algo, schema.Network) and not all(width > 0 for width in algo.net_arch):
+    if isinstance(algo, algorithms.Network) and not all(width > 0 for width in algo.net_arch):
         raise ConfigError(f"algo.net_arch={algo.net_arch}: widths must be at least 1")
-    if isinstance(algo, schema.OffPolicy):
+    if isinstance(algo, algorithms.OffPolicy):
         if algo.gradient_steps == 0:
             raise ConfigError(
                 "algo.gradient_steps=0: must be at least 1, or -1 for as many as environment steps"
@@ -151,7 +151,7 @@ def _across(config: schema.TrainConfig) -> None:
             raise ConfigError(
                 f"algo.buffer_size={algo.buffer_size}: must be at least algo.n_envs={algo.n_envs}"
             )
-    if isinstance(algo, schema.SAC):
+    if isinstance(algo, algorithms.SAC):
         _number_or_auto("algo.ent_coef", algo.ent_coef)
         _number_or_auto("algo.target_entropy", algo.target_entropy)
 

@@ -12,7 +12,7 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecNormalize
 
 from auvbench.agents import learners
-from auvbench.config import schema
+from auvbench.config import algorithms, schema
 from auvbench.envs.sb3 import WaypointVecEnv
 from auvbench.envs.sharded import make_batch
 from auvbench.runs.checkpoint import events, finite
@@ -136,4 +136,4 @@ def _reached(steps: int, reporter: Reporter) -> dict[str, Any]:
 
 def _log_interval(config: schema.TrainConfig) -> int:
     """On-policy: every update. Off-policy: SB3 counts episodes there."""
-    return 1 if isinstance(config.algo, schema.PPO) else 10
+    return 1 if isinstance(config.algo, algorithms.PPO) else 10
