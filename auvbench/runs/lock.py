@@ -1,10 +1,6 @@
 """One process per run directory, also on network file systems and after any kind of death.
 
-A lock is a file `lock/<generation>` in the run directory. The highest generation counts: it is either free
-(its holder released it) or held by the process it names. Whoever wants the lock creates the *next*
-generation, with link(2), which is atomic on NFS too: of several contenders one wins, and because the highest
-generation is never removed or renamed away, a contender that was slow cannot take what somebody else took in
-the meantime. So taking over from a dead holder needs no second lock.
+How the lock lies on disk, and why only one can take it: lock_files.py.
 
 When is a holder dead?
 
@@ -18,49 +14,24 @@ When is a holder dead?
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from types import TracebackType
 
 from auvbench.errors import RunError, TrainingError
-from auvbench.runs import processes
+from auvbench.runs import lock_files, processes
+from auvbench.runs.lock_files import Holder
 
 HEARTBEAT = 10.0  # s between two touches of a held lock
 STALE_AFTER = 300.0  # s without a touch after which a holder on another machine is suspected dead
 WATCH = 3 * HEARTBEAT  # s that a suspect is watched before its lock is taken over
-
-FOLDER = "lock"
-
-
-@dataclass(frozen=True, slots=True)
-class Holder:
-    """Who holds, or last held, a run."""
-
-    host: str
-    pid: int
-    started: str  # the process's start mark, see processes.start_mark
-    machine: str  # the boot and pid namespace in which pid and started mean something
-    since: str  # ISO 8601, UTC; for people, never compared
-    token: str  # unique for each acquisition
-    job: str | None = None  # the cluster's job, for example "slurm:17"
-    free: bool = False  # released
-
-    @property
-    def here(self) -> bool:
-        """Whether its process, if it lives, lives among ours."""
-        return self.host == processes.host() and self.machine == processes.machine()
-
-    def __str__(self) -> str:
-        job = f", {self.job.replace(':', ' job ')}" if self.job else ""
-        return f"{self.host}, pid {self.pid}{job}, since {self.since}"
 
 
 class RunHeldError(RunError):
@@ -89,7 +60,7 @@ class RunLock:
 
     @property
     def path(self) -> Path:
-        return _file(self.run, self.generation)
+        return lock_files.file_of(self.run, self.generation)
 
     def verify(self, *, look: bool = True) -> None:
         """Raises `LockLostError` when the run belongs to somebody else by now.
@@ -110,9 +81,8 @@ class RunLock:
         self._released.set()
         _mine.pop(self.run.absolute(), None)
         with contextlib.suppress(OSError):
-            if _highest(self.run) == self.generation:
-                text = json.dumps({**asdict(self.holder), "free": True})
-                _write(_temporary(self.run, self.holder.token), text).replace(self.path)
+            if lock_files.highest(self.run) == self.generation:
+                lock_files.release(self.run, self.generation, self.holder)
 
     def __enter__(self) -> RunLock:
         return self
@@ -123,10 +93,10 @@ class RunLock:
         self.release()
 
     def _look(self) -> None:
-        highest = _highest(self.run)
+        highest = lock_files.highest(self.run)
         if highest == self.generation:
             return
-        other = _read(self.run, highest) if highest else None
+        other = lock_files.read(self.run, highest) if highest else None
         taker = f"{other[0]} has taken it over" if other and other[0] else "its lock was removed"
         self._lost = f"{self.run}: {taker} while this process stood still; it stops without writing more"
 
@@ -173,22 +143,21 @@ def acquire(
         job=job,
     )
     try:
-        (run / FOLDER).mkdir(exist_ok=True)
         while True:
-            last = _highest(run)
+            last = lock_files.highest(run)
             if last and not _may_take(run, last, job, gone, stale_after, watch):
                 holder = current(run)
                 if holder is None:  # released while we looked
                     continue
                 raise RunHeldError(run, holder)
-            if _create(run, last + 1, mine):
+            if lock_files.create(run, last + 1, mine):
                 break
     except OSError as error:
         raise RunError(f"{run} cannot be locked: {error.strerror or error}") from error
     held = RunLock(run, last + 1, mine, heartbeat)
-    for generation in _generations(run):
+    for generation in lock_files.generations(run):
         if generation < held.generation:
-            _file(run, generation).unlink(missing_ok=True)
+            lock_files.file_of(run, generation).unlink(missing_ok=True)
     _mine[run.absolute()] = held
     threading.Thread(target=held._beat, name="run-lock", daemon=True).start()
     return held
@@ -208,8 +177,8 @@ def verify(run: str | Path, *, look: bool = True) -> None:
 def current(run: str | Path) -> Holder | None:
     """Who the lock file names at present, alive or not; None when the run is free."""
     run = Path(run)
-    last = _highest(run)
-    found = _read(run, last) if last else None
+    last = lock_files.highest(run)
+    found = lock_files.read(run, last) if last else None
     return None if found is None or found[0].free else found[0]
 
 
@@ -224,8 +193,8 @@ def living_holder(
         stale_after: as in `acquire`.
     """
     run = Path(run)
-    last = _highest(run)
-    found = _read(run, last) if last else None
+    last = lock_files.highest(run)
+    found = lock_files.read(run, last) if last else None
     if found is None or found[0].free:
         return None
     holder, touched = found
@@ -258,9 +227,9 @@ def _may_take(
     run: Path, generation: int, job: str | None, gone: str | None, stale_after: float, watch: float
 ) -> bool:
     """Whether the lock of this generation is free or its holder dead."""
-    found = _read(run, generation)
+    found = lock_files.read(run, generation)
     if found is None:  # somebody newer cleaned it away: look again
-        return _highest(run) == generation
+        return lock_files.highest(run) == generation
     holder, touched = found
     if holder.free or (gone is not None and holder.job == gone):
         return True
@@ -275,79 +244,9 @@ def _stirs(run: Path, generation: int, touched: float, watch: float) -> bool:
     deadline = time.monotonic() + watch
     while time.monotonic() < deadline:
         time.sleep(min(1.0, watch / 10))
-        found = _read(run, generation)
+        found = lock_files.read(run, generation)
         if found is None or found[0].free:
             return False
         if found[1] != touched:
             return True
     return False
-
-
-def _file(run: Path, generation: int) -> Path:
-    return run / FOLDER / f"{generation:06d}"
-
-
-def _temporary(run: Path, token: str) -> Path:
-    return run / FOLDER / f".{token}"
-
-
-def _generations(run: Path) -> Iterator[int]:
-    try:
-        names = os.listdir(run / FOLDER)
-    except (FileNotFoundError, NotADirectoryError):
-        return
-    yield from (int(name) for name in names if name.isdigit())
-
-
-def _highest(run: Path) -> int:
-    return max(_generations(run), default=0)
-
-
-def _read(run: Path, generation: int) -> tuple[Holder, float] | None:
-    """The holder of a generation and its last touch; None when the file is gone."""
-    try:
-        # Opening it makes an NFS client ask the server for the attributes instead of its cache.
-        with _file(run, generation).open(encoding="utf-8") as file:
-            touched = os.fstat(file.fileno()).st_mtime
-            text = file.read()
-    except FileNotFoundError:
-        return None
-    try:
-        data = json.loads(text)
-        return Holder(**{f.name: data[f.name] for f in fields(Holder)}), touched
-    except (ValueError, KeyError, TypeError):
-        # Being written without link(2), or damaged: only its touches tell whether somebody is there.
-        return Holder("unknown host", 0, "", "", "unknown", ""), touched
-
-
-def _create(run: Path, generation: int, holder: Holder) -> bool:
-    """Creates the generation's file for `holder`; False when somebody else was faster."""
-    temporary = _write(_temporary(run, holder.token), json.dumps(asdict(holder)))
-    target = _file(run, generation)
-    try:
-        try:
-            os.link(temporary, target)
-        except FileExistsError:
-            # An NFS server may have done it although its answer was lost: then our file has two names.
-            if temporary.stat().st_nlink != 2:
-                return False
-        except OSError:  # a file system without hard links
-            try:
-                with target.open("x", encoding="utf-8") as file:
-                    file.write(temporary.read_text(encoding="utf-8"))
-            except FileExistsError:
-                return False
-    finally:
-        temporary.unlink(missing_ok=True)
-    if _highest(run) == generation:
-        return True
-    target.unlink(missing_ok=True)  # we were so slow that the generation had come and gone
-    return False
-
-
-def _write(path: Path, text: str) -> Path:
-    with path.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    return path

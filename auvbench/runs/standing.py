@@ -12,7 +12,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from auvbench.runs import lock
+from auvbench.runs import lock, lock_files
 from auvbench.runs.directory import RunDirectory
 
 
@@ -33,7 +33,7 @@ class Standing:
     run: RunDirectory
     state: State
     manifest: dict[str, Any]
-    holder: lock.Holder | None = None  # who works on it, while it is running
+    holder: lock_files.Holder | None = None  # who works on it, while it is running
 
     @property
     def name(self) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from auvbench.runs import lock
+from auvbench.runs import lock, lock_files
 from auvbench.runs.directory import RunDirectory, find_runs
 
 AUVBENCH = [sys.executable, "-m", "auvbench"]
@@ -137,7 +137,7 @@ def test_a_training_whose_run_was_taken_over_stops_without_writing_more(folder: 
         held = lock.current(run.path)
         assert held is not None
         thief = json.dumps(asdict(replace(held, host="node7", machine="other", token="another")))
-        (run.path / lock.FOLDER / "000002").write_text(thief)
+        (run.path / lock_files.FOLDER / "000002").write_text(thief)
         output, _ = process.communicate(timeout=120)
     finally:
         process.kill()

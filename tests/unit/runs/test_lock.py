@@ -15,17 +15,17 @@ from pathlib import Path
 import pytest
 
 from auvbench.errors import RunError
-from auvbench.runs import lock, processes
+from auvbench.runs import lock, lock_files, processes
 
 QUICK = {"stale_after": 60.0, "watch": 0.3, "heartbeat": 0.05}
 
 
-def leave_foreign_lock(run: Path, age: float, *, job: str | None = None) -> lock.Holder:
+def leave_foreign_lock(run: Path, age: float, *, job: str | None = None) -> lock_files.Holder:
     """As a process on another machine would have left it, last touched `age` seconds ago."""
     with lock.acquire(run) as held:
         holder = replace(held.holder, host="node7", machine="another boot", pid=1, job=job)
         generation = held.generation
-    file = run / lock.FOLDER / f"{generation + 1:06d}"
+    file = run / lock_files.FOLDER / f"{generation + 1:06d}"
     file.write_text(json.dumps(asdict(holder)))
     touched = time.time() - age
     os.utime(file, (touched, touched))
@@ -48,7 +48,7 @@ def test_release_frees_and_can_be_repeated(tmp_path: Path) -> None:
         held.release()
         held.release()
         assert lock.current(tmp_path) is None
-    assert len(list((tmp_path / lock.FOLDER).iterdir())) == 1  # nothing piles up
+    assert len(list((tmp_path / lock_files.FOLDER).iterdir())) == 1  # nothing piles up
 
 
 def test_the_second_says_who_holds_it(tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_a_silent_foreign_lock_is_taken_over(tmp_path: Path) -> None:
 def test_an_old_touch_of_a_holder_that_still_stirs_is_no_death(tmp_path: Path) -> None:
     """The file server's clock jumped forwards: the lock looks old until its holder touches it again."""
     leave_foreign_lock(tmp_path, age=3600)
-    file = max((tmp_path / lock.FOLDER).iterdir())
+    file = max((tmp_path / lock_files.FOLDER).iterdir())
     context = multiprocessing.get_context("spawn")
     toucher = context.Process(target=touch_for, args=(file, 3.0))
     toucher.start()
@@ -139,7 +139,7 @@ def test_a_clock_that_jumps_back_costs_a_local_holder_nothing(
     process = hold_elsewhere(tmp_path)
     try:
         monkeypatch.setattr(time, "time", lambda: 1.0)
-        os.utime(max((tmp_path / lock.FOLDER).iterdir()), (1.0, 1.0))
+        os.utime(max((tmp_path / lock_files.FOLDER).iterdir()), (1.0, 1.0))
         with pytest.raises(lock.RunHeldError):
             lock.acquire(tmp_path, **QUICK)
     finally:
@@ -163,7 +163,7 @@ def test_a_holder_that_stood_still_learns_that_it_lost(tmp_path: Path) -> None:
     held = lock.acquire(tmp_path, heartbeat=0.02)
     held.verify()
     text = json.dumps(asdict(replace(held.holder, host="node7", token="other")))
-    (tmp_path / lock.FOLDER / f"{held.generation + 1:06d}").write_text(text)
+    (tmp_path / lock_files.FOLDER / f"{held.generation + 1:06d}").write_text(text)
     with pytest.raises(lock.LockLostError, match="node7"):
         held.verify()
     held.release()
@@ -171,8 +171,8 @@ def test_a_holder_that_stood_still_learns_that_it_lost(tmp_path: Path) -> None:
 
 
 def test_a_damaged_lock_is_judged_by_its_touches(tmp_path: Path) -> None:
-    (tmp_path / lock.FOLDER).mkdir()
-    file = tmp_path / lock.FOLDER / "000004"
+    (tmp_path / lock_files.FOLDER).mkdir()
+    file = tmp_path / lock_files.FOLDER / "000004"
     file.write_text("{")
     with pytest.raises(lock.RunHeldError):
         lock.acquire(tmp_path, **QUICK)

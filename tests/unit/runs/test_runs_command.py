@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from auvbench import cli
-from auvbench.runs import lock
+from auvbench.runs import lock, lock_files
 from auvbench.runs.progress import Reporter
 from tests import fake_training
 
@@ -71,7 +71,7 @@ def test_a_silent_holder_elsewhere_does_not(outputs: Path, capsys: pytest.Captur
     run = outputs / "second" / "ppo-d"
     with lock.acquire(run) as held:
         text = json.dumps(asdict(replace(held.holder, host="node7", machine="other")))
-    file = run / lock.FOLDER / "000002"
+    file = run / lock_files.FOLDER / "000002"
     file.write_text(text)
     assert ids(rows(capsys, str(outputs), "--state", "running")) == ["ppo-d"]
     os.utime(file, (time.time() - 3600,) * 2)

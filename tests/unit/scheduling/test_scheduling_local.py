@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from auvbench.runs import lock, processes, standing
+from auvbench.runs import lock, lock_files, processes, standing
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.scheduling.local import LocalBackend
 from auvbench.runs.scheduling.loop import Outcome, Result
@@ -72,7 +72,7 @@ def until(condition: Callable[[], object], seconds: float = 30.0) -> None:
         time.sleep(0.02)
 
 
-def living_workers(folder: Path) -> list[lock.Holder]:
+def living_workers(folder: Path) -> list[lock_files.Holder]:
     holders = [lock.living_holder(path) for path in sorted(folder.iterdir())]
     return [holder for holder in holders if holder is not None]
 
@@ -221,7 +221,7 @@ def test_a_held_run_is_left_alone_and_named(folder: Path) -> None:
 
 def test_outputs_that_cannot_be_written_fail_with_a_clear_message(folder: Path) -> None:
     run = fake_training.make(folder / "run")
-    (run.path / lock.FOLDER).touch()  # where the lock's folder should be: nothing can be written there
+    (run.path / lock_files.FOLDER).touch()  # where the lock's folder should be: nothing can be written there
     result, _ = carry_out([run])
     assert "cannot be locked" in (run.path / "train" / "log.txt").read_text()
     assert result.exit_code == 1
