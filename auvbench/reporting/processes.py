@@ -6,6 +6,7 @@ copy of what is in memory; what comes back is pickled.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import gc
 import multiprocessing
@@ -22,7 +23,7 @@ T = TypeVar("T")
 MANY = 60
 """sources from which a second process gains more than its start and the way back cost"""
 
-SHARE = 0.47
+SHARE = 0.44
 """of the sources for the second process: less than half, since it has to send what it made of them"""
 
 
@@ -88,8 +89,11 @@ def uncollected() -> Iterator[None]:
     """
     was = gc.isenabled()
     gc.disable()
+    atexit.register(gc.freeze)  # not at the end of the process either: the system takes everything back at once
     try:
         yield
     finally:
         if was:
+            gc.freeze()
+            gc.unfreeze()  # makes all objects old, or the collector went through them right now
             gc.enable()

@@ -43,6 +43,8 @@ _RC: Any = {
     "svg.fonttype": "none",  # text stays text: smaller, searchable
     "svg.hashsalt": "auvbench",  # the same figure has the same bytes
     "path.simplify": True,
+    "figure.autolayout": False,  # whatever a user's matplotlibrc says: figures have the layout they ask for
+    "figure.constrained_layout.use": False,
 }
 
 
@@ -90,7 +92,7 @@ def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     if engine := figure.get_layout_engine():
         engine.execute(figure)  # once for both formats
-    figure.set_layout_engine("none")
+    figure.set_layout_engine(None)  # with any engine, "none" included, savefig draws everything a second time
     png, svg = path.with_suffix(".png"), path.with_suffix(".svg")
     figure.savefig(png, metadata={"Software": None})
     figure.savefig(svg, metadata={"Date": None, "Creator": None})

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import digamma, polygamma
 
 from auvbench.reporting.statistics.crossed import Crossed
@@ -62,6 +61,8 @@ def prior(ratio: FloatArray, df: FloatArray) -> tuple[float, float]:
     excess = float(e.var(ddof=1) - polygamma(1, df / 2).mean())
     if excess <= float(polygamma(1, 1e4)):
         return float(np.exp(e.mean())), np.inf
+    from scipy.optimize import brentq  # a tenth of a second of imports that most reports do not need
+
     half = (
         brentq(lambda x: float(polygamma(1, x)) - excess, 1e-3, 1e4) if excess < polygamma(1, 1e-3) else 1e-3
     )
