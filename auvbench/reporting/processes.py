@@ -29,7 +29,7 @@ SHARE = 0.44
 
 def can_fork() -> bool:
     """Not with other threads around, whose locks a fork may catch held, not off Linux, not for one core."""
-    return sys.platform == "linux" and (os.cpu_count() or 1) > 1 and threading.active_count() == 1
+    return sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1 and threading.active_count() == 1
 
 
 @contextmanager
@@ -59,7 +59,7 @@ def beside(work: Callable[[], T]) -> Iterator[Callable[[], T]]:
     def result() -> T:
         try:
             received: T = receiver.recv()
-        except EOFError:
+        except (EOFError, OSError):  # before or amid the message
             received = work()
         return received
 
@@ -89,7 +89,8 @@ def uncollected() -> Iterator[None]:
     """
     was = gc.isenabled()
     gc.disable()
-    atexit.register(gc.freeze)  # not at the end of the process either: the system takes everything back at once
+    # Nor at the end of the process, when the system takes everything back at once.
+    atexit.register(gc.freeze)
     try:
         yield
     finally:
