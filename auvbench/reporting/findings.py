@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.reporting.effects import effects, learns
+from auvbench.reporting.effects import Effect, effects, learns
+from auvbench.reporting.labels import factor_name
 from auvbench.reporting.measures import Measure, measure
 from auvbench.reporting.model import Agent, Estimate, Finding, Ranking, Row
 from auvbench.reporting.prose import (
@@ -28,6 +29,8 @@ from auvbench.tasks.record import OUTCOMES
 
 NEAR_THE_LIMIT = 5.0
 """m; a waypoint so close to the surface or the floor counts as near a depth limit"""
+MOST_EFFECTS = 8
+"""that are not resolved and yet listed, the sharpest first"""
 ENOUGH_SCENARIOS = 10
 """of either kind, before anything is said of where failures lie"""
 
@@ -131,27 +134,44 @@ def _against_baseline(ranking: Ranking, m: Measure) -> Finding | None:
 
 
 def _effects(agents: Sequence[Agent], m: Measure, confidence: float) -> list[Finding]:
+    """A sentence for each effect that is resolved, and one for all that are not."""
     found = effects(agents, m, confidence)
     adjusted = holm([effect.p_value for effect in found])
+    family = f"Holm over {counted(len(found), 'effect')}"
+    resolved = [(e, float(p)) for e, p in zip(found, adjusted, strict=True) if p < 1 - confidence]
+    open_ = [e for e, p in zip(found, adjusted, strict=True) if not p < 1 - confidence]
     result = []
-    for effect, p in zip(found, adjusted, strict=True):
+    for effect, p in resolved:
         n = len(effect.pairs)
         cells = f"averaged over {n} matched cells" if n > 1 else "in the one matched cell"
+        word = "better" if effect.difference.value * m.sign > 0 else "worse"
         change = difference(effect.difference, m)
-        if not p < 1 - confidence:
-            text = f"{effect.first} against {effect.second}: no effect on {name(m)} is resolved ({change}, {cells})."
-            if effect.p_value < 1 - confidence:
-                text = text[:-2] + f"; taken alone it would be, not among {len(found)} effects)."
-        else:
-            better = effect.difference.value * m.sign > 0
-            word = "better" if better else "worse"
-            text = f"{effect.first} is {word} than {effect.second} in {name(m)}: {change}, {cells}."
-        statistic = (
-            f"{p_value(float(p))}, Holm over {counted(len(found), 'effect')}; {_covered(effect.difference)}."
-        )
-        runs = tuple(run.id for pair in effect.pairs for agent in pair for run in agent.runs)
-        result.append(Finding(text, statistic=statistic, run_ids=runs))
+        text = f"{effect.first} is {word} than {effect.second} in {name(m)}: {change}, {cells}."
+        statistic = f"{p_value(p)}, {family}; {_covered(effect.difference)}."
+        result.append(Finding(text, statistic=statistic, run_ids=_runs([effect])))
+    if open_:
+        factors = list(dict.fromkeys(factor_name(effect.factor) for effect in open_))
+        other = "other " if resolved else ""
+        text = f"No {other}effect of {listed(factors, word='or')} on {name(m)} is resolved."
+        open_.sort(key=lambda effect: effect.difference.high - effect.difference.low)
+        items = [_open(effect, m, confidence) for effect in open_[:MOST_EFFECTS]]
+        if len(open_) > MOST_EFFECTS:
+            items.append(f"{len(open_) - MOST_EFFECTS} more with wider intervals")
+        statistic = f"{'; '.join(items)}. {family}, averaged over matched cells."
+        result.append(Finding(text, statistic=statistic, run_ids=_runs(open_)))
     return result
+
+
+def _open(effect: Effect, m: Measure, confidence: float) -> str:
+    """An effect that is not resolved, in a list: what the data leave possible is in its interval."""
+    text = f"{effect.first} against {effect.second} {difference(effect.difference, m)}"
+    return f"{text}, resolved if it were the only one" if effect.p_value < 1 - confidence else text
+
+
+def _runs(found: Sequence[Effect]) -> tuple[str, ...]:
+    return tuple(
+        dict.fromkeys(run.id for e in found for pair in e.pairs for agent in pair for run in agent.runs)
+    )
 
 
 def _covered(estimate: Estimate) -> str:

@@ -28,6 +28,15 @@ def part(name: str, value: Any) -> str:
     return f"{name.rpartition('.')[2]}={shown}"
 
 
+def factor_name(name: str) -> str:
+    """A key of the grouping as it stands in a sentence.
+
+    >>> factor_name("algo"), factor_name("reward.k"), factor_name("step.frequency"), factor_name("algo.n_envs")
+    ('algorithm', 'K', 'frequency', 'n_envs')
+    """
+    return {"algo": "algorithm", "reward.k": "K"}.get(name, name.rpartition(".")[2])
+
+
 def labels(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:
     """A unique label per key.
 

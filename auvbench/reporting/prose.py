@@ -59,15 +59,15 @@ def turned(estimate: Estimate) -> Estimate:
     return replace(estimate, value=-estimate.value, low=-estimate.high, high=-estimate.low)
 
 
-def listed(items: Sequence[str], most: int = 5) -> str:
+def listed(items: Sequence[str], most: int = 5, word: str = "and") -> str:
     """A list in words, cut off where it is long.
 
-    >>> listed(["a", "b", "c"]), listed(list("abcdefgh"), most=3)
-    ('a, b and c', 'a, b, c and 5 more')
+    >>> listed(["a", "b", "c"], word="or"), listed(list("abcdefgh"), most=3)
+    ('a, b or c', 'a, b, c and 5 more')
     """
     if len(items) > most + 1:
         return f"{', '.join(items[:most])} and {len(items) - most} more"
-    return " and ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
+    return f" {word} ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
 
 
 def counted(n: int, noun: str) -> str:

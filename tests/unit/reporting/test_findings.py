@@ -98,7 +98,44 @@ def test_effects_say_better_or_worse_by_the_direction_of_the_measure():
     agents = [agent(a, k, steps=s, level=3) for a, s in (("sac", 200), ("ppo", 600)) for k in (1, 40)]
     text = " ".join(told(agents, rank_by="mean_steps"))
     assert "SAC is better than PPO in steps: -" in text
-    assert "K=40 against K=1: no effect on steps is resolved" in text
+    assert "No other effect of K on steps is resolved." in text
+
+
+def test_effects_that_are_not_resolved_share_a_sentence():
+    agents = grid(sac=1.5, ppo=1.5)
+    found = sentences(rank(agents), agents)
+    (one,) = [finding for finding in found if finding.text.startswith("No effect of")]
+    assert one.text == "No effect of algorithm, K or frequency on success rate is resolved."
+    assert set(one.run_ids) == {run.id for a in agents for run in a.runs}
+    shown = one.statistic.partition(". Holm over 3 effects")[0].split("; ")
+    by_width = sorted(effects(agents, SUCCESS), key=lambda e: e.difference.high - e.difference.low)
+    assert [text.partition(" against ")[0] for text in shown] == [e.first for e in by_width]
+    assert all(" points [" in text for text in shown)
+
+
+def test_an_effect_that_only_the_company_of_others_leaves_unresolved_is_marked():
+    """A p between 0.05/3 and 0.05, found by shifting one algorithm's successes little by little."""
+    for level in np.arange(1.5, 3, 0.05):
+        agents = grid(sac=level, ppo=1.5)
+        p = {(e.first, e.second): e.p_value for e in effects(agents, SUCCESS)}["SAC", "PPO"]
+        if 0.05 / 3 < p < 0.05:
+            statistic = " ".join(f.statistic for f in sentences(rank(agents), agents))
+            assert "SAC against PPO" in statistic
+            assert "resolved if it were the only one" in statistic
+            return
+    raise AssertionError("no level gave such a p")
+
+
+def test_of_many_open_effects_the_sharpest_are_listed():
+    agents = []
+    for k in (1, 10, 100):
+        for f in (10, 25, 55):
+            for name, n, m in (("a", 1, 1), ("b", 2, 1), ("c", 3, 1), ("d", 1, 2)):
+                one = agent(name, k, f, level=2, seeds=2)
+                agents.append(replace(one, key={"reward.k": k, "step.frequency": f, "a.n": n, "a.m": m}))
+    (one,) = [f for f in sentences(rank(agents), agents) if f.text.startswith("No effect of")]
+    assert one.statistic.count(" against ") == 8
+    assert "; 2 more with wider intervals. Holm over 10 effects" in one.statistic
 
 
 def test_against_the_baseline():
