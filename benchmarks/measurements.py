@@ -161,6 +161,24 @@ def commands() -> Iterator[Row]:
     yield ("auvbench train --cfg job", f"{1e3 * command('train', '--cfg', 'job'):.0f}", "ms", "")
 
 
+def reports() -> Iterator[Row]:
+    """A whole report of many made-up runs, in all formats and with all figures."""
+    from tests.synthetic import write_experiment
+
+    with tempfile.TemporaryDirectory() as folder:
+        runs = write_experiment(
+            Path(folder),
+            algorithms=("ppo", "sac", "ddpg", "td3"),
+            reward_k=(1, 10, 40, 70, 100),
+            frequencies=(10, 25, 40, 50, 55),
+            seeds=range(10),
+            episodes=500,
+            train_episodes=200,
+        )
+        seconds = command("report", folder, repetitions=3)
+    yield (f"auvbench report, {len(runs)} runs x 500 episodes", f"{seconds:.1f}", "s", "figures included")
+
+
 SECTIONS = {
     "environments": environments,
     "threads": threads,
@@ -169,6 +187,7 @@ SECTIONS = {
     "learners": learners,
     "evaluation": evaluation,
     "commands": commands,
+    "reports": reports,
 }
 
 
