@@ -55,7 +55,9 @@ def sentences(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
 def _best(ranking: Ranking, m: Measure) -> Finding:
     row = ranking.rows[0]
     value = f"{name(m)} {amount(row.estimates[m.name], m)}"
-    basis = f"{counted(len(row.seeds), 'training seed')} x {counted(row.episodes, 'test episode')}"
+    basis = counted(row.episodes, "test episode")
+    if row.trained:
+        basis = f"{counted(len(row.seeds), 'training seed')} x {basis}"
     if len(ranking.rows) == 1:
         return Finding(f"{row.label} is the only agent: {value}.", statistic=basis, run_ids=row.run_ids)
     near = [other.label for other in ranking.rows[1:] if shared(other.group, row.group)]
@@ -67,7 +69,8 @@ def _best(ranking: Ranking, m: Measure) -> Finding:
         text += ", but is not resolved from any other agent: the data do not say who is best."
     else:
         text += f", but is not resolved from {listed(near)}: the best is one of these."
-    statistic = f"Probability of being best {probability(row.probability_best)}; rank {_range(row)}; {basis}."
+    share = f"First in {probability(row.probability_best)} of the resamples of these seeds and scenarios"
+    statistic = f"{share}; rank {_range(row)}; {basis}."
     return Finding(text, statistic=statistic, run_ids=row.run_ids)
 
 

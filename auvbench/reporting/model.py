@@ -117,6 +117,8 @@ class Row:
     """agents that share a letter are not resolved from each other (compact letter display)"""
     estimates: Mapping[str, Estimate]
     """by metric name: success_rate, collision_rate, timeout_rate, mean_steps, and mean_<column> for the others"""
+    trained: bool = True
+    """False for a controller that does not learn: it has no training seeds to be unsure of"""
 
 
 @dataclass(frozen=True, slots=True)

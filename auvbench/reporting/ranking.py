@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from auvbench.errors import ReportError, closest
 from auvbench.reporting import statistics as st
 from auvbench.reporting.conditions import successes
+from auvbench.reporting.effects import learns
 from auvbench.reporting.measures import Measure, all_measures, measure
 from auvbench.reporting.model import Agent, Comparison, Estimate, Problem, Ranking, Row
 from auvbench.reporting.statistics.intervals import FloatArray
@@ -99,6 +100,7 @@ def rank(
             probability_best=float(best[i]),
             group=groups[i],
             estimates=estimates[i],
+            trained=learns(agent),
         )
         for i, agent in enumerate(agents)
     )

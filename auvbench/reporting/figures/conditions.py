@@ -80,7 +80,7 @@ def transfer(scene: Scene) -> Drawing | None:
             if several
             else " One training seed per agent."
         )
-        + shown(chosen, scene.agents)
+        + _tested(chosen, scene)
     )
     return Drawing(figure, "Transfer to other vehicles", caption)
 
@@ -106,7 +106,15 @@ def _curves(scene: Scene, protocol: str, title: str, caption: str) -> Drawing | 
     for ax in grid[:, 0]:
         ax.set_ylabel("success (%)")
     style.legend(figure, scene.looks_of(chosen))
-    return Drawing(figure, title, caption + seeds_sentence(chosen) + shown(chosen, scene.agents))
+    return Drawing(figure, title, caption + seeds_sentence(chosen) + _tested(chosen, scene))
+
+
+def _tested(chosen: Sequence[Agent], scene: Scene) -> str:
+    """'' or the sentence of a caption that says why not all agents are shown."""
+    if len(chosen) == MANY:
+        return shown(chosen, scene.agents)
+    few = len(chosen) < len(scene.agents)
+    return f" Tested by this protocol: {len(chosen)} of {len(scene.agents)} agents." if few else ""
 
 
 def _all_rates(scene: Scene, protocol: str) -> dict[str, Curve]:

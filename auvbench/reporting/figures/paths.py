@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
@@ -107,6 +108,8 @@ def _frame(
     )
     space.plot([0], [0], [-20], marker="+", color="black", markersize=9, linestyle="")
     space.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+    for axis in (space.xaxis, space.yaxis):
+        axis.set_major_locator(MaxNLocator(3))  # foreshortened: more would overlap
     space.set_title("in space", loc="left")
     space.tick_params(labelsize=7, pad=0)
     circle = np.linspace(0, 2 * np.pi, 80)

@@ -238,7 +238,7 @@ def failures(scene: Scene) -> Drawing | None:
     grid[1, 0].set_ylabel("z (m)")
     style.outcome_legend(figure)
     caption = (
-        "Where failures lie: the waypoint of every test episode, seeds together, from above (top) and from the "
+        "The waypoint of every test episode, seeds together, from above (top) and from the "
         "side (bottom); dashed the depth limits, + the start." + shown(chosen, scene.agents)
     )
     return Drawing(figure, "Test: where failures lie", caption)

@@ -86,8 +86,8 @@ TITLES = {
     "collision_rate": "collision, %",
     "timeout_rate": "timeout, %",
     "mean_steps": "mean steps",
-    "mean_deviation_mean_m": "mean d_delta, m",
-    "mean_deviation_std_m": "std d_delta, m",
+    "mean_deviation_mean_m": "mean deviation, m",
+    "mean_deviation_std_m": "std of deviation, m",
     "mean_command_norm_mean_N": "mean norm u, N",
     "mean_command_norm_sum_N": "mean sum norm u, N",
 }

@@ -99,11 +99,17 @@ def lead(ranking: Ranking) -> tuple[str, ...]:
 def lead_cells(row: Row, lead: Sequence[str], marked: frozenset[str]) -> list[str]:
     """The row's texts under these headings; a label in `marked` gets a dagger."""
     label = row.label + (f" {DAGGER}" if row.label in marked else "")
-    texts = {"rank": rank(row), "group": row.group, "agent": label, "seeds": str(len(row.seeds))}
+    texts = {
+        "rank": rank(row),
+        "group": row.group,
+        "agent": label,
+        "seeds": str(len(row.seeds)) if row.trained else NOTHING,
+    }
     return [texts[heading] for heading in lead]
 
 
 def one_seed_among_many(ranking: Ranking) -> frozenset[str]:
     """Labels to mark: rows of one training seed in a table where others have several."""
-    single = {row.label for row in ranking.rows if len(row.seeds) < 2}
-    return frozenset(single if len(single) < len(ranking.rows) else ())
+    trained = [row for row in ranking.rows if row.trained]
+    single = {row.label for row in trained if len(row.seeds) < 2}
+    return frozenset(single if len(single) < len(trained) else ())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from auvbench.reporting.model import Problem, Ranking
+from auvbench.reporting.rounding import NOTHING
 from auvbench.reporting.tables.columns import DAGGER, letters, one_seed_among_many
 
 KINDS = {
@@ -28,8 +29,9 @@ def notes(ranking: Ranking) -> list[str]:
         f"Ranked by {ranking.rank_by}, then {ranking.then}. Brackets are {percent} intervals; a rank in "
         f"parentheses is its {percent} interval; {resolution(ranking)}.",
     ]
-    single = [row for row in ranking.rows if len(row.seeds) < 2]
-    if single and len(single) == len(ranking.rows):
+    trained = [row for row in ranking.rows if row.trained]
+    single = [row for row in trained if len(row.seeds) < 2]
+    if single and len(single) == len(trained):
         lines.append(
             "One training seed per agent: the intervals cover test episodes only, not what another training "
             "would give."
@@ -39,8 +41,12 @@ def notes(ranking: Ranking) -> list[str]:
             f"{DAGGER} one training seed: the interval covers test episodes only; the others cover training "
             "seeds and test episodes."
         )
-    elif ranking.rows:
+    elif trained:
         lines.append("The intervals cover training seeds and test episodes.")
+    if len(single) < len(trained) < len(ranking.rows):
+        lines.append(
+            f"Seeds {NOTHING}: does not learn; the interval covers test episodes, and there is nothing else."
+        )
     return lines
 
 
@@ -55,11 +61,13 @@ def resolution(ranking: Ranking) -> str:
 
 
 def _seeds(ranking: Ranking) -> str:
-    sets = {row.seeds for row in ranking.rows}
+    sets = {row.seeds for row in ranking.rows if row.trained}
+    if not sets:
+        return "none, no agent learns"
     if len(sets) == 1:
         return ", ".join(map(str, next(iter(sets))))
     marked = one_seed_among_many(ranking)
-    several = {row.seeds for row in ranking.rows if row.label not in marked}
+    several = {row.seeds for row in ranking.rows if row.trained and row.label not in marked}
     if len(several) == 1:
         return ", ".join(map(str, next(iter(several)))) + f" ({DAGGER} one of them)"
     sizes = sorted(len(s) for s in sets)

@@ -249,6 +249,24 @@ def test_robustness_has_a_panel_per_factor_with_the_undisturbed_condition_in_its
     assert first == pytest.approx(nominal)
 
 
+def test_a_caption_says_how_many_agents_a_protocol_tested(small: Scene) -> None:
+    with style.styled():
+        drawing = FIGURES["transfer"](small)
+        assert drawing is not None
+        assert "Tested by" not in drawing.caption
+    for run in small.agents[-1].runs:
+        folder = run.directory / "evaluations" / "transfer"
+        folder.rename(folder.with_name("away"))
+    with style.styled():
+        drawing = FIGURES["transfer"](small)
+    for run in small.agents[-1].runs:
+        folder = run.directory / "evaluations" / "transfer"
+        folder.with_name("away").rename(folder)
+    assert drawing is not None
+    n = len(small.agents)
+    assert f"Tested by this protocol: {n - 1} of {n} agents." in drawing.caption
+
+
 def test_the_sweep_has_a_line_per_agent_and_rings_the_frequency_of_training(small: Scene) -> None:
     canvas = draw("frequency_sweep", small)
     assert canvas is not None

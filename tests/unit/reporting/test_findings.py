@@ -47,6 +47,14 @@ def test_one_agent():
     assert told([agent("sac")])[0].startswith("SAC K=1 25 Hz is the only agent: success rate ")
 
 
+def test_a_controller_that_does_not_learn_has_no_training_seeds():
+    agents = [agent("pid", level=6, seeds=1), agent("sac", level=-1)]
+    first = sentences(rank(agents), agents)[0]
+    assert first.text.startswith("PID")
+    assert first.statistic.endswith("; 200 test episodes.")
+    assert not rank(agents).rows[0].trained
+
+
 def test_the_first_sentence_links_to_its_runs():
     agents = grid()
     ranking = rank(agents)

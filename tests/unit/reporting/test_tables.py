@@ -90,6 +90,21 @@ def test_notes_say_what_the_numbers_cover(ranking: Ranking) -> None:
     assert "†" not in text
 
 
+def test_a_controller_that_does_not_learn_has_no_seeds_to_be_unsure_of(ranking: Ranking) -> None:
+    rows = tuple(replace(row, trained=row.label not in ("PID", "random")) for row in ranking.rows)
+    text = tables.markdown(replace(ranking, rows=rows))
+    assert re.search(r"\| PID \| – \|", text)
+    assert "Training seeds: 0, 1." in text
+    assert "The intervals cover training seeds and test episodes." in text
+    assert "†" not in text
+    untrained = replace(ranking, rows=tuple(replace(row, trained=False) for row in rows))
+    assert "Training seeds: none, no agent learns." in tables.markdown(untrained)
+    one = tuple(replace(row, seeds=row.seeds[:1] if row.label == "PPO" else row.seeds) for row in rows)
+    text = tables.markdown(replace(ranking, rows=one))
+    assert "| PPO † | 1 |" in text
+    assert "Seeds –: does not learn" in text
+
+
 def test_letters_that_nobody_can_read_give_way_to_the_rank_intervals(ranking: Ranking) -> None:
     rows = tuple(replace(row, group="abcdefghi"[i:]) for i, row in enumerate(ranking.rows))
     many = replace(ranking, rows=rows)
