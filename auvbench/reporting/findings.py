@@ -88,8 +88,10 @@ def _resolved(ranking: Ranking) -> Finding | None:
     text += f"{'is' if neighbours == 1 else 'are'} resolved: "
     if neighbours == n - 1:
         text += "the order is that of the table."
-    else:
+    elif neighbours:
         text += "across the others the order may be another."
+    else:
+        text += "any two neighbours may stand in the other order."
     percent = f"{100 * ranking.confidence:g} %"
     return Finding(
         text, statistic=f"Tests of all {n * (n - 1) // 2} pairs, Holm-corrected, {percent} together."

@@ -16,7 +16,7 @@ from auvbench.reporting.tables.columns import DAGGER, Column, one_seed_among_man
 from auvbench.reporting.tables.latex import HEAD, escape, floats
 
 LEAD = ("rank", "agent")
-IN_PRINT = 80
+IN_PRINT = 60
 """characters of all headings beside each other in a table for a paper"""
 
 

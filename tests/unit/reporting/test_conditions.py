@@ -4,6 +4,8 @@ import csv as csv_module
 import doctest
 import io
 import json
+import shutil
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -119,6 +121,21 @@ def test_files_show_every_condition(grid: Path) -> None:
     rows = list(csv_module.DictReader(io.StringIO(tables.conditions_csv(ranking))))
     assert len(rows) == len(ranking.rows) * len(ROBUSTNESS)
     assert rows[0]["agent"] == ranking.rows[0].label
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs pdflatex (texlive-latex-recommended)")
+def test_the_tables_for_a_paper_fit_its_width(grid: Path, tmp_path: Path) -> None:
+    (tmp_path / "conditions.tex").write_text(tables.conditions_latex(ranked(grid)), encoding="utf-8")
+    (tmp_path / "paper.tex").write_text(
+        r"\documentclass{article}\usepackage{booktabs}\usepackage[T1]{fontenc}\usepackage[utf8]{inputenc}"
+        r"\begin{document}\input{conditions.tex}\end{document}"
+    )
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, errors="replace", timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert "Overfull" not in done.stdout
 
 
 def test_a_later_report_leaves_no_table_of_conditions_behind(grid: Path, tmp_path: Path) -> None:
