@@ -22,6 +22,8 @@ import pandas as pd
 import yaml
 from numpy.typing import NDArray
 
+from auvbench.tasks.record import RECORD_COLUMNS
+
 FloatArray = NDArray[np.float64]
 
 CLASSICAL = ("pid", "random")
@@ -43,29 +45,6 @@ ROBUSTNESS = (
 FREQUENCY_SWEEP = tuple(f"frequency={v}" for v in (10, 25, 55))
 TRANSFER = ("nominal", "vehicle=bluerov2", "vehicle=bluerov2-realistic-inertia", "vehicle=bluerov2-wu2018")
 """those that a BlueROV2 meets"""
-EPISODE_COLUMNS = (
-    "episode",
-    "environment",
-    "outcome",
-    "steps",
-    "duration_s",
-    "return",
-    "initial_distance_m",
-    "final_distance_m",
-    "deviation_mean_m",
-    "deviation_std_m",
-    "command_norm_mean_N",
-    "command_norm_sum_N",
-    "energy_J",
-    "path_length_m",
-    "path_efficiency",
-    "smoothness_per_s",
-    "depth_margin_m",
-    "waypoint_x_m",
-    "waypoint_y_m",
-    "waypoint_z_m",
-    "start_yaw_rad",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,7 +279,7 @@ def _rows(
             "start_yaw_rad": yaw,
         }
     )
-    return frame[list(EPISODE_COLUMNS)]
+    return frame[list(RECORD_COLUMNS)]
 
 
 def _training(skill: Skill, frequency: float, k: float, n: int, environments: int, seed: int) -> pd.DataFrame:
