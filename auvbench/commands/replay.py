@@ -52,10 +52,10 @@ def main(arguments: Sequence[str]) -> int:
 
     print(summary(episode))
     folder = options.out or runs[0].path / "replays"
-    stem = folder / f"{protocol.name}-{condition}-{options.episode}"
+    stem = folder / f"{protocol.name}-{condition}-{options.episode}"  # may hold dots: current=0.5
     png, svg = draw(episode, stem)
     print(f"\nwrote {png}\nwrote {svg}")
     if options.video is not None:
-        target = options.video if options.video != Path() else stem.with_suffix(".gif")
+        target = options.video if options.video != Path() else stem.with_name(f"{stem.name}.gif")
         print(f"wrote {film(episode, target)}")
     return 0

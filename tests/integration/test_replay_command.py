@@ -40,6 +40,15 @@ def test_the_episode_is_the_one_of_the_table(run, tmp_path, capsys):
         assert pictures.convert("L").tobytes() != first, "nothing moves"
 
 
+def test_a_condition_with_a_decimal_point_keeps_its_whole_name(run, tmp_path):
+    common = ["replay", str(run), "--protocol", "robustness", "--out", str(tmp_path)]
+    assert main([*common, "--condition", "current=0.5", "--episode", "2", "--video"]) == 0
+    assert main([*common, "--condition", "current=0.75", "--episode", "7"]) == 0
+    written = [f"robustness-current=0.5-2.{kind}" for kind in ("gif", "png", "svg")]
+    written += [f"robustness-current=0.75-7.{kind}" for kind in ("png", "svg")]
+    assert sorted(path.name for path in tmp_path.iterdir()) == written
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

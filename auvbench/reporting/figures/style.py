@@ -88,12 +88,12 @@ def canvas(width: float, height: float) -> Canvas:
 
 
 def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
-    """Writes `path`.png and `path`.svg; returns both."""
+    """Writes `path`.png and `path`.svg; returns both. A dot in the name is part of it: current=0.5."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if engine := figure.get_layout_engine():
         engine.execute(figure)  # once for both formats
     figure.set_layout_engine(None)  # with any engine, "none" included, savefig draws everything a second time
-    png, svg = path.with_suffix(".png"), path.with_suffix(".svg")
+    png, svg = (path.with_name(path.name + suffix) for suffix in (".png", ".svg"))
     figure.savefig(png, metadata={"Software": None})
     figure.savefig(svg, metadata={"Date": None, "Creator": None})
     return png, svg
