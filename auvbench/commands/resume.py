@@ -95,6 +95,7 @@ def _one(run: RunDirectory) -> int:
     from auvbench.runs.training import execute
     from auvbench.runs.worker import carry_out
 
+    run.check()
     now = standing.of(run)
     if now.state is standing.State.COMPLETE:
         print(f"{run.path}: complete already, nothing to do ({BUDGET}=N extends it)")
@@ -112,7 +113,8 @@ def _one(run: RunDirectory) -> int:
 
 def _several(runs: Sequence[RunDirectory], workers: int) -> int:
     """Side by side, each in a process of its own."""
+    from auvbench.runs.directory import RunDirectory
     from auvbench.runs.scheduling.local import LocalBackend
     from auvbench.runs.scheduling.sweep import sweep
 
-    return sweep(runs, LocalBackend(workers)).exit_code
+    return sweep(runs, LocalBackend(workers), check=RunDirectory.check).exit_code

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from types import UnionType
 from typing import Any
 
 import yaml
@@ -82,14 +83,10 @@ class RunDirectory:
         """
         try:
             loaded = yaml.load(self.config_path.read_text(encoding="utf-8"), Loader=_LOADER)
-        except FileNotFoundError as error:
-            raise RunError(f"{self.path}: this is no run directory (config.yaml is missing)") from error
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise RunError(
-                f"{self.config_path}: damaged: {str(error).splitlines()[0]}; restore it, or remove the run"
-            ) from error
+        except (OSError, yaml.YAMLError, ValueError) as error:  # ValueError: no UTF-8, or no such date
+            raise self._unreadable(self.config_path, error) from error
         if not isinstance(loaded, dict):
-            raise RunError(f"{self.config_path}: damaged: not a mapping; restore it, or remove the run")
+            raise self._unreadable(self.config_path, "not a mapping")
         return loaded
 
     def manifest(self) -> dict[str, Any]:
@@ -100,19 +97,33 @@ class RunDirectory:
         """
         try:
             loaded = json.loads(self.manifest_path.read_text(encoding="utf-8"))
-        except FileNotFoundError as error:
-            raise RunError(f"{self.path}: this is no run directory (manifest.json is missing)") from error
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise RunError(f"{self.manifest_path}: damaged: {error}") from error
+        except (OSError, ValueError) as error:
+            raise self._unreadable(self.manifest_path, error) from error
         if not isinstance(loaded, dict):
-            raise RunError(f"{self.manifest_path}: damaged: not a mapping")
+            raise self._unreadable(self.manifest_path, "not a mapping")
         version = loaded.get("schema_version")
         if version != SCHEMA_VERSION:
             raise RunError(
                 f"{self.manifest_path}: schema_version {version}, but this auvbench reads {SCHEMA_VERSION}; "
                 "use the auvbench that wrote it"
             )
+        for key, kind in _KINDS.items():
+            if not isinstance(loaded.get(key), kind):
+                raise self._unreadable(self.manifest_path, f"{key} is {loaded.get(key, 'missing')}")
+        if loaded["state"] not in STATES:
+            raise self._unreadable(
+                self.manifest_path, f"state is {loaded['state']}, valid: {', '.join(STATES)}"
+            )
         return loaded
+
+    def _unreadable(self, path: Path, why: object) -> RunError:
+        """The error of a file that is missing or damaged, with what can be done about it."""
+        if isinstance(why, FileNotFoundError):
+            if not self.config_path.is_file() and not self.manifest_path.is_file():
+                return RunError(f"{self.path}: this is no run directory ({path.name} is missing)")
+            return RunError(f"{path}: missing; restore it, or remove the run's folder")
+        reason = (why.strerror if isinstance(why, OSError) else None) or str(why) or type(why).__name__
+        return RunError(f"{path}: damaged: {reason.splitlines()[0]}; restore it, or remove the run's folder")
 
     def update_manifest(self, **changes: Any) -> dict[str, Any]:
         """Writes the manifest with some entries replaced; returns it."""
@@ -124,17 +135,30 @@ class RunDirectory:
         """The configuration, if its hash is the folder's.
 
         Raises:
-            RunError: `config.yaml` was changed since the run was made; the message says how ids are formed.
+            RunError: `config.yaml` was changed since the run was made; the message says which value, as far as
+                the folder's name tells.
         """
         config = self.config()
-        expected = identity.run_id(config)
-        if expected != self.id:
+        wrong = identity.mismatch(config, self.id)
+        if wrong:
             raise RunError(
-                f"{self.path}: config.yaml does not belong to this run: its id would be {expected}. "
+                f"{self.path}: config.yaml does not belong to this run: {wrong}. "
                 "Restore config.yaml, or type the command with the changed values to make a run of its own"
             )
         return config
 
+
+# What those who read a manifest rely on.
+_KINDS: dict[str, type | UnionType] = {
+    "state": str,
+    "algo": str,
+    "seed": int,
+    "steps": int,
+    "total_steps": int,
+    "attempts": int,
+    "wall_time_s": int | float,
+    "error": dict | None,
+}
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
@@ -154,9 +178,9 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
     """
     run = place(config)
     if run.exists():
-        there = identity.relevant(run.config())
-        here = identity.relevant(dict(config))
-        if there != here and identity.run_id(run.config()) != run.id:
+        held = run.config()
+        there, here = identity.relevant(held), identity.relevant(dict(config))
+        if there != here and identity.mismatch(held, run.id):
             raise RunError(
                 f"{run.path}: config.yaml was changed after the run was made: {_difference(there, here)}. "
                 "Restore it, or remove the directory"
@@ -196,13 +220,17 @@ def _fresh_manifest(run: RunDirectory, config: Mapping[str, Any], command: str) 
 
 
 def _difference(there: Any, here: Any, prefix: str = "") -> str:
-    """The first few keys that differ: "reward.k 1 -> 40"."""
+    """The first few keys that differ: "reward.k 1 -> 40", "seed is missing"."""
     found: list[str] = []
 
     def walk(a: Any, b: Any, path: str) -> None:
         if isinstance(a, dict) and isinstance(b, dict):
             for key in sorted({*a, *b}, key=str):
-                walk(a.get(key), b.get(key), f"{path}.{key}" if path else str(key))
+                name = f"{path}.{key}" if path else str(key)
+                if key in a:
+                    walk(a[key], b.get(key), name)
+                else:
+                    found.append(f"{name} is missing")
         elif a != b:
             found.append(f"{path} {b} -> {a}")
 

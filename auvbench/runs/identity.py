@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 SCHEMA_VERSION = 1
@@ -33,7 +34,8 @@ def relevant(config: Mapping[str, Any]) -> dict[str, Any]:
     kept = _without_neutral(config, "")
     if isinstance(kept.get("vehicle"), dict):
         kept["vehicle"] = without_descriptions(kept["vehicle"])
-    if kept.get("algo", {}).get("agent") in ("pid", "random"):
+    algo = kept.get("algo")
+    if isinstance(algo, dict) and algo.get("agent") in ("pid", "random"):
         kept.pop("train", None)  # nothing to learn: the budget changes nothing
     return kept
 
@@ -89,3 +91,58 @@ def run_id(config: Mapping[str, Any]) -> str:
 
 def _short(value: float) -> str:
     return f"{float(value):g}"
+
+
+_SHOWN = ("algo.name", "reward.k", "step.frequency", "seed")
+"""The keys whose values an id shows, in its order."""
+
+_ID = re.compile(r"(.+)-k(.+)-f(.+)-s(.+)-[0-9a-f]{8}", re.DOTALL)
+
+
+def mismatch(config: Mapping[str, Any], id: str) -> str:
+    """What tells a configuration from that of the run with this id, in words; empty where it is that run's."""
+    try:
+        found = run_id(config)
+    except (ArithmeticError, AttributeError, KeyError, RecursionError, TypeError, ValueError):
+        return _defect(config)  # an edited file may hold anything
+    if found == id:
+        return ""
+    mine, named = _ID.fullmatch(found), _ID.fullmatch(id)
+    if mine is None or named is None:
+        return f"its id would be {found}, and the folder's name is none (was the folder renamed?)"
+    pairs = zip(_SHOWN, mine.groups(), named.groups(), strict=True)
+    differing = [
+        f"{key} is {there} in it and {name} in the folder's name"
+        for key, there, name in pairs
+        if there != name
+    ]
+    return ", ".join(differing) or "a value that the folder's name does not show was edited"
+
+
+def _defect(config: Mapping[str, Any]) -> str:
+    """Why a configuration has no id."""
+    for key in _SHOWN:
+        node: Any = config
+        for part in key.split("."):
+            if not isinstance(node, Mapping) or part not in node:
+                return f"{key} is missing"
+            node = node[part]
+        if key in ("reward.k", "step.frequency") and not isinstance(node, int | float):
+            return f"{key} is {node!r}, which is no number"
+    for key, value in _leaves(config, ""):
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError):
+            return (
+                f"{key} is {value}, which no configuration holds (valid: finite numbers, text, true, false)"
+            )
+    return "it holds what no configuration holds"
+
+
+def _leaves(node: Any, path: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(node, Mapping | list):
+        children = node.items() if isinstance(node, Mapping) else enumerate(node)
+        for key, value in children:
+            yield from _leaves(value, f"{path}.{key}" if path else str(key))
+    else:
+        yield path, node

@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from auvbench.errors import RunError
 from auvbench.runs import lock, standing
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.standing import Standing, State
@@ -23,6 +24,7 @@ class Action(StrEnum):
     START = "start"
     RETRY = "retry"
     LEAVE = "leave alone"
+    REFUSE = "refuse"
 
 
 WHY = {
@@ -31,6 +33,7 @@ WHY = {
     Action.START: "missing",
     Action.RETRY: "failed",
     Action.LEAVE: "held by others",
+    Action.REFUSE: "damaged",
 }
 
 _ACTIONS = {
@@ -49,16 +52,16 @@ LISTED = 12
 class Step:
     """One run and what happens to it."""
 
-    standing: Standing
+    run: RunDirectory
     action: Action
-
-    @property
-    def run(self) -> RunDirectory:
-        return self.standing.run
+    standing: Standing | None = None  # None: it cannot be read
+    problem: str = ""  # why it is refused
 
     @property
     def detail(self) -> str:
         """How far it is, what went wrong, or who holds it."""
+        if self.standing is None:
+            return self.problem
         manifest = self.standing.manifest
         if self.action is Action.LEAVE:
             return f"by {self.standing.holder}"
@@ -82,24 +85,38 @@ class Plan:
     @property
     def todo(self) -> list[RunDirectory]:
         """What is to be carried out, in the order given."""
-        return [step.run for step in self.steps if step.action not in (Action.SKIP, Action.LEAVE)]
+        return [step.run for step in self.steps if step.action not in _UNTOUCHED]
 
 
-def make(runs: Sequence[RunDirectory], watched: Callable[[Path], bool] = lambda _: False) -> Plan:
-    """Looks at every run once.
+_UNTOUCHED = (Action.SKIP, Action.LEAVE, Action.REFUSE)
+
+
+def make(
+    runs: Sequence[RunDirectory],
+    watched: Callable[[Path], bool] = lambda _: False,
+    check: Callable[[RunDirectory], object] | None = None,
+) -> Plan:
+    """Looks at every run once; a damaged one is refused and costs no other.
 
     Args:
         runs: the runs of the sweep.
         watched: whether a held run is one of the backend's own jobs, to be waited for and not left alone.
+        check: looks further than at the manifest, and raises a RunError where a run is damaged.
     """
     clock = lock.shared_clock()
     steps = []
     for run in runs:
-        found = standing.of(run, clock=clock)
+        try:
+            if check is not None:
+                check(run)
+            found = standing.of(run, clock=clock)
+        except RunError as error:
+            steps.append(Step(run, Action.REFUSE, problem=str(error)))
+            continue
         action = _ACTIONS[found.state]
         if action is Action.LEAVE and watched(run.path):
             action = Action.RESUME
-        steps.append(Step(found, action))
+        steps.append(Step(run, action, found))
     return Plan(tuple(steps))
 
 
@@ -117,11 +134,13 @@ def show(plan: Plan, console: Console) -> None:
         if steps:
             table.add_row(WHY[action], str(len(steps)), _VERBS[action])
     console.print(table)
+    for step in plan.of(Action.REFUSE):  # all of them, for each needs somebody's hand
+        console.print(f"  {WHY[step.action]}: {step.detail}", soft_wrap=True, highlight=False, markup=False)
     for action in (Action.RESUME, Action.RETRY, Action.LEAVE):
         steps = plan.of(action)
         for step in steps[:LISTED]:
             console.print(
-                f"  {WHY[action]}: {step.standing.name} {step.detail}",
+                f"  {WHY[action]}: {step.run.id} {step.detail}",
                 soft_wrap=True,
                 highlight=False,
                 markup=False,
@@ -136,4 +155,5 @@ _VERBS = {
     Action.START: "started",
     Action.RETRY: "retried",
     Action.LEAVE: "left alone",
+    Action.REFUSE: "left as it is",
 }

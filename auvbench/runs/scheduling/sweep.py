@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from rich.console import Console
 
@@ -12,20 +12,27 @@ from auvbench.runs.scheduling.base import Backend
 from auvbench.runs.scheduling.loop import Loop, Outcome, Result
 
 
-def sweep(runs: Sequence[RunDirectory], backend: Backend, console: Console | None = None) -> Result:
+def sweep(
+    runs: Sequence[RunDirectory],
+    backend: Backend,
+    console: Console | None = None,
+    *,
+    check: Callable[[RunDirectory], object] | None = None,
+) -> Result:
     """Brings every run to its end as far as it can be brought.
 
     Args:
         runs: frozen run directories, each once.
         backend: where they are carried out.
         console: where the tables go; standard output by default.
+        check: as in `plan.make`; runs that were frozen just now need none.
 
     Raises:
         SubmitError: the backend refuses even the only run it has.
         UserError: the backend cannot work here.
     """
     console = console or Console()
-    steps = plan.make(runs, watched=lambda path: backend.adopt(path) is not None)
+    steps = plan.make(runs, watched=lambda path: backend.adopt(path) is not None, check=check)
     plan.show(steps, console)
     todo = steps.todo
     result = Result()
@@ -37,6 +44,8 @@ def sweep(runs: Sequence[RunDirectory], backend: Backend, console: Console | Non
         result.outcomes[step.run.path] = (Outcome.COMPLETE, "")
     for step in steps.of(plan.Action.LEAVE):
         result.outcomes[step.run.path] = (Outcome.HELD, step.detail)
+    for step in steps.of(plan.Action.REFUSE):
+        result.outcomes[step.run.path] = (Outcome.FAILED, step.detail)
     if todo:
         summarise(result, console)
     return result

@@ -1,0 +1,144 @@
+"""Runs whose files were edited or damaged: named with what is wrong and what to do, and no cost to the others."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from auvbench import cli
+from auvbench.config.compose import compose
+from auvbench.runs.directory import RunDirectory, freeze
+
+Harm = Callable[[Path], object]
+
+
+def frozen(folder: Path, *overrides: str, state: str = "complete") -> RunDirectory:
+    config = OmegaConf.to_container(compose("train", [f"output={folder}", *overrides]), resolve=True)
+    assert isinstance(config, dict)
+    run = freeze({str(key): value for key, value in config.items()})
+    run.update_manifest(state=state)
+    return run
+
+
+def edited(old: str, new: str) -> Harm:
+    def harm(path: Path) -> None:
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new))
+
+    return harm
+
+
+def without(key: str) -> Harm:
+    def harm(path: Path) -> None:
+        config = RunDirectory(path.parent).config()
+        del config[key]
+        path.write_text(json.dumps(config))
+
+    return harm
+
+
+def a_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def a_dangling_link(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("nowhere")
+
+
+HARMS = [
+    (edited("seed: 42", "seed: 43"), "seed is 43 in it and 42 in the folder's name"),
+    (edited("seed: 42", "seed: abc"), "seed is abc in it and 42 in the folder's name"),
+    (edited("seed: 42", "seed: .nan"), "seed is nan, which no configuration holds"),
+    (edited("seed: 42", "seed: 2026-13-45"), "config.yaml: damaged: month must be in 1..12"),
+    (edited("agent: ppo", "agent: sac"), "a value that the folder's name does not show was edited"),
+    (without("reward"), "reward.k is missing"),
+    (lambda path: path.write_text("algo: 3"), "algo.name is missing"),
+    (lambda path: path.write_text(""), "config.yaml: damaged: not a mapping"),
+    (lambda path: path.write_bytes(b"\x80\x00\xff"), "config.yaml: damaged"),
+    (Path.unlink, "config.yaml: missing; restore it"),
+    (a_folder, "config.yaml: damaged: Is a directory"),
+    (a_dangling_link, "config.yaml: missing; restore it"),
+]
+
+
+@pytest.mark.parametrize(("harm", "message"), HARMS)
+def test_a_config_that_is_not_the_run_s_is_refused_whatever_the_state(
+    harm: Harm, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = frozen(tmp_path)
+    harm(run.config_path)
+    for arguments in (["resume", str(run.path)], ["resume", str(run.path), "train.total_steps=9000000"]):
+        assert cli.main(arguments) == 2
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1
+    assert cli.main(["evaluate", str(run.path)]) == 2
+    assert message in capsys.readouterr().err
+    assert cli.main(["train", f"output={tmp_path}"]) == 2
+    error = capsys.readouterr().err
+    assert str(run.path) in error
+    assert error.count("\n") == 1
+
+
+def test_train_names_the_key_that_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = frozen(tmp_path)
+    without("reward")(run.config_path)
+    assert cli.main(["train", f"output={tmp_path}"]) == 2
+    assert "changed after the run was made: reward is missing. Restore it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"schema_version": 1}', "damaged: state is missing; restore it"),
+        ('{"schema_version": 1, "state": "comp', "damaged: Unterminated string"),
+        (None, "damaged: steps is many; restore it, or remove the run's folder"),
+        (None, "damaged: state is done, valid: pending, running"),
+    ],
+)
+def test_a_manifest_that_lacks_what_is_read_is_one_clear_line(
+    text: str | None, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = frozen(tmp_path)
+    if text is None:
+        run.update_manifest(**({"steps": "many"} if "steps" in message else {"state": "done"}))
+    else:
+        run.manifest_path.write_text(text)
+    for arguments in (["train", f"output={tmp_path}"], ["resume", str(run.path)]):
+        assert cli.main(arguments) == 2
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1
+
+
+def test_damaged_runs_of_a_folder_are_named_and_the_others_carried_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seeds = [frozen(tmp_path, "algo=random", f"seed={seed}", state="pending") for seed in range(4)]
+    seeds[0].manifest_path.write_bytes(seeds[0].manifest_path.read_bytes()[:100])
+    edited("seed: 1", "seed: 7")(seeds[1].config_path)
+    assert cli.main(["resume", str(tmp_path), "--workers", "1"]) == 1
+    out = capsys.readouterr().out.replace("\n", " ")
+    assert f"damaged: {seeds[0].manifest_path}: damaged: " in out
+    assert "seed is 7 in it and 1 in the folder's name" in out
+    assert "2 complete, 2 failed" in out
+    assert [run.manifest()["state"] for run in seeds[2:]] == ["complete", "complete"]
+    # Nothing left to do for the others: the damaged ones are still named and counted.
+    assert cli.main(["resume", str(tmp_path)]) == 1
+    assert f"damaged: {seeds[0].manifest_path}" in capsys.readouterr().out
+
+
+def test_a_grid_goes_on_beside_a_damaged_manifest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = frozen(tmp_path, "algo=random", "seed=0")
+    run.manifest_path.write_text("{")
+    assert (
+        cli.main(["train", "-m", f"output={tmp_path}", "algo=random", "seed=0,1", "launcher.workers=1"]) == 1
+    )
+    assert "1 complete, 1 failed" in capsys.readouterr().out
