@@ -74,7 +74,13 @@ def _resolve(name: str, runs: Sequence[RunRecord]) -> str:
 
 
 def _key(run: RunRecord, keys: Mapping[str, str]) -> dict[str, Any]:
-    return {short: run.config.get(key) for short, key in keys.items()}
+    return {short: _level(run, key) for short, key in keys.items()}
+
+
+def _level(run: RunRecord, key: str) -> Any:
+    """A value of the configuration as a level of a factor: a list (noise.sensor) as its text, to look it up by."""
+    value = run.config.get(key)
+    return str(value) if isinstance(value, list) else value
 
 
 def _cell(run: RunRecord, keys: Mapping[str, str]) -> tuple[str, ...]:
@@ -201,7 +207,7 @@ def _missing_cells(runs: Iterable[RunRecord], keys: Mapping[str, str]) -> list[P
         seeds = {run.seed for run in members}
         present: dict[tuple[Any, ...], set[int]] = {}
         for run in members:
-            present.setdefault(tuple(run.config.get(keys[s]) for s in others), set()).add(run.seed)
+            present.setdefault(tuple(_level(run, keys[s]) for s in others), set()).add(run.seed)
         levels = [
             sorted({cell[i] for cell in present}, key=lambda v: sort_key({"": v})) for i in range(len(others))
         ]

@@ -6,53 +6,35 @@ Format of the directories: docs/architecture.md; of the CSV: docs/protocol.md.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
 import yaml
 
 from auvbench.errors import ReportError
+from auvbench.reporting.evaluations import LARGEST, Damage, json_object, read_evaluation
 from auvbench.reporting.grouping import agents
-from auvbench.reporting.model import Evaluation, Problem, RunRecord
+from auvbench.reporting.model import Problem, RunRecord
 from auvbench.reporting.processes import each
-from auvbench.tasks.record import OUTCOMES
 
-__all__ = ["CORE_COLUMNS", "SCHEMA_VERSION", "agents", "available_protocols", "load"]
+__all__ = ["agents", "available_protocols", "load"]
 
-SCHEMA_VERSION = 1
-"""of manifest.json and summary.json: what this auvbench reads"""
-
-CORE_COLUMNS = (
-    "steps",
-    "duration_s",
-    "return",
-    "final_distance_m",
-    "deviation_mean_m",
-    "deviation_std_m",
-    "command_norm_mean_N",
-    "command_norm_sum_N",
-    "energy_J",
+NUMBERS = (
+    "reward.k",
+    "step.frequency",
+    "task.goal_radius",
+    "task.depth_low",
+    "task.depth_high",
+    "task.max_steps",
 )
-"""without these, finite in every row, an evaluation is not reported on; not all of a record's columns, so that an
-evaluation stays readable when a later auvbench measures something more"""
+"""keys of a configuration that a report calculates with or sorts by"""
 
 
 _Read = tuple[RunRecord | None, list[Problem]]
 """a run, if it can be used, and what is wrong with it"""
-
-
-class _Damage(Exception):
-    """Why a file cannot be used; `kind` is that of the `Problem`."""
-
-    def __init__(self, message: str, kind: str = "damaged") -> None:
-        super().__init__(message)
-        self.kind = kind
 
 
 def load(
@@ -122,34 +104,56 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
 def _read_run(directory: Path) -> _Read:
     try:
         return _run(directory), []
-    except _Damage as damage:
+    except Damage as damage:
         return None, [Problem(str(directory), damage.kind, str(damage))]
 
 
 def _run(directory: Path) -> RunRecord:
-    manifest = _json(directory / "manifest.json")
+    manifest = json_object(directory / "manifest.json")
     if missing := {"id", "state", "seed"} - manifest.keys():
-        raise _Damage(f"manifest.json is not that of a run (no {', '.join(sorted(missing))})", "foreign")
-    if not isinstance(manifest["seed"], int):
-        raise _Damage(f"manifest.json has the seed {manifest['seed']!r}, which is no integer")
-    path = directory / "config.yaml"
-    try:
-        # The C loader is ten times faster than OmegaConf on a resolved configuration.
-        config = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)
-    except OSError as error:
-        raise _Damage("config.yaml is missing") from error
-    except yaml.YAMLError as error:
-        raise _Damage("config.yaml is not valid YAML") from error
-    if not isinstance(config, dict):
-        raise _Damage("config.yaml is empty")
+        raise Damage(f"manifest.json is not that of a run (no {', '.join(sorted(missing))})", "foreign")
+    for key in ("seed", "steps", "total_steps"):
+        value = manifest.get(key, 0)
+        # A run that was not started may have no steps yet.
+        if type(value) is not int and (value is not None or key == "seed"):
+            raise Damage(f"manifest.json has the {key} {_brief(value)}, which is no integer")
     return RunRecord(
         id=str(manifest["id"]),
         directory=directory,
         state=str(manifest["state"]),
         seed=manifest["seed"],
-        config=dict(_flat(config)),
+        config=_config(directory / "config.yaml"),
         manifest=manifest,
     )
+
+
+def _config(path: Path) -> dict[str, Any]:
+    """The configuration of a run by dotted keys, with what labels and groups need of the right type."""
+    try:
+        # The C loader is ten times faster than OmegaConf on a resolved configuration.
+        config = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)
+    except OSError as error:
+        raise Damage("config.yaml is missing") from error
+    except (yaml.YAMLError, ValueError) as error:  # a ValueError: the 99th of a month
+        raise Damage("config.yaml is not valid YAML") from error
+    if not isinstance(config, dict):
+        raise Damage("config.yaml is empty")
+    try:
+        flat = dict(_flat(config))
+    except RecursionError as error:  # an anchor that holds itself
+        raise Damage("config.yaml is nested without an end") from error
+    if not isinstance(algo := flat.get("algo.name"), str):
+        raise Damage(f"config.yaml is not that of a run (algo.name is {_brief(algo)}, not a name)")
+    for key in NUMBERS:
+        value = flat.get(key)
+        if value is not None and (type(value) not in (int, float) or not abs(value) <= LARGEST):
+            raise Damage(f"config.yaml has the {key} {_brief(value)}, which is no number")
+    return flat
+
+
+def _brief(value: Any) -> str:
+    text = "absent" if value is None else repr(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
 
 
 def _flat(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -158,22 +162,6 @@ def _flat(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
             yield from _flat(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
-
-
-def _json(path: Path) -> dict[str, Any]:
-    """A JSON object of the schema version that is read here."""
-    try:
-        data = json.loads(path.read_bytes())
-    except OSError as error:
-        raise _Damage(f"{path.name} is missing") from error
-    except ValueError as error:
-        raise _Damage(f"{path.name} is not valid JSON") from error
-    version = data.get("schema_version") if isinstance(data, dict) else None
-    if version != SCHEMA_VERSION:
-        raise _Damage(
-            f"{path.name} has schema_version {version}, this auvbench reads {SCHEMA_VERSION}", "foreign"
-        )
-    return dict(data)
 
 
 def _without_duplicates(runs: Sequence[RunRecord], problems: list[Problem]) -> list[RunRecord]:
@@ -207,8 +195,8 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
                 problems.append(Problem(run.id, "missing", f"no evaluation by protocol {name}: {hint}"))
             continue
         try:
-            evaluations[name] = _read_evaluation(directory)
-        except _Damage as damage:
+            evaluations[name] = read_evaluation(directory)
+        except Damage as damage:
             problems.append(Problem(run.id, damage.kind, f"evaluation {name}: {damage}"))
     return replace(run, evaluations=evaluations), problems
 
@@ -223,59 +211,3 @@ def _why_not(run: RunRecord) -> Problem:
     steps, total = manifest.get("steps") or 0, manifest.get("total_steps") or 0
     share = f" at {steps:,} of {total:,} steps" if total else ""
     return Problem(run.id, "unfinished", f"{run.state}{share}: type its command again to finish it")
-
-
-def _read_evaluation(directory: Path) -> Evaluation:
-    summary = _json(directory / "summary.json")
-    if missing := {"fingerprint", "conditions"} - summary.keys():
-        raise _Damage(f"summary.json has no {', '.join(sorted(missing))}")
-    return Evaluation(
-        protocol=directory.name,
-        fingerprint=str(summary["fingerprint"]),
-        summary=summary,
-        episodes=_read_episodes(directory / "episodes.csv", summary),
-        directory=directory,
-    )
-
-
-def _read_episodes(path: Path, summary: Mapping[str, Any]) -> pd.DataFrame:
-    """episodes.csv, checked: all columns, all rows of the summary, no row cut short, all values finite."""
-    try:
-        frame = pd.read_csv(path, engine="c", low_memory=False)
-        with path.open("rb") as file:
-            file.seek(-1, os.SEEK_END)
-            ends_with_newline = file.read() == b"\n"
-    except FileNotFoundError as error:
-        raise _Damage("episodes.csv is missing") from error
-    except (OSError, ValueError) as error:  # pandas' parser and empty-data errors are ValueErrors
-        raise _Damage(f"episodes.csv cannot be read ({str(error).strip()})") from error
-    needed = ("condition", "episode", "outcome", *CORE_COLUMNS)
-    if missing := [c for c in needed if c not in frame.columns]:
-        raise _Damage(f"episodes.csv lacks the columns {', '.join(missing)}")
-    try:
-        expected = sum(int(condition["episodes"]) for condition in summary["conditions"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise _Damage("summary.json does not say how many episodes each condition has") from error
-    if len(frame) != expected:
-        raise _Damage(f"episodes.csv has {len(frame)} rows, summary.json says {expected}: evaluate again")
-    if not ends_with_newline or frame.iloc[-1:, -1].isna().any():
-        raise _Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows ends half way")
-    if bad := {str(name) for name in frame["outcome"].to_numpy()} - set(OUTCOMES):
-        raise _Damage(f"episodes.csv has the outcome {min(bad)!r}, none of {', '.join(OUTCOMES)}")
-    _check_finite(frame)
-    return frame
-
-
-def _check_finite(frame: pd.DataFrame) -> None:
-    core = frame[list(CORE_COLUMNS)].to_numpy()
-    if core.dtype != object and np.isfinite(core).all():
-        return
-    for column in CORE_COLUMNS:
-        values = frame[column].to_numpy()
-        if values.dtype == object:
-            values = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64)
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            episode = frame["episode"].iloc[int(bad[0])]
-            what = f"{column} is not a finite number in {bad.size} of {len(frame)} episodes"
-            raise _Damage(f"episodes.csv: {what} (first: episode {episode})")

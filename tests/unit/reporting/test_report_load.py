@@ -145,6 +145,91 @@ def test_fields_of_another_type_are_named(grid: list[Path]) -> None:
     assert kinds(problems) == {str(grid[0]): "damaged", grid[1].name: "damaged", grid[2].name: "failed"}
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"schema_version": 1, "fingerprint": "f", "conditions": [{"episodes": 12}]}', "does not name its"),
+        (
+            '{"schema_version": 1, "fingerprint": "f", "conditions": [{"name": "nominal", "episodes": Infinity}]}',
+            "says inf episodes of condition 'nominal'",
+        ),
+        (
+            '{"schema_version": 1, "fingerprint": "f", "conditions": '
+            '[{"name": "nominal", "episodes": 6}, {"name": "current=0.5", "episodes": 6}]}',
+            "has 12 episodes of condition 'nominal', summary.json says 6",
+        ),
+        ("[" * 100_000, "summary.json is not valid JSON"),
+    ],
+)
+def test_a_summary_that_no_evaluation_wrote_is_damage(grid: list[Path], text: str, message: str) -> None:
+    (grid[0] / "evaluations" / "test" / "summary.json").write_text(text)
+    runs, problems = load([grid[0].parent])
+    assert kinds(problems) == {grid[0].name: "damaged"}
+    assert message in problems[0].message
+    agents(runs)
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "message"),
+    [
+        ("return", [1e308] * 12, r"return is beyond ±1e\+30 in 12 of 12 episodes"),
+        ("steps", [-1, *range(1, 12)], r"steps is not a whole number from 1 in 1 of 12 episodes"),
+        ("steps", [1.5, *range(1, 12)], r"steps is not a whole number from 1 in 1 of 12 episodes"),
+        ("episode", [1, *range(1, 12)], r"has episode 1 of condition 'nominal' 2 times"),
+        ("episode", ["x", *range(1, 12)], r"episode is not a whole number from 0 in every row"),
+        ("path_efficiency", [np.nan] * 12, r"path_efficiency is not a finite number in 12 of 12 episodes"),
+        ("path_efficiency", ["abc"] * 12, r"path_efficiency is not a finite number in 12 of 12 episodes"),
+    ],
+)
+def test_a_value_that_cannot_be_is_damage(grid: list[Path], column: str, values: list, message: str) -> None:
+    path = grid[0] / "evaluations" / "test" / "episodes.csv"
+    pd.read_csv(path).assign(**{column: values}).to_csv(path, index=False)
+    runs, problems = load([grid[0].parent])
+    assert kinds(problems) == {grid[0].name: "damaged"}
+    assert re.search(message, problems[0].message)
+    agents(runs)
+
+
+def test_a_column_that_an_older_evaluation_lacks_is_no_damage(grid: list[Path]) -> None:
+    path = grid[0] / "evaluations" / "test" / "episodes.csv"
+    pd.read_csv(path).drop(columns="path_efficiency").to_csv(path, index=False)
+    assert load([grid[0].parent])[1] == []
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ("a: 1", "not that of a run (algo.name is absent, not a name)"),
+        ("algo: {name: [1, 2]}", "algo.name is [1, 2], not a name"),
+        ("algo: {name: ppo}\nstep: {frequency: fast}", "has the step.frequency 'fast', which is no number"),
+        ("algo: {name: ppo}\nreward: {k: .nan}", "has the reward.k nan, which is no number"),
+        ("algo: &a {name: ppo, again: *a}", "nested without an end"),
+        ("d: 2026-99-99", "not valid YAML"),
+    ],
+)
+def test_a_configuration_that_no_run_has_is_damage(grid: list[Path], config: str, message: str) -> None:
+    (grid[0] / "config.yaml").write_text(config)
+    runs, problems = load([grid[0].parent])
+    assert kinds(problems) == {str(grid[0]): "damaged"}
+    assert message in problems[0].message
+    agents(runs)
+
+
+def test_a_manifest_whose_steps_are_no_number_is_damage(grid: list[Path]) -> None:
+    edit(grid[0] / "manifest.json", state="running", steps="x", total_steps=[1])
+    _, problems = load([grid[0].parent])
+    assert [(p.where, p.message) for p in problems] == [
+        (str(grid[0]), "manifest.json has the steps 'x', which is no integer")
+    ]
+
+
+def test_a_list_of_the_configuration_groups_as_its_text(grid: list[Path]) -> None:
+    runs, _ = load([grid[0].parent])
+    found, _ = agents(runs, ("algo", "noise.sensor"))
+    assert found[0].key["noise.sensor"] == "[0.05, 0.1]"
+    hash(tuple(found[0].key.values()))
+
+
 def test_failed_and_unfinished_runs_are_named_and_leave_the_table(grid: list[Path]) -> None:
     set_state([grid[0]], "failed", "loss is nan")
     set_state([grid[1]], "interrupted")
