@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,7 +55,7 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
     claims, numbers = _study(runs, ordered, options)
     report = Report(runs, ordered, ranking, sentences(ranking, ordered), claims, numbers)
-    written = write(report, options, command)
+    report, written = write(report, options, command)
     _show(report, options, written)
 
 
@@ -84,8 +84,8 @@ def _study(
     return claims, study.beside(agents, options.confidence)
 
 
-def write(report: Report, options: Options, command: str) -> list[Path]:
-    """Writes the formats asked for; returns the files."""
+def write(report: Report, options: Options, command: str) -> tuple[Report, list[Path]]:
+    """Writes the formats asked for; returns the report, with what drawing found damaged, and the files."""
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
 
@@ -100,7 +100,9 @@ def write(report: Report, options: Options, command: str) -> list[Path]:
     if options.figures and {"md", "html"} & set(options.format):
         from auvbench.reporting.figures import draw_all
 
-        figures = draw_all(report.runs, report.agents, ranking, out)
+        figures, problems = draw_all(report.runs, report.agents, ranking, out)
+        ranking = replace(ranking, problems=(*ranking.problems, *problems))
+        report = replace(report, ranking=ranking)
     if "html" in options.format:
         written.append(_page(out / "index.html", report, figures, command))
     if "md" in options.format:
@@ -113,7 +115,7 @@ def write(report: Report, options: Options, command: str) -> list[Path]:
         written.append(files.text(out / "table.csv", tables.csv(ranking)))
         written += files.if_any(out / "comparisons.csv", tables.comparisons_csv(ranking.comparisons))
         written += files.if_any(out / "conditions.csv", tables.conditions_csv(ranking))
-    return written
+    return report, written
 
 
 def _page(path: Path, report: Report, figures: Sequence[Figure], command: str) -> Path:

@@ -45,11 +45,6 @@ class RunRecord:
     evaluations: Mapping[str, Evaluation] = field(default_factory=dict)
     """by the protocol's name"""
 
-    def training(self) -> pd.DataFrame | None:
-        """train/episodes.csv, read on demand; None where there is none (PID)."""
-        path = self.directory / "train" / "episodes.csv"
-        return pd.read_csv(path) if path.is_file() else None
-
 
 @dataclass(frozen=True, slots=True)
 class Problem:

@@ -8,7 +8,7 @@ from pathlib import Path
 from auvbench.reporting.figures import conditions, matrices, paths, style, testing, training
 from auvbench.reporting.figures.model import Figure
 from auvbench.reporting.figures.scene import Drawing, Scene, scene
-from auvbench.reporting.model import Agent, Ranking, RunRecord
+from auvbench.reporting.model import Agent, Problem, Ranking, RunRecord
 from auvbench.reporting.processes import beside
 
 FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
@@ -33,7 +33,9 @@ SECOND_PROCESS = ("training_curves", "training_outcomes", "training_logs", "traj
 """About half of the work; those that read the training records stand together, so that they are read once."""
 
 
-def draw_all(runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Ranking, out: Path) -> list[Figure]:
+def draw_all(
+    runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Ranking, out: Path
+) -> tuple[list[Figure], list[Problem]]:
     """Draws every figure that the data allow into `out`/figures.
 
     Args:
@@ -43,21 +45,24 @@ def draw_all(runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Rankin
         out: the folder of the report.
 
     Returns:
-        the figures, PNG and SVG, with titles and captions.
+        the figures, PNG and SVG, with titles and captions, and what was found damaged while drawing.
     """
     shared = scene(agents, ranking)
     names = list(FIGURES)
     with beside(lambda: _draw(shared, SECOND_PROCESS, out)) as rest:
-        drawn = _draw(shared, [name for name in names if name not in SECOND_PROCESS], out)
-        drawn |= rest()
+        drawn, found = _draw(shared, [name for name in names if name not in SECOND_PROCESS], out)
+        more, problems = rest()
+    drawn |= more
     for name in names:
         if name not in drawn:  # an earlier report's, of other runs
             for suffix in (".png", ".svg"):
                 (out / "figures" / name).with_suffix(suffix).unlink(missing_ok=True)
-    return [drawn[name] for name in names if name in drawn]
+    # Without a second process both lists are that of the one scene.
+    distinct = list(dict.fromkeys([*found, *problems]))
+    return [drawn[name] for name in names if name in drawn], distinct
 
 
-def _draw(shared: Scene, names: Sequence[str], out: Path) -> dict[str, Figure]:
+def _draw(shared: Scene, names: Sequence[str], out: Path) -> tuple[dict[str, Figure], list[Problem]]:
     figures = {}
     for name in names:
         with style.styled():
@@ -66,4 +71,4 @@ def _draw(shared: Scene, names: Sequence[str], out: Path) -> dict[str, Figure]:
                 continue
             png, svg = style.save(drawing.canvas, out / "figures" / name)
         figures[name] = Figure(name, drawing.title, drawing.caption, png, svg)
-    return figures
+    return figures, shared.problems

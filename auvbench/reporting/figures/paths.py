@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import zipfile
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,25 +9,30 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from auvbench.reporting.evaluations import Damage
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
+from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown, without
 from auvbench.reporting.figures.testing import depth_limits, goal_radius
 from auvbench.reporting.model import Agent
+from auvbench.reporting.paths import paths
 from auvbench.tasks.record import OUTCOMES
 
 MOST = 6
 """paths in one picture"""
+EPISODES = 10
+"""of a run, among which the one that is drawn is chosen"""
 
 
 def trajectories(scene: Scene) -> Drawing | None:
     """Paths of the first seed of each agent in one test episode (thesis, figure 3.6)."""
     protocol, condition = scene.ranking.protocol, scene.ranking.condition
-    paths: dict[str, dict[int, FloatArray]] = {}
-    for agent in scene.top(MOST):
-        if found := _positions(agent, protocol, condition):
-            paths[agent.label] = found
-    chosen = [agent for agent in scene.agents if agent.label in paths]
-    episode = _telling_episode(chosen, paths)
+    wanted = scene.top(MOST)
+    tracks: dict[str, dict[int, FloatArray]] = {}
+    for agent in wanted:
+        if found := _positions(scene, agent):
+            tracks[agent.label] = found
+    chosen = [agent for agent in scene.agents if agent.label in tracks]
+    episode = _telling_episode(chosen, tracks)
     if episode is None:
         return None
     figure = style.canvas(10.6, 4.6)
@@ -39,10 +42,10 @@ def trajectories(scene: Scene) -> Drawing | None:
     waypoint = np.array([float(chosen[0].metrics[f"waypoint_{axis}_m"][0, episode]) for axis in "xyz"])
     limits = depth_limits(chosen[0])
     _frame(space, above, side, waypoint, goal_radius(chosen), limits)
-    _bounds(space, above, side, [paths[a.label][episode] for a in chosen], waypoint, limits)
+    _bounds(space, above, side, [tracks[a.label][episode] for a in chosen], waypoint, limits)
     ends = []
     for agent in chosen:
-        position = paths[agent.label][episode]
+        position = tracks[agent.label][episode]
         look = scene.looks[agent.label]
         line: Mapping[str, Any] = {"color": look.colour, "linestyle": look.linestyle, "linewidth": 1.5}
         end: Mapping[str, Any] = {
@@ -60,7 +63,9 @@ def trajectories(scene: Scene) -> Drawing | None:
     caption = (
         f"Test episode {number} (first training seed of each agent), in space, from above and from the side. + "
         f"start; grey: the waypoint with its {goal_radius(chosen):g} m sphere; dashed: the depth limits. "
-        f"It ended in: {', '.join(ends)}." + shown(chosen, scene.agents)
+        f"It ended in: {', '.join(ends)}."
+        + shown(wanted, scene.agents)
+        + without(wanted, chosen, "trajectories of this episode")
     )
     return Drawing(figure, "Test: trajectories of one episode", caption)
 
@@ -70,25 +75,27 @@ def _episode_ids(agent: Agent, protocol: str, condition: str) -> list[int]:
     return sorted(int(e) for e in frame.loc[frame["condition"] == condition, "episode"])
 
 
-def _positions(agent: Agent, protocol: str, condition: str) -> dict[int, FloatArray]:
-    """Paths (T+1, 3) of the first seed, by column of the agent's metrics."""
+def _positions(scene: Scene, agent: Agent) -> dict[int, FloatArray]:
+    """Paths (T+1, 3) of the first seed, by column of the agent's metrics; a damaged file becomes a problem."""
+    protocol, condition = scene.ranking.protocol, scene.ranking.condition
     run = agent.runs[0]
     file = run.directory / "evaluations" / protocol / "trajectories.npz"
-    ids = {episode: column for column, episode in enumerate(_episode_ids(agent, protocol, condition))}
-    name = re.compile(rf"position_{re.escape(condition)}_(\d+)")
-    try:
-        with np.load(file, allow_pickle=False) as arrays:
-            matches = [m for key in arrays.files if (m := name.fullmatch(key)) and int(m[1]) in ids]
-            return {ids[int(m[1])]: np.asarray(arrays[m[0]], dtype=np.float64) for m in matches}
-    except (OSError, ValueError, zipfile.BadZipFile):
+    if not file.is_file():
         return {}
+    ids = {episode: column for column, episode in enumerate(_episode_ids(agent, protocol, condition))}
+    try:
+        found = list(paths(file, condition, EPISODES))
+    except Damage as damage:
+        scene.problem(run, damage)
+        return {}
+    return {ids[episode]: position for episode, _, position, _ in found if episode in ids}
 
 
-def _telling_episode(agents: list[Agent], paths: Mapping[str, Mapping[int, FloatArray]]) -> int | None:
+def _telling_episode(agents: list[Agent], tracks: Mapping[str, Mapping[int, FloatArray]]) -> int | None:
     """The episode all agents have that ended most differently; among equals, the one furthest away."""
     if not agents:
         return None
-    common = set.intersection(*(set(paths[agent.label]) for agent in agents))
+    common = set.intersection(*(set(tracks[agent.label]) for agent in agents))
 
     def telling(episode: int) -> tuple[int, float, int]:
         outcomes = {int(agent.outcome[0, episode]) for agent in agents}

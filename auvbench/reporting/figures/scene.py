@@ -12,8 +12,10 @@ import pandas as pd
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
+from auvbench.reporting.evaluations import Damage
 from auvbench.reporting.figures.style import Look, colour_of
-from auvbench.reporting.model import Agent, Ranking, RunRecord
+from auvbench.reporting.model import Agent, Problem, Ranking, RunRecord
+from auvbench.reporting.training import training
 
 FloatArray = NDArray[np.float64]
 
@@ -25,8 +27,6 @@ MOST_TRAINING_FILES = 90
 
 FEWEST_EPISODES = 10
 """of a training that is worth a line"""
-
-TRAINING_COLUMNS = ("step", "outcome", "steps", "return", "final_distance_m")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +46,8 @@ class Scene:
     """in the order of the ranking"""
     ranking: Ranking
     looks: Mapping[str, Look]
+    problems: list[Problem] = field(default_factory=list)
+    """damage that came to light while drawing"""
     _training: dict[str, pd.DataFrame | None] = field(default_factory=dict)
 
     def top(self, k: int, among: Sequence[Agent] | None = None) -> tuple[Agent, ...]:
@@ -71,10 +73,18 @@ class Scene:
         return {agent.label: self.looks[agent.label] for agent in agents}
 
     def training(self, run: RunRecord) -> pd.DataFrame | None:
-        """The columns of train/episodes.csv that figures use; None where it is absent or cannot be read."""
+        """train/episodes.csv; None where it is absent, too short for a line, or damaged, which becomes a problem."""
         if run.id not in self._training:
-            self._training[run.id] = _read_training(run)
+            frame = None
+            try:
+                frame = training(run)
+            except Damage as damage:
+                self.problem(run, damage)
+            self._training[run.id] = frame if frame is not None and len(frame) >= FEWEST_EPISODES else None
         return self._training[run.id]
+
+    def problem(self, run: RunRecord, damage: Damage) -> None:
+        self.problems.append(Problem(run.id, damage.kind, str(damage)))
 
 
 def scene(agents: Sequence[Agent], ranking: Ranking) -> Scene:
@@ -84,21 +94,17 @@ def scene(agents: Sequence[Agent], ranking: Ranking) -> Scene:
     return Scene(ordered, ranking, colour_of(ordered))
 
 
-def _read_training(run: RunRecord) -> pd.DataFrame | None:
-    try:
-        frame = pd.read_csv(
-            run.directory / "train" / "episodes.csv", usecols=list(TRAINING_COLUMNS), engine="c"
-        )
-    except (OSError, ValueError):
-        return None  # a figure without one seed is better than none; the tables name damage that counts
-    return frame.dropna() if len(frame) >= FEWEST_EPISODES else None
-
-
 def shown(chosen: Sequence[Agent], of: Sequence[Agent]) -> str:
     """'' or the sentence of a caption that says what was left out."""
     if len(chosen) >= len(of):
         return ""
     return f" Shown: {len(chosen)} of {len(of)} agents, the best-ranked."
+
+
+def without(wanted: Sequence[Agent], chosen: Sequence[Agent], what: str) -> str:
+    """'' or the sentence of a caption that names the agents that have nothing to draw."""
+    absent = [agent.label for agent in wanted if agent not in chosen]
+    return f" Without usable {what}: {', '.join(absent)}." if absent else ""
 
 
 def seeds_sentence(agents: Sequence[Agent], band: str = "the range over training seeds") -> str:

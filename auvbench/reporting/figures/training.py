@@ -18,11 +18,13 @@ from auvbench.reporting.figures.scene import (
     seeds_sentence,
     shown,
     wants_symlog,
+    without,
 )
 from auvbench.reporting.labels import part
 from auvbench.reporting.model import Agent
 from auvbench.tasks.record import OUTCOMES
 
+RECORDS = "training records"
 BINS = 60
 WINDOW = 100
 """episodes of a success share, as in the thesis"""
@@ -33,9 +35,9 @@ MOST_POINTS = 1500
 def curves(scene: Scene) -> Drawing | None:
     """Mean episode length and return over training steps (thesis, figures 3.1 and 3.7)."""
     learners = scene.learners()
-    panels = [
-        (title, agents) for title, among in _panels(scene, learners) if (agents := scene.trained(among))
-    ]
+    possible = _panels(scene, learners)
+    wanted = [agent for _, among in possible for agent in among]
+    panels = [(title, agents) for title, among in possible if (agents := scene.trained(among))]
     if not panels:
         return None
     chosen = [agent for _, agents in panels for agent in agents]
@@ -65,7 +67,8 @@ def curves(scene: Scene) -> Drawing | None:
     caption = (
         f"Mean episode length and return during training, in up to {BINS} equal spans of steps."
         + seeds_sentence(chosen)
-        + shown(chosen, learners)
+        + shown(wanted, learners)
+        + without(wanted, chosen, RECORDS)
         + (
             " The return's axis is linear up to ±1000 and logarithmic beyond, since K scales it."
             if log
@@ -127,7 +130,8 @@ def _own_legend(ax: Axes, scene: Scene, agents: Sequence[Agent]) -> None:
 def reward_by_outcome(scene: Scene) -> Drawing | None:
     """Return of every training episode coloured by outcome, with success shares (thesis, figure 3.2)."""
     learners = scene.learners()
-    chosen = [a for a in scene.top(6, learners) if scene.training(a.runs[0]) is not None]
+    wanted = scene.top(6, learners)
+    chosen = [a for a in wanted if scene.training(a.runs[0]) is not None]
     if not chosen:
         return None
     columns = min(3, len(chosen))
@@ -154,7 +158,7 @@ def reward_by_outcome(scene: Scene) -> Drawing | None:
     style.outcome_legend(figure)
     caption = (
         "Return of the training episodes of one seed, coloured by outcome; below, the share of successes in "
-        f"windows of {WINDOW} episodes." + shown(chosen, learners)
+        f"windows of {WINDOW} episodes." + shown(wanted, learners) + without(wanted, chosen, RECORDS)
     )
     return Drawing(figure, "Training: return by outcome", caption)
 
@@ -194,7 +198,8 @@ def _success_share(ax: Axes, frame: pd.DataFrame) -> None:
 def logs(scene: Scene) -> Drawing | None:
     """Final distance, return and length of every training episode, several agents side by side."""
     learners = scene.learners()
-    chosen = [a for a in scene.top(4, learners) if scene.training(a.runs[0]) is not None]
+    wanted = scene.top(4, learners)
+    chosen = [a for a in wanted if scene.training(a.runs[0]) is not None]
     if not chosen:
         return None
     titles = {"final_distance_m": "final distance (m)", "return": "return", "steps": "length (steps)"}
@@ -221,7 +226,8 @@ def logs(scene: Scene) -> Drawing | None:
         "Final distance, return and length over training episodes. Dots: the episodes of the first seed; lines: "
         "a running mean over 50 episodes, one line per training seed."
         + (" The return's axis is linear up to ±1000 and logarithmic beyond." if log else "")
-        + shown(chosen, learners)
+        + shown(wanted, learners)
+        + without(wanted, chosen, RECORDS)
     )
     return Drawing(figure, "Training: logs over episodes", caption)
 

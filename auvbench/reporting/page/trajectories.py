@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import base64
 import math
-import re
-import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.reporting.evaluations import Damage
 from auvbench.reporting.model import Agent, Problem, RunRecord
+from auvbench.reporting.paths import paths
 from auvbench.tasks.record import OUTCOMES
 
 POINTS = 320
@@ -98,13 +98,12 @@ def read(
         path = _file(run, protocol)
         assert path is not None
         try:
-            for episode, waypoint, position, time in _paths(path, condition, episodes):
+            for episode, waypoint, position, time in paths(path, condition, episodes):
                 outcome = _outcome(agents[index], row, episode)
                 found.waypoints.setdefault(episode, waypoint)
                 found.tracks.setdefault(episode, []).append(Track(index, run, position, time, outcome))
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            message = f"trajectories.npz cannot be read: {error}"
-            problems.append(Problem(where=run.id, kind="damaged", message=message))
+        except Damage as damage:
+            problems.append(Problem(where=run.id, kind=damage.kind, message=str(damage)))
     scenes = tuple(
         Scene(episode, found.waypoints[episode], tuple(sorted(tracks, key=lambda t: (t.agent, t.run.seed))))
         for episode, tracks in sorted(found.tracks.items())
@@ -163,30 +162,6 @@ def _by_seed(agents: Sequence[Agent]) -> Iterator[tuple[int, int, RunRecord]]:
 def _file(run: RunRecord, protocol: str) -> Path | None:
     evaluation = run.evaluations.get(protocol)
     return evaluation.directory / "trajectories.npz" if evaluation else None
-
-
-def _paths(
-    path: Path, condition: str, episodes: int
-) -> Iterator[tuple[int, tuple[float, float, float], NDArray[np.float64], NDArray[np.float64]]]:
-    """(episode, waypoint, position, time) of the first episodes of one condition in one file."""
-    name = re.compile(rf"position_{re.escape(condition)}_(\d+)")
-    with np.load(path, allow_pickle=False) as arrays:
-        numbers = sorted(int(match[1]) for key in arrays.files if (match := name.fullmatch(key)))
-        for episode in numbers[:episodes]:
-            suffix = f"{condition}_{episode}"
-            position = np.asarray(arrays[f"position_{suffix}"], dtype=np.float64)
-            time = np.asarray(arrays[f"time_{suffix}"], dtype=np.float64)
-            waypoint = np.asarray(arrays[f"waypoint_{suffix}"], dtype=np.float64)
-            if position.ndim != 2 or position.shape[1] != 3 or len(position) == 0:
-                raise ValueError(f"position_{suffix} has shape {position.shape}, expected (steps + 1, 3)")
-            if time.shape != (len(position),):
-                raise ValueError(f"time_{suffix} has shape {time.shape}, expected ({len(position)},)")
-            if waypoint.shape != (3,):
-                raise ValueError(f"waypoint_{suffix} has shape {waypoint.shape}, expected (3,)")
-            if not (np.isfinite(position).all() and np.isfinite(time).all() and np.isfinite(waypoint).all()):
-                raise ValueError(f"episode {episode} holds numbers that are not finite")
-            x, y, z = waypoint.tolist()
-            yield episode, (x, y, z), position, time
 
 
 def _outcome(agent: Agent, row: int, episode: int) -> str:

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from auvbench.reporting.evaluations import Damage
 from auvbench.reporting.model import RunRecord
+from auvbench.reporting.training import training
 
 WINDOW = 100
 """training episodes that are averaged"""
@@ -43,9 +45,11 @@ def learning(run: RunRecord) -> Learning | None:
     Converged at a step: the last 100 episodes ended by then have a mean length below 0.8 of the step limit and at
     least 50 of them are successes. A run has converged if that holds at its end.
     """
-    frame = run.training()
-    needed = {"step", "steps", "outcome", "return"}
-    if frame is None or len(frame) < WINDOW or not needed <= set(frame.columns):
+    try:
+        frame = training(run)
+    except Damage:  # the figures name it
+        return None
+    if frame is None or len(frame) < WINDOW:
         return None
     frame = frame.sort_values("step", kind="stable")
     limit = float(run.config.get("task.max_steps") or 1000)

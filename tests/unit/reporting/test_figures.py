@@ -45,7 +45,8 @@ def draw(name: str, drawn_from: Scene) -> style.Canvas | None:
 
 
 def test_every_figure_is_written_twice_with_title_and_caption(small: Scene, tmp_path: Path) -> None:
-    figures = draw_all([], small.agents, small.ranking, tmp_path)
+    figures, problems = draw_all([], small.agents, small.ranking, tmp_path)
+    assert problems == []
     assert [figure.name for figure in figures] == list(FIGURES)
     for figure in figures:
         assert figure.title
@@ -309,3 +310,60 @@ def test_returns_of_different_k_ask_for_another_axis() -> None:
     assert wants_symlog([np.array([300.0, 400.0]), np.array([9000.0, 11000.0])])
     assert not wants_symlog([np.array([300.0, 400.0]), np.array([-900.0, 500.0])])
     assert not wants_symlog([])
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "message", "figure", "what"),
+    [
+        (
+            "train/episodes.csv",
+            b"a,b\n1,2\n",
+            "train/episodes.csv lacks the columns outcome, step, steps",
+            "training_logs",
+            "training records",
+        ),
+        (
+            "train/episodes.csv",
+            bytes(range(128, 256)),
+            "train/episodes.csv cannot be read",
+            "training_logs",
+            "training records",
+        ),
+        (
+            "train/episodes.csv",
+            b"",
+            "train/episodes.csv cannot be read",
+            "training_outcomes",
+            "training records",
+        ),
+        (
+            "evaluations/test/trajectories.npz",
+            b"PKxx",
+            "trajectories.npz cannot be read: it is no .npz file",
+            "trajectories",
+            "trajectories of this episode",
+        ),
+    ],
+)
+def test_damage_met_while_drawing_is_named_in_a_problem_and_in_the_caption(
+    tmp_path: Path, file: str, content: bytes, message: str, figure: str, what: str
+) -> None:
+    written = write_experiment(tmp_path / "grid", algorithms=("ppo", "sac"), seeds=(0,), episodes=8)
+    (written[0] / file).write_bytes(content)
+    found, _ = agents(load([tmp_path / "grid"])[0])
+    figures, problems = draw_all([], found, plain_ranking(found), tmp_path)
+    assert [(p.where, p.kind) for p in problems] == [(written[0].name, "damaged")]
+    assert problems[0].message.startswith(message)
+    caption = next(f.caption for f in figures if f.name == figure)
+    assert f"Without usable {what}: PPO." in caption
+    assert "Shown:" not in caption
+
+
+def test_trajectories_of_another_shape_are_damage(tmp_path: Path) -> None:
+    written = write_experiment(tmp_path / "grid", algorithms=("ppo", "sac"), seeds=(0,), episodes=8)
+    path = written[0] / "evaluations" / "test" / "trajectories.npz"
+    with np.load(path) as arrays:
+        np.savez(path, **{**arrays, "position_nominal_0": np.zeros((5, 2))})
+    found, _ = agents(load([tmp_path / "grid"])[0])
+    _, problems = draw_all([], found, plain_ranking(found), tmp_path)
+    assert "position_nominal_0 has shape (5, 2), expected (steps + 1, 3)" in problems[0].message

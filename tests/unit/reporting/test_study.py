@@ -31,6 +31,7 @@ def training(when=None, *, episodes=600, length=1000, end_fails=False, top_fails
         at += steps[-1]
     returns = np.arange(episodes, dtype=float)
     frame = pd.DataFrame({"step": np.cumsum(steps), "steps": steps, "outcome": outcome, "return": returns})
+    frame["final_distance_m"] = 2.0
     failing = round(top_fails * (episodes // 20))
     frame.loc[episodes - failing :, "outcome"] = "timeout"
     return frame
