@@ -36,17 +36,20 @@ def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
     Means: t interval of the module's formula. Rates: the square-and-add interval, Newcombe (1998, Stat. Med.
     17:873 and 17:2635) and Zou & Donner (2008, Stat. Med. 27:1693): with limits l, u of each rate and r the
     correlation of the two estimates,
-    d - sqrt((p1-l1)² - 2 r (p1-l1)(u2-p2) + (u2-p2)²), d + sqrt((u1-p1)² - 2 r (u1-p1)(p2-l2) + (p2-l2)²).
+    d - sqrt((p1-l1)² - 2 r (p1-l1)(u2-p2) + (u2-p2)²), d + sqrt((u1-p1)² - 2 r (u1-p1)(p2-l2) + (p2-l2)²);
+    where an agent has several seeds, extended to the t interval. A rate at 1 has no u - p, so that square-and-add
+    excludes 0 however uncertain the other's seeds are, while the p-value, that of the t interval, knows better.
     """
     spread = pair_spread(table)
     difference = table.mean[:, None] - table.mean[None, :]
     q = spread.quantile(confidence)
+    half = q * np.sqrt(spread.seeds + spread.scenarios)
+    low, high = difference - half, difference + half
     if table.rate:
         single = np.maximum(table.seeds[:, None], table.seeds[None, :]) <= 1
-        low, high = _square_and_add(table, np.where(single, quantile(confidence), q), difference)
-    else:
-        half = q * np.sqrt(spread.seeds + spread.scenarios)
-        low, high = difference - half, difference + half
+        ends = _square_and_add(table, np.where(single, quantile(confidence), q), difference)
+        low = np.where(single, ends[0], np.minimum(low, ends[0]))
+        high = np.where(single, ends[1], np.maximum(high, ends[1]))
     least, most = table.least[:, None] - table.most[None, :], table.most[:, None] - table.least[None, :]
     low, high = within(low, difference, high, least, most)
     # The p-values are symmetric: half of them, by bisection, are enough.

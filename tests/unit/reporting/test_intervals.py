@@ -140,6 +140,31 @@ def test_square_and_add_gives_the_published_difference_of_paired_rates():
     assert ends == pytest.approx((-0.0621, -0.1186, -0.0046), abs=5e-5)
 
 
+def test_the_interval_of_rates_with_several_seeds_never_claims_more_than_the_test():
+    rng, agreed = np.random.default_rng(11), 0
+    for S, T in ((1, 2), (2, 2), (3, 3), (1, 5)):
+        for _ in range(60):
+            scenarios = rng.normal(size=100)
+            draw = [
+                World(6.0, 1.0).draw(S, 100, scenarios, rng),
+                World(2.0, 2.5).draw(T, 100, scenarios, rng),
+            ]
+            found = pairs(crossed([success for success, _ in draw], rate=True))
+            excludes = bool(found.low[0, 1] > 0 or found.high[0, 1] < 0)
+            assert found.p_value[0, 1] < 0.05 or not excludes
+            assert -1 <= found.low[0, 1] <= found.difference[0, 1] <= found.high[0, 1] <= 1
+            agreed += excludes
+    assert agreed > 20
+
+
+def test_no_failure_does_not_make_two_seeds_certain():
+    # 500 of 500 against seeds at 26 and 96 %: the t interval is 0.39 -+ 12.7 * 0.35, whose p is 0.46.
+    perfect, torn = np.ones((1, 500)), np.array([np.arange(500) < 130, np.arange(500) < 480], dtype=float)
+    found = pairs(crossed([perfect, torn], rate=True))
+    assert found.p_value[0, 1] == pytest.approx(0.46, abs=0.01)
+    assert (found.low[0, 1], found.high[0, 1]) == (-1, 1)
+
+
 def test_contrast_of_two_agents_is_their_difference():
     rng = np.random.default_rng(5)
     data = [rng.normal(size=(3, 50)), rng.normal(size=(3, 50)) + 1, rng.normal(size=(2, 50))]
