@@ -107,6 +107,9 @@ def crossed(
             mean[i], columns[i], between[i], residual[i] = _layout(x, there)
     covariance, episodes = _covariance(columns, paired)
     if rate:
+        # Of one scenario the variance between scenarios is unknown; `limits` counts it as one trial instead.
+        alone = np.flatnonzero((episodes == 1) & (seeds > 1))
+        covariance[alone, alone] = 0.0
         for edge in np.flatnonzero((mean == 0.0) | (mean == 1.0)):
             i = int(edge)
             shrunk = (mean[i] * values[i] + 1) / (values[i] + 2)
@@ -186,6 +189,8 @@ def limits(table: Crossed, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     with np.errstate(divide="ignore", invalid="ignore"):
         effective = np.minimum(mean * (1 - mean) / variance, values)
     effective = np.where((mean <= 0) | (mean >= 1), values, effective)
+    # However many seeds met it, one scenario says of others no more than one trial.
+    effective = np.where(episodes == 1, np.minimum(effective, 1.0), effective)
     return score_interval(mean, np.where(seeds > 1, effective, episodes), q)
 
 
@@ -194,7 +199,7 @@ def means(table: Crossed, confidence: float = 0.95) -> list[Estimate]:
 
     One seed and a rate: Wilson's interval. One seed and a mean: Student's t over the episodes. Several seeds: see
     the module's formula, for a rate as Wilson's interval with the effective number of trials p (1 - p) / variance.
-    An interval that cannot be computed (one seed of one episode) is NaN.
+    An interval that cannot be computed (a mean of one episode) is NaN.
     """
     spread = Spread(
         table.between_seeds, welch(table.between_seeds, squares(table)), table.scenarios, table.episodes - 1

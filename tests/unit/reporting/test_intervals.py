@@ -191,6 +191,16 @@ def test_a_rate_of_one_is_not_certain(S):
     assert 0 < found.low[0, 2] < found.high[0, 2] == 1
 
 
+def test_several_seeds_on_one_scenario_tell_no_more_than_one_trial():
+    torn = np.array([[1.0], [0.0]])
+    found = means(crossed([np.ones((2, 1)), np.ones((10, 1)), np.ones((1, 1)), torn], rate=True))
+    # (1 - p)² n = z² p (1 - p) at n = 1: Wilson's lower end is 1 / (1 + z²), z Student's quantile of the seeds.
+    expected = [1 / (1 + z**2) for z in (stats.t.ppf(0.975, 1), stats.t.ppf(0.975, 9), stats.norm.ppf(0.975))]
+    assert [e.low for e in found[:3]] == pytest.approx(expected)
+    assert [e.high for e in found[:3]] == [1, 1, 1]
+    assert found[3].low < 0.01 < 0.99 < found[3].high
+
+
 def test_missing_values_are_left_out_and_never_become_zero():
     rng = np.random.default_rng(6)
     x = rng.normal(10, 1, size=(2, 40))
