@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.vehicles.actuators import FIN_PARAMETERS, Actuator, Curve, Lag, Power, t200_table
-from auvbench.vehicles.reader import Document, Keys
+from auvbench.vehicles.document import Document, Keys
 
 FloatArray = NDArray[np.float64]
 

@@ -1,23 +1,17 @@
-"""Reading a vehicle sheet: YAML with line numbers, sourced quantities, and messages that name the rule."""
+"""Finding and reading vehicle sheets: names, files, YAML with line numbers, and what a sheet inherits."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
-import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from auvbench.errors import VehicleError, closest
-
-FloatArray = NDArray[np.float64]
-Keys = tuple[str, ...]
+from auvbench.vehicles.document import Document, Keys
 
 
 def sheets() -> dict[str, Traversable]:
@@ -37,121 +31,6 @@ def sheets() -> dict[str, Traversable]:
 def sheet_names() -> list[str]:
     """Names of the vehicle sheets that can be loaded by name."""
     return list(sheets())
-
-
-@dataclass
-class Document:
-    """The content of a sheet and where each key stands."""
-
-    data: dict[str, Any]
-    places: dict[Keys, str] = field(default_factory=dict)  # key path -> "file line n"
-    label: str = "vehicle"
-    used: set[str] = field(default_factory=set)  # sources that a quantity named
-
-    def fail(self, path: Keys, rule: str) -> NoReturn:
-        """Raise a `VehicleError` that names the place of `path` and the rule."""
-        place = ""
-        for length in range(len(path), 0, -1):
-            if path[:length] in self.places:
-                place = self.places[path[:length]] + ": "
-                break
-        else:
-            place = f"{self.label}: "
-        raise VehicleError(f"{place}{'.'.join(path)}: {rule}" if path else f"{place}{rule}")
-
-    def section(self, path: Keys, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, Any]:
-        """The mapping at `path`, which must hold `required` and may hold `optional` keys, no others."""
-        node = self.mapping(path)
-        valid = (*required, *optional)
-        for key in node:
-            if key not in valid:
-                self.fail((*path, str(key)), f"unknown key; {closest(str(key), valid)}")
-        for key in required:
-            if key not in node:
-                self.fail(path, f"key {key!r} is missing")
-        return dict(node)
-
-    def mapping(self, path: Keys) -> Mapping[str, Any]:
-        node = self.get(path)
-        if not isinstance(node, Mapping) or not node:
-            self.fail(path, f"expected keys below it, got {node!r}")
-        return node
-
-    def get(self, path: Keys) -> Any:
-        node: Any = self.data
-        for key in path:
-            if not isinstance(node, Mapping) or key not in node:
-                self.fail(path, "is missing")
-            node = node[key]
-        return node
-
-    def text(self, path: Keys, choices: Iterable[str] = ()) -> str:
-        value = self.get(path)
-        if not isinstance(value, str):
-            self.fail(path, f"expected a text, got {value!r}")
-        if choices and value not in choices:
-            self.fail(path, f"{value!r} is not known; {closest(value, choices)}")
-        return value
-
-    def quantity(self, path: Keys, unit: str, shapes: tuple[tuple[int, ...], ...] = ((),)) -> FloatArray:
-        """The array of a sourced quantity `{value, unit, source}` in `unit` with one of `shapes`."""
-        value = self.sourced(path, unit)
-        return self.numbers((*path, "value"), value, shapes)
-
-    def number(self, path: Keys, unit: str, low: float = -math.inf, above: float = -math.inf) -> float:
-        """A sourced number, at least `low` and greater than `above`."""
-        value = float(self.quantity(path, unit))
-        if value < low:
-            self.fail((*path, "value"), f"{value:g} {unit} is out of range: it must be at least {low:g}")
-        if value <= above:
-            self.fail(
-                (*path, "value"), f"{value:g} {unit} is out of range: it must be greater than {above:g}"
-            )
-        return value
-
-    def sourced(self, path: Keys, unit: str) -> Any:
-        """The value of `{value, unit, source}` after checking unit and source."""
-        node = self.get(path)
-        if not isinstance(node, Mapping):
-            self.fail(path, f"expected value, unit and source, got {node!r}")
-        if "source" not in node:
-            self.fail(path, "every number names its source: key 'source' is missing")
-        self.section(path, ("value", "source"), ("unit", "note"))
-        if str(node.get("unit", "1")) != unit:
-            self.fail(
-                (*path, "unit"), f"{node.get('unit')!r} is not the unit of this quantity: it is in {unit!r}"
-            )
-        self.source((*path, "source"))
-        return node["value"]
-
-    def source(self, path: Keys) -> None:
-        """Check that every source named at `path` is listed in `sources`."""
-        named = self.get(path)
-        known = self.mapping(("sources",))
-        for key in named if isinstance(named, (list, tuple)) else [named]:
-            if not isinstance(key, str) or key not in known:
-                self.fail(path, f"source {key!r} is not listed in 'sources'; {closest(str(key), known)}")
-            self.used.add(key)
-
-    def sequence(self, path: Keys, unit: str) -> FloatArray:
-        """The numbers of a sourced list of any length but 0."""
-        value = self.sourced(path, unit)
-        if not isinstance(value, (list, tuple)) or not value:
-            self.fail((*path, "value"), f"expected a list of numbers, got {value!r}")
-        return self.numbers((*path, "value"), value, ((len(value),),))
-
-    def numbers(self, path: Keys, value: Any, shapes: tuple[tuple[int, ...], ...]) -> FloatArray:
-        """`value` as an array of finite numbers with one of `shapes`."""
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            self.fail(path, f"{value!r} is not a number or a regular list of numbers")
-        if isinstance(value, (str, bool)) or (array.shape not in shapes):
-            wanted = " or ".join("x".join(map(str, shape)) or "one number" for shape in shapes)
-            self.fail(path, f"{value!r} has the wrong shape: expected {wanted}")
-        if not np.all(np.isfinite(array)):
-            self.fail(path, f"{value!r} holds a number that is not finite")
-        return array
 
 
 def read(source: str | Path | Mapping[str, Any]) -> Document:
@@ -175,27 +54,62 @@ def _read(source: str | Path | Mapping[str, Any]) -> Document:
         return Document(dict(source), label=f"vehicle {source.get('name') or ''}".strip())
     path = Path(source)
     if path.suffix in (".yaml", ".yml"):
-        if not path.is_file():
+        if not path.exists():
             raise VehicleError(
                 f"vehicle sheet {str(source)!r} does not exist; {closest(path.stem, sheet_names())}"
             )
-        return _compose(path.read_text(encoding="utf-8"), str(path), path.parent)
-    return _named(str(source), None)
-
-
-def _named(name: str, folder: Path | None) -> Document:
-    """The sheet `name`, from `folder` if it lies there."""
-    if folder is not None and (folder / f"{name}.yaml").is_file():
-        path = folder / f"{name}.yaml"
-        return _compose(path.read_text(encoding="utf-8"), str(path), folder)
+        return _compose(path, str(path), path.parent)
+    name = str(source)
     known = sheets()
     if name not in known:
         raise VehicleError(f"vehicle {name!r} is not known; {closest(name, known)}")
-    return _compose(known[name].read_text(encoding="utf-8"), f"conf/vehicle/{name}.yaml", None)
+    return _compose(known[name], f"conf/vehicle/{name}.yaml", None)
 
 
-def _compose(text: str, label: str, folder: Path | None) -> Document:
-    """Parse YAML and merge it over the sheets that its `defaults` name, as Hydra does."""
+def _compose(entry: Traversable, label: str, folder: Path | None, heirs: tuple[str, ...] = ()) -> Document:
+    """Parse a sheet and merge it over those that its `defaults` name, as Hydra does.
+
+    Args:
+        entry: the file.
+        label: what messages call it.
+        folder: where its parents are looked for first.
+        heirs: labels of the sheets that inherit from this one, which therefore cannot be its parents.
+    """
+    document = _parse(_text(entry, label), label)
+    parents = document.data.pop("defaults", [])
+    merged: dict[str, Any] = {}
+    places: dict[Keys, str] = {}
+    for parent in parents if isinstance(parents, list) else [parents]:
+        if parent != "_self_":
+            base = _parent(str(parent), folder, document, (*heirs, label))
+            merged = _merge(merged, base.data)
+            places.update(base.places)
+    document.data = _merge(merged, document.data)
+    document.places = places | document.places
+    return document
+
+
+def _parent(name: str, folder: Path | None, heir: Document, heirs: tuple[str, ...]) -> Document:
+    """The sheet `name` that `heir` inherits from, out of `folder` if it lies there."""
+    if folder is not None and (folder / f"{name}.yaml").is_file():
+        entry: Traversable = folder / f"{name}.yaml"
+        label = str(entry)
+    else:
+        folder, known = None, sheets()
+        if name not in known:
+            heir.fail(("defaults",), f"vehicle {name!r} is not known; {closest(name, known)}")
+        entry, label = known[name], f"conf/vehicle/{name}.yaml"
+    if label in heirs:
+        loop = " -> ".join((*heirs[heirs.index(label) :], label))
+        heir.fail(("defaults",), f"{name!r} inherits from itself ({loop}); name another sheet")
+    return _compose(entry, label, folder, heirs)
+
+
+def _text(entry: Traversable, label: str) -> str:
+    return entry.read_text(encoding="utf-8")
+
+
+def _parse(text: str, label: str) -> Document:
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
     except yaml.YAMLError as error:
@@ -206,17 +120,7 @@ def _compose(text: str, label: str, folder: Path | None) -> Document:
     document = Document({}, label=label)
     if not isinstance(node, yaml.MappingNode):
         raise VehicleError(f"{label}: a vehicle sheet is a mapping of keys")
-    data = _construct(node, document, (), label)
-    parents = data.pop("defaults", [])
-    merged: dict[str, Any] = {}
-    places: dict[Keys, str] = {}
-    for parent in parents if isinstance(parents, list) else [parents]:
-        if parent != "_self_":
-            base = _named(str(parent), folder)
-            merged = _merge(merged, base.data)
-            places.update(base.places)
-    document.data = _merge(merged, data)
-    document.places = places | document.places
+    document.data = _construct(node, document, (), label)
     return document
 
 

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from auvbench.dynamics.rigid_body import rigid_body_mass
 from auvbench.errors import closest
 from auvbench.vehicles.actuator_sheet import read_actuators
+from auvbench.vehicles.document import Document
 from auvbench.vehicles.model import VehicleModel
-from auvbench.vehicles.reader import Document, read
+from auvbench.vehicles.reader import read
 
 FloatArray = NDArray[np.float64]
 
