@@ -51,9 +51,11 @@ def main(arguments: Sequence[str]) -> int:
         )
     from hydra.core.config_store import ConfigStore
 
+    from auvbench.commands import own_sheets
     from auvbench.config.compose import run
     from auvbench.config.simulation import Simulation
 
+    own_sheets.check(arguments)
     ConfigStore.instance().store(name="simulate_schema", node=Simulation)
     run("simulate", _plot_as_override(arguments), simulate)
     return 0

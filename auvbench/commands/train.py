@@ -13,8 +13,10 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
+    from auvbench.commands import own_sheets
     from auvbench.config.compose import run
 
+    own_sheets.check(arguments)
     command = shlex.join(["auvbench", "train", *arguments])
     result = run(
         "train",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
@@ -24,17 +24,25 @@ class Document:
     places: dict[Keys, str] = field(default_factory=dict)  # key path -> "file line n"
     label: str = "vehicle"
     used: set[str] = field(default_factory=set)  # sources that a quantity named
+    origin: Callable[[], Document | None] = lambda: None  # the sheet that a composed mapping comes from
 
     def fail(self, path: Keys, rule: str) -> NoReturn:
         """Raise a `VehicleError` that names the place of `path` and the rule."""
-        place = ""
-        for length in range(len(path), 0, -1):
-            if path[:length] in self.places:
-                place = self.places[path[:length]] + ": "
-                break
-        else:
-            place = f"{self.label}: "
-        raise VehicleError(f"{place}{'.'.join(path)}: {rule}" if path else f"{place}{rule}")
+        place = self._place(path) or self.label
+        raise VehicleError(f"{place}: {'.'.join(path)}: {rule}" if path else f"{place}: {rule}")
+
+    def _place(self, path: Keys) -> str | None:
+        """File and line of `path` or of what holds it; None where an override of the sheet is what is wrong."""
+        sheet = self if self.places else self.origin()
+        if sheet is None:
+            return None
+        near = next((path[:n] for n in range(len(path), 0, -1) if path[:n] in sheet.places), None)
+        if near is None:
+            # A key that is missing at the top has the file for a place.
+            return sheet.label
+        # As texts, because a value that is not a number differs from itself.
+        same = repr(_at(self.data, near)) == repr(_at(sheet.data, near))
+        return sheet.places[near] if same else None
 
     def section(self, path: Keys, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, Any]:
         """The mapping at `path`, which must hold `required` and may hold `optional` keys, no others."""
@@ -129,3 +137,9 @@ class Document:
         if not np.all(np.isfinite(array)):
             self.fail(path, f"{value!r} holds a number that is not finite")
         return array
+
+
+def _at(data: Any, path: Keys) -> Any:
+    for key in path:
+        data = data.get(key) if isinstance(data, Mapping) else None
+    return data

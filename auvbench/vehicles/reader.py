@@ -51,7 +51,8 @@ def _without_nulls(node: Mapping[str, Any]) -> dict[str, Any]:
 
 def _read(source: str | Path | Mapping[str, Any]) -> Document:
     if isinstance(source, Mapping):
-        return Document(dict(source), label=f"vehicle {source.get('name') or ''}".strip())
+        name = str(source.get("name") or "")
+        return Document(dict(source), label=f"vehicle {name}".strip(), origin=lambda: _origin(name))
     path = Path(source)
     if path.suffix in (".yaml", ".yml"):
         if not path.exists():
@@ -64,6 +65,14 @@ def _read(source: str | Path | Mapping[str, Any]) -> Document:
     if name not in known:
         raise VehicleError(f"vehicle {name!r} is not known; {closest(name, known)}")
     return _compose(known[name], f"conf/vehicle/{name}.yaml", None)
+
+
+def _origin(name: str) -> Document | None:
+    """The sheet that a composed mapping called `name` comes from, for the lines of messages about it."""
+    try:
+        return _read(name) if name in sheets() else None
+    except VehicleError:  # changed since: the message does without a line
+        return None
 
 
 def _compose(entry: Traversable, label: str, folder: Path | None, heirs: tuple[str, ...] = ()) -> Document:
@@ -106,21 +115,37 @@ def _parent(name: str, folder: Path | None, heir: Document, heirs: tuple[str, ..
 
 
 def _text(entry: Traversable, label: str) -> str:
-    return entry.read_text(encoding="utf-8")
+    try:
+        return entry.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        byte = error.object[error.start]
+        raise VehicleError(
+            f"{label} line {line}: byte 0x{byte:02x} is not UTF-8: save the sheet as UTF-8 text"
+        ) from None
+    except OSError as error:
+        raise VehicleError(f"{label}: cannot be read: {error.strerror}") from None
 
 
 def _parse(text: str, label: str) -> Document:
+    document = Document({}, label=label)
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
+        if not isinstance(node, yaml.MappingNode):
+            raise VehicleError(f"{label}: a vehicle sheet is a mapping of keys")
+        document.data = _construct(node, document, (), label)
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise VehicleError(
+            f"{label} line {line}: not valid YAML: character {error.character!r} is not allowed"
+        ) from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        line = f" line {mark.line + 1}" if mark is not None else ""
+        place = f" line {mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or "unreadable"
-        raise VehicleError(f"{label}{line}: not valid YAML: {problem}") from None
-    document = Document({}, label=label)
-    if not isinstance(node, yaml.MappingNode):
-        raise VehicleError(f"{label}: a vehicle sheet is a mapping of keys")
-    document.data = _construct(node, document, (), label)
+        raise VehicleError(f"{label}{place}: not valid YAML: {problem}") from None
+    except RecursionError:  # `a: &x {b: *x}`, or a thousand brackets
+        raise VehicleError(f"{label}: not valid YAML: nested without end") from None
     return document
 
 
@@ -131,13 +156,18 @@ def _construct(node: yaml.Node, document: Document, path: Keys, label: str) -> A
         for key_node, value_node in node.value:
             key = key_node.value
             place = f"{label} line {key_node.start_mark.line + 1}"
+            if not isinstance(key, str):
+                raise VehicleError(f"{place}: a key is a word, not a list or a mapping")
             if key in result:
                 raise VehicleError(f"{place}: key {key!r} is given twice")
             document.places[(*path, key)] = place
             result[key] = _construct(value_node, document, (*path, key), label)
         return result
     constructor = yaml.SafeLoader("")
-    return constructor.construct_object(node, deep=True)
+    try:
+        return constructor.construct_object(node, deep=True)
+    except ValueError as error:  # 2024-13-45 looks like a date and is none
+        raise VehicleError(f"{label} line {node.start_mark.line + 1}: {node.value!r}: {error}") from None
 
 
 def _merge(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

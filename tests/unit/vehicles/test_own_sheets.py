@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import auvbench.conf
 import pytest
 
 from auvbench.cli import main
+
+BLUEROV2 = (Path(next(iter(auvbench.conf.__path__))) / "vehicle" / "bluerov2.yaml").read_text(
+    encoding="utf-8"
+)
 
 
 @pytest.fixture(autouse=True)
@@ -53,3 +58,64 @@ def test_a_missing_base_is_told_at_the_sheet_that_names_it(capsys: pytest.Captur
     assert error.startswith(
         "conf/vehicle/w.yaml line 2: defaults: vehicle 'bluerov9' is not known; did you mean"
     )
+
+
+def test_files_that_cannot_be_read_do_not_hide_the_others(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("conf/vehicle/latin.yaml").write_bytes("name: latin\ntitle: Système\n".encode("latin-1"))
+    Path("conf/vehicle/folder.yaml").mkdir()
+    Path("conf/vehicle/dangling.yaml").symlink_to("nowhere.yaml")
+    latin = "conf/vehicle/latin.yaml line 2: byte 0xe8 is not UTF-8: save the sheet as UTF-8 text"
+    folder = "conf/vehicle/folder.yaml: cannot be read: Is a directory"
+    dangling = "conf/vehicle/dangling.yaml: cannot be read: No such file or directory"
+    out = listed(capsys)
+    for reason in (latin, folder, dangling):
+        assert f"broken: {reason}" in out
+    assert "rexrov" in out
+    for name, reason in (("latin", latin), ("folder", folder), ("dangling", dangling)):
+        assert refusal(capsys, "vehicles", name) == reason
+    assert refusal(capsys, "simulate", "vehicle=latin") == latin
+    assert refusal(capsys, "vehicles", "conf/vehicle/folder.yaml") == folder
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("name: w\nmass: [1,\n", "conf/vehicle/w.yaml line 3: not valid YAML: expected the node content"),
+        ("name: w\n\ttitle: x\n", "conf/vehicle/w.yaml line 2: not valid YAML: found character '\\t'"),
+        ("name: w\nname: v\n", "conf/vehicle/w.yaml line 2: key 'name' is given twice"),
+        ("name: w\ntitle: \0\n", "conf/vehicle/w.yaml line 2: not valid YAML: character"),
+        ("a: &x {b: *x}\n", "conf/vehicle/w.yaml: not valid YAML: nested without end"),
+        ("[a]: 1\n", "conf/vehicle/w.yaml line 1: a key is a word"),
+        ("name: 2024-13-45\n", "conf/vehicle/w.yaml line 1: '2024-13-45': month must be in 1..12"),
+        ("defaults: [bluerov9]\n", "conf/vehicle/w.yaml line 1: defaults: vehicle 'bluerov9' is not known"),
+        ("defaults: [w]\n", "conf/vehicle/w.yaml line 1: defaults: 'w' inherits from itself"),
+    ],
+)  # fmt: skip
+def test_every_command_says_the_same_of_a_broken_text(
+    text: str, reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(text)
+    said = refusal(capsys, "vehicles", "w")
+    assert said.startswith(reason)
+    assert refusal(capsys, "simulate", "vehicle=w") == said
+    assert refusal(capsys, "train", "vehicle=w", "algo=pid") == said
+    assert refusal(capsys, "train", "-m", "vehicle=bluerov2,w", "algo=pid") == said
+
+
+def test_every_command_says_the_same_of_a_wrong_number(capsys: pytest.CaptureFixture[str]) -> None:
+    text = BLUEROV2.replace("name: bluerov2\n", "name: w\n").replace("[25.15, 7.364", "[-25.15, 7.364")
+    write(text)
+    line = text[: text.index("[-25.15")].count("\n") + 1
+    said = refusal(capsys, "vehicles", "w")
+    assert said.startswith(f"conf/vehicle/w.yaml line {line}: hydrodynamics.")
+    assert refusal(capsys, "simulate", "vehicle=w") == said
+    assert refusal(capsys, "train", "vehicle=w", "algo=pid") == said
+
+
+def test_an_override_is_no_line_of_the_sheet(capsys: pytest.CaptureFixture[str]) -> None:
+    write(BLUEROV2.replace("name: bluerov2\n", "name: w\n").replace("{value: 15.22", "{value: -15.22"))
+    assert "conf/vehicle/w.yaml line" in refusal(capsys, "simulate", "vehicle=w")
+    error = refusal(capsys, "simulate", "vehicle=w", "vehicle.rigid_body.mass.value=-2")
+    assert error.startswith("vehicle w: rigid_body.mass.value: -2 kg is out of range")
+    mended = ["simulate", "vehicle=w", "vehicle.rigid_body.mass.value=15.22", "duration=0.1", "output=x.csv"]
+    assert main(mended) == 0
