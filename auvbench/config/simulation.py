@@ -43,6 +43,8 @@ class Simulation:
 
 
 MAX_ROWS = 10_000_000
+MAX_STEPS = 1_000_000_000
+"""Steps of the integrator: some ten minutes of computing, and the longest duration at the default max_step."""
 
 
 def simulation_config(config: DictConfig) -> Simulation:
@@ -71,6 +73,11 @@ def simulation_config(config: DictConfig) -> Simulation:
     if typed.duration / typed.sample > MAX_ROWS:
         raise ConfigError(
             f"sample={typed.sample:g}: {typed.duration:g} s would be more than {MAX_ROWS} rows, sample less often"
+        )
+    if typed.duration / typed.max_step > MAX_STEPS:
+        raise ConfigError(
+            f"max_step={typed.max_step:g}: {typed.duration:g} s would be more than {MAX_STEPS} steps,"
+            f" make it at least {typed.duration / MAX_STEPS:.3g} or simulate less long"
         )
     return typed
 
