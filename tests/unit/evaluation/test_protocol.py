@@ -13,6 +13,7 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import evaluate_config
 from auvbench.errors import ConfigError
 from auvbench.evaluation.protocol import circumstances, fingerprint
+from auvbench.vehicles.sheet import load
 
 
 @lru_cache
@@ -106,6 +107,17 @@ def test_robustness_has_levels_and_one_factor_at_a_time():
         assert changed.step == nominal.step, name
         if not name.startswith("noise="):
             assert changed.noise == nominal.noise, name
+
+
+def test_long_is_test_with_more_steps_whatever_a_run_was_trained_with():
+    (longer,) = circumstances(protocol("protocol=long"), config("vehicle=lrauv"))
+    (usual,) = circumstances(protocol(), config("vehicle=lrauv", "task.max_steps=5000"))
+    assert (usual.config.task.max_steps, longer.config.task.max_steps) == (1000, 5000)
+    assert dataclasses.replace(longer.config.task, max_steps=1000) == usual.config.task
+    assert longer.config.noise == usual.config.noise
+    assert of(protocol("protocol=long"), config()) != BASE
+    remarks = " ".join(load("lrauv").remarks)
+    assert "protocol=long" in remarks
 
 
 def test_transfer_leaves_out_vehicles_with_other_actuators():
