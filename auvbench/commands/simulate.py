@@ -49,6 +49,9 @@ def main(arguments: Sequence[str]) -> int:
         raise ConfigError(
             "-m: simulate computes one trajectory, type it once for each; grids are for auvbench train"
         )
+    wrong = next((a for a in arguments if a.startswith("--plot") and a.partition("=")[0] != "--plot"), None)
+    if wrong is not None:  # Hydra's parser would print its whole usage
+        raise ConfigError(f"{wrong}: simulate has no such flag; did you mean '--plot'?")
     from hydra.core.config_store import ConfigStore
 
     from auvbench.commands import own_sheets

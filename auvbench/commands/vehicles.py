@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from auvbench.errors import UserError
+from auvbench.errors import UserError, closest
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -28,7 +28,15 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--json", action="store_true", help="print JSON, SI units, body axes forward, port, up"
     )
-    options = parser.parse_args(arguments)
+    options, rest = parser.parse_known_args(arguments)
+    if rest:
+        flags = ("--sheet", "--json", "--help")
+        wrong = next((argument for argument in rest if argument.startswith("-")), None)
+        raise UserError(
+            f"{rest[0]}: vehicles shows one vehicle at a time; give one name, or none for a list"
+            if wrong is None
+            else f"{wrong}: vehicles has no such flag; {closest(wrong, flags)}"
+        )
     if options.sheet and (options.vehicle is None or options.json):
         raise UserError(
             "--sheet needs the name of one vehicle, and goes without --json: auvbench vehicles bluerov2 --sheet"

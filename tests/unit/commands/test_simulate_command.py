@@ -116,6 +116,7 @@ def test_plot(arguments: tuple[str, ...], file: str) -> None:
         (("duration=-1",), "must be more than 0"),
         (("sample=0",), "must be more than 0"),
         (("duration=1e6", "sample=1e-3"), "sample less often"),
+        (("--plott", "a.png"), "did you mean '--plot'?"),
         (("max_step=2",), "at most 1"),
         (("max_step=1e-9",), "make it at least 2e-08"),
         (("inputt.wrench=[1,0,0,0,0,0]",), "unknown"),

@@ -75,6 +75,10 @@ def test_own_sheets_in_conf_of_the_working_directory(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        (
+            ("mass: {value: 15.22", "mass: {value: 1e1"),
+            "'1e1' is a text to YAML: write a number like 1.0 or 1.0e+1",
+        ),
         (("frame: enu", "frame: [enu"), "line 9: not valid YAML"),
         (("mass: {value: 15.22", "mass: {value: -15.22"), "must be greater than 0"),
         (("25.15, 7.364", "-25.15, 7.364"), "negative damping -25.15 in surge"),
@@ -99,3 +103,19 @@ def test_a_wrong_sheet_gets_the_line_and_the_rule(
 def test_unknown_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["vehicles", "bluerov"]) == 2
     assert "did you mean 'bluerov2'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("bluerov2", "rexrov"), "rexrov: vehicles shows one vehicle at a time"),
+        (("--jsn",), "--jsn: vehicles has no such flag; did you mean '--json'?"),
+    ],
+)
+def test_wrong_arguments_get_one_line(
+    arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["vehicles", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
