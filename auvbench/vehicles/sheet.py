@@ -21,6 +21,9 @@ FloatArray = NDArray[np.float64]
 DEGREES_OF_FREEDOM = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _BUOYANCY = ("volume", "force", "net")
 _ASYMMETRY = 1e-9
+_MENDABLE = 0.1
+"""The largest asymmetry of an added-mass matrix that `symmetrise` averages, as a share of sqrt(M_ii M_jj): what
+identification leaves is far smaller (rexrov: 1e-6), and a typing error far larger."""
 
 
 def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
@@ -112,7 +115,14 @@ def _rigid_body(
             where,
             f"the inertia matrix is not symmetric (entries differ by up to {np.max(np.abs(inertia - inertia.T)):g})",
         )
-    smallest = float(np.linalg.eigvalsh(inertia)[0])
+    principal = np.linalg.eigvalsh(inertia)
+    smallest = float(principal[0])
+    if principal[2] > (principal[0] + principal[1]) * (1.0 + _ASYMMETRY) and smallest > 0.0:
+        document.fail(
+            where,
+            f"no body has the principal inertias {', '.join(f'{value:g}' for value in principal)}: each is at most"
+            " the sum of the other two",
+        )
     if smallest <= 0.0:
         document.fail(
             where, f"the inertia matrix is not positive definite (smallest eigenvalue {smallest:g})"
@@ -155,6 +165,16 @@ def _hydrodynamics(document: Document, turn: FloatArray) -> tuple[FloatArray, bo
                 (*at, "added_mass", "value"),
                 f"the added-mass matrix is not symmetric (entries differ by up to {asymmetry:g}); correct it or "
                 "say 'symmetrise: true' to use the mean with its transpose",
+            )
+        scale = np.sqrt(np.abs(np.outer(np.diag(M_A), np.diag(M_A))))
+        excess = np.abs(M_A - M_A.T) - _MENDABLE * scale
+        row, column = (int(k) for k in np.unravel_index(np.argmax(excess), excess.shape))
+        if excess[row, column] > 0.0:
+            document.fail(
+                (*at, "added_mass", "value"),
+                f"entries ({row + 1},{column + 1}) = {M_A[row, column]:g} and ({column + 1},{row + 1}) ="
+                f" {M_A[column, row]:g} differ too much for 'symmetrise': by at most {100 * _MENDABLE:g} % of the"
+                f" root of the product of their diagonal entries, {scale[row, column]:g}",
             )
         M_A = 0.5 * (M_A + M_A.T)
     smallest = float(np.linalg.eigvalsh(M_A)[0])

@@ -159,6 +159,13 @@ DIRECTION = "thruster1: [0.70710678, 0.70710678, 0.0]"
 BROKEN = {
     "asymmetric inertia": (INERTIA, INERTIA.replace("[[5.2539, 0.0144", "[[5.2539, 0.9"), "not symmetric"),
     "indefinite inertia": (INERTIA, INERTIA.replace("6.9123", "-6.9123"), "not positive definite"),
+    "no body's inertia": (INERTIA, "value: [1.0, 1.0, 10.0]", "each is at most the sum of the other two"),
+    "far from symmetric": (
+        "  added_mass:\n    value: [5.5, 12.7, 14.57, 0.12, 0.12, 0.12]",
+        "  symmetrise: true\n  added_mass:\n    value: [[9, 0, 0, 0, 0, 0], [0, 9, 0, 0, 0, 0], [0, 0, 9, 0, 0, 5], "
+        "[0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]",
+        r"entries \(3,6\) = 5 and \(6,3\) = 0 differ too much",
+    ),
     "indefinite added mass": ("value: [5.5, 12.7", "value: [-55.5, 12.7", "indefinite"),
     "asymmetric added mass": (
         "value: [5.5, 12.7, 14.57, 0.12, 0.12, 0.12]",
