@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from auvbench import __version__
 from auvbench.commands import COMMANDS
-from auvbench.errors import AuvbenchError, UserError, closest
+from auvbench.errors import AuvbenchError, UserError, closest, plain_warnings
 
 
 def usage() -> str:
@@ -48,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments[0] in ("-V", "--version"):
         print(f"auvbench {__version__}")
         return 0
+    plain_warnings()
     name, rest = arguments[0], arguments[1:]
     try:
         if name not in COMMANDS:

@@ -8,6 +8,7 @@ traceback.
 from __future__ import annotations
 
 import difflib
+import warnings
 from collections.abc import Iterable
 
 
@@ -41,6 +42,26 @@ class ReportError(UserError):
 
 class TrainingError(AuvbenchError):
     """A run stopped for a reason of its own (a NaN, a full disk); its manifest says which. Exit code 1."""
+
+
+class AuvbenchWarning(UserWarning):
+    """Something is not as it should be and is dealt with; the message says how."""
+
+
+_python_s = warnings.formatwarning
+
+
+def _one_line(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    if issubclass(category, AuvbenchWarning):
+        return f"auvbench: warning: {message}\n"
+    return _python_s(message, category, filename, lineno, line)
+
+
+def plain_warnings() -> None:
+    """Our warnings are for users: printed without the place in the code from which they come."""
+    warnings.formatwarning = _one_line
 
 
 def closest(name: str, valid: Iterable[str]) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.errors import ConfigError
+from auvbench.errors import AuvbenchError, ConfigError, RunError
 
 if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory
@@ -78,8 +78,18 @@ def _budget(overrides: Sequence[str]) -> int | None:
 
 
 def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[RunDirectory]:
-    from auvbench.runs.checkpoint.extending import extend
+    from auvbench.runs.checkpoint.extending import check, extend
 
+    problems = []
+    for run in runs:  # all of them before the first is written
+        try:
+            check(run, total)
+        except AuvbenchError as error:
+            problems.append(error)
+    if problems and len(runs) > 1:
+        raise RunError(f"{problems[0]} ({len(problems)} of {len(runs)} runs cannot be extended, so none was)")
+    if problems:
+        raise problems[0]
     targets = []
     for run in runs:
         target = extend(run, total, command)

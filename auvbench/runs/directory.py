@@ -13,6 +13,7 @@ import yaml
 
 from auvbench.errors import RunError
 from auvbench.runs import identity
+from auvbench.runs.checkpoint.files import FAULTS, storage_error
 from auvbench.runs.files import as_json, create_atomic, write_atomic, write_json
 from auvbench.runs.identity import SCHEMA_VERSION
 
@@ -175,6 +176,7 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
     Raises:
         RunError: the directory is there with another configuration (the difference is shown), or it cannot be
             written.
+        TrainingError: the disk is full or failing.
     """
     run = place(config)
     if run.exists():
@@ -193,6 +195,8 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
         # Of two sweeps that begin at once, the slower must not undo what the faster's worker has written by now.
         create_atomic(run.manifest_path, as_json(_fresh_manifest(run, config, command)))
     except OSError as error:
+        if error.errno in FAULTS:  # no mistake of the user's: the same error as in the midst of training
+            raise storage_error(error, f"cannot write {run.path}") from error
         raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
     return run
 

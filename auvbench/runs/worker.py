@@ -24,7 +24,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from auvbench.errors import AuvbenchError
+from auvbench.errors import AuvbenchError, plain_warnings
 from auvbench.runs import interruption, lock, processes
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Interrupted
@@ -49,6 +49,7 @@ def limit_torch() -> None:
 
 def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
     """Carries out a run in this process and returns the exit code; never raises."""
+    plain_warnings()
     try:
         run = RunDirectory(Path(path))
         if log:

@@ -12,8 +12,13 @@ from auvbench.config.compose import typed
 from auvbench.errors import ConfigError, RunError
 from auvbench.runs import identity, standing
 from auvbench.runs.checkpoint.seeding import seed
-from auvbench.runs.checkpoint.store import CheckpointStore
+from auvbench.runs.checkpoint.store import Checkpoint, CheckpointStore
 from auvbench.runs.directory import RunDirectory, freeze
+
+
+def check(run: RunDirectory, total_steps: int) -> None:
+    """Whether `extend` would; raises what it raises, and writes nothing."""
+    _prepare(run, total_steps)
 
 
 def extend(run: RunDirectory, total_steps: int, command: str = "") -> RunDirectory:
@@ -30,6 +35,16 @@ def extend(run: RunDirectory, total_steps: int, command: str = "") -> RunDirecto
         ConfigError: the budget is not larger.
         RunError: the run cannot be extended; the message says why.
     """
+    larger, target, checkpoint = _prepare(run, total_steps)
+    if checkpoint is not None:
+        freeze(larger, command)
+        seed(run.path, checkpoint, target.path)
+        target.update_manifest(steps=checkpoint.step)
+    return target
+
+
+def _prepare(run: RunDirectory, total_steps: int) -> tuple[dict[str, Any], RunDirectory, Checkpoint | None]:
+    """The larger configuration, where its run lies, and what that begins from; None: it has begun already."""
     config = run.check()
     _check_budget(run, config, total_steps)
     _check_schedule(run, config)
@@ -43,16 +58,13 @@ def extend(run: RunDirectory, total_steps: int, command: str = "") -> RunDirecto
     typed(OmegaConf.create(larger))
     target = RunDirectory(run.path.parent / identity.run_id(larger))
     if target.exists() and (target.manifest()["state"] == "complete" or CheckpointStore(target.path).steps()):
-        return target
+        return larger, target, None
     checkpoint = CheckpointStore(run.path).peek()
     if checkpoint is None:
         raise RunError(
             f"{run.path}: there is no checkpoint to go on from; auvbench resume {run.path} trains it"
         )
-    target = freeze(larger, command)
-    seed(run.path, checkpoint, target.path)
-    target.update_manifest(steps=checkpoint.step)
-    return target
+    return larger, target, checkpoint
 
 
 def _check_budget(run: RunDirectory, config: dict[str, Any], total_steps: int) -> None:

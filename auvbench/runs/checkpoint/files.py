@@ -27,6 +27,9 @@ _REASONS = {
     errno.EIO: "the disk reports an input/output error; check the disk",
 }
 
+FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+"""The disk's own, whatever directory the user names on it."""
+
 
 def storage_error(error: OSError, what: str) -> TrainingError:
     """The one line that a user gets when the disk, and not auvbench, is at fault.

@@ -23,7 +23,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from auvbench.errors import RunError, TrainingError
+from auvbench.errors import AuvbenchWarning, RunError, TrainingError
 from auvbench.runs.checkpoint.files import fsync_directory, sha256, storage, write_durable
 from auvbench.runs.checkpoint.logs import LogMark
 from auvbench.runs.checkpoint.replay import Segment
@@ -39,7 +39,7 @@ class LogMismatchError(ValueError):
     """A log of the run is not what the checkpoint saw; the checkpoint itself is whole."""
 
 
-class CheckpointWarning(UserWarning):
+class CheckpointWarning(AuvbenchWarning):
     """A checkpoint could not be used; the message names it and says what is used instead."""
 
 

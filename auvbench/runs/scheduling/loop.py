@@ -181,6 +181,8 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
     if state == "failed" and manifest["error"] and (status.code is None or status.code > 0):
         return Outcome.FAILED, str(manifest["error"]["message"])
     if cancelled or status.code in {128 + number for number in SIGNALS}:
+        if state == "pending":
+            return Outcome.INTERRUPTED, "stopped before it started"
         return Outcome.INTERRUPTED, f"saved at step {manifest['steps']}"
     if state == "interrupted" and status.code is None:
         return Outcome.INTERRUPTED, status.describe()

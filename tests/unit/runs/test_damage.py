@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,8 +14,16 @@ from omegaconf import OmegaConf
 
 from auvbench import cli
 from auvbench.config.compose import compose
+from auvbench.errors import RunError, plain_warnings
+from auvbench.runs import directory
+from auvbench.runs.checkpoint import extending
+from auvbench.runs.checkpoint.store import CheckpointWarning
 from auvbench.runs.directory import RunDirectory, freeze
+from auvbench.runs.scheduling import loop
+from auvbench.runs.scheduling.base import Phase, Status
+from tests import fake_training
 
+ORDINARY = warnings.formatwarning
 Harm = Callable[[Path], object]
 
 
@@ -142,3 +153,66 @@ def test_a_grid_goes_on_beside_a_damaged_manifest(tmp_path: Path, capsys: pytest
         cli.main(["train", "-m", f"output={tmp_path}", "algo=random", "seed=0,1", "launcher.workers=1"]) == 1
     )
     assert "1 complete, 1 failed" in capsys.readouterr().out
+
+
+def test_a_warning_of_ours_is_one_line_without_code() -> None:
+    plain_warnings()
+    try:
+        text = warnings.formatwarning(CheckpointWarning("step 200 is damaged"), CheckpointWarning, "a.py", 1)
+        assert text == "auvbench: warning: step 200 is damaged\n"
+        assert "a.py:1: UserWarning" in warnings.formatwarning("other", UserWarning, "a.py", 1)
+    finally:
+        warnings.formatwarning = ORDINARY
+
+
+def test_all_runs_of_a_folder_are_checked_before_the_first_is_extended(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed in range(2):
+        frozen(tmp_path, f"seed={seed}")
+    frozen(tmp_path, "algo=random")
+
+    def unsuitable(run: RunDirectory, total: int) -> None:
+        if run.id.startswith("random"):
+            raise RunError("random does not learn")
+
+    monkeypatch.setattr(extending, "check", unsuitable)
+    monkeypatch.setattr(extending, "extend", lambda *_: pytest.fail("one was extended"))
+    assert cli.main(["resume", str(tmp_path), "train.total_steps=9000000"]) == 2
+    assert "random does not learn (1 of 3 runs cannot be extended, so none was)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("fault", "code"), [(errno.ENOSPC, 1), (errno.EACCES, 2)])
+def test_a_full_disk_is_no_mistake_of_the_user_s(
+    fault: int, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(path: Path, data: bytes) -> None:
+        raise OSError(fault, os.strerror(fault), str(path))
+
+    monkeypatch.setattr(directory, "write_atomic", write)
+    assert cli.main(["train", f"output={tmp_path}", "algo=random"]) == code
+    assert os.strerror(fault).split()[-1] in capsys.readouterr().err.replace("disk is full", "device")
+
+
+@pytest.mark.parametrize(
+    ("state", "steps", "message"),
+    [("pending", 0, "stopped before it started"), ("interrupted", 30, "saved at step 30")],
+)
+def test_a_job_stopped_in_the_queue_has_saved_nothing(
+    state: str, steps: int, message: str, tmp_path: Path
+) -> None:
+    run = fake_training.make(tmp_path / "ppo-a")
+    run.update_manifest(state=state, steps=steps)
+    outcome, said = loop.judge(run, Stopped(), Status(Phase.ENDED), cancelled=True)
+    assert (outcome, said) == (loop.Outcome.INTERRUPTED, message)
+
+
+class Stopped:
+    run = Path()
+    mark = None
+
+    def poll(self) -> Status:
+        return Status(Phase.ENDED)
+
+    def cancel(self, *, force: bool = False) -> None:
+        pass
