@@ -1,7 +1,8 @@
-"""The table for a paper: booktabs, intervals under the values, two tables so that each fits a page's width."""
+"""The table for a paper: booktabs, intervals under the values, as many tables as fit the width of an article."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,6 +14,9 @@ ROWS_PER_FLOAT = 25
 """a float does not break across pages, so a long ranking continues in another one"""
 
 HEAD = r"% \usepackage{booktabs} \usepackage[T1]{fontenc} \usepackage[utf8]{inputenc}"
+
+TEXT_WIDTH = 345.0
+"""points; that of \\documentclass{article}, the narrowest of the usual ones in one column"""
 
 MOST_PROBLEMS = 12
 """under a table in print; report.md lists all"""
@@ -54,10 +58,42 @@ def latex(ranking: Ranking) -> str:
     motion = c.present(c.MOTION, ranking)
     lead = c.lead(ranking)
     caption = f"Agents ranked by {escape(ranking.rank_by)} on protocol {escape(ranking.protocol)}"
-    tables = floats(ranking, lead, outcome, f"{caption}.", "outcomes", full=True)
-    if motion:
-        tables += floats(ranking, lead, motion, f"{caption}: motion and effort.", "motion")
+    tables: list[str] = []
+    for shown, title, label in (
+        (outcome, f"{caption}.", "outcomes"),
+        (motion, f"{caption}: motion and effort.", "motion"),
+    ):
+        for i, part in enumerate(fitting(ranking, lead, shown)):
+            more = f"-{chr(ord('a') + i)}" if i else ""
+            title_ = f"{title} Further columns." if i else title
+            tables += floats(ranking, lead, part, title_, label + more, full=not tables)
     return "\n\n".join([HEAD, *tables]) + "\n"
+
+
+def fitting(ranking: Ranking, lead: Sequence[str], columns: Sequence[c.Column]) -> list[list[c.Column]]:
+    """The columns in parts that stand beside the lead within `TEXT_WIDTH`; one column at least in each."""
+    marked = c.one_seed_among_many(ranking)
+    cells = [c.lead_cells(row, lead, marked) for row in ranking.rows]
+    room = TEXT_WIDTH - sum(6.0 + max(map(_points, texts)) for texts in zip(lead, *cells, strict=True))
+    parts: list[list[c.Column]] = []
+    left = 0.0
+    for column in columns:
+        values, intervals = zip(*(c.cell(row, column) for row in ranking.rows), strict=True)
+        heading = re.sub(r"\\[a-zA-Z]+|\\.", "x", column.tex).replace("$", "")
+        headings = heading.replace(" (", "\n(").split("\n")
+        width = 6.0 + max(*map(_points, (*headings, *values)), *(0.85 * _points(text) for text in intervals))
+        if not parts or width > left:
+            parts.append([])
+            left = room
+        parts[-1].append(column)
+        left -= width
+    return parts
+
+
+def _points(text: str) -> float:
+    r"""Width in \scriptsize Computer Modern, on the long side; \tiny is 0.85 of it."""
+    narrow, wide = " .,:[]()ijlft", "=<>@%+mw"
+    return sum(3.0 if x in narrow else 6.0 if x.isupper() or x in wide else 4.1 for x in text)
 
 
 def floats(
