@@ -21,7 +21,10 @@ def main(arguments: Sequence[str]) -> int:
     result = run(
         "train",
         arguments,
-        job=lambda config: _one(config, command),
+        # What runs elsewhere runs as a grid does, be it a grid of one.
+        job=lambda config: (
+            _one(config, command) if config.launcher.name == "local" else _grid([config], command)
+        ),
         grid=lambda configs: _grid(configs, command),
     )
     return int(result or 0)

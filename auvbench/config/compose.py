@@ -17,6 +17,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import yaml
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.plugins import Plugins
@@ -36,6 +37,9 @@ from auvbench.errors import ConfigError, closest
 from hydra_plugins import auvbench_launcher
 
 CONFIG_MODULE = "auvbench.conf"
+
+FAULTS = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError, RecursionError)
+"""What Hydra lets out for a mistake in what was typed, or in a file of `./conf`."""
 
 ALGORITHM_SCHEMAS: dict[str, type] = {
     "ppo_schema": algorithms.PPO,
@@ -88,7 +92,7 @@ def compose(entry: str, overrides: Sequence[str] = ()) -> DictConfig:
     """
     try:
         return _compose(entry, overrides)
-    except (HydraException, OmegaConfBaseException) as error:
+    except FAULTS as error:
         raise translate(error, entry, overrides) from error
 
 
@@ -169,6 +173,11 @@ def run(
     parsed = parser.parse_args(list(arguments))
     if parsed.experimental_rerun is not None:
         raise ConfigError("--experimental-rerun would unpickle a file; type the command again instead")
+    shows = next((flag for flag in ("cfg", "info") if getattr(parsed, flag) is not None), None)
+    if parsed.multirun and shows is not None:
+        raise ConfigError(f"--{shows} shows one configuration: leave out -m, and give each key one value")
+    if grid is not None:
+        parsed.overrides = _as_axes(parsed.overrides, parsed.multirun)
     composed: list[DictConfig] = []
 
     def task(config: DictConfig) -> None:
@@ -182,12 +191,35 @@ def run(
             config_path=f"pkg://{CONFIG_MODULE}",
             config_name=entry,
         )
-    except (HydraException, OmegaConfBaseException) as error:
-        raise translate(error, entry, parsed.overrides) from error
+    except FAULTS as error:
+        raise translate(error, entry, arguments) from error
     # Outside Hydra's job, which would print a line of its own before an error reaches us.
     if grid is not None and (parsed.multirun or len(composed) > 1):
         return grid(composed)
     return job(composed[0]) if composed else None
+
+
+def _as_axes(overrides: Sequence[str], multirun: bool) -> list[str]:
+    """Of a grid, single values as axes of one value each.
+
+    Hydra sets single values before it chooses the swept files: `algo=sac,td3 algo.learning_starts=300` would look
+    for the key in the default algorithm.
+    """
+    # Brackets and quotes hold commas that make no axis.
+    bare = [
+        re.sub(r"\[[^]]*\]|\([^)]*\)|\{[^}]*\}|'[^']*'|\"[^\"]*\"", "", override) for override in overrides
+    ]
+    if not multirun and not any("," in override for override in bare):
+        return list(overrides)
+    return [_as_axis(override) for override in overrides]
+
+
+def _as_axis(override: str) -> str:
+    key, equals, value = override.partition("=")
+    # Groups have no dot; hydra.* is Hydra's own; what has a comma or brackets is an axis, or not for us to read.
+    if not value or "." not in key or key.startswith(("hydra.", "~")) or re.search(r"[,()\[\]{}'\"]", value):
+        return override
+    return f"{key}{equals}choice({value})"
 
 
 def _leaves(node: Any, prefix: str = "") -> list[str]:
@@ -210,6 +242,8 @@ def translate(error: BaseException, entry: str = "train", overrides: Sequence[st
         if isinstance(link, ConfigError):
             return link
     text = str(error)
+    if not isinstance(error, HydraException | OmegaConfBaseException):
+        return ConfigError(_unread(error, overrides))
     if isinstance(error, MissingConfigException):
         option = error.missing_cfg_file or "?"
         if option.endswith((".yaml", ".yml")) and "/" in option:
@@ -252,16 +286,33 @@ def translate(error: BaseException, entry: str = "train", overrides: Sequence[st
     return ConfigError(" ".join(text.split()))
 
 
+def _unread(error: BaseException, overrides: Sequence[str]) -> str:
+    """What is wrong with a file of `./conf`, or with an override that Hydra does not get as far as to check."""
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
+        mark = error.problem_mark
+        return f"{mark.name} line {mark.line + 1}: no YAML: {error.problem}"
+    if isinstance(error, RecursionError):
+        return "the defaults lists of the files in conf/ name each other in a circle"
+    if isinstance(error, UnicodeDecodeError):
+        return f"a file in conf/ is no text in UTF-8: {error.reason} at byte {error.start}"
+    group = next((o for o in overrides if re.fullmatch(r"\w+=(null|true|false|[\d.]+)", o)), None)
+    if "Config group override must be a string" in str(error) and group is not None:
+        return (
+            f"{group}: name an option, e.g. {group.partition('=')[0]}=NAME (auvbench train --help lists them)"
+        )
+    return " ".join(str(error).split())
+
+
 def _near_key(key: str, entry: str, overrides: Sequence[str]) -> str:
     import difflib
 
     # The chosen groups decide which keys exist: algo=sac has others than algo=ppo.
-    groups = [override for override in overrides if "." not in override.split("=")[0]]
+    groups = [override.split(",")[0] for override in overrides if re.match(r"\w+=", override)]
     hint = f"auvbench {entry} --cfg job shows all keys"
     for chosen in (groups, []):
         try:
             known = _leaves(OmegaConf.to_container(_compose(entry, chosen)))
-        except (HydraException, OmegaConfBaseException):
+        except FAULTS:
             continue
         near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
         return f"did you mean {near[0]}? ({hint})" if near else hint

@@ -90,6 +90,10 @@ class RunDirectory:
             raise self._unreadable(self.config_path, "not a mapping")
         return loaded
 
+    def write_config(self, config: Mapping[str, Any]) -> None:
+        text = HEADER + yaml.dump(dict(config), Dumper=_DUMPER, sort_keys=False)
+        write_atomic(self.config_path, text.encode())
+
     def manifest(self) -> dict[str, Any]:
         """manifest.json.
 
@@ -180,18 +184,19 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
     """
     run = place(config)
     if run.exists():
-        held = run.config()
-        there, here = identity.relevant(held), identity.relevant(dict(config))
-        if there != here and identity.mismatch(held, run.id):
+        frozen = run.config()
+        there, here = identity.relevant(frozen), identity.relevant(dict(config))
+        if there != here and identity.mismatch(frozen, run.id):
             raise RunError(
                 f"{run.path}: config.yaml was changed after the run was made: {_difference(there, here)}. "
                 "Restore it, or remove the directory"
             )
+        if there == here:
+            _renew(run, frozen, config)
         return run
     try:
         run.path.mkdir(parents=True, exist_ok=True)
-        text = HEADER + yaml.dump(dict(config), Dumper=_DUMPER, sort_keys=False)
-        write_atomic(run.config_path, text.encode())
+        run.write_config(config)
         # Of two sweeps that begin at once, the slower must not undo what the faster's worker has written by now.
         create_atomic(run.manifest_path, as_json(_fresh_manifest(run, config, command)))
     except OSError as error:
@@ -199,6 +204,18 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
             raise storage_error(error, f"cannot write {run.path}") from error
         raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
     return run
+
+
+def _renew(run: RunDirectory, frozen: Mapping[str, Any], config: Mapping[str, Any]) -> None:
+    """Takes over what may be typed anew for a run that goes on: it cannot change the result."""
+    renewed = dict(frozen)
+    for group, key in (("simulator", "threads"), ("train", "checkpoint"), ("train", "progress")):
+        renewed[group] = {**renewed[group], key: config[group][key]}
+    if renewed != frozen and run.manifest()["state"] != "complete":
+        try:
+            run.write_config(renewed)
+        except OSError as error:
+            raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
 
 
 def _fresh_manifest(run: RunDirectory, config: Mapping[str, Any], command: str) -> dict[str, Any]:

@@ -152,7 +152,7 @@ def test_a_training_whose_run_was_taken_over_stops_without_writing_more(folder: 
 def test_a_sweep_killed_again_and_again_ends_as_one_that_was_not(folder: Path) -> None:
     """Eight runs, ten times kill -9 of the whole process group at random moments."""
     sweep = ["train", "-m", "algo=ppo,sac", "seed=0,1,2,3", "algo.n_envs=8", "algo.net_arch=[32,32]"]
-    sweep += ["train.total_steps=2000", "train.checkpoint.steps=500"]
+    sweep += ["train.total_steps=8000", "train.checkpoint.steps=500"]
     whole = auvbench(folder, *sweep, "name=whole")
     assert whole.returncode == 0, whole.stdout + whole.stderr
     chance = random.Random(4)
@@ -165,7 +165,7 @@ def test_a_sweep_killed_again_and_again_ends_as_one_that_was_not(folder: Path) -
             start_new_session=True,
         )
         wait_for_work(folder / "outputs" / "killed", process)
-        time.sleep(chance.uniform(0.0, 2.0))
+        time.sleep(chance.uniform(0.0, 0.7))
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
@@ -186,3 +186,11 @@ def wait_for_work(folder: Path, process: subprocess.Popen[Any]) -> None:
         if folder.exists() and any(lock.living_holder(path) for path in folder.iterdir()):
             return
         time.sleep(0.05)
+
+
+def test_a_single_run_goes_where_the_launcher_says(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(folder))
+    done = auvbench(folder, "train", "algo=pid", "launcher=slurm")
+    assert done.returncode == 2
+    assert "launcher=slurm: there is no sbatch on this machine" in done.stderr
+    assert not list((folder / "outputs").glob("*/*/model"))

@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Protocol
 
-from auvbench.errors import AuvbenchError
+from auvbench.errors import UserError
 
 TARGET = "auvbench.runs.training:execute"
 """What a worker calls with the run directory, as module:function."""
@@ -17,7 +17,7 @@ HELD = 75
 """Exit code of a worker that found its run held by somebody else (EX_TEMPFAIL of sysexits.h)."""
 
 
-class SubmitError(AuvbenchError):
+class SubmitError(UserError):
     """The backend refused a run; the message is the backend's own."""
 
 

@@ -46,10 +46,10 @@ class Result:
 
     @property
     def exit_code(self) -> int:
-        """128 + signal when interrupted, 1 when a run failed or was cut off, else 0."""
+        """128 + signal when interrupted, 0 when all runs are complete, else 1."""
         if self.signal is not None:
             return 128 + self.signal
-        return 1 if self.of(Outcome.FAILED) or self.of(Outcome.INTERRUPTED) else 0
+        return 0 if all(outcome is Outcome.COMPLETE for outcome, _ in self.outcomes.values()) else 1
 
 
 class View(Protocol):

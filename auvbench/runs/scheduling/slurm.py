@@ -35,6 +35,35 @@ from auvbench.runs.worker import LOG
 SCRIPTS = "slurm"
 """In the run directory: the batch scripts that submitit wrote for it."""
 
+RESERVED = frozenset(
+    [
+        "-a",
+        "--array",
+        "-e",
+        "--error",
+        "-H",
+        "--hold",
+        "-J",
+        "--job-name",
+        "-o",
+        "--output",
+        "--open-mode",
+        "--parsable",
+        "-Q",
+        "--quiet",
+        "--requeue",
+        "--no-requeue",
+        "--signal",
+        "--test-only",
+        "-V",
+        "--version",
+        "-W",
+        "--wait",
+        "--wrap",
+    ]
+)
+"""sbatch's options that cannot be given besides"""
+
 JOB_FILE = "slurm.json"
 """In the run directory: the job that was last submitted for it, so that the next sweep finds it again."""
 
@@ -103,6 +132,12 @@ class SlurmBackend:
         for program in ("sbatch", "srun", "squeue", "scontrol", "scancel"):
             if shutil.which(program) is None:
                 raise UserError(f"launcher=slurm: there is no {program} on this machine; valid: a login node")
+        for option in options.sbatch:
+            if option.split("=")[0] in RESERVED:
+                raise UserError(
+                    f"launcher.sbatch={option}: auvbench needs that option itself, or one job and its number as "
+                    "the answer; valid: other options of sbatch"
+                )
         self.options = options
         self.target = target
         self.limit = options.workers or None
@@ -142,6 +177,11 @@ class SlurmBackend:
         """
         options = self.options
         folder = run / SCRIPTS
+        if "%j" in str(folder):
+            raise UserError(
+                f"output: {str(run)!r} has a %j, which SLURM's tools replace by the job's number; "
+                "valid: a folder without"
+            )
         folder.mkdir(exist_ok=True)
         executor = Executor(folder=folder)
         executor.options = options.sbatch
@@ -238,8 +278,9 @@ def submit(executor: Executor, line: str) -> str:
         with contextlib.redirect_stderr(io.StringIO()):  # it prints what it also raises
             job = executor._submit_command(line)
     except (FailedJobError, FailedSubmissionError) as error:
-        lines = str(error).strip().splitlines() or ["no reason given"]
-        raise SubmitError(f"sbatch refused: {lines[-1]}") from error
+        lines = [line.removeprefix("sbatch: ").removeprefix("error: ") for line in str(error).splitlines()]
+        said = "; ".join(line for line in lines if line.strip() and not line.startswith("Try "))
+        raise SubmitError(f"sbatch refused: {said or 'no reason given'}") from error
     return str(job.job_id)
 
 

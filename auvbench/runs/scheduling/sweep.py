@@ -46,6 +46,9 @@ def sweep(
         result.outcomes[step.run.path] = (Outcome.HELD, step.detail)
     for step in steps.of(plan.Action.REFUSE):
         result.outcomes[step.run.path] = (Outcome.FAILED, step.detail)
+    for path in result.of(Outcome.HELD):
+        if RunDirectory(path).manifest()["state"] == "complete":  # its holder has finished meanwhile
+            result.outcomes[path] = (Outcome.COMPLETE, "")
     if todo:
         summarise(result, console)
     return result

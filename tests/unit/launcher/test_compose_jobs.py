@@ -86,3 +86,41 @@ def test_a_grid_that_nothing_remains_of_is_said(tmp_path: Path, monkeypatch: pyt
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=r"algo=pid seed=1: leaves no job"):
         jobs("experiment=study", "algo=pid", "seed=1")
+
+
+def test_a_value_that_only_the_swept_algorithms_have() -> None:
+    composed = jobs("algo=sac,td3", "algo.learning_starts=304", "algo.net_arch=[8,8]")
+    assert [config.algo.name for config in composed] == ["sac", "td3"]
+    assert {config.algo.learning_starts for config in composed} == {304}
+    assert all(list(config.algo.net_arch) == [8, 8] for config in composed)
+
+
+@pytest.mark.parametrize("flag", ["--cfg=job", "--info=all"])
+def test_what_shows_one_configuration_shows_no_grid(flag: str) -> None:
+    with pytest.raises(ConfigError, match="leave out -m"):
+        run("train", ["-m", "algo=ppo", flag], job=lambda config: None, grid=lambda configs: None)
+
+
+@pytest.mark.parametrize("override", ["vehicle=null", "vehicle=3", "disturbance=null"])
+def test_an_option_is_a_name(override: str) -> None:
+    with pytest.raises(ConfigError, match=f"{override}: name an option"):
+        run("train", [override], job=lambda config: None)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"name: w\n  foo: [1,2\n", r"w\.yaml line 2: no YAML"),
+        (b"a: 1\n\tb: 2\n", r"w\.yaml line 2: no YAML"),
+        (b"\xff\xfe\x00", "no text in UTF-8"),
+        (b"defaults: [w, _self_]\n", "in a circle"),
+    ],
+)
+def test_a_broken_file_of_conf_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, message: str
+) -> None:
+    (tmp_path / "conf" / "vehicle").mkdir(parents=True)
+    (tmp_path / "conf" / "vehicle" / "w.yaml").write_bytes(content)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=message):
+        run("train", ["vehicle=w"], job=lambda config: None)

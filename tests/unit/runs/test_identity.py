@@ -118,3 +118,14 @@ def test_damaged_files_are_named(tmp_path):
     run.config_path.write_text("a: [", encoding="utf-8")
     with pytest.raises(RunError, match=r"config.yaml: damaged"):
         run.config()
+
+
+def test_what_cannot_change_the_result_may_be_typed_anew(tmp_path):
+    first = freeze(plain(f"output={tmp_path}"))
+    again = freeze(plain(f"output={tmp_path}", "simulator.threads=2", "train.checkpoint.keep=7"))
+    assert again.path == first.path
+    config = again.check()
+    assert (config["simulator"]["threads"], config["train"]["checkpoint"]["keep"]) == (2, 7)
+    again.update_manifest(state="complete")
+    freeze(plain(f"output={tmp_path}"))
+    assert again.check()["simulator"]["threads"] == 2  # a complete run says how it was made

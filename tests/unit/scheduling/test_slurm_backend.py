@@ -260,3 +260,28 @@ def test_every_key_is_explained() -> None:
     text = Path("conf/launcher/slurm.yaml").read_text()
     for key in Slurm.__dataclass_fields__:
         assert f"\n{key}:" in text
+
+
+@pytest.mark.parametrize("option", ["--array=0-3", "-Q", "--parsable", "--wrap=ls"])
+def test_an_option_that_sbatch_would_answer_otherwise(cluster: Cluster, option: str) -> None:
+    with pytest.raises(UserError, match=rf"launcher\.sbatch={option}: auvbench needs that option itself"):
+        backend(f"launcher.sbatch=['{option}']")
+
+
+def test_a_folder_whose_name_slurm_would_change(cluster: Cluster, tmp_path: Path) -> None:
+    run = fake_training.make(tmp_path / "job%j" / "run")
+    with pytest.raises(UserError, match="has a %j"):
+        backend().submit(run.path)
+    assert not cluster.scripts
+
+
+def test_the_line_that_names_the_mistake_is_passed_on(
+    cluster: Cluster, run: RunDirectory, tmp_path: Path
+) -> None:
+    (tmp_path / "bin" / "sbatch").write_text(
+        "#!/bin/sh\necho 'sbatch: unrecognized option --foo' >&2\n"
+        "echo 'Try \"sbatch --help\" for more information' >&2\nexit 1\n"
+    )
+    with pytest.raises(SubmitError, match=r"^sbatch refused: unrecognized option --foo$") as caught:
+        backend().submit(run.path)
+    assert caught.value.exit_code == 2
