@@ -50,14 +50,16 @@ def git() -> dict[str, Any]:
             return None
         return done.stdout.strip()
 
-    status = ask("status", "--porcelain", "--untracked-files=no")
-    return {"commit": ask("rev-parse", "HEAD"), "dirty": None if status is None else bool(status)}
+    changed = ask("status", "--porcelain", "--untracked-files=no")
+    # A new file there is read or imported as the others are; elsewhere it is a note or a result.
+    added = ask("status", "--porcelain", "--untracked-files=all", "--", "auvbench", "conf", "hydra_plugins")
+    dirty = None if changed is None or added is None else bool(changed or added)
+    return {"commit": ask("rev-parse", "HEAD"), "dirty": dirty}
 
 
-@cache
-def host() -> dict[str, Any]:
-    """Name, processor and cores of this machine; threads are one per run."""
-    return {"name": platform.node(), "cpu": _processor(), "cores": os.cpu_count(), "threads": 1}
+def host(threads: int = 1) -> dict[str, Any]:
+    """Name, processor and cores of this machine, and the threads that step a run's environments there."""
+    return {"name": platform.node(), "cpu": _processor(), "cores": os.cpu_count(), "threads": threads}
 
 
 def _processor() -> str:

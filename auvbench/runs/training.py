@@ -54,7 +54,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
             attempts=int(manifest["attempts"]) + 1,
             versions=provenance.versions(),
             git=provenance.git(),
-            host=provenance.host(),
+            host=provenance.host(config.simulator.threads),
         )
 
     def note(**changes: Any) -> dict[str, Any]:
