@@ -31,13 +31,14 @@ def main(argv: Sequence[str]) -> int:
 def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     from auvbench.reporting.conditions import default
     from auvbench.reporting.findings import sentences
-    from auvbench.reporting.load import agents, load
+    from auvbench.reporting.load import agents, load, require
     from auvbench.reporting.measures import measure
     from auvbench.reporting.ranking import rank
 
     measure(options.rank_by)  # a wrong name is said before anything is read
     measure(options.then, "--then")
     runs, problems = load(paths, options.protocol)
+    require(runs, problems, options.protocol)
     condition = options.condition or default(runs, options.protocol)
     grouped, more = agents(runs, options.group_by, options.protocol, condition)
     ranking = rank(

@@ -97,11 +97,7 @@ def _rows(
     """The condition's episodes by run id, all of the same scenarios in the same order."""
     evaluated = [run for run in runs if protocol in run.evaluations]
     if not evaluated:
-        found = {name for run in runs for name in run.evaluations}
-        hint = f"; evaluated by: {', '.join(sorted(found))}" if found else ""
-        raise ReportError(
-            f"none of the {len(runs)} runs has a usable evaluation by protocol {protocol!r}{hint}"
-        )
+        raise ReportError(f"none of the {len(runs)} runs has a usable evaluation by protocol {protocol!r}")
     kept, problems = _one_fingerprint(evaluated, protocol)
     rows = {}
     for run in kept:

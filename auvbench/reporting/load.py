@@ -14,13 +14,16 @@ from typing import Any
 
 import yaml
 
-from auvbench.errors import ReportError
+from auvbench.errors import ReportError, closest
 from auvbench.reporting.evaluations import LARGEST, Damage, json_object, read_evaluation
 from auvbench.reporting.grouping import agents
 from auvbench.reporting.model import Problem, RunRecord
 from auvbench.reporting.processes import each
 
-__all__ = ["agents", "available_protocols", "load"]
+__all__ = ["agents", "available_protocols", "load", "require"]
+
+NAMED = 3
+"""problems in the message that there is nothing to report"""
 
 NUMBERS = (
     "reward.k",
@@ -76,6 +79,27 @@ def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
 def available_protocols(runs: Iterable[RunRecord]) -> list[str]:
     """Names of the protocols by which at least one of the runs was evaluated."""
     return sorted({p.parent.name for run in runs for p in run.directory.glob("evaluations/*/summary.json")})
+
+
+def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: str) -> None:
+    """Says why there is nothing to report by a protocol, where no run has a usable evaluation by it.
+
+    Raises:
+        ReportError: naming the protocols there are, or else the first of the problems.
+    """
+    if any(protocol in run.evaluations for run in runs):
+        return
+    there = available_protocols(runs)
+    if there and protocol not in there:
+        raise ReportError(
+            f"none of the {len(runs)} runs was evaluated by protocol {protocol!r}; {closest(protocol, there)}"
+        )
+    reasons = [f"{p.where}: {p.message}" for p in problems]
+    more = f"; and {len(reasons) - NAMED} more" if len(reasons) > NAMED else ""
+    raise ReportError(
+        f"none of the {len(runs)} runs has a usable evaluation by protocol {protocol!r}: "
+        f"{'; '.join(reasons[:NAMED])}{more}"
+    )
 
 
 def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterator[Path]:
@@ -189,7 +213,7 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
     problems = []
     for name in protocols:
         directory = run.directory / "evaluations" / name
-        if not directory.is_dir():
+        if Path(name).name != name or not directory.is_dir():  # a name leads to no other folder
             if name == protocols[0]:
                 hint = f"auvbench evaluate {run.directory} protocol={name}"
                 problems.append(Problem(run.id, "missing", f"no evaluation by protocol {name}: {hint}"))

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from auvbench.errors import ReportError
-from auvbench.reporting.load import agents, available_protocols, load
+from auvbench.reporting.load import agents, available_protocols, load, require
 from auvbench.reporting.model import Problem
 from tests.synthetic import damage, set_state, write_evaluation, write_experiment
 
@@ -249,6 +249,29 @@ def test_runs_that_were_not_evaluated(grid: list[Path]) -> None:
     runs, _ = load([grid[0]])
     with pytest.raises(ReportError, match="none of the 1 runs has a usable evaluation by protocol 'test'"):
         agents(runs)
+
+
+def test_why_there_is_nothing_to_report(grid: list[Path]) -> None:
+    for protocol in ("tset", "../test", "../evaluations/test"):
+        runs, problems = load(grid, protocol)
+        with pytest.raises(ReportError, match=rf"evaluated by protocol '{protocol}'; .*valid: test$"):
+            require(runs, problems, protocol)
+    for path in grid:
+        damage(path / "evaluations" / "test" / "summary.json", "schema")
+    runs, problems = load(grid)
+    with pytest.raises(
+        ReportError, match=rf"protocol 'test': .*schema_version 99, .*; and {len(grid) - 3} more$"
+    ):
+        require(runs, problems, "test")
+    for path in grid:
+        shutil.rmtree(path / "evaluations")
+    runs, problems = load(grid[:1])
+    with pytest.raises(ReportError, match=rf"auvbench evaluate {grid[0]} protocol=test$"):
+        require(runs, problems, "test")
+    set_state(grid, "failed", "diverged")
+    runs, problems = load(grid[:1])
+    with pytest.raises(ReportError, match=r"failed at step 1,000: diverged$"):
+        require(runs, problems, "test")
 
 
 def test_two_runs_with_one_id(grid: list[Path], tmp_path: Path) -> None:
