@@ -127,7 +127,7 @@ def _options(settings: Mapping[str, Any]) -> Options:
         out=None if settings["out"] is None else Path(str(settings["out"])),
         study=study,
         confidence=confidence,
-        seed=int(_number("seed", settings["seed"], 0, 2**32 - 1)),
+        seed=_whole("seed", settings["seed"], 0, 2**32 - 1),
     )
 
 
@@ -148,4 +148,14 @@ def _number(name: str, value: Any, low: float, high: float) -> float:
         number = float("nan")
     if not low <= number <= high:
         raise UserError(f"{name}={value!r} is not a number from {low:g} to {high:g}")
+    return number
+
+
+def _whole(name: str, value: Any, low: int, high: int) -> int:
+    try:
+        number = int(str(value))
+    except ValueError:
+        number = low - 1
+    if not low <= number <= high:
+        raise UserError(f"{name}={value!r} is not a whole number from {low} to {high}")
     return number

@@ -68,6 +68,7 @@ def learn(
         Interrupted: `stop` was set; a checkpoint is written.
     """
     begun = time.monotonic()
+    earlier: dict[str, float] = run.manifest().get("phases", {})  # of attempts that could still write it
     train = config.train
     checkpointer = Checkpointer(
         run.path,
@@ -92,6 +93,16 @@ def learn(
     reporter = Reporter(run.path / "progress.json", train.total_steps, watch)
     checkpointer.parts = {"environment": batch, "progress": reporter}
     ready = time.monotonic()
+
+    def phases(trained: float) -> dict[str, float]:
+        spent = {
+            "setup_s": ready - begun,
+            "training_s": trained - ready,
+            "checkpoints_s": checkpointer.spent,
+            "saving_s": time.monotonic() - trained,
+        }
+        return {name: round(earlier.get(name, 0.0) + seconds, 3) for name, seconds in spent.items()}
+
     with storage(f"cannot write the records of {run.path}"):
         log = EpisodeLog(run.path / EPISODES, keep=resumed.logs[EPISODES].length if resumed else None)
         model.set_logger(Logger(str(run.train), [events.EventWriter(run.train)]))
@@ -111,7 +122,8 @@ def learn(
             raise
         except BaseException:
             with suppress(OSError):
-                run.update_manifest(**_reached(model.num_timesteps, reporter))
+                reached = _reached(model.num_timesteps, reporter)
+                run.update_manifest(**reached, phases=phases(time.monotonic()))
             raise
         finally:
             log.close()
@@ -119,15 +131,7 @@ def learn(
     trained = time.monotonic()
     with storage(f"cannot write {run.model}"):
         learners.save(model, normaliser, run.model)
-    return {
-        **_reached(model.num_timesteps, reporter),
-        "phases": {
-            "setup_s": round(ready - begun, 3),
-            "training_s": round(trained - ready, 3),
-            "checkpoints_s": round(checkpointer.spent, 3),
-            "saving_s": round(time.monotonic() - trained, 3),
-        },
-    }
+    return {**_reached(model.num_timesteps, reporter), "phases": phases(trained)}
 
 
 def _reached(steps: int, reporter: Reporter) -> dict[str, Any]:

@@ -114,8 +114,13 @@ def test_signals_save_and_leave(
     steps = CheckpointStore(run.path).steps()
     assert steps[0] >= 600
     assert run.manifest()["steps"] == steps[0]
+    before = run.manifest()["phases"]
+    assert before["training_s"] > 0
     execute(run)
     assert bits(run.path) == whole
+    after = run.manifest()["phases"]  # of both attempts
+    assert all(after[name] >= before[name] for name in before)
+    assert after["setup_s"] > before["setup_s"]
 
 
 def test_a_run_without_normalisation_resumes_as_well(case: str, tmp_path: Path, strike: Strike) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
+from numpy.typing import NDArray
 
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
 from auvbench.reporting.labels import part
 from auvbench.reporting.model import Row
+from auvbench.reporting.rounding import rounded
 
 MOST_IN_MATRIX = 15
 
@@ -39,10 +41,12 @@ def success_over_grid(scene: Scene) -> Drawing | None:
     lowest = 10 * np.floor(10 * min(row.estimates["success_rate"].value for row in members))
     for ax, (name, group) in zip(grid.flat, algos.items(), strict=False):
         values = np.full((len(fs), len(ks)), np.nan)
+        texts = np.full(values.shape, "", dtype=object)
         for row in group:
             where = fs.index(float(row.key["step.frequency"])), ks.index(float(row.key["reward.k"]))
             values[where] = 100 * row.estimates["success_rate"].value
-        image = _heat(ax, values, "cividis", min(lowest, 90.0), 100, "{:.1f}")
+            texts[where] = rounded(row.estimates["success_rate"], 100)[0]  # as in the table
+        image = _heat(ax, values, "cividis", min(lowest, 90.0), 100, texts)
         ax.set_title(part("algo", name) if name else "all", loc="left")
         ax.set_xticks(range(len(ks)), [f"{k:g}" for k in ks])
         ax.set_yticks(range(len(fs)), [f"{f:g}" for f in fs])
@@ -69,7 +73,8 @@ def improvement(scene: Scene) -> Drawing | None:
     side = 2.6 + 0.42 * len(labels)
     figure = style.canvas(side + 1.4, side)
     ax = figure.subplots()
-    image = _heat(ax, values, "PuOr", 0, 100, "{:.0f}", cross=False)
+    texts = np.array([f"{value:.0f}" for value in values.flat], dtype=object).reshape(values.shape)
+    image = _heat(ax, values, "PuOr", 0, 100, texts, cross=False)
     ax.set_xticks(range(len(labels)), labels, rotation=45, ha="right", rotation_mode="anchor")
     ax.set_yticks(range(len(labels)), labels)
     figure.colorbar(image, ax=ax, label="row better than column (%)", shrink=0.8)
@@ -82,9 +87,16 @@ def improvement(scene: Scene) -> Drawing | None:
 
 
 def _heat(
-    ax: Axes, values: FloatArray, colours: str, low: float, high: float, form: str, *, cross: bool = True
+    ax: Axes,
+    values: FloatArray,
+    colours: str,
+    low: float,
+    high: float,
+    texts: NDArray[np.object_],
+    *,
+    cross: bool = True,
 ) -> AxesImage:
-    """An image with its numbers written in; NaN cells are crossed out or left blank."""
+    """An image with the `texts` of its values written in; NaN cells are crossed out or left blank."""
     image = ax.imshow(values, cmap=colours, vmin=low, vmax=high, aspect="auto")
     ax.grid(visible=False)
     ax.spines[:].set_visible(False)
@@ -96,7 +108,7 @@ def _heat(
             ax.text(
                 j,
                 i,
-                form.format(value),
+                str(texts[i, j]),
                 ha="center",
                 va="center",
                 color="white" if dark else "black",

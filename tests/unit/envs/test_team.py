@@ -53,18 +53,22 @@ def test_a_worker_that_fell_asleep_is_woken(monkeypatch):
 
 
 def test_the_threads_go_with_the_batch():
-    before = threading.active_count()
+    before = set(threading.enumerate())
+
+    def new():
+        return set(threading.enumerate()) - before
+
     batch = TeamBatch(configuration(3), 50)
     batch.reset()
     batch.step(actions(50))
-    assert threading.active_count() == before + 2
+    assert len(new()) == 2
     batch.reseed(7)  # the next step makes another team
-    until(lambda: threading.active_count() == before)
+    until(lambda: not new())
     batch.reset()
     batch.step(actions(50))
     del batch
     gc.collect()
-    until(lambda: threading.active_count() == before)
+    until(lambda: not new())
 
 
 def test_another_seed_reaches_the_threads():

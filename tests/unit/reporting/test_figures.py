@@ -12,6 +12,7 @@ from auvbench.reporting import processes
 from auvbench.reporting.figures import FIGURES, colour_of, draw_all, style
 from auvbench.reporting.figures.scene import Scene, scene, wants_symlog
 from auvbench.reporting.load import agents, load
+from auvbench.reporting.rounding import rounded
 from tests.plain_ranking import plain_ranking
 from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, TRANSFER, write_experiment
 
@@ -185,7 +186,7 @@ def test_the_heat_map_shows_the_table(small: Scene) -> None:
     shown = {text.get_text() for ax in canvas.axes for text in ax.texts}
     for row in small.ranking.rows:
         if row.label != "PID":
-            assert f"{100 * row.estimates['success_rate'].value:.1f}" in shown
+            assert rounded(row.estimates["success_rate"], 100)[0] in shown
 
 
 def test_training_figures_do_without_a_damaged_record(tmp_path: Path) -> None:
