@@ -20,8 +20,15 @@ from typing import Any
 import yaml
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.core.plugins import Plugins
-from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
+from hydra.errors import (
+    ConfigCompositionException,
+    HydraException,
+    MissingConfigException,
+    OverrideParseException,
+)
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import (
@@ -205,21 +212,22 @@ def _as_axes(overrides: Sequence[str], multirun: bool) -> list[str]:
     Hydra sets single values before it chooses the swept files: `algo=sac,td3 algo.learning_starts=300` would look
     for the key in the default algorithm.
     """
-    # Brackets and quotes hold commas that make no axis.
-    bare = [
-        re.sub(r"\[[^]]*\]|\([^)]*\)|\{[^}]*\}|'[^']*'|\"[^\"]*\"", "", override) for override in overrides
-    ]
-    if not multirun and not any("," in override for override in bare):
+    try:
+        parsed = OverridesParser.create().parse_overrides(list(overrides))
+    except OverrideParseException:
+        return list(overrides)  # Hydra says what is wrong with them
+    if not multirun and not any(override.is_sweep_override() for override in parsed):
         return list(overrides)
-    return [_as_axis(override) for override in overrides]
+    return [_as_axis(line, override) for line, override in zip(overrides, parsed, strict=True)]
 
 
-def _as_axis(override: str) -> str:
-    key, equals, value = override.partition("=")
-    # Groups have no dot; hydra.* is Hydra's own; what has a comma or brackets is an axis, or not for us to read.
-    if not value or "." not in key or key.startswith(("hydra.", "~")) or re.search(r"[,()\[\]{}'\"]", value):
-        return override
-    return f"{key}{equals}choice({value})"
+def _as_axis(line: str, override: Override) -> str:
+    key, _, value = line.partition("=")
+    is_group = "." not in override.key_or_group
+    if is_group or not value or override.is_sweep_override() or override.is_hydra_override():
+        return line
+    # Not what is deleted, and not a mapping, which is merged with what is there.
+    return line if override.is_delete() or isinstance(override.value(), dict) else f"{key}=choice({value})"
 
 
 def _leaves(node: Any, prefix: str = "") -> list[str]:

@@ -4,8 +4,6 @@ import csv as csv_module
 import doctest
 import io
 import json
-import shutil
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,6 +21,7 @@ from auvbench.reporting.ranking import rank
 from auvbench.reporting.statistics import wilson
 from auvbench.reporting.tables.columns import Column
 from auvbench.reporting.tables.conditions import blocks
+from tests.paper import compile_article, needs_pdflatex
 from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, write_experiment
 
 
@@ -123,19 +122,9 @@ def test_files_show_every_condition(grid: Path) -> None:
     assert rows[0]["agent"] == ranking.rows[0].label
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs pdflatex (texlive-latex-recommended)")
+@needs_pdflatex
 def test_the_tables_for_a_paper_fit_its_width(grid: Path, tmp_path: Path) -> None:
-    (tmp_path / "conditions.tex").write_text(tables.conditions_latex(ranked(grid)), encoding="utf-8")
-    (tmp_path / "paper.tex").write_text(
-        r"\documentclass{article}\usepackage{booktabs}\usepackage[T1]{fontenc}\usepackage[utf8]{inputenc}"
-        r"\begin{document}\input{conditions.tex}\end{document}"
-    )
-    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
-    done = subprocess.run(
-        command, cwd=tmp_path, capture_output=True, text=True, errors="replace", timeout=120, check=False
-    )
-    assert done.returncode == 0, done.stdout[-2000:]
-    assert "Overfull" not in done.stdout
+    assert "Overfull" not in compile_article(tmp_path, tables.conditions_latex(ranked(grid)))
 
 
 def test_a_later_report_leaves_no_table_of_conditions_behind(grid: Path, tmp_path: Path) -> None:

@@ -3,8 +3,6 @@
 import csv as csv_module
 import io
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +14,7 @@ from auvbench.reporting.load import agents, load
 from auvbench.reporting.model import Estimate, Problem, Ranking
 from auvbench.reporting.tables import columns as columns_of_tables
 from auvbench.reporting.tables.latex import fitting
+from tests.paper import compile_article, needs_pdflatex
 from tests.plain_ranking import plain_ranking
 from tests.synthetic import write_experiment
 
@@ -184,35 +183,16 @@ def test_latex_of_many_agents_continues_in_another_float(ranking: Ranking) -> No
     assert 3 * text.count("(continued)") == 2 * text.count(r"\begin{table}")
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs pdflatex (texlive-latex-recommended)")
+@needs_pdflatex
 def test_latex_compiles(ranking: Ranking, tmp_path: Path) -> None:
     rows = tuple(
         replace(row, estimates=row.estimates | {"mean_steps": Estimate(1.0, 0.5, 1.5)})
         for row in ranking.rows
     )
-    (tmp_path / "table.tex").write_text(tables.latex(awkward(replace(ranking, rows=rows))), encoding="utf-8")
-    (tmp_path / "paper.tex").write_text(
-        r"\documentclass{article}\usepackage{booktabs}\usepackage[T1]{fontenc}\usepackage[utf8]{inputenc}"
-        r"\begin{document}\input{table.tex}\end{document}"
-    )
-    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
-    done = subprocess.run(
-        command, cwd=tmp_path, capture_output=True, text=True, errors="replace", timeout=120, check=False
-    )
-    assert done.returncode == 0, done.stdout[-2000:]
-    assert (tmp_path / "paper.pdf").is_file()
+    compile_article(tmp_path, tables.latex(awkward(replace(ranking, rows=rows))))
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs pdflatex (texlive-latex-recommended)")
+@needs_pdflatex
 def test_latex_fits_an_article(ranking: Ranking, tmp_path: Path) -> None:
     rows = tuple(replace(row, label=f"{row.label} K=100 25 Hz") for row in ranking.rows)
-    (tmp_path / "table.tex").write_text(tables.latex(replace(ranking, rows=rows)), encoding="utf-8")
-    (tmp_path / "paper.tex").write_text(
-        r"\documentclass{article}\usepackage{booktabs}\usepackage[T1]{fontenc}\usepackage[utf8]{inputenc}"
-        r"\begin{document}\input{table.tex}\end{document}"
-    )
-    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
-    done = subprocess.run(
-        command, cwd=tmp_path, capture_output=True, text=True, errors="replace", timeout=120, check=False
-    )
-    assert "Overfull" not in done.stdout
+    assert "Overfull" not in compile_article(tmp_path, tables.latex(replace(ranking, rows=rows)))
