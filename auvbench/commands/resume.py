@@ -78,12 +78,12 @@ def _budget(overrides: Sequence[str]) -> int | None:
 
 
 def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[RunDirectory]:
-    from auvbench.runs.checkpoint.extending import check, extend
+    from auvbench.runs.checkpoint.extending import prepare
 
-    problems = []
+    extensions, problems = [], []
     for run in runs:  # all of them before the first is written
         try:
-            check(run, total)
+            extensions.append(prepare(run, total))
         except AuvbenchError as error:
             problems.append(error)
     if problems and len(runs) > 1:
@@ -91,9 +91,9 @@ def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[Ru
     if problems:
         raise problems[0]
     targets = []
-    for run in runs:
-        target = extend(run, total, command)
-        print(f"{target.path}: extends {run.id} to {total:,} steps")
+    for extension in extensions:
+        target = extension.begin(command)
+        print(f"{target.path}: extends {extension.run.id} to {total:,} steps")
         targets.append(target)
     return targets
 

@@ -47,6 +47,12 @@ class Damage(Exception):
         self.kind = kind
 
 
+def finite(table: np.ndarray[Any, Any]) -> bool:
+    """Whether all of it are numbers that can have been measured."""
+    # A text anywhere makes a table one of objects; NaN compares as False.
+    return table.dtype.kind in "if" and bool((np.abs(table) <= LARGEST).all())
+
+
 def json_object(path: Path) -> dict[str, Any]:
     """A JSON object of the schema version that is read here."""
     try:
@@ -145,9 +151,7 @@ def _check_rows(frame: pd.DataFrame, expected: Mapping[str, int]) -> None:
 def _check_numbers(frame: pd.DataFrame) -> None:
     """What was measured is a finite number everywhere, and steps are whole and at least one."""
     columns = [name for name in MEASURED if name in frame.columns]
-    table = frame[columns].to_numpy()
-    # A text anywhere makes the table one of objects; NaN compares as False.
-    if table.dtype.kind not in "if" or not (np.abs(table) <= LARGEST).all():
+    if not finite(frame[columns].to_numpy()):
         for column in columns:
             numbers = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64)
             _refuse(frame, ~np.isfinite(numbers), f"{column} is not a finite number")

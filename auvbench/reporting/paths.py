@@ -11,9 +11,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.reporting.evaluations import LARGEST, Damage
+from auvbench.reporting.evaluations import Damage, finite
 
 FloatArray = NDArray[np.float64]
+
+UNREADABLE = (
+    OSError,
+    ValueError,
+    TypeError,
+    KeyError,
+    EOFError,
+    zipfile.BadZipFile,
+    zlib.error,
+    RuntimeError,  # an unknown compression, a password
+)
 
 Path3 = tuple[int, tuple[float, float, float], FloatArray, FloatArray]
 """episode, waypoint m, positions (T+1, 3) m, times (T+1,) s"""
@@ -42,15 +53,9 @@ def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
                     raise ValueError(f"time_{suffix} has shape {time.shape}, expected ({len(position)},)")
                 if waypoint.shape != (3,):
                     raise ValueError(f"waypoint_{suffix} has shape {waypoint.shape}, expected (3,)")
-                if not all((np.abs(values) <= LARGEST).all() for values in (position, time, waypoint)):
+                if not all(finite(values) for values in (position, time, waypoint)):
                     raise ValueError(f"episode {episode} holds numbers that are not finite")
                 x, y, z = waypoint.tolist()
                 yield episode, (x, y, z), position, time
-    except (OSError, ValueError, TypeError, KeyError, EOFError) as error:
-        raise Damage(f"trajectories.npz cannot be read: {error}") from error
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        RuntimeError,
-    ) as error:  # RuntimeError: unknown compression, a password
+    except UNREADABLE as error:
         raise Damage(f"trajectories.npz cannot be read: {error}") from error

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 
-from auvbench.reporting.evaluations import LARGEST, Damage
+from auvbench.reporting.evaluations import Damage, finite
 from auvbench.reporting.model import RunRecord
 from auvbench.tasks.record import OUTCOMES
 
@@ -32,7 +31,6 @@ def training(run: RunRecord) -> pd.DataFrame | None:
         raise Damage(f"{name} lacks the columns {', '.join(missing)}")
     if bad := {str(outcome) for outcome in frame["outcome"].unique()} - set(OUTCOMES):
         raise Damage(f"{name} has the outcome {min(bad)!r}, none of {', '.join(OUTCOMES)}")
-    table = frame[list(NUMBERS)].to_numpy()
-    if table.dtype.kind not in "if" or not (np.abs(table) <= LARGEST).all():
+    if not finite(frame[list(NUMBERS)].to_numpy()):
         raise Damage(f"{name} is cut short or has values that are not finite numbers")
     return frame

@@ -16,7 +16,7 @@ import torch
 from auvbench.cli import main
 from auvbench.errors import ConfigError, RunError, TrainingError
 from auvbench.runs import learning, lock
-from auvbench.runs.checkpoint.extending import extend
+from auvbench.runs.checkpoint.extending import prepare
 from auvbench.runs.checkpoint.store import CheckpointStore, CheckpointWarning
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Interrupted
@@ -349,12 +349,12 @@ def test_what_cannot_be_extended_says_why(
 ) -> None:
     run = frozen(tmp_path, "tried", case, [])
     with pytest.raises(RunError, match="no checkpoint to go on from"):
-        extend(run, 10_000)
+        prepare(run, 10_000).begin()
     with pytest.raises(ConfigError, match=r"train\.total_steps=10: must be more than"):
-        extend(run, 10)
+        prepare(run, 10).begin()
     linear = frozen(tmp_path, "tried", case, ["algo.learning_rate_schedule=linear"])
     with pytest.raises(RunError, match=r"learning_rate_schedule=linear.*depends on train\.total_steps"):
-        extend(linear, 10_000)
+        prepare(linear, 10_000).begin()
     assert main(["resume", str(run.path), "algo.gamma=0.9"]) == 2
     assert "resume changes nothing but train.total_steps" in capsys.readouterr().err
     assert main(["resume", str(run.path), "train.total_steps=2e6"]) == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import dataclass
 from typing import Any
 
 from omegaconf import OmegaConf
@@ -16,35 +17,36 @@ from auvbench.runs.checkpoint.store import Checkpoint, CheckpointStore
 from auvbench.runs.directory import RunDirectory, freeze
 
 
-def check(run: RunDirectory, total_steps: int) -> None:
-    """Whether `extend` would; raises what it raises, and writes nothing."""
-    _prepare(run, total_steps)
+@dataclass(frozen=True, slots=True)
+class Extension:
+    """A run of the same configuration with a larger budget, beside the one it extends, which stays as it is."""
+
+    run: RunDirectory
+    config: dict[str, Any]
+    target: RunDirectory
+    checkpoint: Checkpoint | None
+    """what `target` begins from; None: it has begun already"""
+
+    def begin(self, command: str = "") -> RunDirectory:
+        """Makes the directory, with the newest checkpoint; `command` is the command line, for the manifest."""
+        if self.checkpoint is not None:
+            freeze(self.config, command)
+            seed(self.run.path, self.checkpoint, self.target.path)
+            self.target.update_manifest(steps=self.checkpoint.step)
+        return self.target
 
 
-def extend(run: RunDirectory, total_steps: int, command: str = "") -> RunDirectory:
-    """The frozen directory, beside `run`, of the same configuration with a larger budget.
-
-    It holds the newest checkpoint of `run`, unless it has got further by itself already. `run` stays as it is.
+def prepare(run: RunDirectory, total_steps: int) -> Extension:
+    """Checks whether a run can be extended; writes nothing.
 
     Args:
         run: a run that was trained, at least as far as its first checkpoint.
         total_steps: the new budget in environment steps.
-        command: the command line, for the manifest.
 
     Raises:
         ConfigError: the budget is not larger.
         RunError: the run cannot be extended; the message says why.
     """
-    larger, target, checkpoint = _prepare(run, total_steps)
-    if checkpoint is not None:
-        freeze(larger, command)
-        seed(run.path, checkpoint, target.path)
-        target.update_manifest(steps=checkpoint.step)
-    return target
-
-
-def _prepare(run: RunDirectory, total_steps: int) -> tuple[dict[str, Any], RunDirectory, Checkpoint | None]:
-    """The larger configuration, where its run lies, and what that begins from; None: it has begun already."""
     config = run.check()
     _check_budget(run, config, total_steps)
     _check_schedule(run, config)
@@ -58,13 +60,13 @@ def _prepare(run: RunDirectory, total_steps: int) -> tuple[dict[str, Any], RunDi
     typed(OmegaConf.create(larger))
     target = RunDirectory(run.path.parent / identity.run_id(larger))
     if target.exists() and (target.manifest()["state"] == "complete" or CheckpointStore(target.path).steps()):
-        return larger, target, None
+        return Extension(run, larger, target, None)
     checkpoint = CheckpointStore(run.path).peek()
     if checkpoint is None:
         raise RunError(
             f"{run.path}: there is no checkpoint to go on from; auvbench resume {run.path} trains it"
         )
-    return larger, target, checkpoint
+    return Extension(run, larger, target, checkpoint)
 
 
 def _check_budget(run: RunDirectory, config: dict[str, Any], total_steps: int) -> None:

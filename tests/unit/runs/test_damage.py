@@ -172,12 +172,13 @@ def test_all_runs_of_a_folder_are_checked_before_the_first_is_extended(
         frozen(tmp_path, f"seed={seed}")
     frozen(tmp_path, "algo=random")
 
-    def unsuitable(run: RunDirectory, total: int) -> None:
+    def unsuitable(run: RunDirectory, total: int) -> extending.Extension:
         if run.id.startswith("random"):
             raise RunError("random does not learn")
+        return extending.Extension(run, run.config(), run, None)
 
-    monkeypatch.setattr(extending, "check", unsuitable)
-    monkeypatch.setattr(extending, "extend", lambda *_: pytest.fail("one was extended"))
+    monkeypatch.setattr(extending, "prepare", unsuitable)
+    monkeypatch.setattr(extending.Extension, "begin", lambda *_: pytest.fail("one was extended"))
     assert cli.main(["resume", str(tmp_path), "train.total_steps=9000000"]) == 2
     assert "random does not learn (1 of 3 runs cannot be extended, so none was)" in capsys.readouterr().err
 
