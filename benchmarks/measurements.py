@@ -113,7 +113,7 @@ def learners() -> Iterator[Row]:
     """Training with the default presets, as `auvbench train` does it, compilation and set-up left out."""
     from auvbench.runs.directory import RunDirectory
     from auvbench.runs.plan import prepare
-    from auvbench.runs.training import execute
+    from auvbench.training.execute import execute
 
     for algo, steps in (("ppo", 102_400), ("sac", 8_000)):
         with tempfile.TemporaryDirectory() as folder:
@@ -134,7 +134,7 @@ def evaluation() -> Iterator[Row]:
     from auvbench.config.validate import evaluate_config
     from auvbench.evaluation.evaluate import evaluate
     from auvbench.runs.plan import prepare
-    from auvbench.runs.training import execute
+    from auvbench.training.execute import execute
 
     protocol = evaluate_config(compose("evaluate")).protocol
     small = ["train.total_steps=4096"]

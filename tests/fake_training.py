@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.interruption import Interrupted, deferred
 from auvbench.runs.progress import Reporter
+from auvbench.training.interruption import Interrupted, deferred
 
 SAVE_EVERY = 10
 

@@ -9,18 +9,10 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from auvbench.reporting import grouping, load, study
+from auvbench.analysis import grouping, load, study
+from auvbench.analysis.model import Agent, Comparison, Finding, Problem, Ranking, Row, RunRecord
 from auvbench.reporting.figures import Figure
-from auvbench.reporting.model import (
-    Agent,
-    Comparison,
-    Estimate,
-    Finding,
-    Problem,
-    Ranking,
-    Row,
-    RunRecord,
-)
+from auvbench.statistics.estimate import Estimate
 from tests.synthetic import write_experiment
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")

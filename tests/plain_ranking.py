@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from auvbench.reporting.model import Agent, Comparison, Estimate, Problem, Ranking, Row
+from auvbench.analysis.model import Agent, Comparison, Problem, Ranking, Row
+from auvbench.statistics.estimate import Estimate
 
 
 def estimate(values: np.ndarray, confidence: float = 0.95) -> Estimate:

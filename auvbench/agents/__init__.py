@@ -1,1 +1,1 @@
-"""What turns observations into actions: SB3's learners, the PID baseline, the random floor."""
+"""What turns observations into actions: classical controllers and learned policies behind one contract."""

@@ -19,8 +19,8 @@ LEARNERS: dict[str, str] = {
     "td3": "stable_baselines3:TD3",
 }
 CONTROLLERS: dict[str, str] = {
-    "pid": "auvbench.agents.pid:controller",
-    "random": "auvbench.agents.random:RandomAgent",
+    "pid": "auvbench.agents.classical.pid:controller",
+    "random": "auvbench.agents.classical.random:RandomAgent",
 }
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from auvbench.runs.scheduling.estimate import duration
+from auvbench.scheduling.estimate import duration
 
 if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory

@@ -85,7 +85,7 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
 
 
 def _lines(run: RunDirectory, summary: dict[str, Any]) -> list[str]:
-    from auvbench.reporting.statistics import wilson
+    from auvbench.statistics import wilson
 
     lines = []
     for condition in summary["conditions"]:

@@ -13,15 +13,15 @@ from auvbench.commands.report_options import Options, parse
 from auvbench.errors import UserError
 
 if TYPE_CHECKING:
+    from auvbench.analysis.model import Agent, Finding, Ranking, RunRecord
+    from auvbench.analysis.study import Beside
     from auvbench.reporting.figures import Figure
-    from auvbench.reporting.model import Agent, Finding, Ranking, RunRecord
-    from auvbench.reporting.study import Beside
 
 
 def main(argv: Sequence[str]) -> int:
     """Exit code 0 when there is a report, whatever had to be left out of it: the report names that."""
     paths, options = parse(argv)
-    from auvbench.reporting.processes import uncollected
+    from auvbench.analysis.processes import uncollected
 
     with uncollected():
         _report(paths, options, shlex.join(["auvbench", "report", *argv]))
@@ -29,11 +29,11 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _report(paths: Sequence[Path], options: Options, command: str) -> None:
-    from auvbench.reporting.conditions import default
-    from auvbench.reporting.findings import sentences
-    from auvbench.reporting.load import agents, load, require
-    from auvbench.reporting.measures import measure
-    from auvbench.reporting.ranking import rank
+    from auvbench.analysis.conditions import default
+    from auvbench.analysis.findings import sentences
+    from auvbench.analysis.load import agents, load, require
+    from auvbench.analysis.measures import measure
+    from auvbench.analysis.ranking import rank
 
     measure(options.rank_by)  # a wrong name is said before anything is read
     measure(options.then, "--then")
@@ -79,7 +79,7 @@ def _study(
 ) -> tuple[Sequence[Finding], Sequence[Beside]]:
     if options.study is None:
         return (), ()
-    from auvbench.reporting import study
+    from auvbench.analysis import study
 
     claims = study.answer(runs, agents, options.study, confidence=options.confidence, seed=options.seed)
     return claims, study.beside(agents, options.confidence)

@@ -78,7 +78,7 @@ def _budget(overrides: Sequence[str]) -> int | None:
 
 
 def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[RunDirectory]:
-    from auvbench.runs.checkpoint.extending import prepare
+    from auvbench.training.checkpoint.extending import prepare
 
     extensions, problems = [], []
     for run in runs:  # all of them before the first is written
@@ -102,8 +102,8 @@ def _one(run: RunDirectory) -> int:
     """In this process, with a live bar."""
     from auvbench.commands.bars import training_bar
     from auvbench.runs import standing
-    from auvbench.runs.training import execute
-    from auvbench.runs.worker import carry_out
+    from auvbench.training.execute import execute
+    from auvbench.training.worker import carry_out
 
     run.check()
     now = standing.of(run)
@@ -124,7 +124,7 @@ def _one(run: RunDirectory) -> int:
 def _several(runs: Sequence[RunDirectory], workers: int) -> int:
     """Side by side, each in a process of its own."""
     from auvbench.runs.directory import RunDirectory
-    from auvbench.runs.scheduling.local import LocalBackend
-    from auvbench.runs.scheduling.sweep import sweep
+    from auvbench.scheduling.local import LocalBackend
+    from auvbench.scheduling.sweep import sweep
 
     return sweep(runs, LocalBackend(workers), check=RunDirectory.check).exit_code

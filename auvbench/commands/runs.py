@@ -13,7 +13,7 @@ from auvbench.errors import UserError
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from auvbench.runs.listing import Row
+    from auvbench.scheduling.listing import Row
 
 NUMBERS = ("steps", "progress", "seed", "success", "wall time")
 STYLES = {"running": "cyan", "interrupted": "yellow", "failed": "red", "complete": "green", "pending": "dim"}
@@ -54,8 +54,8 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str]) -> int:
     """Exit code 1 when a run could not be read: the others are listed, and it is named."""
     given = parser().parse_args(argv)
-    from auvbench.runs import listing
     from auvbench.runs.directory import find_runs
+    from auvbench.scheduling import listing
 
     wanted = listing.Filter(
         states=_list(given.state),
@@ -91,7 +91,7 @@ def _table(rows: Sequence[Row], of: int) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from auvbench.runs.scheduling.estimate import duration
+    from auvbench.scheduling.estimate import duration
 
     columns: dict[str, list[str | Text]] = {
         "experiment": [row.name for row in rows],

@@ -31,7 +31,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _grid(configs: Sequence[DictConfig], command: str) -> int:
-    from auvbench.runs.scheduling import grid
+    from auvbench.scheduling import grid
 
     return grid.carry_out(configs, command).exit_code
 
@@ -59,8 +59,8 @@ def _one(config: DictConfig, command: str) -> int:
 
 def _carry_out(run: RunDirectory, progress: bool) -> None:
     from auvbench.commands.bars import training_bar
-    from auvbench.runs.training import execute
-    from auvbench.runs.worker import carry_out
+    from auvbench.training.execute import execute
+    from auvbench.training.worker import carry_out
 
     with training_bar(run.manifest()["total_steps"], shown=progress) as watch:
         carry_out(run, lambda run: execute(run, watch))

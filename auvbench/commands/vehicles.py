@@ -61,8 +61,8 @@ def _print_sheet(name: str) -> None:
 
 
 def _list(*, as_json: bool) -> None:
+    from auvbench.commands.vehicle_view import new_table, open_console
     from auvbench.errors import VehicleError
-    from auvbench.reporting.vehicle import new_table, open_console
     from auvbench.vehicles import sheet
     from auvbench.vehicles.reader import sheet_names
 
@@ -95,7 +95,7 @@ def _list(*, as_json: bool) -> None:
 
 
 def _show(name: str, *, as_json: bool) -> None:
-    from auvbench.reporting.vehicle import facts, show
+    from auvbench.commands.vehicle_view import facts, show
     from auvbench.vehicles import sheet
 
     vehicle = sheet.load(name)

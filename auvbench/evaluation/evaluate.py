@@ -21,8 +21,8 @@ from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.runs import provenance
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.files import write_json
-from auvbench.runs.training import load_config
 from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
+from auvbench.training.execute import load_config
 from auvbench.vehicles import sheet
 
 SCHEMA_VERSION = 1
@@ -60,7 +60,7 @@ def make_agent(run: RunDirectory, frequency: float) -> Agent:
     config = at_frequency(load_config(run), frequency)
     vehicle = sheet.load(config.vehicle)
     if learns(config.algo.agent):
-        from auvbench.agents.learners import LearnedPolicy
+        from auvbench.agents.learned.learners import LearnedPolicy
 
         return LearnedPolicy(config, run.model, len(vehicle.actuators))
     agent: Agent = resolve(CONTROLLERS[config.algo.agent])(config, vehicle)

@@ -70,7 +70,7 @@ def _test(
 def _in_processes(runs: list[RunDirectory], protocol: schema.Protocol, count: int) -> Iterator[Result]:
     # A fork server imports torch and SB3 once; a plain fork would inherit the parent's threads and locks.
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["auvbench.evaluation.evaluate", "auvbench.agents.learners"])
+    context.set_forkserver_preload(["auvbench.evaluation.evaluate", "auvbench.agents.learned.learners"])
     with ProcessPoolExecutor(count, mp_context=context) as pool:
         jobs: dict[Future[Result], RunDirectory] = {pool.submit(_test, run, protocol): run for run in runs}
         for job in as_completed(jobs):

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from auvbench.reporting import study, tables
+from auvbench.analysis import study
+from auvbench.analysis.model import Comparison, Finding, Ranking
+from auvbench.analysis.study import Beside
+from auvbench.reporting import tables
 from auvbench.reporting.figures import Figure
-from auvbench.reporting.model import Comparison, Finding, Ranking
-from auvbench.reporting.study import Beside
 from auvbench.reporting.tables.markdown import escape
 
 

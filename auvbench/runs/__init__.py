@@ -1,1 +1,1 @@
-"""Runs: identity, directory, manifest, checkpoints, the training loop, scheduling."""
+"""What a run is and where it lies: identity, directory, durable files, records, provenance, locks, standing."""

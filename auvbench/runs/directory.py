@@ -13,7 +13,7 @@ import yaml
 
 from auvbench.errors import RunError
 from auvbench.runs import identity
-from auvbench.runs.checkpoint.files import FAULTS, storage_error
+from auvbench.runs.durable import FAULTS, storage_error
 from auvbench.runs.files import as_json, create_atomic, write_atomic, write_json
 from auvbench.runs.identity import SCHEMA_VERSION
 

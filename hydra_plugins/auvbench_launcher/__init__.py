@@ -1,7 +1,7 @@
 """Hydra's side of a grid: which jobs there are (`Grids`), and composing them all (`Compose`).
 
 Nothing is started here. Each composed configuration is handed to the task function, which collects them; the
-command then validates and freezes all of them before `auvbench.runs.scheduling` starts the first.
+command then validates and freezes all of them before `auvbench.scheduling` starts the first.
 
 Hydra's scan for plugins does not see editable installations, so `register` has to be called before Hydra runs;
 the scan of an ordinary installation, which does see it, finds the same classes.

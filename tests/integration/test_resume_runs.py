@@ -15,12 +15,13 @@ import torch
 
 from auvbench.cli import main
 from auvbench.errors import ConfigError, RunError, TrainingError
-from auvbench.runs import learning, lock
-from auvbench.runs.checkpoint.extending import prepare
-from auvbench.runs.checkpoint.store import CheckpointStore, CheckpointWarning
+from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.interruption import Interrupted
-from auvbench.runs.training import execute
+from auvbench.training import learning
+from auvbench.training.checkpoint.extending import prepare
+from auvbench.training.checkpoint.store import CheckpointStore, CheckpointWarning
+from auvbench.training.execute import execute
+from auvbench.training.interruption import Interrupted
 from tests.soak.bits import bits
 from tests.soak.campaign import frozen
 
@@ -138,7 +139,7 @@ def test_a_run_without_normalisation_resumes_as_well(case: str, tmp_path: Path, 
 def test_without_time_to_save_the_last_checkpoint_counts(
     case: str, whole: dict[str, str], run: RunDirectory, strike: Strike, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("auvbench.runs.checkpoint.callback.GRACE", -1.0)
+    monkeypatch.setattr("auvbench.training.checkpoint.callback.GRACE", -1.0)
     strike(900, lambda _: os.kill(os.getpid(), signal.SIGTERM))
     # SAC's rollout is one step of the batch: there is always time to end it.
     message = "the last checkpoint is of step" if case == "ppo-8" else "saved at step"
@@ -182,7 +183,7 @@ def test_weights_that_are_no_numbers_stop_the_run(
     assert bits(run.path) == whole
 
 
-@pytest.mark.filterwarnings("ignore::auvbench.runs.checkpoint.store.CheckpointWarning")
+@pytest.mark.filterwarnings("ignore::auvbench.training.checkpoint.store.CheckpointWarning")
 @pytest.mark.parametrize("damage", ["flip", "truncate"])
 def test_damage_to_any_component_costs_time_alone(
     whole: dict[str, str], run: RunDirectory, strike: Strike, damage: str

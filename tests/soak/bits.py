@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.runs.checkpoint.replay import FIELDS
-from auvbench.runs.checkpoint.store import CheckpointStore
+from auvbench.training.checkpoint.replay import FIELDS
+from auvbench.training.checkpoint.store import CheckpointStore
 
 
 def bits(run: Path) -> dict[str, str]:

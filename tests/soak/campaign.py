@@ -73,7 +73,7 @@ def attempt(run: Any, death: tuple[str, float] | None) -> int:
     if child == 0:
         status = 1
         try:
-            from auvbench.runs.training import execute
+            from auvbench.training.execute import execute
 
             sys.stderr = (run.path / "stderr.txt").open("a")
             if death and death[0] == "operation":
@@ -142,7 +142,7 @@ def warm_up(folder: Path, cases: Sequence[str]) -> None:
     import numba
     import torch
 
-    from auvbench.runs.training import execute
+    from auvbench.training.execute import execute
 
     torch.set_num_threads(1)
     numba.set_num_threads(1)

@@ -17,9 +17,9 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
 from stable_baselines3.common.vec_env import VecNormalize
 
-from auvbench.runs.checkpoint import state
-from auvbench.runs.checkpoint.callback import Checkpointer
-from auvbench.runs.checkpoint.events import NAME, EventWriter
+from auvbench.training.checkpoint import state
+from auvbench.training.checkpoint.callback import Checkpointer
+from auvbench.training.checkpoint.events import NAME, EventWriter
 from tests.soak.pendulum import Pendulums
 
 LOGS = ("train/episodes.csv", f"train/{NAME}")

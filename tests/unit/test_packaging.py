@@ -57,6 +57,6 @@ def test_composing_imports_no_learner():
 
 
 def test_loading_runs_for_a_report_loads_no_compiler():
-    code = "import sys, auvbench.reporting.load; print(sorted({'numba', 'torch'} & sys.modules.keys()))"
+    code = "import sys, auvbench.analysis.load; print(sorted({'numba', 'torch'} & sys.modules.keys()))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"

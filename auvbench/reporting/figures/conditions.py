@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from auvbench.reporting.conditions import UNDISTURBED, UNITS, split
+from auvbench.analysis.conditions import UNDISTURBED, UNITS, split
+from auvbench.analysis.model import Agent
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import MANY, Drawing, FloatArray, Scene, seeds_sentence, shown, summary
-from auvbench.reporting.model import Agent
 
 NOMINAL_VALUES = {"current": 0.0, "delay": 0.0, "noise": 1.0, "mass": 1.0, "drag": 1.0}
 """where the undisturbed condition lies on a factor's axis; elsewhere it is a word before the others"""

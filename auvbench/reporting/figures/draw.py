@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from auvbench.analysis.model import Agent, Problem, Ranking, RunRecord
+from auvbench.analysis.processes import beside
 from auvbench.reporting.figures import conditions, matrices, paths, style, testing, training
 from auvbench.reporting.figures.model import Figure
 from auvbench.reporting.figures.scene import Drawing, Scene, scene
-from auvbench.reporting.model import Agent, Problem, Ranking, RunRecord
-from auvbench.reporting.processes import beside
 
 FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     "success_over_grid": matrices.success_over_grid,

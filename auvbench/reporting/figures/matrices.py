@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
+from auvbench.analysis.labels import part
+from auvbench.analysis.model import Row
+from auvbench.analysis.rounding import rounded
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
-from auvbench.reporting.labels import part
-from auvbench.reporting.model import Row
-from auvbench.reporting.rounding import rounded
 
 MOST_IN_MATRIX = 15
 

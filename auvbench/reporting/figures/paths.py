@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from auvbench.reporting.evaluations import Damage
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.model import Agent
+from auvbench.analysis.paths import paths
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown, without
 from auvbench.reporting.figures.testing import depth_limits, goal_radius
-from auvbench.reporting.model import Agent
-from auvbench.reporting.paths import paths
 from auvbench.tasks.record import OUTCOMES
 
 MOST = 6

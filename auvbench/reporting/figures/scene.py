@@ -12,10 +12,10 @@ import pandas as pd
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from auvbench.reporting.evaluations import Damage
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.model import Agent, Problem, Ranking, RunRecord
+from auvbench.analysis.training import training
 from auvbench.reporting.figures.style import Look, colour_of
-from auvbench.reporting.model import Agent, Problem, Ranking, RunRecord
-from auvbench.reporting.training import training
 
 FloatArray = NDArray[np.float64]
 

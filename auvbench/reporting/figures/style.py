@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 
-from auvbench.reporting.model import Agent
+from auvbench.analysis.model import Agent
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#882255")
 """Okabe and Ito (2008) without yellow, which does not show on white; the last from Tol's muted scheme"""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from auvbench.analysis.model import Agent
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import (
     MANY,
@@ -18,7 +19,7 @@ from auvbench.reporting.figures.scene import (
     shown,
     wants_symlog,
 )
-from auvbench.reporting.model import Agent, Estimate
+from auvbench.statistics.estimate import Estimate
 from auvbench.tasks.record import OUTCOMES
 
 MOST_LABELS = 12

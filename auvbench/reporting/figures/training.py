@@ -8,6 +8,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from auvbench.analysis.labels import part
+from auvbench.analysis.model import Agent
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import (
     MANY,
@@ -20,8 +22,6 @@ from auvbench.reporting.figures.scene import (
     wants_symlog,
     without,
 )
-from auvbench.reporting.labels import part
-from auvbench.reporting.model import Agent
 from auvbench.tasks.record import OUTCOMES
 
 RECORDS = "training records"

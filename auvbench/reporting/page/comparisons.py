@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from auvbench.reporting.model import Comparison
+from auvbench.analysis.model import Comparison
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.table import heading_of, sortable
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from auvbench.reporting.model import Ranking
+from auvbench.analysis.model import Ranking
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.page.table import Heading, Table, table_of
 from auvbench.reporting.tables.conditions import by_condition

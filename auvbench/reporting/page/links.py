@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-from auvbench.reporting.effects import learns
-from auvbench.reporting.model import Agent, RunRecord
+from auvbench.analysis.effects import learns
+from auvbench.analysis.model import Agent, RunRecord
 
 
 class Links:

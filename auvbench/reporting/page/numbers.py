@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 
-from auvbench.reporting import rounding
-from auvbench.reporting.model import Estimate
+from auvbench.analysis import rounding
+from auvbench.statistics.estimate import Estimate
 
 NOTHING = rounding.NOTHING
 MINUS = "−"

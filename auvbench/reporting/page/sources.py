@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from auvbench.reporting.model import Agent, Finding, Ranking, RunRecord
+from auvbench.analysis.model import Agent, Finding, Ranking, RunRecord
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 

@@ -10,7 +10,7 @@ from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 
 if TYPE_CHECKING:
-    from auvbench.reporting.study import Beside
+    from auvbench.analysis.study import Beside
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from auvbench.reporting.model import Estimate, Ranking, Row
+from auvbench.analysis.model import Ranking, Row
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.columns import COLUMNS, letters
 from auvbench.reporting.tables.notes import resolution
+from auvbench.statistics.estimate import Estimate
 
 PLOT_WIDTH = 108
 """px of an interval plot; its ends keep `PLOT_MARGIN` for the dot"""

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.reporting.evaluations import Damage
-from auvbench.reporting.model import Agent, Problem, RunRecord
-from auvbench.reporting.paths import paths
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.model import Agent, Problem, RunRecord
+from auvbench.analysis.paths import paths
 from auvbench.tasks.record import OUTCOMES
 
 POINTS = 320

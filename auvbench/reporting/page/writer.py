@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 from markupsafe import Markup
 
-from auvbench.reporting.model import Agent, Comparison, Finding, Problem, Ranking, RunRecord
+from auvbench.analysis.model import Agent, Comparison, Finding, Problem, Ranking, RunRecord
 from auvbench.reporting.page import comparisons, conditions, sources, study, table
 from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import trajectories as trajectories_
@@ -22,8 +22,8 @@ from auvbench.reporting.tables.notes import grouped
 from auvbench.reporting.write import against_baseline, text
 
 if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
+    from auvbench.analysis.study import Beside
     from auvbench.reporting.figures import Figure
-    from auvbench.reporting.study import Beside
 
 SCRIPTS = ("tables.js", "lightbox.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
 """Joined in this order into the page's one script."""

@@ -8,8 +8,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from auvbench.reporting.rounding import NOTHING, rounded
-from auvbench.reporting.study import Beside
+from auvbench.analysis.rounding import NOTHING, rounded
+from auvbench.analysis.study import Beside
 
 ON_SCREEN = ("success_rate", "mean_steps", "mean_deviation_mean_m")
 """the measures that fit; report.md has all"""

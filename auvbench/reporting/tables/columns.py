@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from auvbench.reporting.model import Estimate, Ranking, Row
-from auvbench.reporting.rounding import NOTHING, rounded
+from auvbench.analysis.model import Ranking, Row
+from auvbench.analysis.rounding import NOTHING, rounded
+from auvbench.statistics.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True)

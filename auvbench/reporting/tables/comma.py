@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from auvbench.reporting.model import Comparison, Ranking
+from auvbench.analysis.model import Comparison, Ranking
 
 
 def csv(ranking: Ranking) -> str:

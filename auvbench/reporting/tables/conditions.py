@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import groupby
 
-from auvbench.reporting.conditions import in_words, split
-from auvbench.reporting.model import Ranking
+from auvbench.analysis.conditions import in_words, split
+from auvbench.analysis.model import Ranking
 from auvbench.reporting.tables.columns import DAGGER, Column, one_seed_among_many
 from auvbench.reporting.tables.latex import HEAD, escape, floats
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from auvbench.reporting.model import Ranking
+from auvbench.analysis.model import Ranking
 from auvbench.reporting.tables import columns as c
 from auvbench.reporting.tables.notes import grouped, notes
 

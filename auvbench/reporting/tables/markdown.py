@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from auvbench.reporting.model import Comparison, Ranking
+from auvbench.analysis.model import Comparison, Ranking
 from auvbench.reporting.tables import columns as c
 from auvbench.reporting.tables.conditions import LEAD, by_condition, note
 from auvbench.reporting.tables.notes import grouped, notes

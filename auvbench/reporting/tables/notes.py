@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from auvbench.reporting.model import Problem, Ranking
-from auvbench.reporting.rounding import NOTHING
+from auvbench.analysis.model import Problem, Ranking
+from auvbench.analysis.rounding import NOTHING
 from auvbench.reporting.tables.columns import DAGGER, letters, one_seed_among_many
 
 KINDS = {

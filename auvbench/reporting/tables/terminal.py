@@ -11,8 +11,8 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from auvbench.reporting.model import Comparison, Finding, Ranking, Row
-from auvbench.reporting.rounding import rounded
+from auvbench.analysis.model import Comparison, Finding, Ranking, Row
+from auvbench.analysis.rounding import rounded
 from auvbench.reporting.tables import columns as c
 from auvbench.reporting.tables.conditions import LEAD, blocks, by_condition, note
 from auvbench.reporting.tables.notes import grouped, notes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from auvbench.agents.base import CONTROLLERS, resolve
-from auvbench.agents.estimate import Estimator
+from auvbench.agents.classical.estimate import Estimator
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch

@@ -13,14 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from auvbench.analysis import conditions
+from auvbench.analysis.load import agents, load
+from auvbench.analysis.model import Ranking
+from auvbench.analysis.ranking import rank
 from auvbench.commands.report import main
-from auvbench.reporting import conditions, tables
-from auvbench.reporting.load import agents, load
-from auvbench.reporting.model import Ranking
-from auvbench.reporting.ranking import rank
-from auvbench.reporting.statistics import wilson
+from auvbench.reporting import tables
 from auvbench.reporting.tables.columns import Column
 from auvbench.reporting.tables.conditions import blocks
+from auvbench.statistics import wilson
 from tests.paper import compile_article, needs_pdflatex
 from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, write_experiment
 

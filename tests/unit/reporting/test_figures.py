@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from auvbench.reporting import processes
+from auvbench.analysis import processes
+from auvbench.analysis.load import agents, load
+from auvbench.analysis.rounding import rounded
 from auvbench.reporting.figures import FIGURES, colour_of, draw_all, style
 from auvbench.reporting.figures.scene import Scene, scene, wants_symlog
-from auvbench.reporting.load import agents, load
-from auvbench.reporting.rounding import rounded
 from tests.plain_ranking import plain_ranking
 from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, TRANSFER, write_experiment
 

@@ -15,11 +15,12 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
+from auvbench.analysis.model import Agent, Finding, Ranking, Row, RunRecord
+from auvbench.analysis.ranking import rank
 from auvbench.reporting import page
-from auvbench.reporting.model import Agent, Estimate, Finding, Ranking, Row, RunRecord
 from auvbench.reporting.page import figures, numbers, study, table, trajectories
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.ranking import rank
+from auvbench.statistics.estimate import Estimate
 from tests import page_data
 
 

@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from auvbench.analysis.load import agents, load
+from auvbench.analysis.model import Problem, Ranking
 from auvbench.reporting import tables
-from auvbench.reporting.load import agents, load
-from auvbench.reporting.model import Estimate, Problem, Ranking
 from auvbench.reporting.tables import columns as columns_of_tables
 from auvbench.reporting.tables.latex import fitting
+from auvbench.statistics.estimate import Estimate
 from tests.paper import compile_article, needs_pdflatex
 from tests.plain_ranking import plain_ranking
 from tests.synthetic import write_experiment

@@ -16,11 +16,11 @@ from auvbench import cli
 from auvbench.config.compose import compose
 from auvbench.errors import RunError, plain_warnings
 from auvbench.runs import directory
-from auvbench.runs.checkpoint import extending
-from auvbench.runs.checkpoint.store import CheckpointWarning
 from auvbench.runs.directory import RunDirectory, freeze
-from auvbench.runs.scheduling import loop
-from auvbench.runs.scheduling.base import Phase, Status
+from auvbench.scheduling import loop
+from auvbench.scheduling.base import Phase, Status
+from auvbench.training.checkpoint import extending
+from auvbench.training.checkpoint.store import CheckpointWarning
 from tests import fake_training
 
 ORDINARY = warnings.formatwarning

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 from auvbench.config.compose import compose
 from auvbench.runs import provenance
 from auvbench.runs.directory import freeze
-from auvbench.runs.training import execute
+from auvbench.training.execute import execute
 
 
 def test_threads_are_those_of_the_run(tmp_path: Path) -> None:

@@ -18,9 +18,9 @@ from rich.console import Console
 
 from auvbench.runs import lock, lock_files, processes, standing
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.scheduling.local import LocalBackend
-from auvbench.runs.scheduling.loop import Outcome, Result
-from auvbench.runs.scheduling.sweep import sweep
+from auvbench.scheduling.local import LocalBackend
+from auvbench.scheduling.loop import Outcome, Result
+from auvbench.scheduling.sweep import sweep
 from tests import fake_training
 
 ROOT = Path(__file__).parents[3]
@@ -30,8 +30,8 @@ import sys
 from pathlib import Path
 from rich.console import Console
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.scheduling.local import LocalBackend
-from auvbench.runs.scheduling.sweep import sweep
+from auvbench.scheduling.local import LocalBackend
+from auvbench.scheduling.sweep import sweep
 runs = [RunDirectory(path) for path in sorted(Path(sys.argv[1]).iterdir())]
 backend = LocalBackend(2, target="tests.fake_training:execute", preload=())
 sys.exit(sweep(runs, backend, Console(width=200)).exit_code)

@@ -16,9 +16,9 @@ from auvbench.config.compose import compose
 from auvbench.config.launchers import Slurm
 from auvbench.errors import UserError
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.scheduling import grid, slurm
-from auvbench.runs.scheduling.base import Phase, SubmitError
-from auvbench.runs.scheduling.slurm import SlurmBackend
+from auvbench.scheduling import grid, slurm
+from auvbench.scheduling.base import Phase, SubmitError
+from auvbench.scheduling.slurm import SlurmBackend
 from tests import fake_training
 
 SBATCH = """\
@@ -136,7 +136,7 @@ def test_the_script_says_what_was_configured(cluster: Cluster, run: RunDirectory
     assert lines[:3] == ["trap '' USR1", "module load python", "source env/bin/activate"]
     words = shlex.split(lines[-1])
     assert words[:2] == ["exec", sys.executable]
-    assert words[words.index("auvbench.runs.worker") + 1] == str(run.path)
+    assert words[words.index("auvbench.training.worker") + 1] == str(run.path)
 
 
 def test_the_script_is_a_shell_script_whatever_the_path(cluster: Cluster, tmp_path: Path) -> None:

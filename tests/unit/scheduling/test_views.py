@@ -13,9 +13,9 @@ from rich.console import Console
 
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Progress
-from auvbench.runs.scheduling import estimate, views
-from auvbench.runs.scheduling.base import Phase, Status
-from auvbench.runs.scheduling.loop import Outcome
+from auvbench.scheduling import estimate, views
+from auvbench.scheduling.base import Phase, Status
+from auvbench.scheduling.loop import Outcome
 from tests import fake_training
 
 

@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecNormalize
 
-from auvbench.agents import learners
+from auvbench.agents.learned import learners
 from auvbench.config.compose import compose, option, typed
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch

@@ -1,0 +1,1 @@
+"""Policies that are trained: Stable-Baselines3's algorithms."""

@@ -1,0 +1,84 @@
+"""Effects of a factor of the grid, averaged over the cells that match in everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from auvbench.analysis.labels import part, sort_key
+from auvbench.analysis.measures import Measure
+from auvbench.analysis.model import Agent
+from auvbench.statistics import contrast
+from auvbench.statistics.estimate import Estimate
+
+
+def learns(agent: Agent) -> bool:
+    """Whether the agent was trained: K and the training frequency mean nothing to one that was not."""
+    return any(run.manifest.get("steps") for run in agent.runs)
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """Difference first level - second level of a factor, averaged over matched cells."""
+
+    factor: str
+    first: str
+    second: str
+    pairs: tuple[tuple[Agent, Agent], ...]
+    difference: Estimate
+    p_value: float
+
+
+def matched(agents: Sequence[Agent], factor: str, first: Any, second: Any) -> list[tuple[Agent, Agent]]:
+    """Pairs of agents at the two levels of the factor that are equal in all other keys."""
+    cells: dict[tuple[tuple[str, Any], ...], dict[Any, Agent]] = {}
+    for agent in agents:
+        rest = tuple(sorted((k, v) for k, v in agent.key.items() if k != factor))
+        cells.setdefault(rest, {})[agent.key.get(factor)] = agent
+    found = [(cell[first], cell[second]) for cell in cells.values() if first in cell and second in cell]
+    return sorted(found, key=lambda pair: pair[0].label)
+
+
+def mean_difference(
+    pairs: Sequence[tuple[Agent, Agent]], m: Measure, confidence: float
+) -> tuple[Estimate, float]:
+    """Mean over the pairs of first - second, with its interval, and the p-value of none.
+
+    The pairs are taken as they are (the cells of this grid); what varies is seeds and scenarios.
+    """
+    agents = list({id(agent): agent for pair in pairs for agent in pair}.values())
+    weights = np.zeros(len(agents))
+    for first, second in pairs:
+        weights[_index(agents, first)] += 1 / len(pairs)
+        weights[_index(agents, second)] -= 1 / len(pairs)
+    found = contrast(m.table(agents), weights, confidence)
+    return found.estimate, found.p_value
+
+
+def _index(agents: Sequence[Agent], wanted: Agent) -> int:
+    return next(i for i, agent in enumerate(agents) if agent is wanted)
+
+
+def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> list[Effect]:
+    """The effects of each factor that varies among the agents that learn.
+
+    Of up to three levels every pair; of more, the last (largest) with the first (smallest). An effect that cannot
+    be tested (no values, a single episode) is left out.
+    """
+    learners = [agent for agent in agents if learns(agent)]
+    result = []
+    for factor in learners[0].key if learners else ():
+        levels = {agent.key.get(factor) for agent in learners} - {None}
+        ordered = sorted(levels, key=lambda level: sort_key({"": level}))
+        chosen = list(combinations(ordered, 2)) if len(ordered) <= 3 else [(ordered[0], ordered[-1])]
+        for second, first in chosen:
+            if pairs := matched(learners, factor, first, second):
+                estimate, p = mean_difference(pairs, m, confidence)
+                if np.isfinite(p):
+                    names = part(factor, first), part(factor, second)
+                    result.append(Effect(factor, *names, tuple(pairs), estimate, p))
+    return result

@@ -1,0 +1,168 @@
+"""Reads one evaluation of a run, and says what is wrong with it: of a damaged one, no row enters a table."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from auvbench.analysis.model import Evaluation
+from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
+
+SCHEMA_VERSION = 1
+"""of manifest.json and summary.json: what this auvbench reads"""
+
+CORE_COLUMNS = (
+    "steps",
+    "duration_s",
+    "return",
+    "final_distance_m",
+    "deviation_mean_m",
+    "deviation_std_m",
+    "command_norm_mean_N",
+    "command_norm_sum_N",
+    "energy_J",
+)
+"""without these an evaluation is not reported on; not all of a record's columns, so that an evaluation stays
+readable when a later auvbench measures something more"""
+
+MEASURED = tuple(name for name in RECORD_COLUMNS if name not in ("episode", "environment", "outcome"))
+"""columns that hold a finite number in every row, where they are there"""
+
+LARGEST = 1e30
+"""nothing that is measured comes near; the squares of larger numbers would leave what a float holds"""
+
+
+class Damage(Exception):
+    """Why a file cannot be used; `kind` is that of the `Problem`."""
+
+    def __init__(self, message: str, kind: str = "damaged") -> None:
+        super().__init__(message)
+        self.kind = kind
+
+
+def finite(table: np.ndarray[Any, Any]) -> bool:
+    """Whether all of it are numbers that can have been measured."""
+    # A text anywhere makes a table one of objects; NaN compares as False.
+    return table.dtype.kind in "if" and bool((np.abs(table) <= LARGEST).all())
+
+
+def json_object(path: Path) -> dict[str, Any]:
+    """A JSON object of the schema version that is read here."""
+    try:
+        data = json.loads(path.read_bytes())
+    except OSError as error:
+        raise Damage(f"{path.name} is missing") from error
+    except (ValueError, RecursionError) as error:
+        raise Damage(f"{path.name} is not valid JSON") from error
+    version = data.get("schema_version") if isinstance(data, dict) else None
+    if version != SCHEMA_VERSION:
+        raise Damage(
+            f"{path.name} has schema_version {version}, this auvbench reads {SCHEMA_VERSION}", "foreign"
+        )
+    return dict(data)
+
+
+def read_evaluation(directory: Path) -> Evaluation:
+    """summary.json and episodes.csv of one protocol.
+
+    Raises:
+        Damage: one of them cannot be used, or they disagree.
+    """
+    summary = json_object(directory / "summary.json")
+    if missing := {"fingerprint", "conditions"} - summary.keys():
+        raise Damage(f"summary.json has no {', '.join(sorted(missing))}")
+    return Evaluation(
+        protocol=directory.name,
+        fingerprint=str(summary["fingerprint"]),
+        summary=summary,
+        episodes=_episodes(directory / "episodes.csv", _conditions(summary)),
+        directory=directory,
+    )
+
+
+def _conditions(summary: Mapping[str, Any]) -> dict[str, int]:
+    """Episodes by condition."""
+    try:
+        found = {c["name"]: c["episodes"] for c in summary["conditions"]}
+    except (KeyError, TypeError) as error:
+        raise Damage("summary.json does not name its conditions and how many episodes each has") from error
+    for name, episodes in found.items():
+        if not isinstance(name, str) or not isinstance(episodes, int) or episodes < 1:
+            raise Damage(
+                f"summary.json says {episodes!r} episodes of condition {name!r}, which is no number of episodes"
+            )
+    if len(found) < max(1, len(summary["conditions"])):
+        raise Damage("summary.json has no conditions, or one of them twice")
+    return found
+
+
+def _episodes(path: Path, expected: Mapping[str, int]) -> pd.DataFrame:
+    """episodes.csv, checked: all columns, all rows of the summary, no row cut short, all values possible."""
+    try:
+        frame = pd.read_csv(path, engine="c", low_memory=False)
+        with path.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            ends_with_newline = file.read() == b"\n"
+    except FileNotFoundError as error:
+        raise Damage("episodes.csv is missing") from error
+    except (OSError, ValueError) as error:  # pandas' parser and empty-data errors are ValueErrors
+        raise Damage(f"episodes.csv cannot be read ({str(error).strip()})") from error
+    needed = ("condition", "episode", "outcome", *CORE_COLUMNS)
+    if missing := [c for c in needed if c not in frame.columns]:
+        raise Damage(f"episodes.csv lacks the columns {', '.join(missing)}")
+    rows = sum(expected.values())
+    if len(frame) != rows:
+        raise Damage(f"episodes.csv has {len(frame)} rows, summary.json says {rows}: evaluate again")
+    if not ends_with_newline or frame.iloc[-1:, -1].isna().any():
+        raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows ends half way")
+    _check_rows(frame, expected)
+    _check_numbers(frame)
+    return frame
+
+
+def _check_rows(frame: pd.DataFrame, expected: Mapping[str, int]) -> None:
+    """Known outcomes, and of each condition the episodes of the summary, each once."""
+    if bad := {str(name) for name in frame["outcome"].to_numpy()} - set(OUTCOMES):
+        raise Damage(f"episodes.csv has the outcome {min(bad)!r}, none of {', '.join(OUTCOMES)}")
+    conditions = frame["condition"].astype(str).tolist()
+    found = Counter(conditions)
+    for name in [*expected, *found]:
+        if found[name] != expected.get(name, 0):
+            raise Damage(
+                f"episodes.csv has {found[name]} episodes of condition {name!r}, "
+                f"summary.json says {expected.get(name, 0)}: evaluate again"
+            )
+    numbers = frame["episode"].to_numpy()
+    if numbers.dtype.kind != "i" or numbers.min() < 0:
+        raise Damage("episodes.csv: episode is not a whole number from 0 in every row")
+    ids = list(zip(conditions, numbers.tolist(), strict=True))
+    if len(set(ids)) < len(ids):
+        (name, number), times = Counter(ids).most_common(1)[0]
+        raise Damage(f"episodes.csv has episode {number} of condition {name!r} {times} times: evaluate again")
+
+
+def _check_numbers(frame: pd.DataFrame) -> None:
+    """What was measured is a finite number everywhere, and steps are whole and at least one."""
+    columns = [name for name in MEASURED if name in frame.columns]
+    if not finite(frame[columns].to_numpy()):
+        for column in columns:
+            numbers = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64)
+            _refuse(frame, ~np.isfinite(numbers), f"{column} is not a finite number")
+            _refuse(frame, np.abs(numbers) > LARGEST, f"{column} is beyond ±{LARGEST:g}")
+    steps = frame["steps"].to_numpy(dtype=np.float64)
+    _refuse(frame, (steps < 1) | (steps != np.rint(steps)), "steps is not a whole number from 1")
+
+
+def _refuse(frame: pd.DataFrame, bad: np.ndarray[Any, np.dtype[np.bool_]], what: str) -> None:
+    if bad.any():
+        first = frame["episode"].iloc[int(bad.argmax())]
+        raise Damage(
+            f"episodes.csv: {what} in {int(bad.sum())} of {len(frame)} episodes (first: episode {first})"
+        )

@@ -1,0 +1,302 @@
+"""Sentences that the data generate: what the table says, quantified, and no more than it says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.analysis.effects import Effect, effects, learns
+from auvbench.analysis.labels import factor_name
+from auvbench.analysis.measures import Measure, measure
+from auvbench.analysis.model import Agent, Finding, Ranking, Row
+from auvbench.analysis.prose import (
+    amount,
+    counted,
+    difference,
+    listed,
+    name,
+    p_value,
+    probability,
+    turned,
+    unit,
+)
+from auvbench.statistics import EPISODES_ONLY, holm, shared
+from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import FloatArray, quantile
+from auvbench.tasks.record import OUTCOMES
+
+NEAR_THE_LIMIT = 5.0
+"""m; a waypoint so close to the surface or the floor counts as near a depth limit"""
+MOST_EFFECTS = 8
+"""that are not resolved and yet listed, the sharpest first"""
+ENOUGH_SCENARIOS = 10
+"""of either kind, before anything is said of where failures lie"""
+
+
+def sentences(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
+    """What there is to say of a ranking and the agents behind it, most important first."""
+    m = measure(ranking.rank_by)
+    by_label = {agent.label: agent for agent in agents}
+    ordered = [by_label[row.label] for row in ranking.rows]
+    found = [
+        _best(ranking, m),
+        _resolved(ranking),
+        _against_baseline(ranking, m),
+        *_effects(ordered, m, ranking.confidence),
+        *_failures(ordered, ranking.confidence),
+        _seeds(ordered, m),
+        _single_seeds(ranking, ordered),
+    ]
+    return [finding for finding in found if finding is not None]
+
+
+def _best(ranking: Ranking, m: Measure) -> Finding:
+    row = ranking.rows[0]
+    value = f"{name(m)} {amount(row.estimates[m.name], m)}"
+    basis = counted(row.episodes, "test episode")
+    if row.trained:
+        basis = f"{counted(len(row.seeds), 'training seed')} x {basis}"
+    if len(ranking.rows) == 1:
+        return Finding(f"{row.label} is the only agent: {value}.", statistic=basis, run_ids=row.run_ids)
+    near = [other.label for other in ranking.rows[1:] if shared(other.group, row.group)]
+    text = f"{row.label} is first, with {value}"
+    if not near:
+        others = "the only other agent" if len(ranking.rows) == 2 else f"all {len(ranking.rows) - 1} others"
+        text += f", and is resolved from {others}."
+    elif len(near) == len(ranking.rows) - 1:
+        text += ", but is not resolved from any other agent: the data do not say who is best."
+    else:
+        text += f", but is not resolved from {listed(near)}: the best is one of these."
+    share = f"First in {probability(row.probability_best)} of the resamples of these seeds and scenarios"
+    statistic = f"{share}; rank {_range(row)}; {basis}."
+    return Finding(text, statistic=statistic, run_ids=row.run_ids)
+
+
+def _range(row: Row) -> str:
+    first, last = row.rank_interval
+    return f"{first}" if first == last else f"{first} to {last}"
+
+
+def _resolved(ranking: Ranking) -> Finding | None:
+    n = len(ranking.rows)
+    if n < 3:
+        return None
+    neighbours = sum(not shared(a.group, b.group) for a, b in pairwise(ranking.rows))
+    text = f"Of the {n - 1} steps from one place of the table to the next, {neighbours or 'none'} "
+    text += f"{'is' if neighbours == 1 else 'are'} resolved: "
+    if neighbours == n - 1:
+        text += "the order is that of the table."
+    elif neighbours:
+        text += "across the others the order may be another."
+    else:
+        text += "any two neighbours may stand in the other order."
+    percent = f"{100 * ranking.confidence:g} %"
+    return Finding(
+        text, statistic=f"Tests of all {n * (n - 1) // 2} pairs, Holm-corrected, {percent} together."
+    )
+
+
+def _against_baseline(ranking: Ranking, m: Measure) -> Finding | None:
+    if ranking.baseline is None or len(ranking.rows) < 2:
+        return None
+    better, worse, open_ = [], [], []
+    for c in ranking.comparisons:
+        if ranking.baseline not in (c.first, c.second):
+            continue
+        other = c.second if c.first == ranking.baseline else c.first
+        of_other = turned(c.difference) if c.first == ranking.baseline else c.difference
+        entry = (other, of_other)
+        if not c.p_adjusted < 1 - ranking.confidence:
+            open_.append(entry)
+        elif of_other.value * m.sign > 0:
+            better.append(entry)
+        else:
+            worse.append(entry)
+    parts = []
+    for verb, entries in (("better", better), ("worse", worse)):
+        if entries:
+            label, most = max(entries, key=lambda entry: abs(entry[1].value))
+            far = (
+                f"; the furthest is {label} with {difference(most, m)}"
+                if len(entries) > 1
+                else f", {difference(most, m)}"
+            )
+            parts.append(
+                f"{counted(len(entries), 'agent')} {verb} ({listed([e[0] for e in entries], 3)}{far})"
+            )
+    if open_:
+        parts.append(f"{len(open_)} not resolved ({listed([e[0] for e in open_], 3)})")
+    text = f"Against the baseline {ranking.baseline}, in {name(m)}: {'; '.join(parts)}."
+    n = len(better) + len(worse) + len(open_)
+    statistic = f"Holm over {counted(n, 'comparison')} with the baseline."
+    return Finding(
+        text,
+        statistic=statistic,
+        run_ids=next(r.run_ids for r in ranking.rows if r.label == ranking.baseline),
+    )
+
+
+def _effects(agents: Sequence[Agent], m: Measure, confidence: float) -> list[Finding]:
+    """A sentence for each effect that is resolved, and one for all that are not."""
+    found = effects(agents, m, confidence)
+    adjusted = holm([effect.p_value for effect in found])
+    family = f"Holm over {counted(len(found), 'effect')}"
+    resolved = [(e, float(p)) for e, p in zip(found, adjusted, strict=True) if p < 1 - confidence]
+    open_ = [e for e, p in zip(found, adjusted, strict=True) if not p < 1 - confidence]
+    result = []
+    for effect, p in resolved:
+        n = len(effect.pairs)
+        cells = f"averaged over {n} matched cells" if n > 1 else "in the one matched cell"
+        word = "better" if effect.difference.value * m.sign > 0 else "worse"
+        change = difference(effect.difference, m)
+        text = f"{effect.first} is {word} than {effect.second} in {name(m)}: {change}, {cells}."
+        statistic = f"{p_value(p)}, {family}; {_covered(effect.difference)}."
+        result.append(Finding(text, statistic=statistic, run_ids=_runs([effect])))
+    if open_:
+        factors = list(dict.fromkeys(factor_name(effect.factor) for effect in open_))
+        other = "other " if resolved else ""
+        text = f"No {other}effect of {listed(factors, word='or')} on {name(m)} is resolved."
+        open_.sort(key=lambda effect: effect.difference.high - effect.difference.low)
+        items = [_open(effect, m, confidence) for effect in open_[:MOST_EFFECTS]]
+        if len(open_) > MOST_EFFECTS:
+            items.append(f"{len(open_) - MOST_EFFECTS} more with wider intervals")
+        statistic = f"{'; '.join(items)}. {family}, averaged over matched cells."
+        result.append(Finding(text, statistic=statistic, run_ids=_runs(open_)))
+    return result
+
+
+def _open(effect: Effect, m: Measure, confidence: float) -> str:
+    """An effect that is not resolved, in a list: what the data leave possible is in its interval."""
+    text = f"{effect.first} against {effect.second} {difference(effect.difference, m)}"
+    return f"{text}, resolved if it were the only one" if effect.p_value < 1 - confidence else text
+
+
+def _runs(found: Sequence[Effect]) -> tuple[str, ...]:
+    return tuple(
+        dict.fromkeys(run.id for e in found for pair in e.pairs for agent in pair for run in agent.runs)
+    )
+
+
+def _covered(estimate: Estimate) -> str:
+    return f"the interval covers {estimate.covers}" + (" only" if estimate.covers == EPISODES_ONLY else "")
+
+
+def _failures(agents: Sequence[Agent], confidence: float) -> list[Finding]:
+    counts = [sum(int((agent.outcome == code).sum()) for agent in agents) for code in range(len(OUTCOMES))]
+    failed = counts[1] + counts[2]
+    if not failed:
+        episodes = sum(counts)
+        return [Finding(f"No agent failed in any of the {episodes:,} test episodes.")]
+    kind, share = (
+        ("timeouts", counts[2] / failed) if counts[2] >= counts[1] else ("collisions", counts[1] / failed)
+    )
+    worst = max(agents, key=lambda agent: float((agent.outcome == 1).mean()))
+    text = f"{100 * share:.0f} % of the {failed:,} failures of all agents are {kind}"
+    if counts[1]:
+        text += f"; most collisions has {worst.label} ({100 * float((worst.outcome == 1).mean()):.1f} % of its episodes)"
+    result = [Finding(f"{text}.")]
+    telling = [agent for agent in agents if 0.05 <= agent.success.mean() <= 0.999]
+    if telling:
+        rate = np.mean([1 - agent.success.mean(axis=0) for agent in telling], axis=0)
+        result += [f for f in (_depth(telling, rate, confidence), _distance(telling, rate, confidence)) if f]
+    return result
+
+
+def _depth(agents: Sequence[Agent], rate: FloatArray, confidence: float) -> Finding | None:
+    """Do waypoints near the depth limits fail more often?"""
+    z = agents[0].metrics.get("waypoint_z_m")
+    config = agents[0].runs[0].config
+    low, high = config.get("task.depth_low", -60.0), config.get("task.depth_high", -1.0)
+    if z is None:
+        return None
+    near = np.minimum(z[0] - low, high - z[0]) < NEAR_THE_LIMIT
+    return _places(
+        rate, near, f"less than {NEAR_THE_LIMIT:g} m from a depth limit", "elsewhere", len(agents), confidence
+    )
+
+
+def _distance(agents: Sequence[Agent], rate: FloatArray, confidence: float) -> Finding | None:
+    """Do far waypoints fail more often? The farthest third against the nearest."""
+    distance = agents[0].metrics.get("initial_distance_m")
+    if distance is None:
+        return None
+    near, far = np.quantile(distance[0], [1 / 3, 2 / 3])
+    outer = (distance[0] <= near) | (distance[0] >= far)
+    kind = distance[0][outer] >= far
+    names = f"farther than {far:.0f} m", f"nearer than {near:.0f} m"
+    return _places(rate[outer], kind, *names, len(agents), confidence)
+
+
+def _places(
+    rate: FloatArray,
+    kind: NDArray[np.bool_],
+    one: str,
+    other: str,
+    n: int,
+    confidence: float,
+) -> Finding | None:
+    """Compares the failure rates (E,) of two kinds of scenarios by Welch's test; these agents, other scenarios."""
+    first, second = rate[kind], rate[~kind]
+    if min(len(first), len(second)) < ENOUGH_SCENARIOS or rate.std() == 0:
+        return None
+    parts = np.array([first.var(ddof=1) / len(first), second.var(ddof=1) / len(second)])
+    df = parts.sum() ** 2 / (parts**2 / [len(first) - 1, len(second) - 1]).sum()
+    half = float(quantile(confidence, df)) * float(np.sqrt(parts.sum()))
+    value = float(first.mean() - second.mean())
+    estimate = Estimate(value, value - half, value + half, confidence)
+    m = measure("success_rate")  # for its unit: these are rates too
+    means = f"{100 * first.mean():.1f} % of the episodes with a waypoint {one} fail, {100 * second.mean():.1f} % {other}"
+    if abs(value) > half:
+        text = f"{means}: {difference(estimate, m)}."
+    else:
+        text = f"{means}: no difference is resolved ({difference(estimate, m)})."
+    statistic = f"{counted(n, 'agent')} with success between 5 and 99.9 %, {len(first)} and {len(second)} scenarios; Welch."
+    return Finding(text, statistic=statistic)
+
+
+def _seeds(agents: Sequence[Agent], m: Measure) -> Finding | None:
+    several = [agent for agent in agents if len(agent.outcome) > 1 and np.isfinite(m.values(agent)).all()]
+    if not several:
+        return None
+    means = [m.values(agent).mean(axis=1) for agent in several]
+    ranges = np.array([x.max() - x.min() for x in means])
+    widest = int(ranges.argmax())
+    table = m.table(several, paired=False)
+    known = table.variance > 0
+    if not known.any():
+        return None
+    of_seeds = np.maximum(table.between_seeds - table.residual, 0)[known]
+    share = float(np.median(of_seeds / table.variance[known]))
+    scale, digits = (100.0, 1) if m.rate else (1.0, 0)
+    low, high = scale * means[widest].min(), scale * means[widest].max()
+    median = scale * float(np.median(ranges))
+    points = " points" if m.rate else ""
+    text = f"Training seeds of one agent differ in {name(m)} by {median:.{digits}f}{points}"
+    if len(several) > 1:
+        text += f" (median over {len(several)} agents), most in"
+    else:
+        text += ":"
+    text += f" {several[widest].label}, {low:.{digits}f} to {high:.{digits}f}{unit(m)}."
+    statistic = (
+        f"{100 * share:.0f} % of the variance of an agent's {name(m)} (median) is between training seeds"
+    )
+    statistic += ": more seeds would tell more than more episodes." if share > 0.5 else "."
+    return Finding(text, statistic=statistic, run_ids=tuple(run.id for run in several[widest].runs))
+
+
+def _single_seeds(ranking: Ranking, agents: Sequence[Agent]) -> Finding | None:
+    single = [agent.label for agent in agents if len(agent.outcome) == 1 and learns(agent)]
+    if not single:
+        return None
+    who = (
+        "Every trained agent has"
+        if len(single) == sum(learns(a) for a in agents)
+        else f"{listed(single)} have"
+    )
+    if len(single) == 1:
+        who = f"{single[0]} has"
+    text = f"{who} one training seed: the intervals cover test episodes only, and another seed may rank otherwise."
+    return Finding(text)

@@ -1,0 +1,237 @@
+"""Reads run directories for a report, and names what keeps a run, or a part of it, out of the tables.
+
+Nothing here stops at the first thing wrong: what can be read is returned, the rest comes back as `Problem`s.
+Format of the directories: docs/architecture.md; of the CSV: docs/protocol.md.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from auvbench.analysis.evaluations import LARGEST, Damage, json_object, read_evaluation
+from auvbench.analysis.grouping import agents
+from auvbench.analysis.model import Problem, RunRecord
+from auvbench.analysis.processes import each
+from auvbench.errors import ReportError, closest
+
+__all__ = ["agents", "available_protocols", "load", "require"]
+
+NAMED = 3
+"""problems in the message that there is nothing to report"""
+
+NUMBERS = (
+    "reward.k",
+    "step.frequency",
+    "task.goal_radius",
+    "task.depth_low",
+    "task.depth_high",
+    "task.max_steps",
+)
+"""keys of a configuration that a report calculates with or sorts by"""
+
+
+_Read = tuple[RunRecord | None, list[Problem]]
+"""a run, if it can be used, and what is wrong with it"""
+
+
+def load(
+    paths: Iterable[str | Path], protocol: str | Sequence[str] = "test"
+) -> tuple[list[RunRecord], list[Problem]]:
+    """All runs under some paths, with their evaluations by the given protocols.
+
+    Args:
+        paths: run directories or folders above them.
+        protocol: name, or names, of the protocols whose evaluations are read. A complete run that lacks the
+            first of them is named as a problem; the others may be absent.
+
+    Returns:
+        the runs sorted by id, failed and unfinished ones included (without evaluations), and the problems.
+
+    Raises:
+        ReportError: a path does not exist, or there is not one readable run under all of them.
+    """
+    protocols = (protocol,) if isinstance(protocol, str) else tuple(protocol)
+    problems: list[Problem] = []
+    directories = list(_directories(paths, problems))
+    runs = _without_duplicates(_collect(each(_read_run, directories), problems), problems)
+    if not runs:
+        details = f": {problems[0].where}: {problems[0].message}" if problems else ""
+        raise ReportError(f"no run under {', '.join(map(str, paths))}{details}")
+    return _collect(each(lambda run: _with_evaluations(run, protocols), runs), problems), problems
+
+
+def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
+    """The runs there are; what was wrong is added to `problems`."""
+    runs = []
+    for run, found in read:
+        problems += found
+        if run is not None:
+            runs.append(run)
+    return runs
+
+
+def available_protocols(runs: Iterable[RunRecord]) -> list[str]:
+    """Names of the protocols by which at least one of the runs was evaluated."""
+    return sorted({p.parent.name for run in runs for p in run.directory.glob("evaluations/*/summary.json")})
+
+
+def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: str) -> None:
+    """Says why there is nothing to report by a protocol, where no run has a usable evaluation by it.
+
+    Raises:
+        ReportError: naming the protocols there are, or else the first of the problems.
+    """
+    if any(protocol in run.evaluations for run in runs):
+        return
+    there = available_protocols(runs)
+    if there and protocol not in there:
+        raise ReportError(
+            f"none of the {len(runs)} runs was evaluated by protocol {protocol!r}; {closest(protocol, there)}"
+        )
+    reasons = [f"{p.where}: {p.message}" for p in problems]
+    more = f"; and {len(reasons) - NAMED} more" if len(reasons) > NAMED else ""
+    raise ReportError(
+        f"none of the {len(runs)} runs has a usable evaluation by protocol {protocol!r}: "
+        f"{'; '.join(reasons[:NAMED])}{more}"
+    )
+
+
+def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterator[Path]:
+    seen: set[Path] = set()
+    for path in map(Path, paths):
+        if not path.exists():
+            raise ReportError(f"no such folder: {path}")
+        found = 0
+        for folder, folders, files in os.walk(path):
+            here = Path(folder)
+            if "manifest.json" in files:
+                folders.clear()  # nothing below a run is a run
+                found += 1
+                if (real := here.resolve()) not in seen:
+                    seen.add(real)
+                    yield here
+            elif "config.yaml" in files and here != path:
+                folders.clear()
+                problems.append(Problem(str(here), "damaged", "config.yaml without a manifest.json"))
+            else:
+                folders[:] = sorted(f for f in folders if f != "report" and not f.startswith("."))
+        if not found:
+            problems.append(Problem(str(path), "missing", "no run here (no folder with a manifest.json)"))
+
+
+def _read_run(directory: Path) -> _Read:
+    try:
+        return _run(directory), []
+    except Damage as damage:
+        return None, [Problem(str(directory), damage.kind, str(damage))]
+
+
+def _run(directory: Path) -> RunRecord:
+    manifest = json_object(directory / "manifest.json")
+    if missing := {"id", "state", "seed"} - manifest.keys():
+        raise Damage(f"manifest.json is not that of a run (no {', '.join(sorted(missing))})", "foreign")
+    for key in ("seed", "steps", "total_steps"):
+        value = manifest.get(key, 0)
+        # A run that was not started may have no steps yet.
+        if type(value) is not int and (value is not None or key == "seed"):
+            raise Damage(f"manifest.json has the {key} {_brief(value)}, which is no integer")
+    return RunRecord(
+        id=str(manifest["id"]),
+        directory=directory,
+        state=str(manifest["state"]),
+        seed=manifest["seed"],
+        config=_config(directory / "config.yaml"),
+        manifest=manifest,
+    )
+
+
+def _config(path: Path) -> dict[str, Any]:
+    """The configuration of a run by dotted keys, with what labels and groups need of the right type."""
+    try:
+        # The C loader is ten times faster than OmegaConf on a resolved configuration.
+        config = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)
+    except OSError as error:
+        raise Damage("config.yaml is missing") from error
+    except (yaml.YAMLError, ValueError) as error:  # a ValueError: the 99th of a month
+        raise Damage("config.yaml is not valid YAML") from error
+    if not isinstance(config, dict):
+        raise Damage("config.yaml is empty")
+    try:
+        flat = dict(_flat(config))
+    except RecursionError as error:  # an anchor that holds itself
+        raise Damage("config.yaml is nested without an end") from error
+    if not isinstance(algo := flat.get("algo.name"), str):
+        raise Damage(f"config.yaml is not that of a run (algo.name is {_brief(algo)}, not a name)")
+    for key in NUMBERS:
+        value = flat.get(key)
+        if value is not None and (type(value) not in (int, float) or not abs(value) <= LARGEST):
+            raise Damage(f"config.yaml has the {key} {_brief(value)}, which is no number")
+    return flat
+
+
+def _brief(value: Any) -> str:
+    text = "absent" if value is None else repr(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def _flat(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in config.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _without_duplicates(runs: Sequence[RunRecord], problems: list[Problem]) -> list[RunRecord]:
+    """One run per id: of copies, the complete one that ended last."""
+    by_id: dict[str, list[RunRecord]] = {}
+    for run in runs:
+        by_id.setdefault(run.id, []).append(run)
+    kept = []
+    for _, copies in sorted(by_id.items()):
+        copies.sort(
+            key=lambda r: (r.state == "complete", str(r.manifest.get("ended") or ""), str(r.directory))
+        )
+        kept.append(copies[-1])
+        for copy in copies[:-1]:
+            message = f"a second run with this id, in {copy.directory}; {copies[-1].directory} is reported"
+            problems.append(Problem(copy.id, "duplicate", message))
+    return kept
+
+
+def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
+    """The run with its evaluations read; a failed or unfinished one keeps none."""
+    if run.state != "complete":
+        return run, [_why_not(run)]
+    evaluations = {}
+    problems = []
+    for name in protocols:
+        directory = run.directory / "evaluations" / name
+        if Path(name).name != name or not directory.is_dir():  # a name leads to no other folder
+            if name == protocols[0]:
+                hint = f"auvbench evaluate {run.directory} protocol={name}"
+                problems.append(Problem(run.id, "missing", f"no evaluation by protocol {name}: {hint}"))
+            continue
+        try:
+            evaluations[name] = read_evaluation(directory)
+        except Damage as damage:
+            problems.append(Problem(run.id, damage.kind, f"evaluation {name}: {damage}"))
+    return replace(run, evaluations=evaluations), problems
+
+
+def _why_not(run: RunRecord) -> Problem:
+    manifest = run.manifest
+    if run.state == "failed":
+        error = manifest.get("error")
+        error = error if isinstance(error, dict) else {}
+        at = f" at step {error['step']:,}" if isinstance(error.get("step"), int) else ""
+        return Problem(run.id, "failed", f"failed{at}: {error.get('message', 'no message')}")
+    steps, total = manifest.get("steps") or 0, manifest.get("total_steps") or 0
+    share = f" at {steps:,} of {total:,} steps" if total else ""
+    return Problem(run.id, "unfinished", f"{run.state}{share}: type its command again to finish it")

@@ -1,0 +1,162 @@
+"""What passes between the parts of a report: loaded runs, agents, the ranking, the findings.
+
+`load.py` makes `RunRecord`s and groups them into `Agent`s; `ranking.py` turns agents into a `Ranking`;
+`reporting` only draws what it is handed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from auvbench.statistics.estimate import Estimate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluation:
+    """One protocol applied to one run."""
+
+    protocol: str
+    fingerprint: str
+    """hash of the scenarios: rows of different fingerprints are never mixed in one table"""
+    summary: Mapping[str, Any]
+    """summary.json as read"""
+    episodes: pd.DataFrame
+    """a row per episode; the columns of docs/protocol.md"""
+    directory: Path
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunRecord:
+    """One run directory as read from disk."""
+
+    id: str
+    directory: Path
+    state: str
+    """pending | running | interrupted | failed | complete"""
+    seed: int
+    config: Mapping[str, Any]
+    """the resolved configuration, flattened to dotted keys: {"algo.name": "ppo", "reward.k": 1.0}"""
+    manifest: Mapping[str, Any]
+    evaluations: Mapping[str, Evaluation] = field(default_factory=dict)
+    """by the protocol's name"""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Something that keeps a run, or a part of it, out of the tables; always named, never printed as zeros."""
+
+    where: str
+    """run id or path"""
+    kind: str
+    """missing | failed | unfinished | damaged | foreign | duplicate | mixed"""
+    message: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agent:
+    """All seeds of one configuration on one condition of one protocol: a row of the table.
+
+    Every metric is an array (seeds, episodes); column j is the same scenario for every agent, so differences
+    are paired by column.
+    """
+
+    label: str
+    """'PPO K=1 25 Hz', as short as the grouping allows"""
+    key: Mapping[str, Any]
+    """the values of --group-by, e.g. {"algo": "ppo", "reward.k": 1.0, "step.frequency": 25.0}"""
+    runs: tuple[RunRecord, ...]
+    """one per training seed, in the order of the rows of the metrics"""
+    fingerprint: str
+    outcome: NDArray[np.int8]
+    """(seeds, episodes) codes into `OUTCOMES`"""
+    metrics: Mapping[str, NDArray[np.float64]]
+    """by column name: (seeds, episodes)"""
+
+    @property
+    def success(self) -> NDArray[np.float64]:
+        """(seeds, episodes) 1.0 where the episode ended in success."""
+        return np.asarray(self.outcome == 0, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One agent's row of the ranking."""
+
+    label: str
+    key: Mapping[str, Any]
+    seeds: tuple[int, ...]
+    run_ids: tuple[str, ...]
+    episodes: int
+    """test episodes per seed"""
+    rank: int
+    rank_interval: tuple[int, int]
+    probability_best: float
+    group: str
+    """agents that share a letter are not resolved from each other (compact letter display)"""
+    estimates: Mapping[str, Estimate]
+    """by metric name: success_rate, collision_rate, timeout_rate, mean_steps, and mean_<column> for the others"""
+    trained: bool = True
+    """False for a controller that does not learn: it has no training seeds to be unsure of"""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One agent against another, or against the baseline, paired by scenario."""
+
+    first: str
+    second: str
+    metric: str
+    difference: Estimate
+    p_value: float
+    p_adjusted: float
+    """Holm-corrected over all pairs of the table; with the baseline, over the comparisons with it"""
+    probability_of_improvement: Estimate
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """Success under one condition of a protocol."""
+
+    name: str
+    """nominal, current=0.5, vehicle=bluerov2-heavy"""
+    success: Mapping[str, Estimate]
+    """by the agent's label; an agent that was not tested under it is absent"""
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """The ranked table and what stands behind it."""
+
+    rows: tuple[Row, ...]
+    rank_by: str
+    then: str
+    protocol: str
+    condition: str
+    fingerprint: str
+    confidence: float
+    baseline: str | None
+    comparisons: tuple[Comparison, ...]
+    improvement: NDArray[np.float64]
+    """(agents, agents) probability that the row's agent does better than the column's on a scenario"""
+    problems: tuple[Problem, ...] = ()
+    conditions: tuple[Condition, ...] = ()
+    """all of the protocol where it has several, that of the ranking among them"""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One sentence that the data generate, or one claim of a study with its verdict."""
+
+    text: str
+    verdict: str = ""
+    """'' | holds | does not hold | cannot be said"""
+    statistic: str = ""
+    missing: str = ""
+    run_ids: tuple[str, ...] = ()

@@ -1,0 +1,97 @@
+"""Numbers and lists as they stand in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from auvbench.analysis.measures import Measure
+from auvbench.analysis.rounding import rounded
+from auvbench.statistics.estimate import Estimate
+
+_UNITS = {"m": "m", "s": "s", "N": "N", "J": "J", "rad": "rad"}
+
+
+def name(m: Measure) -> str:
+    """A measure in a sentence.
+
+    >>> from auvbench.analysis.measures import measure
+    >>> name(measure("success_rate")), name(measure("mean_deviation_mean_m")), name(measure("mean_smoothness_per_s"))
+    ('success rate', 'deviation mean', 'smoothness')
+    """
+    words = m.name.split("_") if m.rate else m.column.split("_")
+    while len(words) > 1 and (words[-1] in _UNITS or words[-1] == "per"):
+        words.pop()
+    return " ".join(words)
+
+
+def unit(m: Measure) -> str:
+    """Unit of a measure, with a space in front; empty where it has none.
+
+    >>> from auvbench.analysis.measures import measure
+    >>> unit(measure("success_rate")), unit(measure("mean_energy_J")), unit(measure("mean_smoothness_per_s"))
+    (' %', ' J', '/s')
+    """
+    if m.rate:
+        return " %"
+    if m.column.endswith("_per_s"):
+        return "/s"
+    last = m.column.rpartition("_")[2]
+    return f" {_UNITS[last]}" if last in _UNITS and "_" in m.column else ""
+
+
+def amount(estimate: Estimate, m: Measure) -> str:
+    """A value with its interval: '97.2 % [95.3, 98.4]'."""
+    value, low, high = rounded(estimate, 100.0 if m.rate else 1.0)
+    return f"{value}{unit(m)}" + (f" [{low}, {high}]" if low else "")
+
+
+def difference(estimate: Estimate, m: Measure) -> str:
+    """A difference with its interval and sign: '+3.1 points [1.0, 5.2]' for a rate."""
+    value, low, high = rounded(estimate, 100.0 if m.rate else 1.0)
+    sign = "+" if estimate.value > 0 and not value.startswith("-") else ""
+    of = " points" if m.rate else unit(m)
+    return f"{sign}{value}{of}" + (f" [{low}, {high}]" if low else "")
+
+
+def turned(estimate: Estimate) -> Estimate:
+    """The same difference seen from the other side."""
+    return replace(estimate, value=-estimate.value, low=-estimate.high, high=-estimate.low)
+
+
+def listed(items: Sequence[str], most: int = 5, word: str = "and") -> str:
+    """A list in words, cut off where it is long.
+
+    >>> listed(["a", "b", "c"], word="or"), listed(list("abcdefgh"), most=3)
+    ('a, b or c', 'a, b, c and 5 more')
+    """
+    if len(items) > most + 1:
+        return f"{', '.join(items[:most])} and {len(items) - most} more"
+    return f" {word} ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
+
+
+def counted(n: int, noun: str) -> str:
+    """A number with its noun.
+
+    >>> counted(1, "seed"), counted(3, "seed")
+    ('1 seed', '3 seeds')
+    """
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def probability(p: float) -> str:
+    """A probability without false precision at its ends.
+
+    >>> probability(0.613), probability(0.9999), probability(0.0001)
+    ('61 %', '> 99 %', '< 1 %')
+    """
+    return "> 99 %" if p > 0.99 else "< 1 %" if p < 0.01 else f"{100 * p:.0f} %"
+
+
+def p_value(p: float) -> str:
+    """A p-value.
+
+    >>> p_value(0.04321), p_value(0.00001)
+    ('p = 0.043', 'p < 0.001')
+    """
+    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}" if p < 0.0995 else f"p = {p:.2f}"

@@ -1,0 +1,44 @@
+"""Studies: claims that a report answers from whatever runs are there. `--study thesis` is the one there is.
+
+docs/statistics.md states each claim's test; `thesis` holds the thesis's numbers, `claims` the tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from auvbench.analysis.model import Agent, Finding, RunRecord
+from auvbench.analysis.study.beside import Beside, beside, markdown
+from auvbench.analysis.study.claims import CLAIMS
+from auvbench.analysis.study.evidence import Evidence
+from auvbench.errors import ReportError, closest
+
+__all__ = ["STUDIES", "Beside", "answer", "beside", "markdown"]
+
+STUDIES = {"thesis": CLAIMS}
+
+
+def answer(
+    runs: Sequence[RunRecord],
+    agents: Sequence[Agent],
+    study: str = "thesis",
+    *,
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> list[Finding]:
+    """Each claim of a study with its verdict: holds, does not hold, cannot be said (and what is missing).
+
+    Args:
+        runs: all runs, for their training records; unfinished ones are left out.
+        agents: evaluated agents of one condition; grouped by algorithm, K and frequency, whatever else.
+        study: name of the study.
+        confidence: of every interval.
+        seed: of permutations and bootstrap.
+
+    Raises:
+        ReportError: no such study.
+    """
+    if study not in STUDIES:
+        raise ReportError(f"--study {study!r} is not known; {closest(study, STUDIES)}")
+    evidence = Evidence(runs, agents, confidence, seed)
+    return [claim(evidence) for claim in STUDIES[study]]

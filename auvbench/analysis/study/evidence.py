@@ -1,0 +1,68 @@
+"""What a study's claims are judged on: the agents of each algorithm in their cells, and the runs' training."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from auvbench.analysis.model import Agent, RunRecord
+from auvbench.analysis.study.learning import Learning, learning
+
+FACTORS = {"algo": "algo.name", "reward.k": "reward.k", "step.frequency": "step.frequency"}
+
+
+@dataclass(eq=False)
+class Evidence:
+    """Runs and agents of a report, as the claims look at them."""
+
+    runs: Sequence[RunRecord]
+    agents: Sequence[Agent]
+    confidence: float
+    seed: int
+    _trained: dict[str, list[Learning]] = field(default_factory=dict)
+    """by algorithm; reading the records of a long training takes a while, so each is read once"""
+
+    def __post_init__(self) -> None:
+        """Gives every agent a key with the factors of the grid, from its runs where they were not grouped by."""
+        self.agents = [_with_factors(agent) for agent in self.agents]
+
+    def of(self, family: str) -> list[Agent]:
+        """The agents of an algorithm: those trained as in the thesis (`sac_thesis`) where there are any."""
+        names = {str(agent.key["algo"]) for agent in self.agents}
+        name = f"{family}_thesis" if f"{family}_thesis" in names else family
+        return [agent for agent in self.agents if agent.key["algo"] == name]
+
+    def learnings(self, family: str) -> list[Learning]:
+        """The training records of an algorithm's runs, evaluated or not."""
+        names = {str(run.config.get("algo.name")) for run in self.runs}
+        name = f"{family}_thesis" if f"{family}_thesis" in names else family
+        if name not in self._trained:
+            mine = [
+                run for run in self.runs if run.state == "complete" and run.config.get("algo.name") == name
+            ]
+            found = (learning(run) for run in sorted(mine, key=lambda run: run.id))
+            self._trained[name] = [one for one in found if one is not None]
+        return self._trained[name]
+
+
+def _with_factors(agent: Agent) -> Agent:
+    key: dict[str, Any] = {"algo": agent.key.get("algo.name"), **agent.key}
+    key.pop("algo.name", None)
+    for short, full in FACTORS.items():
+        if key.get(short) is None:
+            values = {run.config.get(full) for run in agent.runs}
+            key[short] = values.pop() if len(values) == 1 else None
+    return replace(agent, key=key)
+
+
+def cell(agent: Agent) -> tuple[float, float]:
+    """K and training frequency of an agent; NaN where its runs differ."""
+    k, f = agent.key["reward.k"], agent.key["step.frequency"]
+    return (float("nan") if k is None else float(k), float("nan") if f is None else float(f))
+
+
+def cell_of_run(run: RunRecord) -> tuple[float, float]:
+    """K and training frequency of a run."""
+    k, f = run.config.get("reward.k"), run.config.get("step.frequency")
+    return (float("nan") if k is None else float(k), float("nan") if f is None else float(f))

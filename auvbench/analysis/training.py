@@ -1,0 +1,36 @@
+"""Reads the training records of a run, checked."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from auvbench.analysis.evaluations import Damage, finite
+from auvbench.analysis.model import RunRecord
+from auvbench.tasks.record import OUTCOMES
+
+NUMBERS = ("step", "steps", "return", "final_distance_m")
+"""columns of train/episodes.csv that a report uses, beside the outcome"""
+
+
+def training(run: RunRecord) -> pd.DataFrame | None:
+    """The columns of train/episodes.csv that a report uses; None where there is no such file (PID).
+
+    Raises:
+        Damage: the file cannot be read, lacks a column, or holds a value that cannot be.
+    """
+    path = run.directory / "train" / "episodes.csv"
+    if not path.exists():
+        return None
+    name, needed = "train/episodes.csv", ("outcome", *NUMBERS)
+    try:
+        frame = pd.read_csv(path, usecols=lambda c: c in needed, engine="c", low_memory=False)
+    except (OSError, ValueError) as error:  # pandas' parser and empty-data errors are ValueErrors
+        reason = " ".join(str(error).split())
+        raise Damage(f"{name} cannot be read ({reason})") from error
+    if missing := [c for c in needed if c not in frame.columns]:
+        raise Damage(f"{name} lacks the columns {', '.join(missing)}")
+    if bad := {str(outcome) for outcome in frame["outcome"].unique()} - set(OUTCOMES):
+        raise Damage(f"{name} has the outcome {min(bad)!r}, none of {', '.join(OUTCOMES)}")
+    if not finite(frame[list(NUMBERS)].to_numpy()):
+        raise Damage(f"{name} is cut short or has values that are not finite numbers")
+    return frame

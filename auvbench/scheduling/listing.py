@@ -1,0 +1,149 @@
+"""Runs as rows: what `auvbench runs` shows of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from auvbench.errors import RunError, UserError, closest
+from auvbench.runs import lock, standing
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.standing import State
+from auvbench.scheduling import progress
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One run; times in seconds, rates in [0, 1]."""
+
+    id: str
+    name: str  # of the experiment: the folder
+    path: str
+    state: State
+    algo: str
+    seed: int
+    steps: int
+    total_steps: int
+    episodes: int
+    success_rate: float | None  # over the last 100 training episodes
+    wall_time_s: float
+    created: str | None
+    holder: str | None  # who works on it
+    error: str | None
+
+    @property
+    def progress(self) -> float:
+        if self.state is State.COMPLETE:
+            return 1.0
+        return min(1.0, self.steps / self.total_steps) if self.total_steps > 0 else 0.0
+
+
+ORDER = {state: number for number, state in enumerate(State)}
+
+SORTS: dict[str, Callable[[Row], Any]] = {
+    "id": lambda row: row.id,
+    "name": lambda row: (row.name, row.id),
+    "state": lambda row: (ORDER[row.state], row.id),
+    "algo": lambda row: (row.algo, row.id),
+    "seed": lambda row: (row.seed, row.id),
+    "progress": lambda row: (-row.progress, row.id),
+    "success": lambda row: (-1.0 if row.success_rate is None else -row.success_rate, row.id),
+    "wall": lambda row: (-row.wall_time_s, row.id),
+    "created": lambda row: (row.created or "", row.id),
+}
+"""Sort keys; progress, success and wall time begin with the largest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """Which rows are wanted; an empty field wants all."""
+
+    states: Collection[str] = ()
+    algos: Collection[str] = ()
+    seeds: Collection[int] = ()
+    names: Collection[str] = ()
+    id: str = ""  # a part of it
+
+    def wants(self, row: Row) -> bool:
+        return (
+            (not self.states or row.state in self.states)
+            and (not self.algos or row.algo in self.algos)
+            and (not self.seeds or row.seed in self.seeds)
+            and (not self.names or row.name in self.names)
+            and self.id in row.id
+        )
+
+
+def rows(runs: Iterable[RunDirectory]) -> tuple[list[Row], list[str]]:
+    """A row per run, and a line per run whose manifest cannot be read."""
+    clock = lock.shared_clock()
+    found: list[Row] = []
+    problems: list[str] = []
+    for run in runs:
+        try:
+            found.append(_row(run, clock))
+        except (RunError, KeyError, ValueError, TypeError) as error:
+            problems.append(
+                str(error) if isinstance(error, RunError) else f"{run.manifest_path}: damaged: {error}"
+            )
+    return found, problems
+
+
+def _row(run: RunDirectory, clock: Callable[[Path], float]) -> Row:
+    at = standing.of(run, clock=clock)
+    manifest = at.manifest
+    steps, episodes, success = manifest["steps"], manifest["episodes"], manifest["success_rate"]
+    wall = float(manifest["wall_time_s"])
+    if at.state in (State.RUNNING, State.INTERRUPTED):
+        # The manifest is written at the start and at the end; in between, and after a kill, this knows more.
+        last = progress.read(run.path)
+        if last is not None and last.steps >= steps:
+            steps, episodes, success = last.steps, last.episodes, last.success_rate
+            if at.holder is not None:
+                begun = datetime.fromisoformat(at.holder.since).timestamp()
+                wall += max(0.0, last.time - begun)
+    error = manifest.get("error") or {}
+    return Row(
+        id=str(manifest["id"]),
+        name=run.path.absolute().parent.name,
+        path=str(run.path),
+        state=at.state,
+        algo=str(manifest["algo"]),
+        seed=int(manifest["seed"]),
+        steps=int(steps),
+        total_steps=int(manifest["total_steps"]),
+        episodes=int(episodes),
+        success_rate=success,
+        wall_time_s=wall,
+        created=manifest.get("created"),
+        holder=str(at.holder) if at.holder else None,
+        error=error.get("message") if at.state is State.FAILED else None,
+    )
+
+
+def choose(found: Sequence[Row], wanted: Filter, sort: str = "name") -> list[Row]:
+    """The wanted rows in order.
+
+    Raises:
+        UserError: there is no such state, algorithm, experiment or sort key among the rows.
+    """
+    if sort not in SORTS:
+        raise UserError(f"--sort {sort}: unknown; {closest(sort, SORTS)}")
+    _known("--state", wanted.states, [state.value for state in State])
+    _known("--algo", wanted.algos, [row.algo for row in found])
+    _known("--name", wanted.names, [row.name for row in found])
+    return sorted(filter(wanted.wants, found), key=SORTS[sort])
+
+
+def _known(option: str, given: Collection[str], valid: Iterable[str]) -> None:
+    names = list(valid)
+    for value in given:
+        if value not in names:
+            raise UserError(f"{option} {value}: unknown; {closest(value, names)}")
+
+
+def as_json(row: Row) -> dict[str, Any]:
+    return {**asdict(row), "progress": row.progress}

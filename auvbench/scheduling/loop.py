@@ -1,0 +1,201 @@
+"""The scheduling loop: as many runs at once as the backend takes, none costs another, the end is summed up."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from types import FrameType
+from typing import Protocol
+
+from auvbench.errors import RunError
+from auvbench.runs import lock
+from auvbench.runs.directory import RunDirectory
+from auvbench.scheduling.base import Backend, Job, Phase, Status, SubmitError
+from auvbench.training import worker
+from auvbench.training.interruption import SIGNALS
+from auvbench.training.worker import HELD
+
+TICK = 0.25  # s between two looks at the jobs
+TRIES = 3  # how often a run is started whose node or server died under it
+
+
+class Outcome(StrEnum):
+    """What became of a run in this sweep."""
+
+    COMPLETE = "complete"
+    FAILED = "failed"
+    INTERRUPTED = "interrupted"
+    HELD = "held"
+    NOT_STARTED = "not started"
+
+
+@dataclass(slots=True)
+class Result:
+    """What became of all runs."""
+
+    outcomes: dict[Path, tuple[Outcome, str]] = field(default_factory=dict)
+    signal: signal.Signals | None = None  # what ended the sweep early
+
+    def of(self, outcome: Outcome) -> dict[Path, str]:
+        """The runs with this outcome and the message of each."""
+        return {run: message for run, (found, message) in self.outcomes.items() if found is outcome}
+
+    @property
+    def exit_code(self) -> int:
+        """128 + signal when interrupted, 0 when all runs are complete, else 1."""
+        if self.signal is not None:
+            return 128 + self.signal
+        return 0 if all(outcome is Outcome.COMPLETE for outcome, _ in self.outcomes.values()) else 1
+
+
+class View(Protocol):
+    """Shows how a sweep goes on."""
+
+    def begin(self) -> None: ...
+    def started(self, run: RunDirectory, job: Job) -> None: ...
+    def polled(self, run: RunDirectory, phase: Phase) -> None: ...
+    def ended(self, run: RunDirectory, outcome: Outcome, message: str) -> None: ...
+    def say(self, text: str) -> None: ...
+    def refresh(self) -> None: ...
+    def end(self) -> None: ...
+
+
+class Loop:
+    """Drives one sweep."""
+
+    def __init__(self, runs: Sequence[RunDirectory], backend: Backend, view: View) -> None:
+        self.waiting = deque(runs)
+        self.backend = backend
+        self.view = view
+        self.active: dict[Job, RunDirectory] = {}
+        self.tries: dict[Path, int] = {}
+        self.result = Result()
+        self.signals = 0  # how many have come
+        self._obeyed = 0  # how many have been passed on
+
+    def drive(self) -> Result:
+        """Until every run has an outcome.
+
+        Raises:
+            SubmitError: the backend refuses a run although it has nothing else to do.
+            UserError: the backend cannot work here.
+        """
+        self.view.begin()
+        try:
+            with self._listen():
+                while self.waiting or self.active:
+                    self._obey()
+                    self._fill()
+                    self.backend.wait(TICK)
+                    self._collect()
+                    self.view.refresh()
+        finally:
+            self.view.end()
+            self.backend.close()
+        return self.result
+
+    def _fill(self) -> None:
+        while self.waiting and (self.backend.limit is None or len(self.active) < self.backend.limit):
+            run = self.waiting[0]
+            try:
+                job = self.backend.adopt(run.path) or self.backend.submit(run.path)
+            except SubmitError:
+                if not self.active:
+                    raise
+                return  # a limit of the cluster, perhaps: again when a job has ended
+            except OSError as error:  # its directory has gone or takes nothing more
+                self.waiting.popleft()
+                self._settle(run, Outcome.FAILED, f"could not be started: {error}")
+                continue
+            self.waiting.popleft()
+            self.tries[run.path] = self.tries.get(run.path, 0) + 1
+            self.active[job] = run
+            self.view.started(run, job)
+
+    def _collect(self) -> None:
+        for job, run in list(self.active.items()):
+            status = job.poll()
+            if not status.ended:
+                self.view.polled(run, status.phase)
+                continue
+            del self.active[job]
+            if status.lost and not self.signals and self.tries[run.path] < TRIES:
+                self.view.say(f"{run.path.name}: {status.describe()}; it is resumed")
+                self.waiting.appendleft(run)
+                continue
+            try:
+                outcome, message = judge(run, job, status, cancelled=self.signals > 0)
+            except RunError as error:  # somebody removed or damaged it meanwhile
+                outcome, message = Outcome.FAILED, str(error)
+            self._settle(run, outcome, message)
+
+    def _settle(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
+        self.result.outcomes[run.path] = (outcome, message)
+        self.view.ended(run, outcome, message)
+
+    def _obey(self) -> None:
+        """Passes signals on to the workers: the first as a request, the second as an end."""
+        if self.signals == self._obeyed:
+            return
+        self._obeyed = self.signals
+        force = self.signals > 1
+        for run in self.waiting:
+            self._settle(run, Outcome.NOT_STARTED, "")
+        self.waiting.clear()
+        if self.active:
+            verb = "are killed" if force else "save and leave; once more kills them"
+            self.view.say(f"interrupted: the {len(self.active)} running {verb}")
+        for job in self.active:
+            job.cancel(force=force)
+
+    @contextlib.contextmanager
+    def _listen(self) -> Iterator[None]:
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = {number: signal.signal(number, self._note) for number in SIGNALS}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        self.signals += 1
+        self.result.signal = self.result.signal or signal.Signals(number)
+
+
+def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tuple[Outcome, str]:
+    """What became of a run whose job has ended; a death it could not record itself is recorded for it."""
+    manifest = run.manifest()
+    state = manifest["state"]
+    if state == "complete":
+        return Outcome.COMPLETE, ""
+    if status.code == HELD:
+        return Outcome.HELD, f"held by {lock.current(run.path) or 'somebody who has left by now'}"
+    # An error in the manifest of a job that was killed is that of an earlier attempt.
+    if state == "failed" and manifest["error"] and (status.code is None or status.code > 0):
+        return Outcome.FAILED, str(manifest["error"]["message"])
+    if cancelled or status.code in {128 + number for number in SIGNALS}:
+        if state == "pending":
+            return Outcome.INTERRUPTED, "stopped before it started"
+        return Outcome.INTERRUPTED, f"saved at step {manifest['steps']}"
+    if state == "interrupted" and status.code is None:
+        return Outcome.INTERRUPTED, status.describe()
+    message = status.describe() if status.code != 0 else "ended without an error and without being complete"
+    if status.code is not None and status.code >= 0:
+        message = f"{message}; {run.train / 'log.txt'} may say why"
+    try:
+        with lock.acquire(run.path, gone=job.mark):
+            worker.fail(run, kind="WorkerDied", message=message)
+    except lock.RunHeldError as held:
+        return Outcome.HELD, f"{message}; taken over by {held.holder}"
+    except (RunError, OSError) as error:
+        message = f"{message}; its manifest could not be written ({error})"
+    return Outcome.FAILED, message

@@ -1,0 +1,130 @@
+"""Runs as tasks of a Ray cluster, or of a Ray started on this machine.
+
+Each task starts the worker as a process of its own instead of training inside Ray's: a run then has the same
+threads, signals and log wherever it is carried out, and nothing of one run is left in the process of the next.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from auvbench.config.launchers import Ray
+from auvbench.errors import UserError
+from auvbench.runs import lock
+from auvbench.scheduling.base import Phase, Status
+from auvbench.training.worker import TARGET
+
+
+@dataclass(slots=True, eq=False)
+class RayJob:
+    """A task."""
+
+    run: Path
+    task: Any
+    backend: RayBackend
+    status: Status = field(default_factory=lambda: Status(Phase.QUEUED))
+
+    @property
+    def mark(self) -> str | None:
+        return None
+
+    def poll(self) -> Status:
+        if not self.status.ended:
+            self.status = self.backend.status(self)
+        return self.status
+
+    def cancel(self, *, force: bool = False) -> None:
+        if not self.status.ended:
+            self.backend.ray.cancel(self.task, force=force)
+
+    def __str__(self) -> str:
+        return f"ray task {self.task.task_id().hex()[:16]}"
+
+
+class RayBackend:
+    """A Ray cluster; run directories lie on a file system that all of its nodes share."""
+
+    name = "ray"
+
+    def __init__(self, options: Ray, *, target: str = TARGET) -> None:
+        try:
+            import ray
+        except ImportError as error:
+            raise UserError("launcher=ray needs Ray: pip install 'auvbench[ray]'") from error
+        self.ray = ray
+        self.target = target
+        self.options = options
+        self.limit = options.workers or None  # Ray has a queue itself
+        self._started = not ray.is_initialized()
+        if self._started:
+            try:
+                ray.init(
+                    address=options.address,
+                    log_to_driver=False,
+                    include_dashboard=False,
+                    logging_level="warning",
+                )
+            except (ConnectionError, ValueError, RuntimeError) as error:
+                raise UserError(f"launcher.address={options.address}: {error}") from error
+        resources: dict[str, Any] = {"num_cpus": options.cpus}
+        if options.memory:
+            resources["memory"] = options.memory * 1024**2
+        # A run that is cut off is resumed by the scheduling loop, which knows its manifest; Ray does not.
+        self._carry_out = ray.remote(max_retries=0, **resources)(carry_out)
+
+    def submit(self, run: Path) -> RayJob:
+        return RayJob(run, self._carry_out.remote(str(run.absolute()), self.target), self)
+
+    def adopt(self, run: Path) -> RayJob | None:
+        return None  # tasks end with the sweep that started them
+
+    def wait(self, seconds: float) -> None:
+        time.sleep(seconds)
+
+    def close(self) -> None:
+        if self._started:
+            self.ray.shutdown()
+
+    def status(self, job: RayJob) -> Status:
+        ready, _ = self.ray.wait([job.task], timeout=0)
+        if not ready:
+            # Ray tells queued from running tasks only through its dashboard; the run's lock tells it too.
+            return Status(Phase.QUEUED if lock.current(job.run) is None else Phase.RUNNING)
+        errors = self.ray.exceptions
+        try:
+            return Status(Phase.ENDED, code=self.ray.get(job.task))
+        except errors.TaskCancelledError:
+            return Status(Phase.ENDED, code=128 + signal.SIGTERM)
+        except (errors.WorkerCrashedError, errors.OutOfMemoryError) as error:
+            return Status(Phase.ENDED, reason=_first_line(error))
+        except (errors.NodeDiedError, errors.ObjectLostError, errors.OwnerDiedError) as error:
+            return Status(Phase.ENDED, reason=_first_line(error), lost=True)
+        except errors.RayError as error:
+            return Status(Phase.ENDED, reason=_first_line(error))
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
+def carry_out(run: str, target: str) -> int:
+    """In a process of Ray's, on some node: starts the worker and returns its exit code."""
+    worker = [sys.executable, "-P", "-m", "auvbench.training.worker", run, "--log", "--target", target]
+    process = subprocess.Popen(
+        [*worker, "--parent", str(os.getpid())], stdin=subprocess.DEVNULL, start_new_session=True
+    )
+    try:
+        while process.poll() is None:
+            time.sleep(
+                0.1
+            )  # ray.cancel sets a flag that Python looks at between two calls, not during a long one
+    except KeyboardInterrupt:
+        process.send_signal(signal.SIGTERM)
+    return process.wait()

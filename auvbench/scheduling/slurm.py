@@ -1,0 +1,314 @@
+"""Runs as jobs of a SLURM cluster: submitit writes the batch scripts and submits them.
+
+What is submitted is a command, not a pickled function. Three things that submitit could do besides are done
+otherwise, since an exact run allows or needs it:
+
+* whether a job is still there is learnt from one `squeue` for all jobs every `poll` seconds, for submitit asks
+  `sacct` alone: on a cluster without accounting a killed job would never end. How the run ended is in its manifest;
+* near its time limit the worker saves and has itself requeued as often as it takes, for submitit counts time-outs;
+* jobs are found again by the next sweep from the run's directory, not from pickled job objects.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from submitit.core.utils import FailedJobError, FailedSubmissionError
+from submitit.slurm.slurm import SlurmExecutor
+
+from auvbench.config.launchers import Slurm
+from auvbench.errors import RunError, UserError
+from auvbench.scheduling.base import Phase, Status, SubmitError
+from auvbench.training.worker import LOG, TARGET
+
+SCRIPTS = "slurm"
+"""In the run directory: the batch scripts that submitit wrote for it."""
+
+RESERVED = frozenset(
+    [
+        "-a",
+        "--array",
+        "-e",
+        "--error",
+        "-H",
+        "--hold",
+        "-J",
+        "--job-name",
+        "-o",
+        "--output",
+        "--open-mode",
+        "--parsable",
+        "-Q",
+        "--quiet",
+        "--requeue",
+        "--no-requeue",
+        "--signal",
+        "--test-only",
+        "-V",
+        "--version",
+        "-W",
+        "--wait",
+        "--wrap",
+    ]
+)
+"""sbatch's options that cannot be given besides"""
+
+JOB_FILE = "slurm.json"
+"""In the run directory: the job that was last submitted for it, so that the next sweep finds it again."""
+
+WAITING = {
+    "PENDING",
+    "CONFIGURING",
+    "REQUEUED",
+    "REQUEUE_HOLD",
+    "REQUEUE_FED",
+    "RESV_DEL_HOLD",
+    "SPECIAL_EXIT",
+}
+RUNNING = {"RUNNING", "COMPLETING", "STAGE_OUT", "SIGNALING", "SUSPENDED", "STOPPED", "RESIZING"}
+
+
+class Executor(SlurmExecutor):
+    """Submitit's, with further options on sbatch's command line, where no settings of a surrounding job rule."""
+
+    options: Sequence[str] = ()
+
+    def _make_submission_command(self, submission_file_path: Path) -> list[str]:
+        # A sweep that runs inside a job must not hand that job's settings on to those it submits.
+        unset = [f"--unset={name}" for name in os.environ if name.startswith("SBATCH_")]
+        return ["env", *unset, "sbatch", *self.options, str(submission_file_path)]
+
+
+@dataclass(slots=True, eq=False)
+class SlurmJob:
+    """A job of the cluster."""
+
+    run: Path
+    number: str
+    backend: SlurmBackend
+    status: Status = field(default_factory=lambda: Status(Phase.QUEUED))
+    gone_since: float | None = None  # monotonic time at which it was first missed
+
+    @property
+    def mark(self) -> str | None:
+        return f"slurm:{self.number}"
+
+    def poll(self) -> Status:
+        self.backend.update()
+        return self.status
+
+    def cancel(self, *, force: bool = False) -> None:
+        if self.status.ended:
+            return
+        if force:
+            command(["scancel", self.number], check=False)
+        else:
+            # A waiting job has nothing to save; a running one is told as by Ctrl-C, the batch process included.
+            command(["scancel", "--state=PENDING", self.number], check=False)
+            command(["scancel", "--signal=TERM", "--full", self.number], check=False)
+        self.backend.look_again()
+
+    def __str__(self) -> str:
+        return f"slurm job {self.number}"
+
+
+class SlurmBackend:
+    """A SLURM cluster that this machine can submit to; run directories lie on a file system that it shares."""
+
+    name = "slurm"
+
+    def __init__(self, options: Slurm, *, target: str = TARGET) -> None:
+        for program in ("sbatch", "srun", "squeue", "scontrol", "scancel"):
+            if shutil.which(program) is None:
+                raise UserError(f"launcher=slurm: there is no {program} on this machine; valid: a login node")
+        for option in options.sbatch:
+            if option.split("=")[0] in RESERVED:
+                raise UserError(
+                    f"launcher.sbatch={option}: auvbench needs that option itself, or one job and its number as "
+                    "the answer; valid: other options of sbatch"
+                )
+        self.options = options
+        self.target = target
+        self.limit = options.workers or None
+        self.jobs: dict[str, SlurmJob] = {}
+        self._next = 0.0
+
+    def submit(self, run: Path) -> SlurmJob:
+        run = run.absolute()
+        (run / LOG).parent.mkdir(exist_ok=True)
+        number = submit(self.executor(run), self.worker(run))
+        (run / JOB_FILE).write_text(json.dumps({"job": number, "submitted": time.time()}), encoding="utf-8")
+        return self._watch(run, number)
+
+    def adopt(self, run: Path) -> SlurmJob | None:
+        try:
+            number = str(json.loads((run / JOB_FILE).read_text(encoding="utf-8"))["job"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        state = self._states([number]).get(number)
+        # Numbers are given out again after a reinstallation: the job's name has to be the run's as well.
+        if state is None or state[0] not in WAITING | RUNNING or state[1] != run.name:
+            return None
+        return self._watch(run, number)
+
+    def wait(self, seconds: float) -> None:
+        time.sleep(seconds)
+
+    def close(self) -> None:
+        """Jobs that are still queued or running go on; the next sweep finds them (`adopt`)."""
+
+    def executor(self, run: Path) -> Executor:
+        """Submitit's executor for a run: sbatch's options and the shell lines before the worker.
+
+        The worker takes the place of the batch shell, without srun, so that signals reach it alone. Until it
+        listens, an announcement of the time limit is ignored rather than deadly: what follows it at the limit,
+        SIGTERM, makes the run save as well.
+        """
+        options = self.options
+        folder = run / SCRIPTS
+        if "%j" in str(folder):
+            raise UserError(
+                f"output: {str(run)!r} has a %j, which SLURM's tools replace by the job's number; "
+                "valid: a folder without"
+            )
+        folder.mkdir(exist_ok=True)
+        executor = Executor(folder=folder)
+        executor.options = options.sbatch
+        executor.update_parameters(
+            job_name=run.name,
+            time=options.time,
+            partition=options.partition,
+            account=options.account,
+            mem=options.mem,
+            nodes=1,
+            ntasks_per_node=1,
+            cpus_per_task=options.cpus,
+            setup=["trap '' USR1", *options.setup],
+            stderr_to_stdout=True,
+            use_srun=False,
+            wckey=None,
+            additional_parameters={
+                "output": str(run / LOG).replace("%", "%%"),
+                "requeue": True,
+                "signal": f"B:USR1@{options.signal_before}",
+            },
+        )
+        return executor
+
+    def worker(self, run: Path) -> str:
+        """The shell command that carries out a run."""
+        words = [sys.executable, "-P", "-m", "auvbench.training.worker", str(run), "--target", self.target]
+        return f"exec {shlex.join(words)} --requeue"
+
+    def update(self) -> None:
+        """Asks the cluster about all jobs, at most every `poll` seconds."""
+        now = time.monotonic()
+        open_jobs = {number: job for number, job in self.jobs.items() if not job.status.ended}
+        if now < self._next or not open_jobs:
+            return
+        self._next = now + self.options.poll
+        try:
+            states = self._states(list(open_jobs))
+        except SubmitError:
+            return  # the controller does not answer; that says nothing about the jobs
+        for number, job in open_jobs.items():
+            state = states.get(number, ("", ""))[0]
+            if state in WAITING:
+                job.status = Status(Phase.QUEUED)
+            elif state in RUNNING:
+                job.status = Status(Phase.RUNNING)
+            else:
+                self._missing(job, state)
+                continue
+            job.gone_since = None
+
+    def look_again(self) -> None:
+        """Makes the next update ask at once."""
+        self._next = 0.0
+
+    def _missing(self, job: SlurmJob, state: str) -> None:
+        """Believes that a job has ended when its manifest says so too, or after a grace for slow file servers."""
+        job.gone_since = job.gone_since or time.monotonic()
+        if _settled(job.run) or time.monotonic() - job.gone_since >= self.options.grace:
+            job.status = Status(Phase.ENDED, reason=self._reason(job.number, state))
+        else:
+            self._next = min(self._next, time.monotonic() + 1.0)
+
+    def _reason(self, number: str, state: str) -> str:
+        fields = _fields(command(["scontrol", "--oneliner", "show", "job", number], check=False))
+        if not fields:
+            return f"slurm job {number} is no longer known to the cluster"
+        code, _, caught = fields.get("ExitCode", "0:0").partition(":")
+        how = f"killed by signal {caught}" if caught not in ("", "0") else f"exit code {code}"
+        hint = (
+            ", possibly out of memory" if caught == "9" or fields.get("JobState") == "OUT_OF_MEMORY" else ""
+        )
+        return f"slurm job {number} ended as {fields.get('JobState', state)} ({how}{hint})"
+
+    def _watch(self, run: Path, number: str) -> SlurmJob:
+        self.jobs[number] = SlurmJob(run, number, self)
+        return self.jobs[number]
+
+    def _states(self, numbers: Sequence[str]) -> dict[str, tuple[str, str]]:
+        """State and name of each job that the cluster still knows."""
+        # --me instead of --jobs: squeue refuses a list that names a job it has forgotten.
+        text = command(["squeue", "--me", "--noheader", "--states=all", "--format=%i|%T|%j"])
+        rows = [line.split("|", 2) for line in text.splitlines() if line.count("|") >= 2]
+        return {number: (state, name) for number, state, name in rows if number in numbers}
+
+
+def submit(executor: Executor, line: str) -> str:
+    """Submits a shell command and returns the number of its job.
+
+    Raises:
+        SubmitError: sbatch refused; the message is its own last line.
+    """
+    try:
+        with contextlib.redirect_stderr(io.StringIO()):  # it prints what it also raises
+            job = executor._submit_command(line)
+    except (FailedJobError, FailedSubmissionError) as error:
+        lines = [line.removeprefix("sbatch: ").removeprefix("error: ") for line in str(error).splitlines()]
+        said = "; ".join(line for line in lines if line.strip() and not line.startswith("Try "))
+        raise SubmitError(f"sbatch refused: {said or 'no reason given'}") from error
+    return str(job.job_id)
+
+
+def _settled(run: Path) -> bool:
+    from auvbench.runs.directory import RunDirectory
+
+    try:
+        return RunDirectory(run).manifest()["state"] in ("complete", "failed", "interrupted")
+    except RunError:  # removed or damaged meanwhile: nothing to wait for
+        return True
+
+
+def _fields(text: str) -> dict[str, str]:
+    """`scontrol --oneliner`'s KEY=VALUE words."""
+    return dict(word.split("=", 1) for word in text.split() if "=" in word)
+
+
+def command(arguments: Sequence[str], *, check: bool = True) -> str:
+    """Runs one of SLURM's programs that tell and cancel, and returns what it prints.
+
+    Raises:
+        SubmitError: it failed (with `check`); the message is its own last line.
+    """
+    environment = {**os.environ, "SLURM_TIME_FORMAT": "standard"}
+    done = subprocess.run(
+        arguments, capture_output=True, text=True, check=False, env=environment, timeout=120
+    )
+    if done.returncode and check:
+        last = (done.stderr.strip() or done.stdout.strip() or f"exit code {done.returncode}").splitlines()[-1]
+        raise SubmitError(f"{arguments[0]} refused: {last}")
+    return done.stdout

@@ -1,0 +1,214 @@
+"""Means and rates over training seeds and test scenarios, with t-type intervals; differences.py has those of agents.
+
+The data of an agent are an array (seeds S, episodes E): every trained policy meets the same scenarios, so seeds
+and scenarios are crossed. What may vary is taken as
+
+    x[s, e] = mu + a[s] + b[e] + r[s, e],
+
+a a training seed's luck, b a scenario's difficulty, r the rest; the mean then has the variance
+Var(a)/S + Var(b)/E + Var(r)/(S E). It is estimated as A + max(B - R, 0) with
+
+    A = variance between the seeds' means / S                      expects Var(a)/S + Var(r)/(S E)
+    B = variance between the scenarios' means / E                  expects Var(b)/E + Var(r)/(S E)
+    R = mean square of what is left after rows and columns / (S E) expects            Var(r)/(S E)
+
+(two-way layout without replication: Searle, Casella & McCulloch, Variance Components, 1992, chapter 4). For a
+weighted sum of agents A and R add up with squared weights, the seeds being independent, and B is the variance of
+the weighted sum of the scenarios' means, in which b cancels as far as the agents find the same scenarios hard.
+Each source has its own quantile of Student's t, and the squares add up (Howe 1974, JASA 69:789):
+
+    half width² = A t(seeds)² + max(B - R, 0) t(scenarios)²
+
+with S - 1 degrees of freedom for the seeds of one agent, Welch's for those of several, and E - 1 for scenarios.
+One quantile with Satterthwaite's degrees of freedom for the sum was tried and covers too little with 2 or 3 seeds,
+as does every bootstrap (docs/statistics.md). With one seed A and R are 0: the interval is conditional on that seed
+and covers test episodes only. An interval ends where the range of possible values does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import FloatArray, quantile, score_interval
+from auvbench.statistics.spread import Spread, welch
+
+EPISODES_ONLY = "test episodes"
+SEEDS_AND_EPISODES = "training seeds and test episodes"
+MIXED = "test episodes, and training seeds where there are several"
+
+
+def covers(seeds: FloatArray) -> str:
+    """What an interval covers that is made of agents with these numbers of seeds."""
+    if seeds.min() > 1:
+        return SEEDS_AND_EPISODES
+    return MIXED if seeds.max() > 1 else EPISODES_ONLY
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Crossed:
+    """n agents' means and the pieces of their variance; NaN where an agent has no value."""
+
+    mean: FloatArray  # (n,)
+    seeds: FloatArray  # (n,) S, seeds with a value
+    between_seeds: FloatArray  # (n,) A; 0 with one seed
+    residual: FloatArray  # (n,) R; 0 with one seed
+    between_scenarios: FloatArray  # (n, n) covariance of the scenarios' means / E; B on the diagonal
+    episodes: FloatArray  # (n,) scenarios with a value
+    values: FloatArray  # (n,) values in all
+    seeds_df: FloatArray  # (n,) degrees of freedom of between_seeds; infinite with one seed
+    rate: bool
+    least: FloatArray  # (n,) smallest and
+    most: FloatArray  # (n,) largest value that a mean can have; infinite where there is no limit
+
+    @property
+    def variance(self) -> FloatArray:
+        """(n,) Variance of each mean."""
+        return self.between_seeds + self.scenarios
+
+    @property
+    def scenarios(self) -> FloatArray:
+        """(n,) What scenarios add to `variance`."""
+        return np.maximum(np.diagonal(self.between_scenarios) - self.residual, 0.0)
+
+
+def crossed(
+    data: Sequence[FloatArray],
+    *,
+    rate: bool = False,
+    paired: bool = True,
+    bounds: tuple[ArrayLike, ArrayLike] = (-np.inf, np.inf),
+) -> Crossed:
+    """Decompose the arrays (S_i, E), one per agent, whose columns are the same E scenarios.
+
+    NaN is "no value": means are over what is there (few missing values: the pieces of the variance are those of
+    the unweighted means). `rate` says that the values are 0 or 1: an agent at exactly 0 or 1
+    then gets the variance of the rate (x + 1)/(n + 2), between seeds where there are several, because no failure in
+    n trials does not prove that there are none. Without `paired` the covariances of agents are left out (NaN), which `means` does
+    not need. `bounds` are the least and the most that a value can be, for all agents or (n,); those of a rate are 0 and 1.
+    """
+    if len({x.shape[1] for x in data}) > 1:
+        raise ValueError(
+            f"the agents have different numbers of scenarios: {sorted({x.shape[1] for x in data})}"
+        )
+    n, E = len(data), data[0].shape[1]
+    columns = np.full((n, E), np.nan)
+    mean, between, residual = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    seeds, values = np.zeros(n), np.zeros(n)
+    for i, x in enumerate(data):
+        there = np.isfinite(x)
+        x, there = x[there.any(axis=1)], there[there.any(axis=1)]
+        seeds[i], values[i] = len(x), there.sum()
+        if len(x):
+            mean[i], columns[i], between[i], residual[i] = _layout(x, there)
+    covariance, episodes = _covariance(columns, paired)
+    if rate:
+        # Of one scenario the variance between scenarios is unknown; `limits` counts it as one trial instead.
+        alone = np.flatnonzero((episodes == 1) & (seeds > 1))
+        covariance[alone, alone] = 0.0
+        for edge in np.flatnonzero((mean == 0.0) | (mean == 1.0)):
+            i = int(edge)
+            shrunk = (mean[i] * values[i] + 1) / (values[i] + 2)
+            variance = shrunk * (1 - shrunk) / values[i]
+            if seeds[i] > 1:
+                between[i] = variance
+            else:
+                covariance[i, i] = variance
+    seeds_df = np.where(seeds > 1, seeds - 1, np.inf)
+    least, most = (
+        np.broadcast_to(np.asarray(end, dtype=np.float64), (n,)) for end in ((0, 1) if rate else bounds)
+    )
+    return Crossed(mean, seeds, between, residual, covariance, episodes, values, seeds_df, rate, least, most)
+
+
+def _layout(
+    x: FloatArray, there: np.ndarray[tuple[int, ...], np.dtype[np.bool]]
+) -> tuple[float, FloatArray, float, float]:
+    """Mean, scenarios' means (E,), A and R of one agent's values (S, E)."""
+    filled = np.where(there, x, 0.0)
+    count = there.sum(axis=0)
+    columns = np.divide(filled.sum(axis=0), count, out=np.full(x.shape[1], np.nan), where=count > 0)
+    total = int(count.sum())
+    mean = float(filled.sum() / total)
+    S, E = len(x), int((count > 0).sum())
+    if S == 1:
+        return mean, columns, 0.0, 0.0
+    rows = filled.sum(axis=1) / there.sum(axis=1)
+    between = float(rows.var(ddof=1) / S)
+    if E == 1:
+        return mean, columns, between, 0.0
+    left = np.where(there, x - rows[:, None] - columns[None, :] + mean, 0.0)
+    return mean, columns, between, float((left**2).sum() / ((S - 1) * (E - 1)) / total)
+
+
+def _covariance(columns: FloatArray, paired: bool) -> tuple[FloatArray, FloatArray]:
+    """Covariance (n, n) of the means over scenarios, and the number of scenarios (n,) each is over."""
+    valid = np.isfinite(columns)
+    weight = valid.astype(np.float64)
+    episodes = weight.sum(axis=1)
+    center = np.where(valid, columns, 0.0).sum(axis=1) / np.maximum(episodes, 1)
+    deviation = np.where(valid, columns - center[:, None], 0.0)
+    if not paired:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            own = (deviation**2).sum(axis=1) / (episodes - 1) / episodes
+        covariance = np.full((len(columns), len(columns)), np.nan)
+        np.fill_diagonal(covariance, np.where(episodes < 2, np.nan, own))
+        return covariance, episodes
+    common = weight @ weight.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        covariance = (deviation @ deviation.T) / (common - 1) * common / np.outer(episodes, episodes)
+    covariance[common < 2] = np.nan
+    return covariance, episodes
+
+
+def squares(table: Crossed) -> FloatArray:
+    """(n,) A² / its degrees of freedom; 0 with one seed."""
+    return np.asarray(table.between_seeds**2 / table.seeds_df, dtype=np.float64)
+
+
+def within(
+    low: ArrayLike, value: ArrayLike, high: ArrayLike, least: ArrayLike, most: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """The interval without what cannot be; it keeps the value, whatever the data claim."""
+    return np.minimum(np.maximum(low, least), value), np.maximum(np.minimum(high, most), value)
+
+
+def limits(table: Crossed, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Interval of each agent's rate or mean, q standard errors wide to each side; q is (n,) or (n, m)."""
+    shape = (-1,) + (1,) * (q.ndim - 1)
+    mean, variance = table.mean.reshape(shape), table.variance.reshape(shape)
+    if not table.rate:
+        half = q * np.sqrt(variance)
+        return within(mean - half, mean, mean + half, table.least.reshape(shape), table.most.reshape(shape))
+    seeds, values, episodes = (part.reshape(shape) for part in (table.seeds, table.values, table.episodes))
+    # One seed: Wilson's own interval. Several: as many trials as would have this variance (Dean & Pagano 2015).
+    with np.errstate(divide="ignore", invalid="ignore"):
+        effective = np.minimum(mean * (1 - mean) / variance, values)
+    effective = np.where((mean <= 0) | (mean >= 1), values, effective)
+    # However many seeds met it, one scenario says of others no more than one trial.
+    effective = np.where(episodes == 1, np.minimum(effective, 1.0), effective)
+    return score_interval(mean, np.where(seeds > 1, effective, episodes), q)
+
+
+def means(table: Crossed, confidence: float = 0.95) -> list[Estimate]:
+    """Mean of each agent with its interval, within what is possible; a rate's never has zero width.
+
+    One seed and a rate: Wilson's interval. One seed and a mean: Student's t over the episodes. Several seeds: see
+    the module's formula, for a rate as Wilson's interval with the effective number of trials p (1 - p) / variance.
+    An interval that cannot be computed (a mean of one episode) is NaN.
+    """
+    spread = Spread(
+        table.between_seeds, welch(table.between_seeds, squares(table)), table.scenarios, table.episodes - 1
+    )
+    q = spread.quantile(confidence)
+    if table.rate:
+        q = np.where(table.seeds <= 1, quantile(confidence), q)
+    low, high = limits(table, q)
+    return [
+        Estimate(float(m), float(a), float(b), confidence, covers(np.array([s])))
+        for m, a, b, s in zip(table.mean, low, high, table.seeds, strict=True)
+    ]

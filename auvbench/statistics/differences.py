@@ -1,0 +1,133 @@
+"""Differences and weighted sums of agents' rates and means, paired by scenario: intervals and p-values.
+
+The variance is that of crossed.py. What makes a scenario hard for both agents cancels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from auvbench.statistics.crossed import Crossed, covers, limits, squares, within
+from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import FloatArray, quantile
+from auvbench.statistics.spread import Spread, welch
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairs:
+    """All differences row agent - column agent, (n, n) each."""
+
+    difference: FloatArray
+    low: FloatArray
+    high: FloatArray
+    p_value: FloatArray  # two-sided; of equal means
+
+    def estimate(self, i: int, j: int, table: Crossed, confidence: float) -> Estimate:
+        """The difference of agent i and agent j as an `Estimate`."""
+        value, low, high = (float(a[i, j]) for a in (self.difference, self.low, self.high))
+        return Estimate(value, low, high, confidence, covers(table.seeds[[i, j]]))
+
+
+def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
+    """All differences of two agents, paired by scenario, with intervals and t-type p-values.
+
+    Means: t interval of the module's formula. Rates: the square-and-add interval, Newcombe (1998, Stat. Med.
+    17:873 and 17:2635) and Zou & Donner (2008, Stat. Med. 27:1693): with limits l, u of each rate and r the
+    correlation of the two estimates,
+    d - sqrt((p1-l1)² - 2 r (p1-l1)(u2-p2) + (u2-p2)²), d + sqrt((u1-p1)² - 2 r (u1-p1)(p2-l2) + (p2-l2)²);
+    where an agent has several seeds, extended to the t interval. A rate at 1 has no u - p, so that square-and-add
+    excludes 0 however uncertain the other's seeds are, while the p-value, that of the t interval, knows better.
+    """
+    spread = pair_spread(table)
+    difference = table.mean[:, None] - table.mean[None, :]
+    q = spread.quantile(confidence)
+    half = q * np.sqrt(spread.seeds + spread.scenarios)
+    low, high = difference - half, difference + half
+    if table.rate:
+        single = np.maximum(table.seeds[:, None], table.seeds[None, :]) <= 1
+        ends = _square_and_add(table, np.where(single, quantile(confidence), q), difference)
+        low = np.where(single, ends[0], np.minimum(low, ends[0]))
+        high = np.where(single, ends[1], np.maximum(high, ends[1]))
+    least, most = table.least[:, None] - table.most[None, :], table.most[:, None] - table.least[None, :]
+    low, high = within(low, difference, high, least, most)
+    # The p-values are symmetric: half of them, by bisection, are enough.
+    p = np.ones_like(difference)
+    upper = np.triu_indices(len(p), 1)
+    p[upper] = spread.take(upper).p_value(difference[upper])
+    p.T[upper] = p[upper]
+    return Pairs(difference, low, high, p)
+
+
+def pair_spread(table: Crossed) -> Spread:
+    """Variance of all differences (n, n)."""
+    cov, diagonal = table.between_scenarios, np.diagonal(table.between_scenarios)
+    noise = table.residual[:, None] + table.residual[None, :]
+    scenarios = np.maximum(diagonal[:, None] + diagonal[None, :] - 2 * cov - noise, 0.0)
+    between = table.between_seeds[:, None] + table.between_seeds[None, :]
+    own = squares(table)
+    fewer = np.minimum(table.episodes[:, None], table.episodes[None, :]) - 1
+    return Spread(between, welch(between, own[:, None] + own[None, :]), scenarios, fewer)
+
+
+def _square_and_add(table: Crossed, q: FloatArray, difference: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ends (n, n) of the differences of rates, from each rate's own interval at the pair's quantile."""
+    low, high = limits(table, q)
+    down, up = (
+        table.mean[:, None] - low,
+        high - table.mean[:, None],
+    )  # (n, n): agent i at the quantile of (i, j)
+    r = _correlation(table)
+    below = np.sqrt(np.maximum(down**2 - 2 * r * down * up.T + up.T**2, 0.0))
+    above = np.sqrt(np.maximum(up**2 - 2 * r * up * down.T + down.T**2, 0.0))
+    return difference - below, difference + above
+
+
+def _correlation(table: Crossed) -> FloatArray:
+    """Correlation (n, n) of the estimates of two rates; with one seed each Newcombe's, corrected for continuity.
+
+    His psi of method 10 lowers a positive n11 n22 - n12 n21 by n/2, to 0 at most: in covariances by 1/(2 n).
+    """
+    covariance = table.between_scenarios.copy()
+    single = np.maximum(table.seeds[:, None], table.seeds[None, :]) <= 1
+    n = np.minimum(table.episodes[:, None], table.episodes[None, :])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        corrected = np.maximum(covariance - 1 / (2 * n * (n - 1)), 0.0)
+        covariance = np.where(single & (covariance > 0), corrected, covariance)
+        r = covariance / np.sqrt(np.outer(table.variance, table.variance))
+    return np.clip(np.nan_to_num(r, nan=0.0, posinf=0.0, neginf=0.0), -1.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Contrast:
+    """A weighted sum of agents' means with its interval and two-sided p-value of zero."""
+
+    estimate: Estimate
+    p_value: float
+
+
+def contrast(table: Crossed, weights: FloatArray, confidence: float = 0.95) -> Contrast:
+    """Weighted sum (n,) of the means, such as an effect averaged over matched cells, with a t interval.
+
+    The interval ends where the sum of what is possible does. A rate's contrast has the t interval too: sums of several agents' rates are far from the edges' trouble, save
+    when all rates are 0 or 1.
+    """
+    used = np.asarray(weights) != 0
+    w = np.where(used, weights, 0.0)[used]
+    between = float(w**2 @ table.between_seeds[used])
+    noise = float(w**2 @ table.residual[used])
+    scenarios = max(float(w @ table.between_scenarios[np.ix_(used, used)] @ w) - noise, 0.0)
+    value = float(w @ table.mean[used])
+    spread = Spread(
+        np.array([between]),
+        welch(np.array([between]), np.array([w**4 @ squares(table)[used]])),
+        np.array([scenarios]),
+        np.array([table.episodes[used].min() - 1]),
+    )
+    half = float(spread.quantile(confidence)[0] * np.sqrt(between + scenarios))
+    p = float(spread.p_value(np.array([value]))[0])
+    ends = np.array([w * table.least[used], w * table.most[used]])
+    least, most = ends.min(axis=0).sum(), ends.max(axis=0).sum()
+    low, high = (float(end) for end in within(value - half, value, value + half, least, most))
+    return Contrast(Estimate(value, low, high, confidence, covers(table.seeds[used])), p)

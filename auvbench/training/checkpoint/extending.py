@@ -1,0 +1,87 @@
+"""A run with a larger budget that begins where a smaller one ended, bit by bit what it would have been."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from auvbench.agents.base import learns
+from auvbench.config.compose import typed
+from auvbench.errors import ConfigError, RunError
+from auvbench.runs import identity, standing
+from auvbench.runs.directory import RunDirectory, freeze
+from auvbench.training.checkpoint.seeding import seed
+from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore
+
+
+@dataclass(frozen=True, slots=True)
+class Extension:
+    """A run of the same configuration with a larger budget, beside the one it extends, which stays as it is."""
+
+    run: RunDirectory
+    config: dict[str, Any]
+    target: RunDirectory
+    checkpoint: Checkpoint | None
+    """what `target` begins from; None: it has begun already"""
+
+    def begin(self, command: str = "") -> RunDirectory:
+        """Makes the directory, with the newest checkpoint; `command` is the command line, for the manifest."""
+        if self.checkpoint is not None:
+            freeze(self.config, command)
+            seed(self.run.path, self.checkpoint, self.target.path)
+            self.target.update_manifest(steps=self.checkpoint.step)
+        return self.target
+
+
+def prepare(run: RunDirectory, total_steps: int) -> Extension:
+    """Checks whether a run can be extended; writes nothing.
+
+    Args:
+        run: a run that was trained, at least as far as its first checkpoint.
+        total_steps: the new budget in environment steps.
+
+    Raises:
+        ConfigError: the budget is not larger.
+        RunError: the run cannot be extended; the message says why.
+    """
+    config = run.check()
+    _check_budget(run, config, total_steps)
+    _check_schedule(run, config)
+    now = standing.of(run)
+    if now.holder is not None:
+        raise RunError(f"{run.path} is held by {now.holder}; extend it when it has ended")
+    larger = copy.deepcopy(config)
+    larger["train"]["total_steps"] = total_steps
+    # Beside the run, wherever it was moved to since it was made; neither key is part of its identity.
+    larger["output"], larger["name"] = str(run.path.parent.parent), run.path.parent.name
+    typed(OmegaConf.create(larger))
+    target = RunDirectory(run.path.parent / identity.run_id(larger))
+    if target.exists() and (target.manifest()["state"] == "complete" or CheckpointStore(target.path).steps()):
+        return Extension(run, larger, target, None)
+    checkpoint = CheckpointStore(run.path).peek()
+    if checkpoint is None:
+        raise RunError(
+            f"{run.path}: there is no checkpoint to go on from; auvbench resume {run.path} trains it"
+        )
+    return Extension(run, larger, target, checkpoint)
+
+
+def _check_budget(run: RunDirectory, config: dict[str, Any], total_steps: int) -> None:
+    present = config["train"]["total_steps"]
+    if total_steps <= present:
+        raise ConfigError(f"train.total_steps={total_steps}: must be more than the {present} of {run.path}")
+
+
+def _check_schedule(run: RunDirectory, config: dict[str, Any]) -> None:
+    algo = config["algo"]
+    if not learns(algo["agent"]):
+        raise RunError(f"{run.path}: {algo['name']} does not learn, so there is nothing to extend")
+    if algo.get("learning_rate_schedule", "constant") != "constant":
+        raise RunError(
+            f"{run.path} cannot be extended: with algo.learning_rate_schedule={algo['learning_rate_schedule']} the "
+            "learning rate at every step depends on train.total_steps, so a longer run is another run from its "
+            "first step on; train it with auvbench train"
+        )

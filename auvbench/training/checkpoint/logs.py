@@ -1,0 +1,78 @@
+"""Files of a run that only grow (episodes.csv, TensorBoard events), cut back to where a checkpoint saw them.
+
+A checkpoint records how long each of them was and the hash of what was in it. On resume everything written
+after the checkpoint is cut off, because the resumed run writes it again: neither gaps nor doubles.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from auvbench.runs.durable import fsync_directory, sha256_of_prefix
+
+
+@dataclass(frozen=True, slots=True)
+class LogMark:
+    """The state of one growing file at a checkpoint."""
+
+    length: int  # bytes
+    sha256: str  # of the first `length` bytes
+
+    def to_json(self) -> dict[str, Any]:
+        return {"bytes": self.length, "sha256": self.sha256}
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> LogMark:
+        return cls(int(value["bytes"]), str(value["sha256"]))
+
+    def holds(self, path: Path) -> bool:
+        """True where the file still begins with what the checkpoint saw."""
+        if self.length == 0:
+            return True
+        return sha256_of_prefix(path, self.length) == self.sha256
+
+
+class GrowingLog:
+    """Follows one file and hashes only what is new since the last mark.
+
+    Args:
+        path: the file; it may not exist yet.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._digest = hashlib.sha256()
+        self._length = 0
+
+    def mark(self) -> LogMark:
+        """Fsyncs the file and returns its mark. The writer must have flushed what it holds back."""
+        if not self.path.exists():
+            return LogMark(0, hashlib.sha256().hexdigest())
+        with self.path.open("rb") as file:
+            file.seek(self._length)
+            while block := file.read(1 << 20):
+                self._digest.update(block)
+                self._length += len(block)
+            os.fsync(file.fileno())
+        return LogMark(self._length, self._digest.hexdigest())
+
+
+def cut(path: Path, length: int) -> None:
+    """Cuts a file to `length` bytes; length 0 removes it. A file that is not there is fine for length 0.
+
+    Raises:
+        OSError: the file cannot be changed.
+    """
+    if length == 0:
+        path.unlink(missing_ok=True)
+        if path.parent.is_dir():
+            fsync_directory(path.parent)
+        return
+    if path.stat().st_size > length:
+        with path.open("r+b") as file:
+            file.truncate(length)
+            os.fsync(file.fileno())

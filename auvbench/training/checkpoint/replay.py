@@ -1,0 +1,138 @@
+"""The replay buffer on disk: segments of fixed ranges of rows, so that a checkpoint writes only what is new.
+
+A row is what all environments did in one step. Rows are numbered from the start of the run, so the row r lies
+in the ring at r % size, and a segment `<first>-<last>.npz` holds the rows first <= r < last. Segments begin at
+multiples of a fixed length; the last one is short and is written again, longer, at the next checkpoint. Both
+kept checkpoints share the segments; one that neither needs is deleted.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.buffers import ReplayBuffer
+
+from auvbench.errors import TrainingError
+from auvbench.runs.durable import fsync_directory, sha256, sha256_of_prefix
+from auvbench.runs.files import write_atomic
+
+FIELDS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+SEGMENT_TRANSITIONS = 16_384  # about 2 MB for the waypoint task
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """One file of rows."""
+
+    first: int  # first row
+    last: int  # one past the last row
+    length: int  # bytes
+    sha256: str
+
+    @property
+    def name(self) -> str:
+        return f"{self.first:010d}-{self.last:010d}.npz"
+
+    def to_json(self) -> dict[str, Any]:
+        return {"first": self.first, "last": self.last, "bytes": self.length, "sha256": self.sha256}
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Segment:
+        return cls(int(value["first"]), int(value["last"]), int(value["bytes"]), str(value["sha256"]))
+
+    def holds(self, folder: Path) -> bool:
+        """True where the file is there and has the recorded size and hash."""
+        path = folder / self.name
+        return (
+            path.is_file()
+            and path.stat().st_size == self.length
+            and sha256_of_prefix(path, self.length) == self.sha256
+        )
+
+
+def rows_added(buffer: ReplayBuffer, num_timesteps: int) -> int:
+    """How many rows the run has added so far; SB3 keeps only the place in the ring.
+
+    Raises:
+        TrainingError: the buffer is of a kind that cannot be saved row by row, or was filled by other means.
+    """
+    if type(buffer) is not ReplayBuffer or buffer.optimize_memory_usage:
+        raise TrainingError(
+            f"a replay buffer of type {type(buffer).__name__}"
+            f"{' with optimize_memory_usage' if getattr(buffer, 'optimize_memory_usage', False) else ''} "
+            "cannot be saved in a checkpoint; use stable_baselines3's ReplayBuffer without memory optimisation"
+        )
+    rows = num_timesteps // buffer.n_envs
+    if rows % buffer.buffer_size != buffer.pos or (rows >= buffer.buffer_size) != buffer.full:
+        raise TrainingError(
+            f"the replay buffer is at row {buffer.pos} but {num_timesteps} steps in {buffer.n_envs} "
+            f"environments lead to row {rows % buffer.buffer_size}; it was filled by something else"
+        )
+    return rows
+
+
+class ReplayStore:
+    """Writes and reads the segments in one folder.
+
+    Args:
+        folder: `checkpoints/replay` of a run.
+        transitions: length of a whole segment in transitions (rows x environments).
+    """
+
+    def __init__(self, folder: Path, transitions: int = SEGMENT_TRANSITIONS) -> None:
+        self.folder = folder
+        self._transitions = transitions
+        self._written: dict[tuple[int, int], Segment] = {}
+
+    def save(self, buffer: ReplayBuffer, rows: int) -> list[Segment]:
+        """Writes what is new up to row `rows`; returns all segments that hold the ring's content.
+
+        Raises:
+            OSError: the disk is full or read-only; earlier segments are untouched.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        oldest = max(0, rows - buffer.buffer_size)
+        length = max(1, self._transitions // buffer.n_envs)
+        segments = []
+        for start in range(oldest // length * length, rows, length):
+            stop = min(start + length, rows)
+            known = self._written.get((start, stop))
+            segments.append(known or self._write(buffer, start, stop, rows))
+        fsync_directory(self.folder)
+        return segments
+
+    def _write(self, buffer: ReplayBuffer, start: int, stop: int, rows: int) -> Segment:
+        # A segment whose head the ring has overwritten and that was never written whole (the cadence was
+        # longer than the ring) begins at the oldest row that is still there.
+        first = max(start, rows - buffer.buffer_size)
+        at = np.arange(first, stop) % buffer.buffer_size
+        stream = io.BytesIO()
+        np.savez(stream, **{field: getattr(buffer, field)[at] for field in FIELDS})
+        data = stream.getvalue()
+        segment = Segment(first, stop, len(data), sha256(data))
+        write_atomic(self.folder / segment.name, data)
+        self._written[start, stop] = segment
+        return segment
+
+    def load(self, buffer: ReplayBuffer, segments: Iterable[Segment], rows: int) -> None:
+        """Fills a fresh buffer with the ring's content at row `rows`, bit by bit.
+
+        Raises:
+            OSError, ValueError, KeyError: a segment is not readable; `Segment.holds` was not asked before.
+        """
+        oldest = max(0, rows - buffer.buffer_size)
+        length = max(1, self._transitions // buffer.n_envs)
+        for segment in segments:
+            with np.load(self.folder / segment.name, allow_pickle=False) as arrays:
+                skip = max(0, oldest - segment.first)
+                at = np.arange(segment.first + skip, segment.last) % buffer.buffer_size
+                for field in FIELDS:
+                    getattr(buffer, field)[at] = arrays[field][skip:]
+            self._written[segment.first // length * length, segment.last] = segment
+        buffer.pos = rows % buffer.buffer_size
+        buffer.full = rows >= buffer.buffer_size

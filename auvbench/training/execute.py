@@ -1,0 +1,103 @@
+"""Carrying out one run: from a frozen directory to a trained model, or to an error that the manifest names."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from contextlib import suppress
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from auvbench.agents.base import learns
+from auvbench.config import schema
+from auvbench.config.compose import typed
+from auvbench.errors import AuvbenchError, TrainingError
+from auvbench.runs import provenance
+from auvbench.runs.directory import RunDirectory, now
+from auvbench.runs.durable import storage
+from auvbench.runs.lock import LockLostError
+from auvbench.runs.progress import Watch
+from auvbench.training import interruption
+
+
+def load_config(run: RunDirectory) -> schema.TrainConfig:
+    """The typed configuration of a run directory, its identity checked.
+
+    Raises:
+        RunError: the directory is no run, or its configuration was changed.
+        ConfigError: a value is out of range.
+    """
+    return typed(OmegaConf.create(run.check()))
+
+
+def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
+    """Trains a run to completion, from its last checkpoint on, and returns its manifest.
+
+    A complete run is left as it is. Ctrl-C and SIGTERM save and leave; a second one leaves at once.
+
+    Raises:
+        TrainingError: it failed; the manifest holds the error.
+        KeyboardInterrupt: it was interrupted; the manifest says so.
+    """
+    manifest = run.manifest()
+    if manifest["state"] == "complete":
+        return manifest
+    config = load_config(run)
+    begun = time.monotonic()
+    before = float(manifest["wall_time_s"])
+    with storage(f"cannot write {run.path}"):
+        run.update_manifest(
+            state="running",
+            started=manifest["started"] or now(),
+            ended=None,
+            error=None,
+            attempts=int(manifest["attempts"]) + 1,
+            versions=provenance.versions(),
+            git=provenance.git(),
+            host=provenance.host(config.simulator.threads),
+        )
+
+    def note(**changes: Any) -> dict[str, Any]:
+        wall = before + time.monotonic() - begun
+        return run.update_manifest(wall_time_s=round(wall, 3), **changes)
+
+    def close(state: str, **changes: Any) -> dict[str, Any]:
+        return note(state=state, ended=now(), **changes)
+
+    with interruption.deferred() as stop:
+        try:
+            result = _learn(run, config, watch, stop, note) if learns(config.algo.agent) else {}
+            with storage(f"cannot write {run.path}"):
+                manifest = close("complete", **result)
+        except LockLostError:
+            raise  # the run and its manifest are somebody else's by now
+        except (KeyboardInterrupt, interruption.Interrupted):
+            with suppress(OSError):
+                close("interrupted")
+            raise
+        except Exception as error:
+            with suppress(OSError):  # a full disk takes no manifest either, and the first error is the cause
+                close("failed", error=_detail(error, run.manifest()["steps"]))
+            if isinstance(error, AuvbenchError):
+                raise
+            raise TrainingError(f"{run.id}: {type(error).__name__}: {error}") from error
+    if stop.signal is not None:
+        # It came when nothing was left to stop here; whoever runs several runs must know of it.
+        raise interruption.Interrupted(stop.signal, f"{run.path}: complete")
+    return manifest
+
+
+def _detail(error: Exception, step: int) -> dict[str, Any]:
+    return {
+        "type": type(error).__name__,
+        "message": str(error),
+        "step": step,
+        "traceback": traceback.format_exc(),
+    }
+
+
+def _learn(run: RunDirectory, config: schema.TrainConfig, *arguments: Any) -> dict[str, Any]:
+    from auvbench.training.learning import learn
+
+    return learn(run, config, *arguments)

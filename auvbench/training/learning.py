@@ -1,0 +1,143 @@
+"""The training loop of a learner: SB3 on the batch, normalised, recorded, watched, resumed where it stopped."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.vec_env import VecNormalize
+
+from auvbench.agents.learned import learners
+from auvbench.config import algorithms, schema
+from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.envs.sharded import make_batch
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.durable import storage
+from auvbench.runs.lock import LockLostError
+from auvbench.runs.progress import Reporter, Watch
+from auvbench.runs.records import EpisodeLog
+from auvbench.training.checkpoint import events, finite
+from auvbench.training.checkpoint.callback import Checkpointer
+from auvbench.training.interruption import Request
+
+EPISODES = "train/episodes.csv"
+EVENTS = f"train/{events.NAME}"
+
+
+class Recorder(BaseCallback):
+    """Writes a row for each episode that ends and keeps the reporter informed."""
+
+    def __init__(self, environment: WaypointVecEnv, log: EpisodeLog, reporter: Reporter) -> None:
+        super().__init__()
+        self._environment = environment
+        self._log = log
+        self._reporter = reporter
+
+    def _on_step(self) -> bool:
+        finished = self._environment.finished
+        if finished:
+            self._log.append(self.num_timesteps, finished)
+            for record in finished:
+                self._reporter.episode(record["outcome"] == "success", float(record["return"]))
+        self._reporter.step(self.num_timesteps)
+        return True
+
+
+def learn(
+    run: RunDirectory,
+    config: schema.TrainConfig,
+    watch: Watch | None = None,
+    stop: Request | None = None,
+    note: Callable[..., object] | None = None,
+) -> dict[str, Any]:
+    """Trains the learner of a run, from its last checkpoint on; returns what its manifest is to say.
+
+    Args:
+        run: its frozen directory.
+        config: its typed configuration.
+        watch: called with each report of progress.
+        stop: set by whoever wants the run to save and leave.
+        note: called after each checkpoint with entries for the manifest; `run.update_manifest` by default.
+
+    Raises:
+        TrainingError: a NaN, or a disk that is full, read-only or failing.
+        Interrupted: `stop` was set; a checkpoint is written.
+    """
+    begun = time.monotonic()
+    earlier: dict[str, float] = run.manifest().get("phases", {})  # of attempts that could still write it
+    train = config.train
+    checkpointer = Checkpointer(
+        run.path,
+        every_steps=train.checkpoint.steps,
+        every_seconds=train.checkpoint.seconds,
+        keep=train.checkpoint.keep,
+        logs=(EPISODES, EVENTS),
+        stop=stop,
+    )
+    resumed = checkpointer.prepare()
+    batch = make_batch(config)
+    environment = WaypointVecEnv(batch)
+    normaliser = VecNormalize(
+        environment,
+        norm_obs=train.normalise_observations,
+        norm_reward=train.normalise_rewards,
+        clip_obs=train.clip_observations,
+        clip_reward=train.clip_rewards,
+        gamma=config.algo.gamma,
+    )
+    model = learners.make(config, normaliser)
+    reporter = Reporter(run.path / "progress.json", train.total_steps, watch)
+    checkpointer.parts = {"environment": batch, "progress": reporter}
+    ready = time.monotonic()
+
+    def phases(trained: float) -> dict[str, float]:
+        spent = {
+            "setup_s": ready - begun,
+            "training_s": trained - ready,
+            "checkpoints_s": checkpointer.spent,
+            "saving_s": time.monotonic() - trained,
+        }
+        return {name: round(earlier.get(name, 0.0) + seconds, 3) for name, seconds in spent.items()}
+
+    with storage(f"cannot write the records of {run.path}"):
+        log = EpisodeLog(run.path / EPISODES, keep=resumed.logs[EPISODES].length if resumed else None)
+        model.set_logger(Logger(str(run.train), [events.EventWriter(run.train)]))
+        note = note or run.update_manifest
+        checkpointer.flush = log.flush
+        checkpointer.saved_hook = lambda: note(**_reached(model.num_timesteps, reporter))
+        try:
+            with finite.diagnosed(model):
+                model.learn(
+                    train.total_steps,
+                    callback=[checkpointer, Recorder(environment, log, reporter)],
+                    log_interval=_log_interval(config),
+                )
+            reporter.step(model.num_timesteps, force=True)
+        except LockLostError:
+            log.abandon()  # the files are somebody else's by now
+            raise
+        except BaseException:
+            with suppress(OSError):
+                reached = _reached(model.num_timesteps, reporter)
+                run.update_manifest(**reached, phases=phases(time.monotonic()))
+            raise
+        finally:
+            log.close()
+            model.logger.close()
+    trained = time.monotonic()
+    with storage(f"cannot write {run.model}"):
+        learners.save(model, normaliser, run.model)
+    return {**_reached(model.num_timesteps, reporter), "phases": phases(trained)}
+
+
+def _reached(steps: int, reporter: Reporter) -> dict[str, Any]:
+    return {"steps": steps, "episodes": reporter.episodes, "success_rate": reporter.success_rate}
+
+
+def _log_interval(config: schema.TrainConfig) -> int:
+    """On-policy: every update. Off-policy: SB3 counts episodes there."""
+    return 1 if isinstance(config.algo, algorithms.PPO) else 10

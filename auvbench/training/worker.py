@@ -1,0 +1,193 @@
+"""One process, one run: `python -m auvbench.training.worker RUN_DIR` trains or resumes a frozen run directory.
+
+Every backend ends up here, so that a run is the same run wherever it is carried out: one thread of arithmetic,
+the run's lock held, output appended to the run's `train/log.txt`, an error written into its manifest.
+
+Exit codes: 0 complete, 1 failed (the manifest says why), 2 no such run, 75 held by somebody else, 130 or 143
+interrupted by SIGINT or SIGTERM after saving.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from auvbench.errors import AuvbenchError, plain_warnings
+from auvbench.runs import lock, processes
+from auvbench.runs.directory import RunDirectory
+from auvbench.training import interruption
+from auvbench.training.interruption import Interrupted
+
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
+)
+"""The environment of a worker: these libraries read it when they are first imported."""
+
+TARGET = "auvbench.training.execute:execute"
+"""What a worker calls with the run directory, as module:function."""
+
+HELD = 75
+"""Exit code of a worker that found its run held by somebody else (EX_TEMPFAIL of sysexits.h)."""
+
+LOG = Path("train", "log.txt")
+
+Target = Callable[[RunDirectory], Any]
+
+
+def limit_torch() -> None:
+    """One thread also for a torch that is imported already."""
+    torch = sys.modules.get("torch")
+    if torch is not None:
+        torch.set_num_threads(1)
+
+
+def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
+    """Carries out a run in this process and returns the exit code; never raises."""
+    plain_warnings()
+    try:
+        run = RunDirectory(Path(path))
+        if log:
+            redirect(run.path / LOG)
+        with interruption.immediate():
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            print(f"[{now}] worker, pid {os.getpid()} on {os.uname().nodename}", flush=True)
+            carry_out(run, lambda run: load(target)(run))
+    except lock.RunHeldError as error:
+        print(f"auvbench: {error}", file=sys.stderr)
+        return HELD
+    except AuvbenchError as error:
+        print(f"auvbench: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt as error:
+        return error.exit_code if isinstance(error, Interrupted) else 128 + signal.SIGINT
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+def carry_out(run: RunDirectory, function: Target) -> None:
+    """Calls `function(run)` with the run's lock held; what it raises is in the manifest before it gets out."""
+    job = f"slurm:{os.environ['SLURM_JOB_ID']}" if "SLURM_JOB_ID" in os.environ else None
+    with lock.acquire(run.path, job=job):
+        if run.manifest()["state"] == "complete":  # somebody else's work, since we were sent
+            return
+        try:
+            function(run)
+        except KeyboardInterrupt:
+            with contextlib.suppress(OSError):
+                settle(run, "interrupted")
+            raise
+        except lock.LockLostError:
+            raise  # the manifest is somebody else's by now
+        except BaseException as error:
+            with contextlib.suppress(OSError):  # on a full disk the first error is the one to tell
+                record_failure(run, error)
+            raise
+
+
+def settle(run: RunDirectory, state: str) -> None:
+    """Leaves the manifest in `state` where the training loop could not do so itself."""
+    if run.manifest()["state"] in ("pending", "running"):
+        run.update_manifest(state=state, ended=datetime.now(UTC).isoformat(timespec="seconds"))
+
+
+def record_failure(run: RunDirectory, error: BaseException) -> None:
+    """Writes an exception into the manifest unless the training loop has done so."""
+    manifest = run.manifest()
+    if manifest["state"] == "failed" and manifest["error"]:
+        return
+    fail(
+        run,
+        kind=type(error).__name__,
+        message=str(error) or type(error).__name__,
+        trace="".join(traceback.format_exception(error)),
+    )
+
+
+def fail(run: RunDirectory, *, kind: str, message: str, trace: str | None = None) -> None:
+    """Marks a run as failed. The caller holds its lock."""
+    run.update_manifest(
+        state="failed",
+        ended=datetime.now(UTC).isoformat(timespec="seconds"),
+        error={"type": kind, "message": message, "step": run.manifest()["steps"], "traceback": trace},
+    )
+
+
+def load(target: str) -> Target:
+    """The function that `module:name` names."""
+    module, _, name = target.partition(":")
+    function: Target = getattr(importlib.import_module(module), name)
+    limit_torch()
+    return function
+
+
+def redirect(path: Path) -> None:
+    """Appends this process's stdout and stderr, also of libraries in C, to a file."""
+    path.parent.mkdir(exist_ok=True)
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    for number in (1, 2):
+        os.dup2(file, number)
+    os.close(file)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(line_buffering=True)  # the log is to be read while the run goes on
+
+
+class Requeue:
+    """SIGUSR1 (SLURM's announcement of the time limit): save, have the job queued again, leave."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        signal.signal(signal.SIGUSR1, self)
+
+    def __call__(self, _number: int, _frame: FrameType | None) -> None:
+        self.asked = True
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    def finish(self) -> None:
+        """Asks SLURM, which ends this process in doing so."""
+        if self.asked:
+            job = os.environ["SLURM_JOB_ID"]
+            print(f"time limit near: job {job} goes back into the queue", flush=True)
+            answer = subprocess.run(["scontrol", "requeue", job], capture_output=True, text=True, check=False)
+            if answer.returncode:
+                print(f"auvbench: requeue refused: {answer.stderr.strip()}", file=sys.stderr)
+            else:
+                time.sleep(30)  # it is SLURM that ends us; leaving first would look like a failed job
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m auvbench.training.worker", description=__doc__)
+    parser.add_argument("run", type=Path, help="a frozen run directory")
+    parser.add_argument("--target", default=TARGET, help="module:function that carries out the run")
+    parser.add_argument("--log", action="store_true", help="append output to the run's train/log.txt")
+    parser.add_argument("--requeue", action="store_true", help="on SIGUSR1 save and have SLURM requeue us")
+    parser.add_argument("--parent", type=int, help="the process with which this one is to die")
+    given = parser.parse_args(arguments)
+    if given.parent is not None:
+        processes.die_with_parent(given.parent)
+    os.environ.update(ONE_THREAD)
+    requeue = Requeue() if given.requeue else None
+    code = work(given.run, target=given.target, log=given.log)
+    if requeue is not None:
+        requeue.finish()
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,188 @@
+"""Sentences: they say what the table says, and no more."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from auvbench.analysis.effects import effects, matched, mean_difference
+from auvbench.analysis.findings import sentences
+from auvbench.analysis.measures import measure
+from auvbench.analysis.ranking import rank
+from tests.unit.analysis.agents import agent
+
+SUCCESS = measure("success_rate")
+
+
+def told(agents, **options):
+    return [finding.text for finding in sentences(rank(agents, **options), agents)]
+
+
+def grid(sac=3.0, ppo=1.0, per_k=0.0, **options):
+    return [
+        agent(algo, k, f, level=level - per_k * (k > 1), **options)
+        for algo, level in (("sac", sac), ("ppo", ppo))
+        for k in (1, 40)
+        for f in (10, 25)
+    ]
+
+
+def test_a_clear_winner_is_called_one():
+    agents = [agent("sac", level=3, seed_sd=0), agent("ppo", level=-1, seed_sd=0)]
+    first = told(agents)[0]
+    assert first.startswith("SAC K=1 25 Hz is first, with success rate ")
+    assert first.endswith("and is resolved from the only other agent.")
+
+
+def test_an_unclear_one_is_not():
+    agents = [agent("sac", level=2), agent("ppo", level=2)]
+    assert "not resolved from any other agent: the data do not say who is best" in told(agents)[0]
+    three = [*agents, agent("ddpg", level=-4, seed_sd=0)]
+    first, steps = told(three)[:2]
+    assert first.endswith("K=1 25 Hz: the best is one of these.")
+    assert "1 is resolved" in steps
+
+
+def test_one_agent():
+    assert told([agent("sac")])[0].startswith("SAC K=1 25 Hz is the only agent: success rate ")
+
+
+def test_a_controller_that_does_not_learn_has_no_training_seeds():
+    agents = [agent("pid", level=6, seeds=1), agent("sac", level=-1)]
+    first = sentences(rank(agents), agents)[0]
+    assert first.text.startswith("PID")
+    assert first.statistic.endswith("; 200 test episodes.")
+    assert not rank(agents).rows[0].trained
+
+
+def test_the_first_sentence_links_to_its_runs():
+    agents = grid()
+    ranking = rank(agents)
+    assert sentences(ranking, agents)[0].run_ids == ranking.rows[0].run_ids
+
+
+def test_effects_are_averaged_over_matched_cells():
+    agents = grid()
+    found = {(e.first, e.second): e for e in effects(agents, SUCCESS)}
+    assert set(found) == {("SAC", "PPO"), ("K=40", "K=1"), ("25 Hz", "10 Hz")}
+    by_cell = [a.success.mean() - b.success.mean() for a, b in matched(agents, "algo", "sac", "ppo")]
+    assert len(by_cell) == 4
+    assert found["SAC", "PPO"].difference.value == pytest.approx(np.mean(by_cell))
+    assert found["SAC", "PPO"].difference.low > 0
+
+
+def test_cells_without_a_partner_are_left_out():
+    agents = grid()[:-1]
+    assert len(matched(agents, "algo", "sac", "ppo")) == 3
+    assert matched(agents[:4], "algo", "sac", "ppo") == []
+
+
+def test_a_controller_that_does_not_learn_has_no_part_in_effects():
+    agents = [*grid(), agent("pid", 1, 10, seeds=1)]
+    assert {(e.first, e.second) for e in effects(agents, SUCCESS)} == {
+        ("SAC", "PPO"),
+        ("K=40", "K=1"),
+        ("25 Hz", "10 Hz"),
+    }
+
+
+def test_the_interval_of_an_effect_covers_its_truth():
+    """Two cells of two agents with three seeds each, no effect: rarely is one seen."""
+    rng, hits, n = np.random.default_rng(0), 0, 400
+    base = [agent(a, k, episodes=60) for a in ("sac", "ppo") for k in (1, 40)]
+    for _ in range(n):
+        hard = rng.normal(size=60)
+        made = []
+        for one in base:
+            success = rng.random((3, 60)) < 1 / (1 + np.exp(-(1 + 0.5 * rng.normal(size=(3, 1)) - hard)))
+            made.append(replace(one, outcome=np.where(success, 0, 2).astype(np.int8)))
+        estimate, p = mean_difference([(made[0], made[2]), (made[1], made[3])], SUCCESS, 0.95)
+        hits += estimate.low <= 0 <= estimate.high
+        assert (p < 0.05) == (not estimate.low <= 0 <= estimate.high)
+    assert hits / n > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / n)
+
+
+def test_effects_say_better_or_worse_by_the_direction_of_the_measure():
+    agents = [agent(a, k, steps=s, level=3) for a, s in (("sac", 200), ("ppo", 600)) for k in (1, 40)]
+    text = " ".join(told(agents, rank_by="mean_steps"))
+    assert "SAC is better than PPO in steps: -" in text
+    assert "No other effect of K on steps is resolved." in text
+
+
+def test_effects_that_are_not_resolved_share_a_sentence():
+    agents = grid(sac=1.5, ppo=1.5)
+    found = sentences(rank(agents), agents)
+    (one,) = [finding for finding in found if finding.text.startswith("No effect of")]
+    assert one.text == "No effect of algorithm, K or frequency on success rate is resolved."
+    assert set(one.run_ids) == {run.id for a in agents for run in a.runs}
+    shown = one.statistic.partition(". Holm over 3 effects")[0].split("; ")
+    by_width = sorted(effects(agents, SUCCESS), key=lambda e: e.difference.high - e.difference.low)
+    assert [text.partition(" against ")[0] for text in shown] == [e.first for e in by_width]
+    assert all(" points [" in text for text in shown)
+
+
+def test_an_effect_that_only_the_company_of_others_leaves_unresolved_is_marked():
+    """A p between 0.05/3 and 0.05, found by shifting one algorithm's successes little by little."""
+    for level in np.arange(1.5, 3, 0.05):
+        agents = grid(sac=level, ppo=1.5)
+        p = {(e.first, e.second): e.p_value for e in effects(agents, SUCCESS)}["SAC", "PPO"]
+        if 0.05 / 3 < p < 0.05:
+            statistic = " ".join(f.statistic for f in sentences(rank(agents), agents))
+            assert "SAC against PPO" in statistic
+            assert "resolved if it were the only one" in statistic
+            return
+    raise AssertionError("no level gave such a p")
+
+
+def test_of_many_open_effects_the_sharpest_are_listed():
+    agents = []
+    for k in (1, 10, 100):
+        for f in (10, 25, 55):
+            for name, n, m in (("a", 1, 1), ("b", 2, 1), ("c", 3, 1), ("d", 1, 2)):
+                one = agent(name, k, f, level=2, seeds=2)
+                agents.append(replace(one, key={"reward.k": k, "step.frequency": f, "a.n": n, "a.m": m}))
+    (one,) = [f for f in sentences(rank(agents), agents) if f.text.startswith("No effect of")]
+    assert one.statistic.count(" against ") == 8
+    assert "; 2 more with wider intervals. Holm over 10 effects" in one.statistic
+
+
+def test_against_the_baseline():
+    agents = [*grid(sac=6.0, ppo=-1.0, seed_sd=0.1), agent("pid", 1, 10, level=1.5, seeds=1)]
+    text = next(t for t in told(agents, baseline="pid") if t.startswith("Against"))
+    assert text.startswith("Against the baseline PID K=1 10 Hz, in success rate: 4 agents better (SAC ")
+    assert "4 agents worse (PPO" in text
+    assert "points" in text
+
+
+def test_where_failures_come_from():
+    one = agent("sac", level=1, episodes=400)
+    z = one.metrics["waypoint_z_m"]
+    near = np.minimum(z + 60, -1 - z) < 5
+    outcome = np.where(near, 1, np.where(one.outcome == 1, 2, one.outcome)).astype(np.int8)
+    text = " ".join(told([replace(one, outcome=outcome)]))
+    assert "100.0 % of the episodes with a waypoint less than 5 m from a depth limit fail" in text
+    assert (
+        "no difference is resolved"
+        not in text.split("depth limit")[1].split(".  ")[0].split("elsewhere")[1][:20]
+    )
+
+
+def test_no_failures_at_all():
+    agents = [agent("sac", level=40, seed_sd=0, seeds=1), agent("ppo", level=40, seed_sd=0, seeds=1)]
+    text = told(agents)
+    assert "No agent failed in any of the 400 test episodes." in text
+    assert "the data do not say who is best" in text[0]
+
+
+def test_training_seeds():
+    wild, calm = agent("sac", seed_sd=2.0, level=1), agent("ppo", seed_sd=0.0)
+    finding = next(
+        f for f in sentences(rank([wild, calm]), [wild, calm]) if f.text.startswith("Training seeds")
+    )
+    means = 100 * wild.success.mean(axis=1)
+    assert f"most in {wild.label}, {means.min():.1f} to {means.max():.1f} %." in finding.text
+    single = [agent("sac", seeds=1), agent("ppo", seeds=1)]
+    assert told(single)[-1].startswith(
+        "Every trained agent has one training seed: the intervals cover test episodes only"
+    )
+    assert told([wild, single[1]])[-1].startswith("PPO K=1 25 Hz has one training seed")

@@ -1,0 +1,251 @@
+"""The ranked table."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from auvbench.analysis.measures import COLUMNS, MEASURES, measure
+from auvbench.analysis.ranking import ALL_PAIRS, rank
+from auvbench.errors import ReportError
+from auvbench.statistics import EPISODES_ONLY, MIXED, SEEDS_AND_EPISODES, holm, mcnemar
+from tests.unit.analysis.agents import agent
+
+GRID = [
+    agent("sac", 1, 25, level=3.5),
+    agent("sac", 40, 25, level=3.2),
+    agent("ppo", 1, 25, level=1.0),
+    agent("ppo", 40, 25, level=-1.0),
+    agent("pid", 1, 10, level=3.0, seeds=1),
+]
+
+
+@pytest.fixture(scope="module")
+def ranking():
+    return rank(GRID, baseline="pid")
+
+
+def test_rows_are_in_the_order_of_the_success_rate(ranking):
+    rates = [row.estimates["success_rate"].value for row in ranking.rows]
+    assert rates == sorted(rates, reverse=True)
+    assert [row.rank for row in ranking.rows] == [1, 2, 3, 4, 5]
+    for row in ranking.rows:
+        a = next(a for a in GRID if a.label == row.label)
+        assert row.estimates["success_rate"].value == pytest.approx(a.success.mean())
+        assert row.estimates["mean_steps"].value == pytest.approx(a.metrics["steps"].mean())
+        assert row.estimates["success_rate"].value + row.estimates["collision_rate"].value + row.estimates[
+            "timeout_rate"
+        ].value == pytest.approx(1)
+        assert row.rank_interval[0] <= row.rank <= row.rank_interval[1]
+        assert row.seeds == tuple(range(len(a.outcome)))
+        assert "mean_waypoint_z_m" not in row.estimates
+    assert sum(row.probability_best for row in ranking.rows) == pytest.approx(1)
+
+
+def test_intervals_say_what_they_cover(ranking):
+    covers = {row.label: row.estimates["success_rate"].covers for row in ranking.rows}
+    assert covers["PID K=1 10 Hz"] == EPISODES_ONLY
+    assert covers["SAC K=1 25 Hz"] == SEEDS_AND_EPISODES
+    against = [c for c in ranking.comparisons if ranking.baseline in (c.first, c.second)]
+    assert {c.difference.covers for c in against} == {MIXED}
+
+
+def test_letters_intervals_and_p_values_tell_the_same():
+    ranking = rank(GRID)
+    places = {row.label: row for row in ranking.rows}
+    assert len(ranking.comparisons) == 10
+    better = dict.fromkeys(places, 0)
+    for c in ranking.comparisons:
+        shared = set(places[c.first].group) & set(places[c.second].group)
+        assert bool(shared) == (c.p_adjusted >= 0.05)
+        better[c.second] += c.p_adjusted < 0.05
+        assert c.p_adjusted >= c.p_value
+        assert c.difference.value >= 0
+        first, second = (places[x].estimates["success_rate"].value for x in (c.first, c.second))
+        assert c.difference.value == pytest.approx(first - second)
+    for label, row in places.items():
+        assert row.rank_interval[0] == 1 + better[label]
+    assert [c.p_adjusted for c in ranking.comparisons] == pytest.approx(
+        holm([c.p_value for c in ranking.comparisons]).tolist()
+    )
+
+
+def test_comparisons_with_the_baseline_are_a_family_of_their_own(ranking):
+    free = rank(GRID)
+    assert [row.group for row in ranking.rows] == [row.group for row in free.rows]
+    assert [row.rank_interval for row in ranking.rows] == [row.rank_interval for row in free.rows]
+    planned = [c for c in ranking.comparisons if ranking.baseline in (c.first, c.second)]
+    assert [c.p_adjusted for c in planned] == pytest.approx(holm([c.p_value for c in planned]).tolist())
+    rest = [c for c in ranking.comparisons if c not in planned]
+    same = [c for c in free.comparisons if ranking.baseline not in (c.first, c.second)]
+    assert rest == same
+
+
+def test_order_of_the_agents_does_not_matter_and_the_seed_decides(ranking):
+    again = rank(GRID[::-1], baseline="PID K=1 10 Hz")
+    assert again.rows == ranking.rows
+    assert again.comparisons == ranking.comparisons
+    assert (again.improvement == ranking.improvement).all()
+    other = rank(GRID, baseline="pid", seed=1)
+    assert other.rows != ranking.rows
+    assert [row.estimates for row in other.rows] == [row.estimates for row in ranking.rows]
+
+
+def test_one_seed_each_is_tested_by_mcnemar():
+    a, b = agent("sac", level=2.0, seeds=1), agent("ppo", level=1.0, seeds=1)
+    comparison = rank([a, b]).comparisons[0]
+    only_a, only_b = int((a.success > b.success).sum()), int((b.success > a.success).sum())
+    assert comparison.p_value == pytest.approx(float(mcnemar(only_a, only_b)))
+    assert comparison.difference.covers == EPISODES_ONLY
+    steps = rank([a, b], rank_by="mean_steps").comparisons[0]
+    test = stats.ttest_rel(a.metrics["steps"][0], b.metrics["steps"][0])
+    assert steps.p_value == pytest.approx(test.pvalue)
+
+
+def test_direction_follows_the_measure():
+    quick, slow = agent("sac", steps=200, level=3), agent("ppo", steps=600, level=3)
+    assert rank([slow, quick], rank_by="mean_steps").rows[0].label == quick.label
+    rich, poor = agent("sac", k=100), agent("sac", k=1)
+    assert rank([rich, poor], rank_by="mean_return").rows[0].label == rich.label
+    assert rank([rich, poor], rank_by="collision_rate").rows[0].estimates["collision_rate"].value == min(
+        (x.outcome == 1).mean() for x in (rich, poor)
+    )
+    assert set(COLUMNS) == {m.column for m in MEASURES.values()} - {"outcome"}
+
+
+def test_no_interval_leaves_what_is_possible():
+    """Two seeds that differ wildly: t(1) = 12.7 would promise negative steps."""
+    good, bad = agent("sac", seeds=2, steps=200), agent("ppo", seeds=2, level=-1)
+    more = {
+        "frequency_hz": np.full((2, 200), 10.0),
+        "energy_J": np.array([[1e3], [3e4]]) + np.zeros((2, 200)),
+        "path_efficiency": np.array([[0.2], [0.9]]) + np.zeros((2, 200)),
+        "return": np.array([[1.0], [600.0]]) + np.zeros((2, 200)),
+    }
+    agents = [
+        replace(a, metrics={**a.metrics, **more, "time_to_goal_s": a.metrics["steps"] * [[0.02], [0.1]]})
+        for a in (good, bad)
+    ]
+    ranking = rank(agents, rank_by="mean_steps")
+    limits = {
+        "steps": (1, 1000),
+        "time_to_goal_s": (0, 100),
+        "energy_J": (0, np.inf),
+        "path_efficiency": (-1, 1),
+    }
+    for row in ranking.rows:
+        for column, (least, most) in limits.items():
+            e = row.estimates[f"mean_{column}"]
+            assert least <= e.low < e.value < e.high <= most, (column, e)
+    energy = ranking.rows[0].estimates["mean_energy_J"]
+    assert energy.low == 0
+    assert energy.high == pytest.approx(
+        energy.value + 12.7062 * np.std([1e3, 3e4], ddof=1) / np.sqrt(2), rel=1e-4
+    )
+    assert ranking.comparisons[0].difference.low >= -999
+    assert ranking.rows[0].estimates["mean_return"].low < 0
+
+
+def test_equal_success_is_decided_by_steps_and_full_equality_shares_the_rank():
+    a = agent("sac", level=30, seed_sd=0, steps=200)
+    b = agent("ppo", level=30, seed_sd=0, steps=400)
+    assert a.success.all()
+    assert b.success.all()
+    twin = replace(a, label="twin")
+    rows = rank([b, twin, a]).rows
+    assert [(row.label, row.rank) for row in rows] == [(a.label, 1), ("twin", 1), (b.label, 3)]
+    assert [row.probability_best for row in rows][2] == 0
+    assert {row.group for row in rows} == {"a"}
+    assert all(row.estimates["success_rate"].low < 1 for row in rows)
+
+
+def test_probability_of_improvement_counts_the_quicker_of_two_successes():
+    a, b = agent("sac", level=30, seed_sd=0, steps=200), agent("ppo", level=30, seed_sd=0, steps=400)
+    ranking = rank([a, b])
+    expected = np.mean([[x < y, x == y] @ np.array([1, 0.5]) for x, y in _pairs(a, b)])
+    assert ranking.improvement[0, 1] == pytest.approx(expected)
+    assert ranking.improvement[1, 0] == pytest.approx(1 - expected)
+    assert ranking.comparisons[0].probability_of_improvement.value == pytest.approx(expected)
+
+
+def _pairs(a, b):
+    for x in a.metrics["steps"]:
+        for y in b.metrics["steps"]:
+            yield from zip(x, y, strict=True)
+
+
+def test_a_missing_measure_is_nan_and_last_and_named():
+    whole, without = agent("sac"), agent("ppo", level=4)
+    without = replace(without, metrics={k: v for k, v in without.metrics.items() if k != "return"})
+    ranking = rank([without, whole], rank_by="mean_return")
+    assert [row.label for row in ranking.rows] == [whole.label, without.label]
+    assert np.isnan(ranking.rows[1].estimates["mean_return"].value)
+    assert np.isnan(ranking.comparisons[0].p_value)
+    assert ranking.rows[0].group == ranking.rows[1].group
+    assert ranking.rows[0].probability_best == 1
+    assert [problem.where for problem in ranking.problems] == [without.label]
+
+
+def test_many_agents_list_fewer_pairs_and_still_test_all():
+    agents = [agent("sac", k, 25, level=3 - k / 10, seeds=1, episodes=100) for k in range(ALL_PAIRS + 5)]
+    ranking = rank(agents, baseline="SAC K=20 25 Hz", resamples=200)
+    n = len(agents)
+    listed = {(c.first, c.second) for c in ranking.comparisons}
+    labels = [row.label for row in ranking.rows]
+    assert set(pairwise(labels)) <= listed
+    assert {(labels[0], x) for x in labels[1:]} <= listed
+    assert sum("SAC K=20 25 Hz" in pair for pair in listed) == n - 1
+    assert len(listed) < 3 * n
+
+
+def test_one_agent():
+    ranking = rank([GRID[0]])
+    row = ranking.rows[0]
+    assert (row.rank, row.rank_interval, row.group, row.probability_best) == (1, (1, 1), "a", 1.0)
+    assert ranking.comparisons == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rank_by": "sucess_rate"}, "--rank-by 'sucess_rate' .* did you mean 'success_rate'"),
+        ({"then": "mean_step"}, "--then 'mean_step' .* did you mean 'mean_steps'"),
+        ({"baseline": "lqr"}, "--baseline 'lqr' is not among the agents.*PID K=1 10 Hz, PPO K=1 25 Hz"),
+        ({"baseline": "sac"}, "--baseline 'sac' is 2 agents.*SAC K=1 25 Hz, SAC K=40 25 Hz"),
+        ({"confidence": 95}, "confidence 95 is not in"),
+    ],
+)
+def test_bad_input_is_one_clear_line(change, message):
+    with pytest.raises(ReportError, match=message):
+        rank(GRID, **change)
+
+
+def test_agents_that_cannot_share_a_table():
+    with pytest.raises(ReportError, match="no agents"):
+        rank([])
+    with pytest.raises(ReportError, match=r"fedc \(200 episodes\)"):
+        rank([GRID[0], replace(GRID[1], fingerprint="fedc")])
+    with pytest.raises(ReportError, match="two agents have the label 'SAC K=1 25 Hz'"):
+        rank([GRID[0], GRID[0]])
+
+
+def test_measure_names_its_option():
+    assert measure("mean_return").higher_is_better
+    with pytest.raises(ReportError, match="--then"):
+        measure("x", "--then")
+
+
+def test_false_discoveries_are_as_rare_as_promised():
+    """Six equal agents with three seeds: rarely is any pair resolved, in at most 5 % of the reports."""
+    rng, wrong, n = np.random.default_rng(5), 0, 200
+    base = agent(episodes=60)
+    for _ in range(n):
+        hard = rng.normal(size=60)
+        agents = []
+        for name in "abcdef":
+            success = rng.random((3, 60)) < 1 / (1 + np.exp(-(1 + 0.5 * rng.normal(size=(3, 1)) - hard)))
+            agents.append(replace(base, label=name, outcome=np.where(success, 0, 2).astype(np.int8)))
+        wrong += any(row.group != "a" for row in rank(agents, resamples=2).rows)
+    assert wrong / n < 0.05 + 3.5 * np.sqrt(0.05 * 0.95 / n)

@@ -1,0 +1,345 @@
+"""What is wrong with a run is named, what is right is reported."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from auvbench.analysis.load import agents, available_protocols, load, require
+from auvbench.analysis.model import Problem
+from auvbench.errors import ReportError
+from tests.synthetic import damage, set_state, write_evaluation, write_experiment
+
+
+@pytest.fixture
+def grid(tmp_path: Path) -> list[Path]:
+    return write_experiment(
+        tmp_path / "grid",
+        algorithms=("ppo", "sac", "pid"),
+        reward_k=(1, 100),
+        frequencies=(10, 25),
+        seeds=(0, 1),
+        episodes=12,
+        train_episodes=20,
+    )
+
+
+def kinds(problems: list[Problem]) -> dict[str, str]:
+    return {problem.where: problem.kind for problem in problems}
+
+
+def edit(path: Path, **values: object) -> None:
+    path.write_text(json.dumps(json.loads(path.read_text()) | values))
+
+
+def test_a_sound_grid_has_no_problems(grid: list[Path]) -> None:
+    runs, problems = load([grid[0].parent])
+    found, more = agents(runs)
+    assert problems == more == []
+    assert [run.id for run in runs] == sorted(path.name for path in grid)
+    assert [a.label for a in found] == [
+        "PID",
+        *(f"PPO K={k} {f} Hz" for k in (1, 100) for f in (10, 25)),
+        *(f"SAC K={k} {f} Hz" for k in (1, 100) for f in (10, 25)),
+    ]
+    assert found[1].key == {"algo": "ppo", "reward.k": 1.0, "step.frequency": 10.0}
+
+
+def test_metrics_are_the_csv_paired_by_episode(grid: list[Path]) -> None:
+    path = grid[1] / "evaluations" / "test" / "episodes.csv"
+    written = pd.read_csv(path)
+    written.sample(frac=1, random_state=1).to_csv(path, index=False)  # the order of rows must not matter
+    runs, _ = load([grid[0].parent])
+    agent = next(a for a in agents(runs)[0] if a.label == "PPO K=1 10 Hz")
+    assert [run.seed for run in agent.runs] == [0, 1]
+    assert np.array_equal(agent.metrics["steps"][1], written["steps"])
+    assert agent.metrics["return"][1] == pytest.approx(written["return"].to_numpy(), rel=1e-15)
+    assert np.array_equal(agent.success[1], written["outcome"] == "success")
+    assert np.array_equal(agent.metrics["waypoint_x_m"][0], agent.metrics["waypoint_x_m"][1])
+    arrived = agent.success == 1
+    assert np.array_equal(agent.metrics["time_to_goal_s"][arrived], agent.metrics["duration_s"][arrived])
+    assert np.isnan(agent.metrics["time_to_goal_s"][~arrived]).all()
+
+
+def test_paths_may_overlap_and_be_runs(grid: list[Path]) -> None:
+    runs, problems = load([grid[0], grid[0].parent, grid[0].parent.parent])
+    assert len(runs) == len(grid)
+    assert problems == []
+
+
+def test_no_such_folder_and_no_run_at_all(tmp_path: Path) -> None:
+    with pytest.raises(ReportError, match=r"no such folder: .*nowhere"):
+        load([tmp_path / "nowhere"])
+    with pytest.raises(ReportError, match="no run under"):
+        load([tmp_path])
+
+
+def test_an_empty_folder_beside_a_full_one_is_named(grid: list[Path], tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    runs, problems = load([grid[0].parent, tmp_path / "empty"])
+    assert len(runs) == len(grid)
+    assert kinds(problems) == {str(tmp_path / "empty"): "missing"}
+
+
+@pytest.mark.parametrize(
+    ("file", "harm", "kind", "message"),
+    [
+        ("episodes.csv", "cut", "damaged", "cut short"),
+        ("episodes.csv", "column", "damaged", "lacks the columns deviation_mean_m"),
+        (
+            "episodes.csv",
+            "nan",
+            "damaged",
+            r"return is not a finite number in 1 of 12 episodes \(first: episode 6\)",
+        ),
+        ("summary.json", "schema", "foreign", "schema_version 99, this auvbench reads 1"),
+    ],
+)
+def test_a_damaged_evaluation_is_left_out_and_named(
+    grid: list[Path], file: str, harm: str, kind: str, message: str
+) -> None:
+    damage(grid[0] / "evaluations" / "test" / file, harm)
+    runs, problems = load([grid[0].parent])
+    assert kinds(problems) == {grid[0].name: kind}
+    assert re.search(message, problems[0].message)
+    agent = next(a for a in agents(runs)[0] if a.label == "PPO K=1 10 Hz")
+    assert [run.seed for run in agent.runs] == [1]
+
+
+def test_rows_lost_from_the_middle_or_the_end_are_noticed(grid: list[Path]) -> None:
+    path = grid[0] / "evaluations" / "test" / "episodes.csv"
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[:-3]))
+    _, problems = load([grid[0].parent])
+    assert "has 9 rows, summary.json says 12" in problems[0].message
+    path.write_text("")
+    _, problems = load([grid[0].parent])
+    assert "cannot be read" in problems[0].message
+    path.write_text("".join(lines)[:-1])  # even one lost character may be a lost digit
+    _, problems = load([grid[0].parent])
+    assert "cut short" in problems[0].message
+
+
+def test_damaged_manifest_and_config_are_named(grid: list[Path]) -> None:
+    (grid[0] / "manifest.json").write_text("{")
+    edit(grid[1] / "manifest.json", schema_version=2)
+    (grid[2] / "config.yaml").write_text("a: [")
+    (grid[3] / "config.yaml").unlink()
+    (grid[4] / "manifest.json").unlink()
+    runs, problems = load([grid[0].parent])
+    assert len(runs) == len(grid) - 5
+    expected = ["damaged", "foreign", "damaged", "damaged", "damaged"]
+    assert kinds(problems) == {str(path): kind for path, kind in zip(grid, expected, strict=False)}
+
+
+def test_fields_of_another_type_are_named(grid: list[Path]) -> None:
+    edit(grid[0] / "manifest.json", seed=None)
+    edit(grid[1] / "evaluations" / "test" / "summary.json", conditions=[{"name": "nominal"}])
+    edit(grid[2] / "manifest.json", state="failed", error="just words")
+    _, problems = load([grid[0].parent])
+    assert kinds(problems) == {str(grid[0]): "damaged", grid[1].name: "damaged", grid[2].name: "failed"}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"schema_version": 1, "fingerprint": "f", "conditions": [{"episodes": 12}]}', "does not name its"),
+        (
+            '{"schema_version": 1, "fingerprint": "f", "conditions": [{"name": "nominal", "episodes": Infinity}]}',
+            "says inf episodes of condition 'nominal'",
+        ),
+        (
+            '{"schema_version": 1, "fingerprint": "f", "conditions": '
+            '[{"name": "nominal", "episodes": 6}, {"name": "current=0.5", "episodes": 6}]}',
+            "has 12 episodes of condition 'nominal', summary.json says 6",
+        ),
+        ("[" * 100_000, "summary.json is not valid JSON"),
+    ],
+)
+def test_a_summary_that_no_evaluation_wrote_is_damage(grid: list[Path], text: str, message: str) -> None:
+    (grid[0] / "evaluations" / "test" / "summary.json").write_text(text)
+    runs, problems = load([grid[0].parent])
+    assert kinds(problems) == {grid[0].name: "damaged"}
+    assert message in problems[0].message
+    agents(runs)
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "message"),
+    [
+        ("return", [1e308] * 12, r"return is beyond ±1e\+30 in 12 of 12 episodes"),
+        ("steps", [-1, *range(1, 12)], r"steps is not a whole number from 1 in 1 of 12 episodes"),
+        ("steps", [1.5, *range(1, 12)], r"steps is not a whole number from 1 in 1 of 12 episodes"),
+        ("episode", [1, *range(1, 12)], r"has episode 1 of condition 'nominal' 2 times"),
+        ("episode", ["x", *range(1, 12)], r"episode is not a whole number from 0 in every row"),
+        ("path_efficiency", [np.nan] * 12, r"path_efficiency is not a finite number in 12 of 12 episodes"),
+        ("path_efficiency", ["abc"] * 12, r"path_efficiency is not a finite number in 12 of 12 episodes"),
+    ],
+)
+def test_a_value_that_cannot_be_is_damage(grid: list[Path], column: str, values: list, message: str) -> None:
+    path = grid[0] / "evaluations" / "test" / "episodes.csv"
+    pd.read_csv(path).assign(**{column: values}).to_csv(path, index=False)
+    runs, problems = load([grid[0].parent])
+    assert kinds(problems) == {grid[0].name: "damaged"}
+    assert re.search(message, problems[0].message)
+    agents(runs)
+
+
+def test_a_column_that_an_older_evaluation_lacks_is_no_damage(grid: list[Path]) -> None:
+    path = grid[0] / "evaluations" / "test" / "episodes.csv"
+    pd.read_csv(path).drop(columns="path_efficiency").to_csv(path, index=False)
+    assert load([grid[0].parent])[1] == []
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ("a: 1", "not that of a run (algo.name is absent, not a name)"),
+        ("algo: {name: [1, 2]}", "algo.name is [1, 2], not a name"),
+        ("algo: {name: ppo}\nstep: {frequency: fast}", "has the step.frequency 'fast', which is no number"),
+        ("algo: {name: ppo}\nreward: {k: .nan}", "has the reward.k nan, which is no number"),
+        ("algo: &a {name: ppo, again: *a}", "nested without an end"),
+        ("d: 2026-99-99", "not valid YAML"),
+    ],
+)
+def test_a_configuration_that_no_run_has_is_damage(grid: list[Path], config: str, message: str) -> None:
+    (grid[0] / "config.yaml").write_text(config)
+    runs, problems = load([grid[0].parent])
+    assert kinds(problems) == {str(grid[0]): "damaged"}
+    assert message in problems[0].message
+    agents(runs)
+
+
+def test_a_manifest_whose_steps_are_no_number_is_damage(grid: list[Path]) -> None:
+    edit(grid[0] / "manifest.json", state="running", steps="x", total_steps=[1])
+    _, problems = load([grid[0].parent])
+    assert [(p.where, p.message) for p in problems] == [
+        (str(grid[0]), "manifest.json has the steps 'x', which is no integer")
+    ]
+
+
+def test_a_list_of_the_configuration_groups_as_its_text(grid: list[Path]) -> None:
+    runs, _ = load([grid[0].parent])
+    found, _ = agents(runs, ("algo", "noise.sensor"))
+    assert found[0].key["noise.sensor"] == "[0.05, 0.1]"
+    hash(tuple(found[0].key.values()))
+
+
+def test_failed_and_unfinished_runs_are_named_and_leave_the_table(grid: list[Path]) -> None:
+    set_state([grid[0]], "failed", "loss is nan")
+    set_state([grid[1]], "interrupted")
+    runs, problems = load([grid[0].parent])
+    assert kinds(problems) == {grid[0].name: "failed", grid[1].name: "unfinished"}
+    assert "failed at step 1,000: loss is nan" in problems[0].message
+    found, more = agents(runs)
+    assert "PPO K=1 10 Hz" not in [a.label for a in found]
+    assert more == []  # the cells are there, they are not missing
+
+
+def test_runs_that_were_not_evaluated(grid: list[Path]) -> None:
+    shutil.rmtree(grid[0] / "evaluations" / "test")
+    runs, problems = load([grid[0].parent])
+    assert kinds(problems) == {grid[0].name: "missing"}
+    assert f"auvbench evaluate {grid[0]} protocol=test" in problems[0].message
+    runs, _ = load([grid[0]])
+    with pytest.raises(ReportError, match="none of the 1 runs has a usable evaluation by protocol 'test'"):
+        agents(runs)
+
+
+def test_why_there_is_nothing_to_report(grid: list[Path]) -> None:
+    for protocol in ("tset", "../test", "../evaluations/test"):
+        runs, problems = load(grid, protocol)
+        with pytest.raises(ReportError, match=rf"evaluated by protocol '{protocol}'; .*valid: test$"):
+            require(runs, problems, protocol)
+    for path in grid:
+        damage(path / "evaluations" / "test" / "summary.json", "schema")
+    runs, problems = load(grid)
+    with pytest.raises(
+        ReportError, match=rf"protocol 'test': .*schema_version 99, .*; and {len(grid) - 3} more$"
+    ):
+        require(runs, problems, "test")
+    for path in grid:
+        shutil.rmtree(path / "evaluations")
+    runs, problems = load(grid[:1])
+    with pytest.raises(ReportError, match=rf"auvbench evaluate {grid[0]} protocol=test$"):
+        require(runs, problems, "test")
+    set_state(grid, "failed", "diverged")
+    runs, problems = load(grid[:1])
+    with pytest.raises(ReportError, match=r"failed at step 1,000: diverged$"):
+        require(runs, problems, "test")
+
+
+def test_two_runs_with_one_id(grid: list[Path], tmp_path: Path) -> None:
+    copy = tmp_path / "other" / grid[0].name
+    shutil.copytree(grid[0], copy)
+    edit(copy / "manifest.json", ended="2027-01-01T00:00:00+00:00")
+    runs, problems = load([grid[0].parent, copy])
+    assert kinds(problems) == {grid[0].name: "duplicate"}
+    assert len(runs) == len(grid)
+    assert next(r for r in runs if r.id == copy.name).directory == copy  # the one that ended last
+
+
+def test_fingerprints_are_never_mixed(grid: list[Path]) -> None:
+    write_evaluation(grid[0], "test", ("nominal",), 10)
+    runs, _ = load([grid[0].parent])
+    found, problems = agents(runs)
+    assert kinds(problems) == {grid[0].name: "foreign"}
+    assert "met other scenarios" in problems[0].message
+    assert len({a.fingerprint for a in found}) == 1
+
+
+def test_a_hole_in_the_grid_is_named(grid: list[Path]) -> None:
+    shutil.rmtree(grid[0])  # PPO K=1 10 Hz seed 0
+    shutil.rmtree(grid[2])  # PPO K=1 25 Hz, both seeds
+    shutil.rmtree(grid[3])
+    runs, _ = load([grid[1].parent])
+    _, problems = agents(runs)
+    assert [(p.where, p.kind, p.message) for p in problems] == [
+        ("PPO K=1 10 Hz", "missing", "no run with seed 0"),
+        ("PPO K=1 25 Hz", "missing", "no run"),
+    ]
+
+
+def test_runs_pooled_into_one_row_although_they_differ_are_named(grid: list[Path]) -> None:
+    path = grid[1] / "config.yaml"
+    config = yaml.safe_load(path.read_text())
+    config["algo"]["gamma"] = 0.9
+    config["launcher"]["workers"] = 7  # changes nothing of what was learned
+    path.write_text(yaml.safe_dump(config))
+    runs, _ = load([grid[0].parent])
+    _, problems = agents(runs)
+    assert kinds(problems) == {"PPO K=1 10 Hz": "mixed"}
+    assert "algo.gamma (0.9, 0.99)" in problems[0].message
+    assert "launcher" not in problems[0].message
+    found, problems = agents(runs, ("algo", "reward.k", "step.frequency", "algo.gamma"))
+    assert "mixed" not in kinds(problems).values()
+    assert any("gamma=0.9" in a.label for a in found)
+
+
+def test_grouping_by_less_pools_and_by_nonsense_is_refused(grid: list[Path]) -> None:
+    runs, _ = load([grid[0].parent])
+    found, _ = agents(runs, ("algo",))
+    assert [(a.label, a.outcome.shape) for a in found] == [
+        ("PID", (1, 12)),
+        ("PPO", (8, 12)),
+        ("SAC", (8, 12)),
+    ]
+    with pytest.raises(ReportError, match=r"'reward.kk'; did you mean 'reward.k'\?"):
+        agents(runs, ("algo", "reward.kk"))
+
+
+def test_conditions(grid: list[Path]) -> None:
+    for path in grid[:-1]:
+        write_evaluation(path, "robustness", ("nominal", "current=0.5"), 6)
+    runs, problems = load([grid[0].parent], ("test", "robustness"))
+    assert problems == []  # a second protocol may be absent from a run
+    assert available_protocols(runs) == ["robustness", "test"]
+    found, _ = agents(runs, protocol="robustness", condition="current=0.5")
+    assert {a.outcome.shape for a in found} == {(2, 6)}
+    with pytest.raises(ReportError, match=r"no condition 'curent=0.5'; did you mean 'current=0.5'\?"):
+        agents(runs, protocol="robustness", condition="curent=0.5")

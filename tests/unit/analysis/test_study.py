@@ -1,0 +1,370 @@
+"""The thesis's claims: each verdict from data made to deserve it, and the machinery behind them."""
+
+from itertools import permutations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from auvbench.analysis import study
+from auvbench.analysis.model import RunRecord
+from auvbench.analysis.study import thesis
+from auvbench.analysis.study.evidence import Evidence
+from auvbench.analysis.study.learning import learning
+from auvbench.analysis.study.testing_claims import rank_correlation, thesis_points
+from auvbench.analysis.study.trend import trend
+from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Part, by_interval, together
+from auvbench.errors import ReportError
+from auvbench.statistics.estimate import Estimate
+from tests.unit.analysis.agents import agent, record
+
+GRID = [(k, f) for k in (1.0, 40.0, 100.0) for f in (10.0, 25.0, 55.0)]
+
+
+def training(when=None, *, episodes=600, length=1000, end_fails=False, top_fails=0.0) -> pd.DataFrame:
+    """Training records that succeed in 200 steps from the step `when` on, and time out before."""
+    steps, outcome, at = [], [], 0
+    for i in range(episodes):
+        good = when is not None and at >= when and not (end_fails and i >= episodes - 120)
+        steps.append(200 if good else length)
+        outcome.append("success" if good else "timeout" if length >= 1000 else "collision")
+        at += steps[-1]
+    returns = np.arange(episodes, dtype=float)
+    frame = pd.DataFrame({"step": np.cumsum(steps), "steps": steps, "outcome": outcome, "return": returns})
+    frame["final_distance_m"] = 2.0
+    failing = round(top_fails * (episodes // 20))
+    frame.loc[episodes - failing :, "outcome"] = "timeout"
+    return frame
+
+
+def trained(folder, algo, k, f, seed, frame, steps=1_000_000) -> RunRecord:
+    run = record(algo, k, f, seed, steps=steps)
+    directory = folder / run.id
+    (directory / "train").mkdir(parents=True)
+    frame.to_csv(directory / "train" / "episodes.csv", index=False)
+    return RunRecord(run.id, directory, run.state, run.seed, run.config, run.manifest)
+
+
+def claim(number, runs=(), agents=()):
+    return study.answer(runs, agents)[number - 1]
+
+
+def with_runs(one, runs):
+    """The agent with its own runs replaced by those that were trained on disk."""
+    from dataclasses import replace
+
+    own = {run.id: run for run in runs}
+    return replace(one, runs=tuple(own[run.id] for run in one.runs))
+
+
+# Convergence
+
+
+def test_convergence_is_dated_by_the_first_window_of_short_successes(tmp_path):
+    found = learning(trained(tmp_path, "sac", 1, 25, 0, training(when=100_000)))
+    # 100 episodes of 1000 steps, then 200-step successes: half of the window are successes after 50 of them, and
+    # its mean length is then 600.
+    assert found.converged
+    assert found.converged_at == 100_000 + 50 * 200
+    assert found.length == 200
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [training(), training(when=100_000, end_fails=True), training(length=150)],
+    ids=["never", "lost", "collides early"],
+)
+def test_no_convergence(tmp_path, frame):
+    found = learning(trained(tmp_path, "sac", 1, 25, 0, frame))
+    assert not found.converged
+
+
+def test_too_few_episodes_say_nothing(tmp_path):
+    assert learning(trained(tmp_path, "sac", 1, 25, 0, training(episodes=99))) is None
+    assert learning(record("sac", 1, 25, 0)) is None
+
+
+# Trend
+
+
+def test_trend_is_mann_whitney_for_two_levels():
+    rng = np.random.default_rng(0)
+    low, high = rng.normal(0, 1, 5), rng.normal(1.2, 1, 6)
+    points = [("a", 0.0, x) for x in low] + [("a", 1.0, x) for x in high]
+    found = trend(points)
+    test = stats.mannwhitneyu(high, low, alternative="greater", method="exact")
+    assert found.estimate.value == pytest.approx(test.statistic / 30)
+    # 10,000 permutations: four standard errors.
+    assert found.p_up == pytest.approx(test.pvalue, abs=4 * np.sqrt(test.pvalue / 10_000))
+
+
+def test_trend_in_strata_agrees_with_all_permutations():
+    points = [
+        ("a", 1.0, 3.0),
+        ("a", 2.0, 5.0),
+        ("a", 3.0, 4.0),
+        ("b", 1.0, 1.0),
+        ("b", 2.0, 1.0),
+        ("b", 2.0, 7.0),
+    ]
+
+    def statistic(a, b):
+        wins = sum((y > x) + 0.5 * (y == x) for i, x in enumerate(a) for y in a[i + 1 :])
+        return wins + sum((y > b[0]) + 0.5 * (y == b[0]) for y in b[1:])
+
+    exact = [statistic(a, b) for a in permutations([3.0, 5.0, 4.0]) for b in permutations([1.0, 1.0, 7.0])]
+    observed = statistic([3.0, 5.0, 4.0], [1.0, 1.0, 7.0])
+    found = trend(points)
+    assert found.estimate.value == pytest.approx(observed / 5)
+    assert found.p_up == pytest.approx(np.mean(np.array(exact) >= observed), abs=0.02)
+    assert found.p_down == pytest.approx(np.mean(np.array(exact) <= observed), abs=0.02)
+
+
+def test_single_runs_cannot_resolve_a_trend():
+    """The thesis's own evidence for its second claim: two pairs of runs."""
+    found = trend([("K=1", -25.0, -5.0), ("K=1", -10.0, -3.0), ("K=40", -25.0, -6.0), ("K=40", -10.0, -4.0)])
+    assert found.estimate.value == 1
+    assert found.p_up == pytest.approx(0.25, abs=0.02)
+    assert np.isnan(found.estimate.low)
+    assert trend([("a", 1.0, 3.0), ("b", 2.0, 4.0)]) is None
+
+
+def test_the_interval_of_a_trend_covers_its_truth():
+    rng, hits, n = np.random.default_rng(1), 0, 150
+    truth = stats.norm.cdf(1 / np.sqrt(2))
+    for _ in range(n):
+        points = [(s, level, rng.normal(level)) for s in "ab" for level in (0.0, 1.0) for _ in range(4)]
+        estimate = trend(points).estimate
+        hits += estimate.low <= truth <= estimate.high
+    assert hits / n > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / n)
+
+
+# Verdicts
+
+
+def test_parts_make_a_verdict():
+    assert together("x", [Part(HOLDS), Part(HOLDS)]).verdict == HOLDS
+    assert together("x", [Part(HOLDS), Part(OPEN)]).verdict == OPEN
+    assert together("x", [Part(OPEN), Part(FAILS)]).verdict == FAILS
+    found = together("x", [Part(HOLDS, "s1"), Part(OPEN, "s2", "m2")])
+    assert (found.statistic, found.missing) == ("(a) s1: holds; (b) s2: cannot be said.", "(b) m2.")
+
+
+def test_by_interval():
+    e = Estimate(1.0, 0.5, 1.5)
+    assert [by_interval(e, x) for x in (0.0, 1.0, 2.0)] == [HOLDS, OPEN, FAILS]
+    assert [by_interval(e, x, less=True) for x in (0.0, 1.0, 2.0)] == [FAILS, OPEN, HOLDS]
+
+
+def test_nothing_there_means_nothing_said():
+    answers = study.answer([], [])
+    assert len(answers) == 7
+    assert {answer.verdict for answer in answers} == {OPEN}
+    assert all(answer.missing for answer in answers)
+    with pytest.raises(ReportError, match="--study 'theses' is not known; did you mean 'thesis'"):
+        study.answer([], [], "theses")
+
+
+# The claims
+
+
+def test_claim_1(tmp_path):
+    runs = [trained(tmp_path, "sac", k, 55.0, s, training()) for k in (1.0, 40.0, 100.0) for s in range(2)]
+    assert claim(1, runs).verdict == HOLDS
+    short = [
+        RunRecord(r.id, r.directory, r.state, r.seed, r.config, {**r.manifest, "steps": 60_000}) for r in runs
+    ]
+    told = claim(1, short)
+    assert told.verdict == OPEN
+    assert "1,000,000 training steps in 6 runs" in told.missing
+    assert "K=100" in claim(1, runs[:4]).missing
+    good = [trained(tmp_path / "good", "sac", 1.0, 55.0, s, training(when=50_000)) for s in range(2)]
+    told = claim(1, [*good, *runs[2:]])
+    assert told.verdict == FAILS
+    assert "K=1: 2 of 2, K=40: 0 of 2" in told.statistic
+
+
+def test_claim_2(tmp_path):
+    when = {10.0: 50_000, 25.0: 120_000, 55.0: None}
+    runs = [
+        trained(tmp_path, "sac", k, f, s, training(when[f], episodes=900))
+        for k in (1.0, 40.0)
+        for f in when
+        for s in range(3)
+    ]
+    assert claim(2, runs).verdict == HOLDS
+    turned = {10.0: None, 25.0: 120_000, 55.0: 50_000}
+    other = [
+        trained(tmp_path / "turned", "sac", k, f, s, training(turned[f], episodes=900))
+        for k in (1.0, 40.0)
+        for f in when
+        for s in range(3)
+    ]
+    assert claim(2, other).verdict == FAILS
+    assert claim(2, runs[:1]).verdict == OPEN
+
+
+def test_claim_2_compares_equal_budgets(tmp_path):
+    """A run that converged after the shorter one ended has not converged sooner than it."""
+    late = trained(tmp_path, "sac", 1.0, 10.0, 0, training(700_000, episodes=2000), steps=1_000_000)
+    brief = trained(tmp_path, "sac", 1.0, 25.0, 0, training(episodes=300), steps=300_000)
+    told = claim(2, [late, brief])
+    assert (told.verdict, told.missing) == (OPEN, "Runs that converge.")
+
+
+def test_claim_3(tmp_path):
+    agents = [agent("sac", k, f, level=3, seed_sd=0.1, episodes=500) for k, f in GRID]
+    runs = [
+        trained(tmp_path, "sac", k, f, s, training(0, top_fails=k / 100)) for k, f in GRID for s in range(3)
+    ]
+    told = claim(3, runs, agents)
+    assert told.verdict == HOLDS, told
+    better = [agent("sac", k, f, level=0 if k == 1 else 4, seed_sd=0.1) for k, f in GRID]
+    told = claim(3, runs, better)
+    assert told.verdict == FAILS
+    assert "does not hold" in told.statistic
+    assert claim(3, (), agents).missing == "(c) training records of SAC that differ in K at equal frequency."
+
+
+def test_claim_4():
+    levels = {(k, f): 0.0 - 0.3 * (k > 1) for k, f in GRID} | {(1.0, 25.0): 5.0}
+    agents = [agent("sac", k, f, level=x, seed_sd=0.1, episodes=500) for (k, f), x in levels.items()]
+    assert claim(4, (), agents).verdict == HOLDS
+    some = [a for a in agents if a.key["step.frequency"] != 55]
+    told = claim(4, (), some)
+    assert told.verdict == OPEN
+    assert "K=1 55 Hz" in told.missing
+    levels[1.0, 25.0] = -2.0
+    agents = [agent("sac", k, f, level=x, seed_sd=0.1, episodes=500) for (k, f), x in levels.items()]
+    assert claim(4, (), agents).verdict == FAILS
+
+
+def test_claim_5(tmp_path):
+    def world(level_when_not, folder):
+        agents, runs = [], []
+        for i, (k, f) in enumerate(GRID):
+            converges = i % 2 == 0
+            one = agent("sac", k, f, level=3.0 if converges else level_when_not, seed_sd=0.3)
+            mine = [
+                trained(tmp_path / folder, "sac", k, f, s, training(50_000 if converges else None))
+                for s in range(3)
+            ]
+            agents.append(with_runs(one, mine))
+            runs += mine
+        return runs, agents
+
+    told = claim(5, *world(3.0, "same"))
+    assert told.verdict in (HOLDS, OPEN)
+    assert "(a) the best of 12 runs that did not converge succeeds in" in told.statistic
+    assert "holds; (b)" in told.statistic
+    assert claim(5, *world(-2.0, "worse")).verdict == FAILS
+
+
+def test_claim_6():
+    rng = np.random.default_rng(2)
+    told = claim(6, (), [agent("sac", k, f) for k, f in GRID])
+    assert told.verdict == OPEN
+    assert "on the thesis's own ten agents 0.35 [-0.38, 0.81]" in told.statistic
+    from dataclasses import replace
+
+    def made(spread, n):
+        agents = []
+        for i in range(n):
+            one = agent("sac", float(i), 25.0)
+            steps = float(rng.permutation(n)[0]) if spread else float(i)
+            agents.append(
+                replace(
+                    one,
+                    metrics={
+                        "steps": 0 * one.metrics["steps"] + steps,
+                        "deviation_mean_m": 0 * one.metrics["steps"] + i,
+                    },
+                )
+            )
+        return agents
+
+    assert claim(6, (), made(False, 9)).verdict == FAILS
+    assert claim(6, (), made(True, 200)).verdict == HOLDS
+
+
+def test_claim_7():
+    def grid(sac, ppo):
+        return [agent("sac", k, f, level=sac[f], seed_sd=0.1) for k, f in GRID] + [
+            agent("ppo", k, f, level=ppo[f], seed_sd=0.1) for k, f in GRID
+        ]
+
+    theirs = grid({10.0: 2.0, 25.0: 2.5, 55.0: 2.0}, {10.0: 4.5, 25.0: -1.5, 55.0: -3.0})
+    told = claim(7, (), theirs)
+    assert told.verdict == HOLDS, told
+    assert (
+        claim(7, (), grid({10.0: 3.0, 25.0: 3.0, 55.0: -3.0}, {10.0: 3.0, 25.0: 3.0, 55.0: 3.0})).verdict
+        == FAILS
+    )
+    assert claim(7, (), theirs[:9]).verdict == OPEN
+
+
+def test_agents_trained_as_in_the_thesis_come_first():
+    plain, theirs = agent("sac", 1, 25), agent("sac_thesis", 1, 25)
+    assert [a.label for a in Evidence((), [plain, theirs], 0.95, 0).of("sac")] == [theirs.label]
+    assert [a.label for a in Evidence((), [plain], 0.95, 0).of("sac")] == [plain.label]
+
+
+def test_factors_come_from_the_runs_where_agents_were_not_grouped_by_them():
+    from dataclasses import replace
+
+    one = replace(agent("sac", 40, 55), key={"algo": "sac"})
+    assert Evidence((), [one], 0.95, 0).agents[0].key == {"algo": "sac", "reward.k": 40, "step.frequency": 55}
+    mixed = replace(one, runs=(record("sac", 1, 55, 0), record("sac", 40, 55, 1)))
+    assert Evidence((), [mixed], 0.95, 0).agents[0].key["reward.k"] is None
+    assert study.answer((), [mixed])[3].verdict == OPEN
+
+
+# The thesis's numbers
+
+
+def test_the_thesis_table_agrees_with_itself():
+    rates = [thesis.TABLE[f"{name}_rate"] for name in ("success", "collision", "timeout")]
+    for name in thesis.AGENTS[:-1]:
+        assert sum(row[name].value for row in rates) == pytest.approx(100, abs=0.05)
+        steps, norm, total = (
+            thesis.TABLE[m][name].value
+            for m in ("mean_steps", "mean_command_norm_mean_N", "mean_command_norm_sum_N")
+        )
+        assert steps * norm == pytest.approx(total, rel=2e-3)
+    assert {a for row in thesis.TABLE.values() for a in row} == set(thesis.AGENTS)
+    assert [a for row in thesis.TABLE.values() for a, x in row.items() if x.mark == "r"].count("SAC3") == 2
+
+
+def test_rank_correlation_of_the_thesis():
+    deviation, steps = thesis_points()
+    assert len(deviation) == 10
+    found = rank_correlation(deviation, steps, 0.95)
+    assert found.value == pytest.approx(stats.spearmanr(deviation, steps).statistic)
+    assert found.low < 0 < found.high
+
+
+def test_the_interval_of_a_rank_correlation_covers_its_truth():
+    rng, hits, n = np.random.default_rng(3), 0, 600
+    r = 0.5
+    truth = 6 / np.pi * np.arcsin(r / 2)  # Spearman's rho of a bivariate normal
+    for _ in range(n):
+        x = rng.normal(size=15)
+        estimate = rank_correlation(x, r * x + np.sqrt(1 - r**2) * rng.normal(size=15), 0.95)
+        hits += estimate.low <= truth <= estimate.high
+    assert hits / n > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / n)
+
+
+def test_beside_the_thesis():
+    agents = [agent("sac", 1, 25), agent("ppo", 1, 10)]
+    rows = study.beside(agents)
+    mine = {(row.agent, row.measure): row for row in rows}
+    success = mine["SAC4", "success_rate"]
+    assert (success.thesis, success.label) == (100.0, "SAC K=1 25 Hz")
+    assert success.ours.value == pytest.approx(100 * agents[0].success.mean())
+    assert success.thesis_interval == pytest.approx((98.12, 100), abs=0.01)
+    assert mine["SAC1", "success_rate"].ours is None
+    assert mine["SAC3", "success_rate"].mark == "r"
+    text = study.markdown(rows)
+    assert "| SAC1 (K=1 55 Hz, not run) | 54.5 / – |" in text
+    assert len(text.splitlines()) == 2 + len(thesis.AGENTS) + 2
