@@ -7,11 +7,13 @@ STAMP := $(VENV)/.installed
 # One torch thread per process; tests run side by side on the cores there are.
 JOBS ?= auto
 export OMP_NUM_THREADS ?= 1
+# Without the theme's announcement of its successor.
+MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 # SIGKILLs per case of `make soak`.
 KILLS ?= 100
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check format lint type layers bench verification soak test-cluster clean
+.PHONY: help install demo test check format lint type layers docs bench verification soak test-cluster clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -35,11 +37,16 @@ demo: $(STAMP) ## train PPO twice, PID and random; test them; rank them
 test: $(STAMP) ## the test suite
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -q
 
-check: $(STAMP) ## format, lint, types, layers
+check: $(STAMP) ## format, lint, types, layers, the links of the documentation
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(MKDOCS) --site-dir "$$(mktemp -d)"
+
+docs: $(STAMP) ## the documentation as a site, site/index.html; a broken link or reference is an error
+	$(MKDOCS)
+	@echo "open site/index.html, or type $(BIN)/mkdocs serve"
 
 format: $(STAMP) ## rewrite the code in the house's format
 	$(BIN)/ruff format .
@@ -58,4 +65,4 @@ test-cluster: $(STAMP) ## SLURM and Ray backends against real ones (installs the
 	tests/cluster/run.sh
 
 clean: ## remove the environment and caches, keep outputs
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis build *.egg-info
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis build site *.egg-info
