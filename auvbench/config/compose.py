@@ -39,7 +39,7 @@ from omegaconf.errors import (
     ValidationError,
 )
 
-from auvbench.config import algorithms, launchers, schema
+from auvbench.config import algorithms, launchers, schema, simulators
 from auvbench.errors import ConfigError, closest
 from hydra_plugins import auvbench_launcher
 
@@ -62,8 +62,8 @@ def register_schemas() -> None:
     store = ConfigStore.instance()
     store.store(name="train_schema", node=schema.TrainConfig)
     store.store(name="evaluate_schema", node=schema.EvaluateConfig)
-    # At the top level: the folders algo and launcher then list their answers alone.
-    for name, node in (ALGORITHM_SCHEMAS | launchers.SCHEMAS).items():
+    # At the top level: the folders algo, launcher and simulator then list their answers alone.
+    for name, node in (ALGORITHM_SCHEMAS | launchers.SCHEMAS | simulators.SCHEMAS).items():
         store.store(name=name, node=node)
 
 
@@ -116,9 +116,14 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         agent = str(OmegaConf.select(config, "algo.agent"))
         names = [name.removesuffix("_schema") for name in ALGORITHM_SCHEMAS]
         raise ConfigError(f"algo.agent={agent}: unknown; {closest(agent, names)}")
+    simulator = simulators.schema_of(str(OmegaConf.select(config, "simulator.name")))
+    if simulator is None:
+        name = str(OmegaConf.select(config, "simulator.name"))
+        raise ConfigError(f"simulator.name={name}: unknown; {closest(name, simulators.CAPABILITIES)}")
     try:
         merged = OmegaConf.structured(schema.TrainConfig)
         merged.algo = OmegaConf.structured(algorithm)
+        merged.simulator = OmegaConf.structured(simulator)
         merged = OmegaConf.merge(merged, config)
     except OmegaConfBaseException as error:
         raise translate(error) from error

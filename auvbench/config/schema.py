@@ -29,15 +29,6 @@ def name() -> Any:
 
 
 @dataclass(kw_only=True)
-class Simulator:
-    """How the vehicle's equations of motion are integrated."""
-
-    name: str = choice("fossen")
-    max_step: float = number(0.0, 1.0, open_low=True)  # s
-    threads: int = number(1, 256)
-
-
-@dataclass(kw_only=True)
 class Task:
     """The waypoint task (section 3 of the thesis)."""
 
@@ -261,7 +252,7 @@ class TrainConfig:
     name: str = name()
     output: str
     vehicle: Any
-    simulator: Simulator
+    simulator: Any
     task: Task
     reward: Reward
     step: Step

@@ -9,7 +9,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from auvbench.config import algorithms, disturbance, schema
+from auvbench.config import algorithms, disturbance, schema, simulators
 from auvbench.errors import ConfigError, closest
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
@@ -78,6 +78,10 @@ def train_config(config: DictConfig) -> schema.TrainConfig:
         raise ConfigError(
             "algo: name an algorithm, e.g. algo=ppo; its file must start from a schema (see conf/algo)"
         )
+    if not isinstance(typed.simulator, simulators.Simulator):
+        raise ConfigError(
+            "simulator: name one, e.g. simulator=fossen; its file must start from a schema (see conf/simulator)"
+        )
     check(typed)
     _across(typed)
     return typed
@@ -131,6 +135,7 @@ def _across(config: schema.TrainConfig) -> None:
                 f"noise.{name}.low={span.low:g}: must be at most noise.{name}.high={span.high:g}"
             )
     disturbance.check(config.disturbance)
+    simulators.check(config.simulator, config.disturbance)
     algo = config.algo
     if isinstance(algo, algorithms.PPO):
         rollout = algo.n_steps * algo.n_envs

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import schema
-from auvbench.errors import ConfigError
+from auvbench.config import schema, simulators
+from auvbench.errors import ConfigError, closest
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks import disturbances
@@ -172,16 +172,18 @@ def _below(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[
     return {key.removeprefix(prefix): value for key, value in state.items() if key.startswith(prefix)}
 
 
-def make_simulator(config: schema.Simulator, vehicle: VehicleModel, n: int) -> Simulator:
+def make_simulator(config: simulators.Simulator, vehicle: VehicleModel, n: int) -> Simulator:
     """The simulator that the configuration names.
 
     Its step is no longer than the vehicle's shortest time constant, whatever the configuration allows. RK4 would be
     stable up to 2.78 of them: the rest is for drawn vehicles, currents and what turns faster than thrust alone makes it.
     """
-    if config.name == "fossen":
+    if isinstance(config, simulators.Fossen):
         step = min(config.max_step, shortest_time_constant(vehicle))
         return FossenSimulator(vehicle, n, max_step=step)
-    raise ConfigError(f"simulator.name={config.name}: unknown; valid: fossen")
+    raise ConfigError(
+        f"simulator.name={config.name}: unknown; {closest(config.name, simulators.CAPABILITIES)}"
+    )
 
 
 def at_frequency(config: schema.TrainConfig, frequency: float) -> schema.TrainConfig:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import schema
+from auvbench.config import schema, simulators
 from auvbench.envs.batch import Batch, Transition
 from auvbench.envs.team import TeamBatch
 
@@ -31,7 +31,7 @@ def make_batch(
 ) -> Batch | ShardedBatch:
     """The batch for a configuration, on `simulator.threads` threads where they pay."""
     count = int(config.algo.n_envs if n is None else n)
-    if config.simulator.threads > 1 and count >= SMALLEST:
+    if simulators.threads(config.simulator) > 1 and count >= SMALLEST:
         if Batch(config, 1, seed=seed).disturbances is None:
             return TeamBatch(config, count, seed=seed)
         if count >= SMALLEST_DISTURBED:

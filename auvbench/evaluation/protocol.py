@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, dataclass, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import schema
 from auvbench.config.compose import option, typed
+from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import Batch, at_frequency
 from auvbench.errors import ConfigError
 from auvbench.runs.identity import digest_of, without_descriptions
@@ -108,12 +109,14 @@ def _condition_fingerprint(protocol: schema.Protocol, circumstance: Circumstance
         "noise": asdict(config.noise),
         "disturbance": _plain(config.disturbance),
         "vehicle": without_descriptions(config.vehicle),
-        "simulator": {"name": config.simulator.name, "max_step": config.simulator.max_step},
+        "simulator": {key: value for key, value in asdict(config.simulator).items() if key != "threads"},
         "frequency": config.step.frequency if circumstance.fixed_frequency else None,
     }
     key = digest_of(meant, 64)
     if key not in _drawn:
-        batch = Batch(config, protocol.episodes, seed=protocol.seed, test=True, autoreset=False)
+        # What is drawn does not depend on who integrates, and the embedded simulator is there at once.
+        drawn = replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
+        batch = Batch(drawn, protocol.episodes, seed=protocol.seed, test=True, autoreset=False)
         batch.task.assign(np.arange(protocol.episodes))
         batch.reset()
         _drawn[key] = hashlib.sha256(key.encode() + batch.task.F.tobytes()).hexdigest()

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from auvbench.config.simulators import Capabilities
 from auvbench.vehicles.model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -22,6 +23,7 @@ class Simulator(Protocol):
 
     vehicle: VehicleModel
     n: int
+    capabilities: Capabilities  # what it can; what it cannot is refused where the configuration asks for it
     pose: FloatArray  # (n, 7) x y z qw qx qy qz, m
     velocity: FloatArray  # (n, 6) u v w p q r in body axes, m/s and rad/s
     actuators: FloatArray  # (n, n_actuator_states)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from auvbench.config.simulators import CAPABILITIES
 from auvbench.dynamics import layout
 from auvbench.dynamics.kernel import PARAMETER_ROWS, advance
 from auvbench.errors import ConfigError
@@ -52,6 +53,8 @@ class FossenSimulator:
         scales: (n, 6) as given to `reset`.
 
     """
+
+    capabilities = CAPABILITIES["fossen"]
 
     def __init__(self, vehicle: VehicleModel, n: int, max_step: float = 0.01) -> None:
         if n < 1:

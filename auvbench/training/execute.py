@@ -10,7 +10,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from auvbench.agents.base import learns
-from auvbench.config import schema
+from auvbench.config import schema, simulators
 from auvbench.config.compose import typed
 from auvbench.errors import AuvbenchError, TrainingError
 from auvbench.runs import provenance
@@ -55,7 +55,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
             attempts=int(manifest["attempts"]) + 1,
             versions=provenance.versions(),
             git=provenance.git(),
-            host=provenance.host(config.simulator.threads),
+            host=provenance.host(simulators.threads(config.simulator)),
         )
 
     def note(**changes: Any) -> dict[str, Any]:

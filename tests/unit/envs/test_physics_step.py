@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from auvbench.config import schema
+from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import make_simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
@@ -27,7 +27,7 @@ def launched(simulator: FossenSimulator, turning: float) -> FossenSimulator:
 
 def made(name: str, max_step: float, turning: float = 0.0) -> FossenSimulator:
     vehicle = sheet.load(name)
-    simulator = make_simulator(schema.Simulator(name="fossen", max_step=max_step, threads=1), vehicle, N)
+    simulator = make_simulator(Fossen(name="fossen", max_step=max_step, threads=1), vehicle, N)
     assert isinstance(simulator, FossenSimulator)
     return launched(simulator, turning)
 

@@ -1,0 +1,106 @@
+"""The schemas of the `simulator` group, and what each simulator can.
+
+What a simulator cannot is refused here, while the configuration is checked and before anything starts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from auvbench.config.schema import Current, Disturbance, Scale, choice, number
+from auvbench.errors import ConfigError
+
+CURRENTS = ("none", "steady", "varying", "sheared")
+"""What a current may do, each word including those before it: hold for an episode, change within it, change with depth."""
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What a simulator can beyond moving vehicles."""
+
+    exact_resume: bool
+    """`state_dict` brings back the very state; otherwise a resumed run begins its episodes in flight again"""
+    deterministic: bool
+    """the same commands give the same bits, whatever else the machine does"""
+    scales: bool
+    """each vehicle may have numbers of its own: `reset(scales=...)`"""
+    currents: str
+    """the most that `set_current` takes, one of `CURRENTS`"""
+
+
+CAPABILITIES: dict[str, Capabilities] = {
+    "fossen": Capabilities(exact_resume=True, deterministic=True, scales=True, currents="sheared"),
+}
+
+
+@dataclass(kw_only=True)
+class Simulator:
+    """What every `simulator/*.yaml` has: which simulator it is."""
+
+    name: str = choice(*CAPABILITIES)
+
+
+@dataclass(kw_only=True)
+class Fossen(Simulator):
+    """The embedded simulator."""
+
+    max_step: float = number(0.0, 1.0, open_low=True)  # s
+    threads: int = number(1, 256)
+
+
+SCHEMAS: dict[str, type] = {
+    "simulator_fossen_schema": Fossen,
+}
+
+
+def schema_of(name: str) -> type | None:
+    """The schema of a simulator's configuration; None where there is no such simulator."""
+    return SCHEMAS.get(f"simulator_{name}_schema")
+
+
+def threads(simulator: Any) -> int:
+    """Threads that a batch on this simulator may use; only the embedded one uses more than one."""
+    return simulator.threads if isinstance(simulator, Fossen) else 1
+
+
+def check(simulator: Simulator, disturbance: Disturbance) -> None:
+    """Checks that the simulator can do what the disturbance asks.
+
+    Raises:
+        ConfigError: names the key that asks too much, and simulators that could.
+    """
+    can = CAPABILITIES[simulator.name]
+    key, needed = _current(disturbance.current)
+    if CURRENTS.index(needed) > CURRENTS.index(can.currents):
+        others = _others(
+            lambda c: CURRENTS.index(c.currents) >= CURRENTS.index(needed),
+        )
+        at_most = "has no current" if can.currents == "none" else f"takes a {can.currents} current at most"
+        raise ConfigError(
+            f"{key}: asks for a {needed} current, and simulator={simulator.name} {at_most}; {others}"
+        )
+    drawn = disturbance.randomisation
+    if not can.scales:
+        for name in ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust"):
+            scale: Scale = getattr(drawn, name)
+            if scale.low != 1.0 or scale.high != 1.0:
+                raise ConfigError(
+                    f"disturbance.randomisation.{name}: asks for vehicles with numbers of their own, which "
+                    f"simulator={simulator.name} does not have; {_others(lambda c: c.scales)}"
+                )
+
+
+def _current(current: Current) -> tuple[str, str]:
+    """The key that asks most of the current, and what it asks for."""
+    speed, fluctuation, profile = current.speed_high or current.speed, current.gauss_markov, current.profile
+    varies = fluctuation.sigma > 0.0 or fluctuation.sigma_vertical > 0.0
+    if (speed > 0.0 or varies) and (profile.factor != 1.0 or profile.turn != 0.0):
+        return "disturbance.current.profile", "sheared"
+    if varies:
+        return "disturbance.current.gauss_markov", "varying"
+    return "disturbance.current.speed", "steady" if speed > 0.0 else "none"
+
+
+def _others(able: Any) -> str:
+    return "use " + " or ".join(f"simulator={name}" for name, can in CAPABILITIES.items() if able(can))

@@ -1,0 +1,74 @@
+"""What a simulator cannot is refused while the configuration is checked."""
+
+import pytest
+
+from auvbench.config import simulators
+from auvbench.config.compose import compose
+from auvbench.config.simulators import CAPABILITIES, Capabilities
+from auvbench.config.validate import train_config
+from auvbench.errors import ConfigError
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """The embedded simulator, as if it could do less."""
+
+    def limit(**changes):
+        able = {
+            "exact_resume": False,
+            "deterministic": False,
+            "scales": False,
+            "currents": "steady",
+        } | changes
+        monkeypatch.setitem(CAPABILITIES, "fossen", Capabilities(**able))
+        monkeypatch.setitem(
+            CAPABILITIES, "able", CAPABILITIES["fossen"].__class__(True, True, True, "sheared")
+        )
+
+    return limit
+
+
+def check(*overrides):
+    return train_config(compose("train", list(overrides)))
+
+
+def test_the_embedded_simulator_takes_all_that_can_be_asked():
+    check("disturbance=severe", "disturbance.current.profile.factor=0.5", "disturbance.current.speed=0.3")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key", "word"),
+    [
+        (["disturbance=gauss_markov"], "disturbance.current.gauss_markov", "varying"),
+        (["disturbance=depth_current"], "disturbance.current.profile", "sheared"),
+        (["disturbance=randomised"], "disturbance.randomisation.mass", "numbers of their own"),
+    ],
+)
+def test_what_it_cannot_is_refused_with_the_key_and_a_way_out(plain, overrides, key, word):
+    plain()
+    with pytest.raises(ConfigError) as caught:
+        check(*overrides)
+    message = str(caught.value)
+    assert message.startswith(f"{key}: ")
+    assert word in message
+    assert "simulator=fossen" in message
+    assert message.endswith("use simulator=able")
+
+
+def test_a_steady_current_passes_where_one_is_taken_and_not_where_there_is_none(plain):
+    plain()
+    check("disturbance=current")
+    plain(currents="none")
+    with pytest.raises(ConfigError, match="has no current"):
+        check("disturbance=current")
+
+
+def test_every_simulator_has_a_schema_and_a_file():
+    for name in CAPABILITIES:
+        assert simulators.schema_of(name) is not None
+        assert compose("train", [f"simulator={name}"]).simulator.name == name
+
+
+def test_a_file_without_a_schema_is_named():
+    with pytest.raises(ConfigError, match="must start from a schema"):
+        check("~simulator", "+simulator={name: fossen}")
