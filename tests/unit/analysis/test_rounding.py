@@ -12,7 +12,7 @@ from auvbench.statistics.estimate import Estimate
 def test_examples_of_the_docstrings(module: str) -> None:
     import importlib
 
-    result = doctest.testmod(importlib.import_module(f"auvbench.reporting.{module}"))
+    result = doctest.testmod(importlib.import_module(f"auvbench.analysis.{module}"))
     assert result.attempted > 0
     assert result.failed == 0
 
