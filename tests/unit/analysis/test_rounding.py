@@ -8,11 +8,13 @@ from auvbench.analysis.rounding import rounded
 from auvbench.statistics.estimate import Estimate
 
 
-@pytest.mark.parametrize("module", ["rounding", "labels", "tables.latex", "tables.markdown"])
+@pytest.mark.parametrize(
+    "module", ["analysis.rounding", "analysis.labels", "reporting.tables.latex", "reporting.tables.markdown"]
+)
 def test_examples_of_the_docstrings(module: str) -> None:
     import importlib
 
-    result = doctest.testmod(importlib.import_module(f"auvbench.analysis.{module}"))
+    result = doctest.testmod(importlib.import_module(f"auvbench.{module}"))
     assert result.attempted > 0
     assert result.failed == 0
 
