@@ -59,11 +59,12 @@ def load(
     protocols = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     problems: list[Problem] = []
     directories = list(_directories(paths, problems))
-    runs = _without_duplicates(_collect(each(_read_run, directories), problems), problems)
-    if not runs:
+    found = _collect(each(_read_run, directories), problems)
+    if not found:
         details = f": {problems[0].where}: {problems[0].message}" if problems else ""
         raise ReportError(f"no run under {', '.join(map(str, paths))}{details}")
-    return _collect(each(lambda run: _with_evaluations(run, protocols), runs), problems), problems
+    read = list(each(lambda run: _with_evaluations(run, protocols), found))
+    return _collect(_one_per_id(read, protocols[0]), problems), problems
 
 
 def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
@@ -188,21 +189,39 @@ def _flat(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
             yield f"{prefix}{key}", value
 
 
-def _without_duplicates(runs: Sequence[RunRecord], problems: list[Problem]) -> list[RunRecord]:
-    """One run per id: of copies, the complete one that ended last."""
-    by_id: dict[str, list[RunRecord]] = {}
-    for run in runs:
-        by_id.setdefault(run.id, []).append(run)
-    kept = []
+def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
+    """One run per id, in the order of the ids. Of copies, the evaluated one counts; of several, the last that ended.
+
+    What is wrong with the copies that do not count keeps nothing out of the tables, and is not said.
+    """
+    by_id: dict[str, list[tuple[RunRecord, list[Problem]]]] = {}
+    for run, problems in read:
+        if run is not None:
+            by_id.setdefault(run.id, []).append((run, problems))
     for _, copies in sorted(by_id.items()):
         copies.sort(
-            key=lambda r: (r.state == "complete", str(r.manifest.get("ended") or ""), str(r.directory))
+            key=lambda copy: (
+                copy[0].state == "complete",
+                protocol in copy[0].evaluations,
+                len(copy[0].evaluations),
+                str(copy[0].manifest.get("ended") or ""),
+                str(copy[0].directory),
+            )
         )
-        kept.append(copies[-1])
-        for copy in copies[:-1]:
-            message = f"a second run with this id, in {copy.directory}; {copies[-1].directory} is reported"
-            problems.append(Problem(copy.id, "duplicate", message))
-    return kept
+        *others, (counts, problems) = copies
+        yield counts, [*problems, *(_second(copy, counts, protocol) for copy, _ in others)]
+
+
+def _second(copy: RunRecord, counts: RunRecord, protocol: str) -> Problem:
+    """Names both directories of one configuration, and says why this one of them is not the one that counts."""
+    if copy.state != "complete":
+        why = f" ({copy.state})"
+    elif protocol not in copy.evaluations and protocol in counts.evaluations:
+        why = f" (not evaluated by protocol {protocol})"
+    else:
+        why = ""
+    message = f"the same configuration twice: {counts.directory} is reported, {copy.directory}{why} is not"
+    return Problem(copy.id, "duplicate", message)
 
 
 def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:

@@ -15,6 +15,8 @@ NUMBERS = ("step", "steps", "return", "final_distance_m")
 def training(run: RunRecord) -> pd.DataFrame | None:
     """The columns of train/episodes.csv that a report uses; None where there is no such file (PID).
 
+    A table without a row is sound: not one episode ended during a short training.
+
     Raises:
         Damage: the file cannot be read, lacks a column, or holds a value that cannot be.
     """
@@ -29,6 +31,8 @@ def training(run: RunRecord) -> pd.DataFrame | None:
         raise Damage(f"{name} cannot be read ({reason})") from error
     if missing := [c for c in needed if c not in frame.columns]:
         raise Damage(f"{name} lacks the columns {', '.join(missing)}")
+    if frame.empty:  # a training that was shorter than its first episode
+        return frame
     if bad := {str(outcome) for outcome in frame["outcome"].unique()} - set(OUTCOMES):
         raise Damage(f"{name} has the outcome {min(bad)!r}, none of {', '.join(OUTCOMES)}")
     if not finite(frame[list(NUMBERS)].to_numpy()):

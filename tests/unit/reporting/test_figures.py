@@ -189,6 +189,19 @@ def test_the_heat_map_shows_the_table(small: Scene) -> None:
             assert rounded(row.estimates["success_rate"], 100)[0] in shown
 
 
+def test_a_training_without_one_finished_episode_is_not_damaged(tmp_path: Path) -> None:
+    folder = tmp_path / "short"
+    for run in write_experiment(folder, algorithms=("ppo", "pid"), seeds=(0,), episodes=12):
+        table = run / "train" / "episodes.csv"
+        if table.is_file():
+            table.write_text(table.read_text().splitlines(keepends=True)[0])
+    runs, _ = load([folder])
+    found, _ = agents(runs)
+    drawn, problems = draw_all(runs, found, plain_ranking(found), folder / "report")
+    assert problems == []
+    assert not {"training_curves", "training_outcomes", "training_logs"} & {figure.name for figure in drawn}
+
+
 def test_training_figures_do_without_a_damaged_record(tmp_path: Path) -> None:
     drawn_from = build(tmp_path / "grid", algorithms=("ppo",), seeds=(0, 1), episodes=10, train_episodes=50)
     (drawn_from.agents[0].runs[1].directory / "train" / "episodes.csv").write_text("step\n1\n")
