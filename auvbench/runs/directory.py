@@ -170,8 +170,12 @@ _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
 def place(config: Mapping[str, Any]) -> RunDirectory:
-    """Where the run of a resolved configuration lies."""
-    return RunDirectory(Path(config["output"]) / config["name"] / identity.run_id(config))
+    """Where the run of a resolved configuration lies; one that was made before ids named vehicles stays there."""
+    folder = Path(config["output"]) / config["name"]
+    here, earlier = (
+        RunDirectory(folder / name) for name in (identity.run_id(config), identity.earlier_id(config))
+    )
+    return earlier if earlier.id != here.id and earlier.exists() and not here.exists() else here
 
 
 def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:

@@ -81,20 +81,44 @@ def _numbers(node: Any) -> Any:
     return node
 
 
+DEFAULT_VEHICLE = "bluerov2"
+"""That of conf/train.yaml when ids were defined: an id names no other vehicle than one that differs from it."""
+
+
 def run_id(config: Mapping[str, Any]) -> str:
-    """`{algorithm}-k{K}-f{frequency}-s{seed}-{hash}`, e.g. ppo-k1-f10-s42-1b2c3d4e."""
+    """`{algorithm}-k{K}-f{frequency}-s{seed}-{hash}`, e.g. ppo-k1-f10-s42-1b2c3d4e, ppo-rexrov-k1-f10-s42-5a6b7c8d.
+
+    The vehicle stands behind the algorithm where it is not the default one.
+    """
+    vehicle = _vehicle(config)
+    return _id(config, f"{config['algo']['name']}{f'-{vehicle}' if vehicle else ''}")
+
+
+def earlier_id(config: Mapping[str, Any]) -> str:
+    """The id that the same run had before ids named vehicles: what such runs are still called."""
+    return _id(config, str(config["algo"]["name"]))
+
+
+def _id(config: Mapping[str, Any], head: str) -> str:
     return (
-        f"{config['algo']['name']}-k{_short(config['reward']['k'])}-f{_short(config['step']['frequency'])}"
+        f"{head}-k{_short(config['reward']['k'])}-f{_short(config['step']['frequency'])}"
         f"-s{config['seed']}-{digest(config)}"
     )
+
+
+def _vehicle(config: Mapping[str, Any]) -> str:
+    """The vehicle as an id has it: '' for the default one, and nothing that a folder's name cannot hold."""
+    vehicle = config.get("vehicle")
+    name = vehicle.get("name") if isinstance(vehicle, Mapping) else None
+    return "" if name in (None, DEFAULT_VEHICLE) else re.sub(r"[^\w.-]", "_", str(name))
 
 
 def _short(value: float) -> str:
     return f"{float(value):g}"
 
 
-_SHOWN = ("algo.name", "reward.k", "step.frequency", "seed")
-"""The keys whose values an id shows, in its order."""
+_SHOWN = ("reward.k", "step.frequency", "seed")
+"""The keys whose values an id shows behind algorithm and vehicle, in its order."""
 
 _ID = re.compile(r"(.+)-k(.+)-f(.+)-s(.+)-[0-9a-f]{8}", re.DOTALL)
 
@@ -102,26 +126,38 @@ _ID = re.compile(r"(.+)-k(.+)-f(.+)-s(.+)-[0-9a-f]{8}", re.DOTALL)
 def mismatch(config: Mapping[str, Any], id: str) -> str:
     """What tells a configuration from that of the run with this id, in words; empty where it is that run's."""
     try:
-        found = run_id(config)
+        found, earlier = run_id(config), earlier_id(config)
     except (ArithmeticError, AttributeError, KeyError, RecursionError, TypeError, ValueError):
         return _defect(config)  # an edited file may hold anything
-    if found == id:
+    if id in (found, earlier):
         return ""
     mine, named = _ID.fullmatch(found), _ID.fullmatch(id)
     if mine is None or named is None:
         return f"its id would be {found}, and the folder's name is none (was the folder renamed?)"
-    pairs = zip(_SHOWN, mine.groups(), named.groups(), strict=True)
-    differing = [
-        f"{key} is {there} in it and {name} in the folder's name"
-        for key, there, name in pairs
-        if there != name
-    ]
+    differing = _heads(str(config["algo"]["name"]), _vehicle(config), named[1])
+    for key, there, name in zip(_SHOWN, mine.groups()[1:], named.groups()[1:], strict=True):
+        if there != name:
+            differing.append(f"{key} is {there} in it and {name} in the folder's name")
     return ", ".join(differing) or "a value that the folder's name does not show was edited"
+
+
+def _heads(algo: str, vehicle: str, named: str) -> list[str]:
+    """How algorithm and vehicle differ from what stands before the K of a folder's name."""
+    if named in (
+        algo,
+        f"{algo}-{vehicle}",
+    ):  # the first: the name of the folder is older than vehicles in names
+        return []
+    if named.startswith(f"{algo}-"):
+        there = named.removeprefix(f"{algo}-")
+        return [f"vehicle.name is {vehicle or DEFAULT_VEHICLE} in it and {there} in the folder's name"]
+    there = named.removesuffix(f"-{vehicle}") if vehicle else named
+    return [f"algo.name is {algo} in it and {there} in the folder's name"]
 
 
 def _defect(config: Mapping[str, Any]) -> str:
     """Why a configuration has no id."""
-    for key in _SHOWN:
+    for key in ("algo.name", *_SHOWN):
         node: Any = config
         for part in key.split("."):
             if not isinstance(node, Mapping) or part not in node:

@@ -11,8 +11,8 @@ from omegaconf import OmegaConf
 from auvbench.agents.base import learns
 from auvbench.config.compose import typed
 from auvbench.errors import ConfigError, RunError
-from auvbench.runs import identity, standing
-from auvbench.runs.directory import RunDirectory, freeze
+from auvbench.runs import standing
+from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.training.checkpoint.seeding import seed
 from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore
 
@@ -58,7 +58,7 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
     # Beside the run, wherever it was moved to since it was made; neither key is part of its identity.
     larger["output"], larger["name"] = str(run.path.parent.parent), run.path.parent.name
     typed(OmegaConf.create(larger))
-    target = RunDirectory(run.path.parent / identity.run_id(larger))
+    target = place(larger)
     if target.exists() and (target.manifest()["state"] == "complete" or CheckpointStore(target.path).steps()):
         return Extension(run, larger, target, None)
     checkpoint = CheckpointStore(run.path).peek()

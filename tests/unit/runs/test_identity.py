@@ -59,6 +59,41 @@ def test_an_id_is_readable():
     assert identity.run_id(config).startswith("sac-k40-f55-s7-")
 
 
+def test_an_id_names_a_vehicle_that_is_not_the_default_one():
+    config = plain("vehicle=rexrov", "reward.k=40", "seed=7")
+    assert identity.run_id(config) == f"ppo-rexrov-k40-f10-s7-{identity.digest(config)}"
+    assert identity.run_id(plain("vehicle=bluerov2")) == BASE
+    assert (
+        plain()["vehicle"]["name"] == identity.DEFAULT_VEHICLE
+    )  # or ids would say less than the configuration
+
+
+def test_the_name_of_a_vehicle_cannot_leave_its_folder():
+    config = plain() | {"vehicle": {"name": "../a b"}}
+    assert identity.run_id(config).startswith("ppo-.._a_b-k1-")
+
+
+def test_runs_made_before_ids_named_vehicles_stay_where_they_are(tmp_path):
+    config = plain(f"output={tmp_path}", "vehicle=rexrov")
+    earlier = tmp_path / config["name"] / f"ppo-k1-f10-s42-{identity.digest(config)}"
+    freeze(config).path.rename(earlier)
+    assert freeze(config).path == earlier
+    assert RunDirectory(earlier).check()["vehicle"]["name"] == "rexrov"
+
+
+@pytest.mark.parametrize(
+    ("edited", "difference"),
+    [
+        ("vehicle=bluerov2", "vehicle.name is bluerov2 in it and rexrov in the folder's name"),
+        ("vehicle=lrauv", "vehicle.name is lrauv in it and rexrov in the folder's name"),
+        ("vehicle=rexrov algo=sac", "algo.name is sac in it and ppo in the folder's name"),
+    ],
+)
+def test_a_mismatch_tells_vehicle_and_algorithm_apart(edited, difference):
+    named = identity.run_id(plain("vehicle=rexrov"))
+    assert identity.mismatch(plain(*edited.split()), named) == difference
+
+
 def test_the_id_is_the_one_of_older_runs():
     # A change here orphans everybody's runs: raise SCHEMA_VERSION instead of mending this number.
     minimal = {
