@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from auvbench.config.schema import choice, name, number
+from auvbench.config.schema import choice, later, name, number
 
 
 @dataclass(kw_only=True)
@@ -26,6 +26,7 @@ class Network:
     learning_rate_schedule: str = choice("constant", "linear")
     batch_size: int = number(1, 1 << 24)
     gamma: float = number(0.0, 1.0)
+    horizon_s: float | None = later(number(0.0, 1e7, open_low=True))  # s
 
 
 @dataclass(kw_only=True)

@@ -23,6 +23,11 @@ def choice(*names: str) -> Any:
     return field(metadata={"choices": names})
 
 
+def later(declared: Any, default: Any = None) -> Any:
+    """A field that runs of earlier versions do not have: they load with the value under which it changes nothing."""
+    return field(default=default, metadata=declared.metadata)
+
+
 def name() -> Any:
     """A field that becomes part of a path: letters, digits, dots, dashes and underscores."""
     return field(metadata={"name": True})
@@ -40,6 +45,7 @@ class Task:
     depth_low: float = number(-1e4, 0.0)  # m
     depth_high: float = number(-1e4, 0.0)  # m
     max_steps: int = number(1, 10_000_000)
+    time_limit: float | None = later(number(0.0, 1e7, open_low=True))  # s
     position_frame: str = choice("world", "body")
 
 
@@ -203,6 +209,7 @@ class Train:
     """The budget of training and how it is watched."""
 
     total_steps: int = number(1, 1 << 62)
+    evaluate_every: int = later(number(0, 1 << 62), 0)
     normalise_observations: bool
     normalise_rewards: bool
     clip_observations: float = number(0.0, 1e6, open_low=True)
@@ -226,6 +233,7 @@ class Protocol:
     """A test: which scenarios, at which frequency, under which conditions."""
 
     name: str = name()
+    scenarios: str = later(choice("test", "validation"), "test")
     episodes: int = number(1, 1_000_000)
     seed: int = number(0, (1 << 32) - 1)
     frequency: float | None = field(metadata={"low": 0.0, "high": 1000.0, "open_low": True})

@@ -10,7 +10,11 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from auvbench.config import algorithms, disturbance, schema, simulators
+from auvbench.config.clock import step_limit
 from auvbench.errors import ConfigError, closest
+
+MOST_STEPS = 10_000_000
+"""of an episode"""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
 
@@ -134,6 +138,12 @@ def _across(config: schema.TrainConfig) -> None:
             raise ConfigError(
                 f"noise.{name}.low={span.low:g}: must be at most noise.{name}.high={span.high:g}"
             )
+    limit = step_limit(task, config.step.frequency)
+    if not 1 <= limit <= MOST_STEPS:
+        raise ConfigError(
+            f"task.time_limit={task.time_limit:g}: is {limit} steps at {config.step.frequency:g} Hz; must be from "
+            f"{1 / config.step.frequency:g} to {MOST_STEPS / config.step.frequency:g} s there"
+        )
     disturbance.check(config.disturbance)
     simulators.check(config.simulator, config.disturbance)
     algo = config.algo

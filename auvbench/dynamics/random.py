@@ -35,6 +35,8 @@ BIAS = 6
 DRIFT = 7
 TEST = 0x100
 """Test protocols draw from `stream | TEST`, so that no training scenario is a test scenario."""
+VALIDATION = 0x200
+"""Validation draws from `stream | VALIDATION`: what is chosen or watched on it has seen no test scenario."""
 
 _MASK = np.uint64(0xFFFFFFFF)
 _SHIFT = np.uint64(32)

@@ -53,6 +53,7 @@ class Batch:
         n: how many environments; None takes `algo.n_envs`.
         seed: of every draw; None takes `config.seed`.
         test: draw from the streams of test protocols.
+        validation: draw from the streams of validation.
         autoreset: begin the next episode in the step that ended one.
         first: index of the first environment, where the batch is part of a larger one.
     """
@@ -64,6 +65,7 @@ class Batch:
         *,
         seed: int | None = None,
         test: bool = False,
+        validation: bool = False,
         autoreset: bool = True,
         first: int = 0,
     ) -> None:
@@ -72,7 +74,13 @@ class Batch:
         self.vehicle = sheet.load(config.vehicle)
         self.simulator = make_simulator(config.simulator, self.vehicle, self.n)
         self.task = WaypointTask(
-            config, self.vehicle, self.n, config.seed if seed is None else seed, test=test, first=first
+            config,
+            self.vehicle,
+            self.n,
+            config.seed if seed is None else seed,
+            test=test,
+            validation=validation,
+            first=first,
         )
         self.disturbances = disturbances.make(config, self.vehicle, self.task)
         self.autoreset = autoreset

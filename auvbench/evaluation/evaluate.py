@@ -21,8 +21,8 @@ from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.runs import provenance
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.files import write_json
+from auvbench.runs.plan import load_config
 from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
-from auvbench.training.execute import load_config
 from auvbench.vehicles import sheet
 
 SCHEMA_VERSION = 1
@@ -94,6 +94,7 @@ def evaluate(
                     seed=protocol.seed,
                     batch=protocol.batch,
                     trajectories=protocol.trajectories,
+                    scenarios=protocol.scenarios,
                 ),
             )
         )

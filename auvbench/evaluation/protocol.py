@@ -14,8 +14,9 @@ from omegaconf.errors import OmegaConfBaseException
 from auvbench.config import schema
 from auvbench.config.compose import option, typed
 from auvbench.config.simulators import Fossen
-from auvbench.envs.batch import Batch, at_frequency
+from auvbench.envs.batch import at_frequency
 from auvbench.errors import ConfigError
+from auvbench.evaluation.rollout import batch_of
 from auvbench.runs.identity import digest_of, without_descriptions
 from auvbench.vehicles import sheet
 
@@ -105,22 +106,30 @@ def _condition_fingerprint(protocol: schema.Protocol, circumstance: Circumstance
         "episodes": protocol.episodes,
         "seed": protocol.seed,
         "condition": circumstance.name,
-        "task": {key: value for key, value in asdict(config.task).items() if key != "position_frame"},
+        "task": _task(config.task),
         "noise": asdict(config.noise),
         "disturbance": _plain(config.disturbance),
         "vehicle": without_descriptions(config.vehicle),
         "simulator": {key: value for key, value in asdict(config.simulator).items() if key != "threads"},
         "frequency": config.step.frequency if circumstance.fixed_frequency else None,
     }
+    if protocol.scenarios != "test":
+        meant["scenarios"] = protocol.scenarios
     key = digest_of(meant, 64)
     if key not in _drawn:
         # What is drawn does not depend on who integrates, and the embedded simulator is there at once.
         drawn = replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
-        batch = Batch(drawn, protocol.episodes, seed=protocol.seed, test=True, autoreset=False)
+        batch = batch_of(protocol.scenarios, drawn, protocol.episodes, protocol.seed)
         batch.task.assign(np.arange(protocol.episodes))
         batch.reset()
         _drawn[key] = hashlib.sha256(key.encode() + batch.task.F.tobytes()).hexdigest()
     return _drawn[key]
+
+
+def _task(task: schema.Task) -> dict[str, Any]:
+    """What of the task makes a scenario; a limit in seconds only where there is one, as before there could be."""
+    left_out = {"position_frame"} | ({"time_limit"} if task.time_limit is None else {"max_steps"})
+    return {key: value for key, value in asdict(task).items() if key not in left_out}
 
 
 # A thousand runs of one grid meet the same scenarios: they are drawn once.

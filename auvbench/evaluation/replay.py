@@ -62,7 +62,13 @@ def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode
     config = found[condition]
     agent = make_agent(run, config.step.frequency)
     result = roll_out(
-        config, agent, episodes=np.array([episode]), seed=protocol.seed, batch=1, trajectories=1
+        config,
+        agent,
+        episodes=np.array([episode]),
+        seed=protocol.seed,
+        batch=1,
+        trajectories=1,
+        scenarios=protocol.scenarios,
     )
     arrays = result.trajectories[episode].arrays(result.duration)
     return Replay(

@@ -55,10 +55,11 @@ def roll_out(
     seed: int,
     batch: int,
     trajectories: int = 0,
+    scenarios: str = "test",
 ) -> Rollout:
     """Runs an agent through episodes (n,) of a seed, `batch` at a time, each to its end.
 
-    Keeps the whole path of the first `trajectories` of them. Episode e is a function of (seed, e): its row is
+    `scenarios` are those of a `test` or of `validation`. Keeps the whole path of the first `trajectories` of them. Episode e is a function of (seed, e): its row is
     the same at any `batch` and in any company.
     """
     records: list[Record] = []
@@ -67,13 +68,19 @@ def roll_out(
     actuators: tuple[str, ...] = ()
     for start in range(0, len(episodes), batch):
         numbers = episodes[start : start + batch]
-        environments = Batch(config, len(numbers), seed=seed, test=True, autoreset=False)
+        environments = batch_of(scenarios, config, len(numbers), seed)
         environments.task.assign(numbers)
         actuators = environments.vehicle.actuators
         followed = numbers[: max(0, trajectories - start)].tolist()
         agent.reset(numbers)
         records += _one_batch(environments, agent, followed, paths)
     return Rollout(records, paths, duration, actuators)
+
+
+def batch_of(scenarios: str, config: schema.TrainConfig, n: int, seed: int) -> Batch:
+    """N environments of a protocol: they draw from the streams of a `test` or of `validation`, and end for good."""
+    validation = scenarios == "validation"
+    return Batch(config, n, seed=seed, test=not validation, validation=validation, autoreset=False)
 
 
 def _one_batch(

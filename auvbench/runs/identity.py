@@ -25,6 +25,13 @@ NEUTRAL = (
 )
 """Keys that cannot change a run's result: where it lies, how it is launched, saved and watched."""
 
+LATER: dict[str, Any] = {"task.time_limit": None, "algo.horizon_s": None, "train.evaluate_every": 0}
+"""Keys that came after runs had been made, with the value under which nothing changes: with it they do not count, so
+that a run keeps its id."""
+
+REPLACED = {"task.time_limit": "task.max_steps", "algo.horizon_s": "algo.gamma"}
+"""Keys that, where they are set, take the place of another, whose value then changes nothing."""
+
 _DESCRIPTIVE = ("source", "sources", "unit", "title", "remarks", "comment")
 """Entries of a vehicle sheet that describe numbers; a better citation is not another vehicle."""
 
@@ -34,6 +41,15 @@ def relevant(config: Mapping[str, Any]) -> dict[str, Any]:
     kept = _without_neutral(config, "")
     if isinstance(kept.get("vehicle"), dict):
         kept["vehicle"] = without_descriptions(kept["vehicle"])
+    for key, unchanged in LATER.items():
+        group, _, name = key.partition(".")
+        node = kept.get(group)
+        if not isinstance(node, dict):
+            continue
+        if node.get(name, unchanged) == unchanged:
+            node.pop(name, None)
+        elif key in REPLACED:
+            node.pop(REPLACED[key].partition(".")[2], None)
     algo = kept.get("algo")
     if isinstance(algo, dict) and algo.get("agent") in ("pid", "random"):
         kept.pop("train", None)  # nothing to learn: the budget changes nothing

@@ -1,12 +1,24 @@
-"""From a composed configuration to a frozen run: everything is checked before anything starts."""
+"""From a composed configuration to a frozen run, everything checked before anything starts, and back again."""
 
 from __future__ import annotations
 
 from omegaconf import DictConfig, OmegaConf
 
+from auvbench.config import schema
+from auvbench.config.compose import typed
 from auvbench.config.validate import train_config
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.vehicles import sheet
+
+
+def load_config(run: RunDirectory) -> schema.TrainConfig:
+    """The typed configuration of a run directory, its identity checked.
+
+    Raises:
+        RunError: the directory is no run, or its configuration was changed.
+        ConfigError: a value is out of range.
+    """
+    return typed(OmegaConf.create(run.check()))
 
 
 def check(config: DictConfig) -> RunDirectory:
@@ -16,8 +28,7 @@ def check(config: DictConfig) -> RunDirectory:
         ConfigError: a value is wrong.
         VehicleError: the sheet breaks a rule.
     """
-    typed = train_config(config)
-    sheet.load(typed.vehicle)
+    sheet.load(train_config(config).vehicle)
     return place(_plain(config))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from auvbench.envs.batch import Batch
 from auvbench.runs.directory import RunDirectory
-from auvbench.training.execute import load_config
+from auvbench.runs.plan import load_config
 
 
 def kernels(run: RunDirectory) -> None:

@@ -103,7 +103,7 @@ def draw_scenarios(
 ) -> None:
     """Draws start yaw and waypoint of the environments in `indices` and clears their sums.
 
-    Writes the start poses into `pose` (len(indices), 7). `test` is 0, or TEST for a protocol's scenarios.
+    Writes the start poses into `pose` (len(indices), 7). `test` is 0, or TEST or VALIDATION for a protocol's scenarios.
     """
     for k in range(indices.shape[0]):
         i = indices[k]

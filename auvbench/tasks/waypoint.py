@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.dynamics.random import TEST
+from auvbench.config.clock import step_limit
+from auvbench.dynamics.random import TEST, VALIDATION
 from auvbench.errors import TrainingError
 from auvbench.tasks import kernels as k
 from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
@@ -31,6 +32,7 @@ class WaypointTask:
         n: environments.
         seed: of everything drawn here, 0 .. 2^32 - 1.
         test: draw from the streams of test protocols, which no training shares.
+        validation: draw from those of validation, which neither training nor a test shares.
         first: index of the first environment, where the batch is part of a larger one.
     """
 
@@ -42,6 +44,7 @@ class WaypointTask:
         seed: int,
         *,
         test: bool = False,
+        validation: bool = False,
         first: int = 0,
     ) -> None:
         self.vehicle = vehicle
@@ -62,7 +65,7 @@ class WaypointTask:
         self.reward: Floats = np.zeros(n)
         self.command: Floats = np.zeros((n, n_u))
         self.observation = np.zeros((n, self.observation_size), dtype=np.float32)
-        self._test = TEST if test else 0
+        self._test = VALIDATION if validation else TEST if test else 0
 
     @property
     def duration(self) -> float:
@@ -71,7 +74,7 @@ class WaypointTask:
 
     @property
     def stream(self) -> int:
-        """What is or-ed to the streams of random numbers: 0, or TEST."""
+        """What is or-ed to the streams of random numbers: 0, TEST or VALIDATION."""
         return self._test
 
     @property
@@ -200,7 +203,7 @@ def _parameters(config: schema.TrainConfig) -> Floats:
     P[k.P_GOAL] = task.goal_radius
     P[k.P_DEPTH_LOW] = task.depth_low
     P[k.P_DEPTH_HIGH] = task.depth_high
-    P[k.P_MAX_STEPS] = task.max_steps
+    P[k.P_MAX_STEPS] = step_limit(task, config.step.frequency)
     P[k.P_K] = reward.k
     P[k.P_LENGTH] = reward.length
     P[k.P_SUCCESS] = reward.success

@@ -7,28 +7,16 @@ import traceback
 from contextlib import suppress
 from typing import Any
 
-from omegaconf import OmegaConf
-
 from auvbench.agents.base import learns
 from auvbench.config import schema, simulators
-from auvbench.config.compose import typed
 from auvbench.errors import AuvbenchError, TrainingError
 from auvbench.runs import provenance
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.durable import storage
 from auvbench.runs.lock import LockLostError
+from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch
 from auvbench.training import interruption
-
-
-def load_config(run: RunDirectory) -> schema.TrainConfig:
-    """The typed configuration of a run directory, its identity checked.
-
-    Raises:
-        RunError: the directory is no run, or its configuration was changed.
-        ConfigError: a value is out of range.
-    """
-    return typed(OmegaConf.create(run.check()))
 
 
 def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from auvbench.agents.learned import learners
 from auvbench.config import algorithms, schema
+from auvbench.config.clock import discount
 from auvbench.envs.sb3 import WaypointVecEnv
 from auvbench.envs.sharded import make_batch
 from auvbench.runs.directory import RunDirectory
@@ -87,7 +88,7 @@ def learn(
         norm_reward=train.normalise_rewards,
         clip_obs=train.clip_observations,
         clip_reward=train.clip_rewards,
-        gamma=config.algo.gamma,
+        gamma=discount(config.algo, config.step.frequency),
     )
     model = learners.make(config, normaliser)
     reporter = Reporter(run.path / "progress.json", train.total_steps, watch)

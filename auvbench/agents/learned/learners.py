@@ -19,6 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from auvbench.agents.base import LEARNERS, Actions, Integers, Observations, resolve
 from auvbench.config import algorithms, schema
+from auvbench.config.clock import discount
 from auvbench.errors import RunError
 
 ACTIVATIONS = {
@@ -42,7 +43,7 @@ def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
         "env": environment,
         "learning_rate": _learning_rate(algo),
         "batch_size": algo.batch_size,
-        "gamma": algo.gamma,
+        "gamma": discount(algo, config.step.frequency),
         "policy_kwargs": _policy_arguments(algo),
         "seed": config.seed,
         "device": "cpu",

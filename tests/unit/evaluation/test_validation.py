@@ -1,0 +1,54 @@
+"""Validation scenarios: like those of a test, and none of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from auvbench.config.compose import compose
+from auvbench.config.validate import evaluate_config, train_config
+from auvbench.evaluation.protocol import circumstances, fingerprint
+from auvbench.evaluation.rollout import batch_of
+from auvbench.tasks.kernels import F_START_YAW, F_WAYPOINT
+from tests.unit.evaluation.test_protocol import config
+
+
+def protocol(name: str):
+    return evaluate_config(compose("evaluate", [f"protocol={name}"])).protocol
+
+
+def scenarios(of: str, n: int = 400, seed: int = 123):
+    batch = batch_of(of, train_config(compose("train")), n, seed)
+    batch.task.assign(np.arange(n))
+    batch.reset()
+    return batch.task.F[:, [F_START_YAW, F_WAYPOINT, F_WAYPOINT + 1, F_WAYPOINT + 2]]
+
+
+def test_validation_is_the_test_s_circumstances_with_other_scenarios():
+    (test,), (validation,) = (circumstances(protocol(name), config()) for name in ("test", "validation"))
+    assert test.config == validation.config
+    assert protocol("validation").scenarios == "validation"
+    assert protocol("test").scenarios == protocol("robustness").scenarios == "test"
+    assert fingerprint(protocol("validation"), [validation]) != fingerprint(protocol("test"), [test])
+
+
+def test_no_validation_scenario_is_a_test_or_a_training_scenario():
+    test, validation = scenarios("test"), scenarios("validation")
+    training = train_config(compose("train", ["seed=123"]))
+    from auvbench.envs.batch import Batch
+
+    batch = Batch(training, 400)
+    batch.reset()
+    trained = batch.task.F[:, [F_START_YAW, F_WAYPOINT, F_WAYPOINT + 1, F_WAYPOINT + 2]]
+    for other in (test, trained):
+        assert not (np.abs(validation[:, None, :] - other[None, :, :]) < 1e-9).any()
+    # The same distribution: means within four standard errors of a uniform's.
+    error = (scenarios("test", 4000).std(axis=0) / np.sqrt(400)) * 4
+    assert (np.abs(validation.mean(axis=0) - scenarios("test", 4000).mean(axis=0)) < error).all()
+
+
+def test_only_scenarios_of_validation_change_the_fingerprint_of_a_protocol():
+    mine, theirs = protocol("validation"), protocol("validation")
+    theirs.scenarios = "test"
+    assert fingerprint(mine, circumstances(mine, config())) != fingerprint(
+        theirs, circumstances(theirs, config())
+    )
