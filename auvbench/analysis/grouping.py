@@ -12,13 +12,11 @@ import pandas as pd
 
 from auvbench.analysis.labels import labels, part, sort_key
 from auvbench.analysis.model import Agent, Problem, RunRecord
+from auvbench.analysis.refining import differing, level, refined, trained
 from auvbench.errors import ReportError, closest
 from auvbench.tasks.record import OUTCOMES
 
 DEFAULT_GROUPING = ("algo.name", "reward.k", "step.frequency")
-
-NEUTRAL = ("seed", "name", "output", "launcher.", "simulator.threads", "train.checkpoint.", "train.progress")
-"""keys in which the runs of one agent may differ: they do not change what it can do"""
 
 NOT_METRICS = ("condition", "outcome", "episode", "environment")
 
@@ -29,16 +27,17 @@ def agents(
     protocol: str = "test",
     condition: str = "nominal",
 ) -> tuple[list[Agent], list[Problem]]:
-    """Groups evaluated runs by the values of some configuration keys.
+    """Groups evaluated runs by the values of some configuration keys, and of whatever else varied among them.
 
     Args:
-        runs: as `load` returns them.
-        by: configuration keys; a group's short name stands for its choice (`algo` for `algo.name`).
+        runs: as `load` returns them, of one vehicle and one set of scenarios (see `sections`).
+        by: configuration keys; a group's short name stands for its choice (`algo` for `algo.name`). Keys of
+            `DEFAULT_GROUPING` that are left out are pooled over; all others that varied become part of the agent.
         protocol: name of the protocol.
         condition: name of the condition within it.
 
     Returns:
-        the agents in the order of their keys, and what is missing, foreign or mixed. `Agent.metrics` has
+        the agents in the order of their keys, and what is missing, foreign or pooled. `Agent.metrics` has
         every numeric column of episodes.csv and `time_to_goal_s` (NaN where the episode was no success).
 
     Raises:
@@ -46,18 +45,35 @@ def agents(
     """
     keys = {_short(name): _resolve(name, runs) for name in by}
     rows, problems = _rows(runs, protocol, condition)
-    cells: dict[tuple[str, ...], list[RunRecord]] = {}
-    for run in runs:
-        cells.setdefault(_cell(run, keys), []).append(run)
-    groups = [[run for run in cell if run.id in rows] for cell in cells.values()]
-    groups = sorted(filter(None, groups), key=lambda group: sort_key(_key(group[0], keys)))
-    names = labels([_key(group[0], keys) for group in groups], [_learns(group[0]) for group in groups])
+    evaluated = [run for run in runs if run.id in rows]
+    pooled = {_resolve(name, runs) for name in DEFAULT_GROUPING if name in _known(runs)} - set(keys.values())
+    finer = refined(_cells(evaluated, keys), keys, pooled)
+    groups = sorted(_cells(evaluated, finer), key=lambda group: sort_key(_key(group[0], finer)))
+    names = labels([_key(group[0], finer) for group in groups], [trained(group[0]) for group in groups])
     result = []
     for label, group in zip(names, groups, strict=True):
         group.sort(key=lambda run: (run.seed, run.id))
-        problems += _mixed(label, group, set(keys.values()))
-        result.append(_agent(label, _key(group[0], keys), group, [rows[run.id] for run in group], protocol))
-    return result, problems + _missing_cells(runs, keys)
+        problems += _pooled(label, group, set(finer.values()))
+        result.append(_agent(label, _key(group[0], finer), group, [rows[run.id] for run in group], protocol))
+    return result, problems + _missing(runs, keys, finer)
+
+
+def _cells(runs: Iterable[RunRecord], keys: Mapping[str, str]) -> list[list[RunRecord]]:
+    """The runs put together by the values of the keys."""
+    cells: dict[tuple[str, ...], list[RunRecord]] = {}
+    for run in runs:
+        cells.setdefault(_cell(run, keys), []).append(run)
+    return list(cells.values())
+
+
+def _missing(runs: Sequence[RunRecord], keys: Mapping[str, str], finer: Mapping[str, str]) -> list[Problem]:
+    """What is missing in the grid of `keys`, of each combination of what varied beside it."""
+    more = {short: key for short, key in finer.items() if short not in keys}
+    return [problem for part in _cells(runs, more) for problem in _missing_cells(part, keys, more)]
+
+
+def _known(runs: Iterable[RunRecord]) -> set[str]:
+    return set().union(*(run.config.keys() for run in runs))
 
 
 def _short(name: str) -> str:
@@ -66,7 +82,7 @@ def _short(name: str) -> str:
 
 def _resolve(name: str, runs: Sequence[RunRecord]) -> str:
     """The configuration key that a name of --group-by stands for."""
-    known: set[str] = set().union(*(run.config.keys() for run in runs))
+    known = _known(runs)
     for candidate in (name, f"{name}.name"):
         if candidate in known:
             return candidate
@@ -74,21 +90,11 @@ def _resolve(name: str, runs: Sequence[RunRecord]) -> str:
 
 
 def _key(run: RunRecord, keys: Mapping[str, str]) -> dict[str, Any]:
-    return {short: _level(run, key) for short, key in keys.items()}
-
-
-def _level(run: RunRecord, key: str) -> Any:
-    """A value of the configuration as a level of a factor: a list (noise.sensor) as its text, to look it up by."""
-    value = run.config.get(key)
-    return str(value) if isinstance(value, list) else value
+    return {short: level(run.config.get(key)) for short, key in keys.items()}
 
 
 def _cell(run: RunRecord, keys: Mapping[str, str]) -> tuple[str, ...]:
     return tuple(str(value) for value in _key(run, keys).values())
-
-
-def _learns(run: RunRecord) -> bool:
-    return bool(run.manifest.get("steps")) or (run.directory / "train" / "episodes.csv").is_file()
 
 
 def _rows(
@@ -175,25 +181,25 @@ def _agent(
     return Agent(label, dict(key), tuple(group), fingerprint, outcome, metrics)
 
 
-def _mixed(label: str, group: Sequence[RunRecord], grouped: set[str]) -> list[Problem]:
-    """Names the keys in which runs pooled into one row differ, when they change what was trained."""
-    first = group[0].config
-    differing: dict[str, set[str]] = {}
-    for run in group[1:]:
-        for key in first.keys() | run.config.keys():
-            if first.get(key) != run.config.get(key) and key not in grouped and not key.startswith(NEUTRAL):
-                differing.setdefault(key, {str(first.get(key))}).add(str(run.config.get(key)))
-    if not differing:
+def _pooled(label: str, group: Sequence[RunRecord], grouped: set[str]) -> list[Problem]:
+    """Names the keys in which runs of one row differ because pooling over them was asked for."""
+    found = differing(group, grouped)
+    if not found:
         return []
-    shown = [f"{key} ({', '.join(sorted(values))})" for key, values in sorted(differing.items())]
+    shown = [f"{key} ({', '.join(values)})" for key, values in found.items()]
     more = f" and {len(shown) - 3} more" if len(shown) > 3 else ""
-    hint = f"--group-by ...,{min(differing)} separates them"
-    message = f"pools {len(group)} runs that differ in {', '.join(shown[:3])}{more}; {hint}"
+    hint = f"its interval takes them for seeds of one training; --group-by ...,{min(found)} separates them"
+    message = f"pools {len(group)} runs that differ in {', '.join(shown[:3])}{more}: {hint}"
     return [Problem(label, "mixed", message)]
 
 
-def _missing_cells(runs: Iterable[RunRecord], keys: Mapping[str, str]) -> list[Problem]:
-    """Cells of each algorithm's grid, and seeds of its cells, that exist elsewhere in the grid and not here."""
+def _missing_cells(
+    runs: Sequence[RunRecord], keys: Mapping[str, str], more: Mapping[str, str]
+) -> list[Problem]:
+    """Cells of each algorithm's grid, and seeds of its cells, that exist elsewhere in the grid and not here.
+
+    `more` are the keys that all of the runs share and that belong to a name beside those of the grid.
+    """
     by_algo: dict[str, list[RunRecord]] = {}
     for run in runs:
         by_algo.setdefault(str(run.config.get("algo.name")), []).append(run)
@@ -203,7 +209,7 @@ def _missing_cells(runs: Iterable[RunRecord], keys: Mapping[str, str]) -> list[P
         seeds = {run.seed for run in members}
         present: dict[tuple[Any, ...], set[int]] = {}
         for run in members:
-            present.setdefault(tuple(_level(run, keys[s]) for s in others), set()).add(run.seed)
+            present.setdefault(tuple(level(run.config.get(keys[s])) for s in others), set()).add(run.seed)
         levels = [
             sorted({cell[i] for cell in present}, key=lambda v: sort_key({"": v})) for i in range(len(others))
         ]
@@ -214,7 +220,8 @@ def _missing_cells(runs: Iterable[RunRecord], keys: Mapping[str, str]) -> list[P
             absent = seeds - present.get(cell, set())
             if absent:
                 varying = {n: v for n, v, all_ in zip(others, cell, levels, strict=True) if len(all_) > 1}
-                key = ({"algo": algo} if "algo" in keys else {}) | varying
+                rest = {short: level(runs[0].config.get(key)) for short, key in more.items()}
+                key = ({"algo": algo} if "algo" in keys else {}) | varying | rest
                 name = " ".join(part(n, v) for n, v in key.items())
                 every = (
                     "no run" if absent == seeds else f"no run with seed {', '.join(map(str, sorted(absent)))}"

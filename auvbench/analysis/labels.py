@@ -14,18 +14,36 @@ def part(name: str, value: Any) -> str:
 
     >>> part("algo", "ppo"), part("reward.k", 1.0), part("step.frequency", 25.0), part("algo.n_envs", 32)
     ('PPO', 'K=1', '25 Hz', 'n_envs=32')
+    >>> part("vehicle", "rexrov"), part("disturbance", "none"), part("train.total_steps", 300_000)
+    ('rexrov', 'disturbance=none', '300k steps')
     """
     if name == "algo":
         text = str(value)
         return text.upper() if len(text) <= 4 else text
-    shown = f"{value:g}" if isinstance(value, float) else str(value)
+    shown = f"{value:g}" if isinstance(value, float) else "unset" if value is None else str(value)
     if name == "reward.k":
         return f"K={shown}"
     if name == "step.frequency":
         return f"{shown} Hz"
-    if "." not in name:  # a group named by its choice: vehicle, noise, simulator
-        return f"{name} {shown}" if name == "seed" else shown
+    if name == "train.total_steps" and isinstance(value, int | float):
+        return f"{in_short(value)} steps"
+    if name in ("vehicle", "simulator"):  # a name that says what it names
+        return shown
+    if name == "seed":
+        return f"seed {shown}"
     return f"{name.rpartition('.')[2]}={shown}"
+
+
+def in_short(number: float) -> str:
+    """A large number with its thousands or millions as a letter.
+
+    >>> in_short(300_000), in_short(1_000_000), in_short(1_500_000), in_short(512)
+    ('300k', '1M', '1.5M', '512')
+    """
+    for size, letter in ((1e6, "M"), (1e3, "k")):
+        if abs(number) >= size:
+            return f"{number / size:.6g}{letter}"
+    return f"{number:.6g}"
 
 
 def factor_name(name: str) -> str:

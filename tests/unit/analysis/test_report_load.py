@@ -305,30 +305,19 @@ def test_a_hole_in_the_grid_is_named(grid: list[Path]) -> None:
     ]
 
 
-def test_runs_pooled_into_one_row_although_they_differ_are_named(grid: list[Path]) -> None:
-    path = grid[1] / "config.yaml"
-    config = yaml.safe_load(path.read_text())
-    config["algo"]["gamma"] = 0.9
-    config["launcher"]["workers"] = 7  # changes nothing of what was learned
-    path.write_text(yaml.safe_dump(config))
-    runs, _ = load([grid[0].parent])
-    _, problems = agents(runs)
-    assert kinds(problems) == {"PPO K=1 10 Hz": "mixed"}
-    assert "algo.gamma (0.9, 0.99)" in problems[0].message
-    assert "launcher" not in problems[0].message
-    found, problems = agents(runs, ("algo", "reward.k", "step.frequency", "algo.gamma"))
-    assert "mixed" not in kinds(problems).values()
-    assert any("gamma=0.9" in a.label for a in found)
-
-
 def test_grouping_by_less_pools_and_by_nonsense_is_refused(grid: list[Path]) -> None:
     runs, _ = load([grid[0].parent])
-    found, _ = agents(runs, ("algo",))
+    found, problems = agents(runs, ("algo",))
     assert [(a.label, a.outcome.shape) for a in found] == [
         ("PID", (1, 12)),
         ("PPO", (8, 12)),
         ("SAC", (8, 12)),
     ]
+    assert kinds(problems) == {"PPO": "mixed", "SAC": "mixed"}
+    assert (
+        "pools 8 runs that differ in reward.k (1.0, 100.0), step.frequency (10.0, 25.0)"
+        in problems[0].message
+    )
     with pytest.raises(ReportError, match=r"'reward.kk'; did you mean 'reward.k'\?"):
         agents(runs, ("algo", "reward.kk"))
 

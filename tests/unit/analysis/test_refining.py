@@ -1,0 +1,98 @@
+"""Runs that were trained differently are never seeds of one agent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from auvbench.analysis.load import agents, load
+from auvbench.analysis.model import Agent, Problem
+from tests.synthetic import write_experiment
+
+Config = dict[str, Any]
+
+
+def made(
+    folder: Path, change: Callable[[Config, int], None], **grid: Any
+) -> tuple[list[Agent], list[Problem]]:
+    """Agents of a grid whose configurations were changed: `change` is handed each with its place in the grid."""
+    for place, run in enumerate(write_experiment(folder / "grid", episodes=12, train_episodes=20, **grid)):
+        config = yaml.safe_load((run / "config.yaml").read_text())
+        change(config, place)
+        (run / "config.yaml").write_text(yaml.safe_dump(config))
+    runs, _ = load([folder])
+    return agents(runs)
+
+
+def seeds(found: list[Agent]) -> dict[str, list[int]]:
+    return {agent.label: [run.seed for run in agent.runs] for agent in found}
+
+
+def test_a_disturbance_that_varied_is_part_of_the_agent(tmp_path: Path) -> None:
+    def disturb(config: Config, place: int) -> None:
+        if place % 4 > 1:
+            config["disturbance"] |= {"name": "moderate", "current": 0.3, "delay": 0.1}
+
+    found, problems = made(tmp_path, disturb, algorithms=("ppo",), seeds=(0, 1, 2, 3))
+    assert seeds(found) == {"PPO disturbance=moderate": [2, 3], "PPO disturbance=none": [0, 1]}
+    assert found[0].key["disturbance"] == "moderate"
+    assert problems == []
+
+
+def test_budgets_are_not_pooled(tmp_path: Path) -> None:
+    def budget(config: Config, place: int) -> None:
+        config["train"]["total_steps"] = (300_000, 1_000_000)[place % 2]
+
+    found, _ = made(tmp_path, budget, algorithms=("ppo", "sac"), seeds=(0, 1))
+    assert seeds(found) == {
+        "PPO 300k steps": [0],
+        "PPO 1M steps": [1],
+        "SAC 300k steps": [0],
+        "SAC 1M steps": [1],
+    }
+
+
+def test_one_run_with_another_hyperparameter_stands_apart(tmp_path: Path) -> None:
+    def discount(config: Config, place: int) -> None:
+        config["launcher"]["workers"] = place  # changes nothing of what was learned
+        if place == 1:
+            config["algo"]["gamma"] = 0.9
+
+    found, problems = made(tmp_path, discount, algorithms=("ppo", "pid"), seeds=(0, 1))
+    assert seeds(found) == {"PID": [0], "PPO gamma=0.9": [1], "PPO gamma=0.99": [0]}
+    assert problems == []
+
+
+@pytest.mark.parametrize("key", ["noise", "disturbance"])
+def test_what_only_training_meets_does_not_part_controllers(tmp_path: Path, key: str) -> None:
+    def vary(config: Config, place: int) -> None:
+        config[key]["name"] = ("one", "other")[place % 2]
+        config["train"]["total_steps"] = 1000 * place
+
+    found, _ = made(tmp_path, vary, algorithms=("pid", "random"), seeds=(0,))
+    assert seeds(found) == {"PID": [0], "random": [0]}
+
+
+def test_a_key_that_only_some_runs_have_parts_them(tmp_path: Path) -> None:
+    def clip(config: Config, place: int) -> None:
+        if place:
+            config["algo"]["clip_range"] = 0.1
+
+    found, _ = made(tmp_path, clip, algorithms=("ppo",), seeds=(0, 1))
+    assert seeds(found) == {"PPO clip_range=0.1": [1], "PPO clip_range=unset": [0]}
+
+
+def test_a_seed_that_is_missing_under_one_disturbance_is_named(tmp_path: Path) -> None:
+    def disturb(config: Config, place: int) -> None:
+        if place in (2, 4, 5):  # K=1 seed 2, K=40 seeds 1 and 2
+            config["disturbance"]["name"] = "moderate"
+
+    _, problems = made(tmp_path, disturb, algorithms=("ppo",), reward_k=(1, 40), seeds=(0, 1, 2))
+    assert [(p.where, p.kind, p.message) for p in problems] == [
+        ("PPO K=40 disturbance=none", "missing", "no run with seed 1"),
+        ("PPO K=1 disturbance=moderate", "missing", "no run with seed 1"),
+    ]
