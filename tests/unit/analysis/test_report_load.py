@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 from auvbench.analysis.load import agents, available_protocols, load, require
 from auvbench.analysis.model import Problem
