@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Reporter
 from auvbench.training.interruption import Interrupted, deferred
@@ -38,8 +39,9 @@ def make(path: Path, *, total_steps: int = 50, algo: str = "ppo", **behaviour: A
         "attempts": 0,
         "error": None,
         "wall_time_s": 0.0,
+        "files": {},
     }
-    (path / "manifest.json").write_text(json.dumps(manifest))
+    (path / "manifest.json").write_text(json.dumps(integrity.sealed(manifest)))
     return RunDirectory(path)
 
 

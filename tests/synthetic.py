@@ -22,6 +22,7 @@ import pandas as pd
 import yaml
 from numpy.typing import NDArray
 
+from auvbench.runs import identity, integrity
 from auvbench.tasks.record import RECORD_COLUMNS
 
 FloatArray = NDArray[np.float64]
@@ -182,9 +183,18 @@ def write_evaluation(
         "created": "2026-01-01T12:00:00+00:00",
         "versions": {"auvbench": "0.1.0"},
     }
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
     np.savez_compressed(folder / "trajectories.npz", allow_pickle=False, **arrays)
+    seal(folder / "summary.json", summary)
     return folder
+
+
+def seal(path: Path, holder: dict[str, Any] | None = None, **changes: Any) -> None:
+    """Writes a manifest or summary, or that which is there with changes, with digests of the files it vouches for."""
+    holder = (json.loads(path.read_text()) if holder is None else holder) | changes
+    names = ("train/episodes.csv",) if path.name == "manifest.json" else ("episodes.csv", "trajectories.npz")
+    there = [name for name in names if (path.parent / name).is_file()]
+    files = {name: integrity.entry_of(path.parent / name) for name in there}
+    path.write_text(json.dumps(integrity.sealed(holder | {"files": files}), indent=2) + "\n")
 
 
 def _number(text: str) -> int:
@@ -305,8 +315,7 @@ def _training(skill: Skill, frequency: float, k: float, n: int, environments: in
 
 def _write_run(root: Path, algo: str, k: float, f: float, seed: int, train_episodes: int) -> Path:
     config = _config(root.name, algo, k, f, seed)
-    digest = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:8]
-    run = root / f"{algo}-k{k:g}-f{f:g}-s{seed}-{digest}"
+    run = root / identity.run_id(config)
     for folder in ("train", "checkpoints", "model", "evaluations"):
         (run / folder).mkdir(parents=True, exist_ok=True)
     (run / "config.yaml").write_text(yaml.safe_dump(config, sort_keys=False))
@@ -316,9 +325,7 @@ def _write_run(root: Path, algo: str, k: float, f: float, seed: int, train_episo
         frame.to_csv(run / "train" / "episodes.csv", index=False)
         steps, rows = int(frame["step"].iloc[-1]), len(frame)
         success = float((frame["outcome"].tail(100) == "success").mean())
-    (run / "manifest.json").write_text(
-        json.dumps(_manifest(run.name, algo, seed, steps, rows, success), indent=2)
-    )
+    seal(run / "manifest.json", _manifest(run.name, algo, seed, steps, rows, success))
     return run
 
 
@@ -445,4 +452,4 @@ def set_state(runs: Iterable[Path], state: str, error: str | None = None) -> Non
         manifest["state"] = state
         if error:
             manifest["error"] = {"type": "TrainingError", "message": error, "step": 1000, "traceback": ""}
-        (run / "manifest.json").write_text(json.dumps(manifest))
+        seal(run / "manifest.json", manifest)

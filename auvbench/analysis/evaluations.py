@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import io
 import json
-import os
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from auvbench.analysis import agreement
 from auvbench.analysis.model import Evaluation
+from auvbench.runs import integrity
 from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
 
 SCHEMA_VERSION = 1
@@ -73,16 +75,29 @@ def read_evaluation(directory: Path) -> Evaluation:
     """summary.json and episodes.csv of one protocol.
 
     Raises:
-        Damage: one of them cannot be used, or they disagree.
+        Damage: one of them cannot be used, is not what was written, or they disagree.
     """
     summary = json_object(directory / "summary.json")
+    if broken := integrity.broken_seal(summary):
+        raise Damage(f"summary.json: {broken}")
     if missing := {"fingerprint", "conditions"} - summary.keys():
         raise Damage(f"summary.json has no {', '.join(sorted(missing))}")
+    path = directory / "episodes.csv"
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise Damage("episodes.csv is missing") from error
+    except OSError as error:
+        raise Damage(f"episodes.csv cannot be read ({error.strerror or error})") from error
+    episodes = _episodes(data, _conditions(summary))
+    wrong = agreement.of_file(summary, path.name, data) or agreement.of_rows(summary, episodes)
+    if wrong:
+        raise Damage(wrong)
     return Evaluation(
         protocol=directory.name,
         fingerprint=str(summary["fingerprint"]),
         summary=summary,
-        episodes=_episodes(directory / "episodes.csv", _conditions(summary)),
+        episodes=episodes,
         directory=directory,
     )
 
@@ -103,16 +118,11 @@ def _conditions(summary: Mapping[str, Any]) -> dict[str, int]:
     return found
 
 
-def _episodes(path: Path, expected: Mapping[str, int]) -> pd.DataFrame:
+def _episodes(data: bytes, expected: Mapping[str, int]) -> pd.DataFrame:
     """episodes.csv, checked: all columns, all rows of the summary, no row cut short, all values possible."""
     try:
-        frame = pd.read_csv(path, engine="c", low_memory=False)
-        with path.open("rb") as file:
-            file.seek(-1, os.SEEK_END)
-            ends_with_newline = file.read() == b"\n"
-    except FileNotFoundError as error:
-        raise Damage("episodes.csv is missing") from error
-    except (OSError, ValueError) as error:  # pandas' parser and empty-data errors are ValueErrors
+        frame = pd.read_csv(io.BytesIO(data), engine="c", low_memory=False)
+    except ValueError as error:  # pandas' parser and empty-data errors are ValueErrors
         raise Damage(f"episodes.csv cannot be read ({str(error).strip()})") from error
     needed = ("condition", "episode", "outcome", *CORE_COLUMNS)
     if missing := [c for c in needed if c not in frame.columns]:
@@ -120,7 +130,7 @@ def _episodes(path: Path, expected: Mapping[str, int]) -> pd.DataFrame:
     rows = sum(expected.values())
     if len(frame) != rows:
         raise Damage(f"episodes.csv has {len(frame)} rows, summary.json says {rows}: evaluate again")
-    if not ends_with_newline or frame.iloc[-1:, -1].isna().any():
+    if not data.endswith(b"\n") or frame.iloc[-1:, -1].isna().any():
         raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows ends half way")
     _check_rows(frame, expected)
     _check_numbers(frame)

@@ -14,11 +14,13 @@ from typing import Any
 
 import yaml
 
+from auvbench.analysis import agreement
 from auvbench.analysis.evaluations import LARGEST, Damage, json_object, read_evaluation
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.model import Problem, RunRecord
 from auvbench.analysis.processes import each
 from auvbench.errors import ReportError, closest
+from auvbench.runs import integrity
 
 __all__ = ["agents", "available_protocols", "load", "require"]
 
@@ -64,7 +66,23 @@ def load(
         details = f": {problems[0].where}: {problems[0].message}" if problems else ""
         raise ReportError(f"no run under {', '.join(map(str, paths))}{details}")
     read = list(each(lambda run: _with_evaluations(run, protocols), found))
-    return _collect(_one_per_id(read, protocols[0]), problems), problems
+    runs = _collect(_one_per_id(read, protocols[0]), problems)
+    problems += _unverified(runs)
+    return runs, problems
+
+
+def _unverified(runs: Sequence[RunRecord]) -> list[Problem]:
+    """One line for all evaluations whose rows nothing vouches for."""
+    old = [run for run in runs if any(integrity.table(e.summary) is None for e in run.evaluations.values())]
+    if not old:
+        return []
+    where = old[0].id if len(old) == 1 else f"{len(old)} runs"
+    parent = os.path.commonpath([str(run.directory) for run in old])
+    message = (
+        "evaluated before digests of the rows were kept, so that nothing tells whether they were changed since; "
+        f"auvbench evaluate {parent} tests them again"
+    )
+    return [Problem(where, "unverified", message)]
 
 
 def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
@@ -142,18 +160,21 @@ def _run(directory: Path) -> RunRecord:
         # A run that was not started may have no steps yet.
         if type(value) is not int and (value is not None or key == "seed"):
             raise Damage(f"manifest.json has the {key} {_brief(value)}, which is no integer")
+    config, flat = _config(directory / "config.yaml")
+    if wrong := agreement.of_run(manifest, config):
+        raise Damage(wrong)
     return RunRecord(
         id=str(manifest["id"]),
         directory=directory,
         state=str(manifest["state"]),
         seed=manifest["seed"],
-        config=_config(directory / "config.yaml"),
+        config=flat,
         manifest=manifest,
     )
 
 
-def _config(path: Path) -> dict[str, Any]:
-    """The configuration of a run by dotted keys, with what labels and groups need of the right type."""
+def _config(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The configuration of a run, and by dotted keys, with what labels and groups need of the right type."""
     try:
         # The C loader is ten times faster than OmegaConf on a resolved configuration.
         config = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)
@@ -173,7 +194,7 @@ def _config(path: Path) -> dict[str, Any]:
         value = flat.get(key)
         if value is not None and (type(value) not in (int, float) or not abs(value) <= LARGEST):
             raise Damage(f"config.yaml has the {key} {_brief(value)}, which is no number")
-    return flat
+    return config, flat
 
 
 def _brief(value: Any) -> str:
@@ -238,7 +259,10 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
                 problems.append(Problem(run.id, "missing", f"no evaluation by protocol {name}: {hint}"))
             continue
         try:
-            evaluations[name] = read_evaluation(directory)
+            found = read_evaluation(directory)
+            if foreign := agreement.of_evaluation(run.manifest, found.summary, name):
+                raise Damage(foreign, "foreign")
+            evaluations[name] = found
         except Damage as damage:
             problems.append(Problem(run.id, damage.kind, f"evaluation {name}: {damage}"))
     return replace(run, evaluations=evaluations), problems

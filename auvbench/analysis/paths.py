@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import zipfile
 import zlib
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.analysis import agreement
 from auvbench.analysis.evaluations import Damage, finite
 
 FloatArray = NDArray[np.float64]
@@ -38,9 +40,12 @@ def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
     """
     name = re.compile(rf"position_{re.escape(condition)}_(\d+)")
     try:
-        if not zipfile.is_zipfile(file):
+        data = file.read_bytes()
+        if wrong := agreement.of_neighbour(file, data):
+            raise Damage(wrong)
+        if not zipfile.is_zipfile(io.BytesIO(data)):
             raise ValueError("it is no .npz file")
-        with np.load(file, allow_pickle=False) as arrays:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             numbers = sorted(int(match[1]) for key in arrays.files if (match := name.fullmatch(key)))
             for episode in numbers[:episodes]:
                 suffix = f"{condition}_{episode}"

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
+
 import pandas as pd
 
+from auvbench.analysis import agreement
 from auvbench.analysis.evaluations import Damage, finite
 from auvbench.analysis.model import RunRecord
 from auvbench.tasks.record import OUTCOMES
@@ -25,7 +28,8 @@ def training(run: RunRecord) -> pd.DataFrame | None:
         return None
     name, needed = "train/episodes.csv", ("outcome", *NUMBERS)
     try:
-        frame = pd.read_csv(path, usecols=lambda c: c in needed, engine="c", low_memory=False)
+        data = path.read_bytes()
+        frame = pd.read_csv(io.BytesIO(data), usecols=lambda c: c in needed, engine="c", low_memory=False)
     except (OSError, ValueError) as error:  # pandas' parser and empty-data errors are ValueErrors
         reason = " ".join(str(error).split())
         raise Damage(f"{name} cannot be read ({reason})") from error
@@ -37,4 +41,6 @@ def training(run: RunRecord) -> pd.DataFrame | None:
         raise Damage(f"{name} has the outcome {min(bad)!r}, none of {', '.join(OUTCOMES)}")
     if not finite(frame[list(NUMBERS)].to_numpy()):
         raise Damage(f"{name} is cut short or has values that are not finite numbers")
+    if wrong := agreement.of_file(run.manifest, name, data):
+        raise Damage(f"train/{wrong}")
     return frame

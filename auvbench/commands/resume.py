@@ -106,12 +106,13 @@ def _one(run: RunDirectory) -> int:
     from auvbench.training.worker import carry_out
 
     run.check()
-    now = standing.of(run)
+    now = standing.of(run, deep=True)
     if now.state is standing.State.COMPLETE:
         print(f"{run.path}: complete already, nothing to do ({BUDGET}=N extends it)")
         return 0
     steps, total = now.manifest["steps"], now.manifest["total_steps"]
-    print(f"{run.path}: {now.state}, {steps:,} of {total:,} steps", flush=True)
+    why = f"{now.lost}, " if now.lost else ""
+    print(f"{run.path}: {why}{now.state}, {steps:,} of {total:,} steps", flush=True)
     shown = bool(run.config()["train"]["progress"])
     with training_bar(total, shown=shown) as watch:
         carry_out(run, lambda run: execute(run, watch))

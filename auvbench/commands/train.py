@@ -37,16 +37,22 @@ def _grid(configs: Sequence[DictConfig], command: str) -> int:
 
 
 def _one(config: DictConfig, command: str) -> int:
+    from auvbench.runs import standing
     from auvbench.runs.plan import prepare
 
     run = prepare(config, command)
-    state = run.manifest()["state"]
-    if state == "complete":
+    now = standing.of(run, deep=True)
+    if now.state is standing.State.COMPLETE:
         print(
             f"{run.path}: complete already, nothing to do (another seed, or any changed value, is another run)"
         )
         return 0
-    print(f"{run.path}: {'starting' if state == 'pending' else f'{state} before, going on'}", flush=True)
+    before = f"{now.lost}: its training goes on from its last checkpoint" if now.lost else ""
+    state = now.manifest["state"]
+    print(
+        f"{run.path}: {before or ('starting' if state == 'pending' else f'{state} before, going on')}",
+        flush=True,
+    )
     _carry_out(run, progress=bool(config.train.progress))
     manifest = run.manifest()
     rate = manifest["success_rate"]

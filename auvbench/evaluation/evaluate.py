@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import shutil
 from collections import Counter
@@ -18,9 +19,10 @@ from auvbench.envs.batch import at_frequency
 from auvbench.errors import RunError
 from auvbench.evaluation.protocol import Circumstance, circumstances, fingerprint
 from auvbench.evaluation.rollout import Rollout, roll_out
-from auvbench.runs import provenance
+from auvbench.runs import integrity, provenance
 from auvbench.runs.directory import RunDirectory, now
-from auvbench.runs.files import write_json
+from auvbench.runs.durable import fsync_directory, make_folder, storage, write_durable
+from auvbench.runs.files import as_json
 from auvbench.runs.plan import load_config
 from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
 from auvbench.vehicles import sheet
@@ -36,20 +38,47 @@ def read_summary(run: RunDirectory, protocol: str) -> dict[str, Any] | None:
     """summary.json of an evaluation that is there and whole, else None."""
     try:
         summary = json.loads((run.evaluation(protocol) / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError):
+    except (OSError, ValueError, RecursionError):
         return None
     if not isinstance(summary, dict) or summary.get("schema_version") != SCHEMA_VERSION:
         return None
-    return summary
+    return None if integrity.broken_seal(summary) else summary
 
 
 def is_done(run: RunDirectory, protocol: schema.Protocol) -> bool:
-    """Whether the run has this protocol's rows, of these very scenarios."""
+    """Whether the run has this protocol's rows, of these very scenarios, as they were written."""
+    return stale(run, protocol) == ""
+
+
+def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
+    """Why an evaluation has to be done again, in words; empty where it is done, None where there is none yet.
+
+    Raises:
+        RunError, ConfigError: as `evaluate`.
+    """
+    folder = run.evaluation(protocol.name)
+    if not (folder / "summary.json").exists():
+        return None
     summary = read_summary(run, protocol.name)
-    if summary is None or not (run.evaluation(protocol.name) / "episodes.csv").is_file():
-        return False
-    expected = fingerprint(protocol, circumstances(protocol, run.check()))
-    return bool(summary.get("fingerprint") == expected)
+    if summary is None:
+        return "its summary is damaged"
+    if summary.get("run") != run.id:
+        return f"its summary is of the run {summary.get('run')}"
+    if integrity.table(summary) is None:
+        return "it was made before digests of its rows were kept"
+    if lost := integrity.lacking(folder, summary):
+        return lost
+    if summary.get("model") != _model(run.manifest()):
+        return "the run's model is another one than was tested"
+    if summary.get("fingerprint") != fingerprint(protocol, circumstances(protocol, run.check())):
+        return "its scenarios, or what computes their outcomes, have changed since"
+    return ""
+
+
+def _model(manifest: dict[str, Any]) -> dict[str, str]:
+    """The digests of the model's files, which tie a test to the weights that were tested."""
+    files = integrity.table(manifest) or {}
+    return {name: entry["sha256"] for name, entry in files.items() if name.startswith("model/")}
 
 
 def make_agent(run: RunDirectory, frequency: float) -> Agent:
@@ -62,7 +91,17 @@ def make_agent(run: RunDirectory, frequency: float) -> Agent:
     if learns(config.algo.agent):
         from auvbench.agents.learned.learners import LearnedPolicy
 
-        return LearnedPolicy(config, run.model, len(vehicle.actuators))
+        manifest = run.manifest()
+
+        def check(name: str, data: bytes) -> None:
+            try:
+                integrity.check(manifest, f"{run.model.name}/{name}", data, run.model / name)
+            except RunError as error:
+                raise RunError(
+                    f"{error}; auvbench resume {run.path} trains it again from its last checkpoint"
+                ) from error
+
+        return LearnedPolicy(config, run.model, len(vehicle.actuators), check)
     agent: Agent = resolve(CONTROLLERS[config.algo.agent])(config, vehicle)
     return agent
 
@@ -103,6 +142,7 @@ def evaluate(
         "protocol": protocol.name,
         "fingerprint": fingerprint(protocol, conditions),
         "run": run.id,
+        "model": _model(adopt(run)),
         "seed": protocol.seed,
         "conditions": [_condition_summary(c, r.records) for c, r in rollouts],
         "created": now(),
@@ -110,6 +150,16 @@ def evaluate(
     }
     _write(run.evaluation(protocol.name), summary, rollouts)
     return summary
+
+
+def adopt(run: RunDirectory) -> dict[str, Any]:
+    """The run's manifest, with digests of its files as they are now where it was made before any were kept."""
+    manifest = run.manifest()
+    if integrity.table(manifest) is not None:
+        return manifest
+    names = ("model/policy.pt", "model/normalisation.npz", "train/episodes.csv")
+    found = {name: integrity.entry_of(run.path / name) for name in names if (run.path / name).is_file()}
+    return run.update_manifest(files=found)
 
 
 def _condition_summary(condition: Circumstance, records: list[Record]) -> dict[str, Any]:
@@ -127,24 +177,52 @@ def _condition_summary(condition: Circumstance, records: list[Record]) -> dict[s
 
 
 def _write(folder: Path, summary: dict[str, Any], rollouts: list[tuple[Circumstance, Rollout]]) -> None:
-    """Staged in a folder beside and renamed, so that an evaluation is there whole or not at all."""
-    staged = folder.with_name(f".{folder.name}.staged")
-    shutil.rmtree(staged, ignore_errors=True)
-    staged.mkdir(parents=True)
-    with open(staged / "episodes.csv", "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for condition, rollout in rollouts:
-            for record in rollout.records:
-                frequency = condition.config.step.frequency
-                writer.writerow((condition.name, frequency, *(record[name] for name in RECORD_COLUMNS)))
+    """Staged in a folder beside and renamed, so that an evaluation is there whole or not at all, also after a
+    loss of power.
+
+    Raises:
+        TrainingError: the disk is full, read-only or failing.
+    """
+    staged, former = (folder.with_name(f".{folder.name}.{what}") for what in ("staged", "former"))
+    files = {"episodes.csv": _rows(rollouts), "trajectories.npz": _trajectories(rollouts)}
+    table = {name: integrity.entry(data) for name, data in files.items()}
+    files["summary.json"] = as_json(integrity.sealed({**summary, integrity.FILES: table}))
+    with storage(f"cannot write {folder}"):
+        make_folder(folder.parent)
+        for leftover in (staged, former):
+            shutil.rmtree(leftover, ignore_errors=True)
+        staged.mkdir()
+        try:
+            for name, data in files.items():
+                write_durable(staged / name, data)
+            fsync_directory(staged)
+            if folder.exists():
+                folder.rename(former)
+            staged.rename(folder)
+            fsync_directory(folder.parent)
+        finally:
+            for leftover in (staged, former):
+                shutil.rmtree(leftover, ignore_errors=True)
+
+
+def _rows(rollouts: list[tuple[Circumstance, Rollout]]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for condition, rollout in rollouts:
+        for record in rollout.records:
+            frequency = condition.config.step.frequency
+            writer.writerow((condition.name, frequency, *(record[name] for name in RECORD_COLUMNS)))
+    return text.getvalue().encode()
+
+
+def _trajectories(rollouts: list[tuple[Circumstance, Rollout]]) -> bytes:
     arrays = {
         f"{name}_{condition.name}_{episode}": array
         for condition, rollout in rollouts
         for episode, path in rollout.trajectories.items()
         for name, array in path.arrays(rollout.duration).items()
     }
-    np.savez_compressed(staged / "trajectories.npz", **arrays)  # type: ignore[arg-type]
-    write_json(staged / "summary.json", summary)
-    shutil.rmtree(folder, ignore_errors=True)
-    staged.rename(folder)
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+    return stream.getvalue()

@@ -12,8 +12,8 @@ from typing import Any
 import yaml
 
 from auvbench.errors import RunError
-from auvbench.runs import identity
-from auvbench.runs.durable import FAULTS, storage_error
+from auvbench.runs import identity, integrity
+from auvbench.runs.durable import FAULTS, make_folder, storage_error
 from auvbench.runs.files import as_json, create_atomic, write_atomic, write_json
 from auvbench.runs.identity import SCHEMA_VERSION
 
@@ -119,6 +119,8 @@ class RunDirectory:
             raise self._unreadable(
                 self.manifest_path, f"state is {loaded['state']}, valid: {', '.join(STATES)}"
             )
+        if broken := integrity.broken_seal(loaded):
+            raise self._unreadable(self.manifest_path, broken)
         return loaded
 
     def _unreadable(self, path: Path, why: object) -> RunError:
@@ -132,9 +134,21 @@ class RunDirectory:
 
     def update_manifest(self, **changes: Any) -> dict[str, Any]:
         """Writes the manifest with some entries replaced; returns it."""
-        manifest = self.manifest() | changes
+        manifest = integrity.sealed(self.manifest() | changes)
         write_json(self.manifest_path, manifest)
         return manifest
+
+    def write_model(self, files: Mapping[str, bytes]) -> dict[str, integrity.Entry]:
+        """Writes the model's files, by name, and returns what the manifest is to say of them.
+
+        They are on the disk when this returns, so that the manifest may vouch for them.
+
+        Raises:
+            OSError: the disk does not take them.
+        """
+        for name, data in files.items():
+            write_atomic(self.model / name, data)
+        return {f"{self.model.name}/{name}": integrity.entry(data) for name, data in files.items()}
 
     def check(self) -> dict[str, Any]:
         """The configuration, if its hash is the folder's.
@@ -199,10 +213,10 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
             _renew(run, frozen, config)
         return run
     try:
-        run.path.mkdir(parents=True, exist_ok=True)
+        make_folder(run.path)
         run.write_config(config)
         # Of two sweeps that begin at once, the slower must not undo what the faster's worker has written by now.
-        create_atomic(run.manifest_path, as_json(_fresh_manifest(run, config, command)))
+        create_atomic(run.manifest_path, as_json(integrity.sealed(_fresh_manifest(run, config, command))))
     except OSError as error:
         if error.errno in FAULTS:  # no mistake of the user's: the same error as in the midst of training
             raise storage_error(error, f"cannot write {run.path}") from error

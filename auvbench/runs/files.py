@@ -1,4 +1,4 @@
-"""Writing files so that a crash leaves the old content or the new, never half of it."""
+"""Writing files so that a crash or a loss of power leaves the old content or the new, never half of it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,17 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from auvbench.runs.durable import fsync_directory, make_folder
 
-def write_atomic(path: Path, data: bytes) -> None:
-    """Replaces a file: staged beside it, flushed to disk, renamed into place.
 
-    Until the directory is flushed too, a loss of power may bring the old content back.
+def write_atomic(path: Path, data: bytes, *, sync_folder: bool = True) -> None:
+    """Replaces a file: staged beside it, flushed to disk, renamed into place; on the disk when this returns.
+
+    Args:
+        path: the file; its folders are made.
+        data: what it is to hold.
+        sync_folder: False for whoever writes many files and flushes their folder once, after the last of
+            them; until then a loss of power may bring the old content back.
     """
     staged = _stage(path, data)
     try:
@@ -20,6 +26,8 @@ def write_atomic(path: Path, data: bytes) -> None:
     except BaseException:
         staged.unlink(missing_ok=True)
         raise
+    if sync_folder:
+        fsync_directory(path.parent)
 
 
 def create_atomic(path: Path, data: bytes) -> bool:
@@ -33,11 +41,12 @@ def create_atomic(path: Path, data: bytes) -> bool:
         os.replace(staged, path)
     finally:
         staged.unlink(missing_ok=True)
+    fsync_directory(path.parent)
     return True
 
 
 def _stage(path: Path, data: bytes) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:

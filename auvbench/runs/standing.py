@@ -12,7 +12,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from auvbench.runs import lock, lock_files
+from auvbench.runs import integrity, lock, lock_files
 from auvbench.runs.directory import RunDirectory
 
 
@@ -34,26 +34,54 @@ class Standing:
     state: State
     manifest: dict[str, Any]
     holder: lock_files.Holder | None = None  # who works on it, while it is running
+    lost: str = ""  # which file of its model is not what its manifest says, where that says complete
 
     @property
     def name(self) -> str:
         return self.run.path.name
 
 
-def of(run: RunDirectory, *, clock: Callable[[Path], float] | None = None) -> Standing:
+def of(run: RunDirectory, *, clock: Callable[[Path], float] | None = None, deep: bool = False) -> Standing:
     """Looks at a run once.
 
     Args:
         run: the run directory.
         clock: as in `lock.living_holder`, for looking at many.
+        deep: compare the content of a complete run's model with its digests, not its size alone.
     """
     manifest = run.manifest()
     state = State(manifest["state"])
-    if state is State.COMPLETE:
+    lost = lost_model(run, manifest, deep=deep) if state is State.COMPLETE else ""
+    if state is State.COMPLETE and not lost:
         return Standing(run, state, manifest)
     holder = lock.living_holder(run.path, clock=clock)
     if holder is not None:
-        return Standing(run, State.RUNNING, manifest, holder)
-    if state is State.RUNNING:
+        return Standing(run, State.RUNNING, manifest, holder, lost)
+    if lost or state is State.RUNNING:
         state = State.INTERRUPTED
-    return Standing(run, state, manifest)
+    return Standing(run, state, manifest, lost=lost)
+
+
+def finished(run: RunDirectory, manifest: dict[str, Any] | None = None) -> bool:
+    """Whether nothing is left to do: complete, and its model as it was written."""
+    manifest = run.manifest() if manifest is None else manifest
+    return manifest["state"] == "complete" and not lost_model(run, manifest)
+
+
+def lost_model(run: RunDirectory, manifest: dict[str, Any], *, deep: bool = True) -> str:
+    """Which file of a complete run's model is missing or damaged, in words; empty where the model is whole.
+
+    Of a run that was trained before digests were kept, only a missing or empty file can be told.
+    """
+    if integrity.table(manifest) is not None:
+        return integrity.lacking(run.path, manifest, f"{run.model.name}/", deep=deep)
+    if manifest["steps"] == 0:  # a controller that does not learn has no model
+        return ""
+    for name in _MODEL:
+        path = run.model / name
+        if not path.is_file() or path.stat().st_size == 0:
+            return f"{run.model.name}/{name} is {'empty' if path.is_file() else 'missing'}"
+    return ""
+
+
+_MODEL = ("policy.pt", "normalisation.npz")

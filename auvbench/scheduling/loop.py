@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Protocol
 
 from auvbench.errors import RunError
-from auvbench.runs import lock
+from auvbench.runs import lock, standing
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.base import Backend, Job, Phase, Status, SubmitError
 from auvbench.training import worker
@@ -175,7 +175,7 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
     """What became of a run whose job has ended; a death it could not record itself is recorded for it."""
     manifest = run.manifest()
     state = manifest["state"]
-    if state == "complete":
+    if state == "complete" and not standing.lost_model(run, manifest):
         return Outcome.COMPLETE, ""
     if status.code == HELD:
         return Outcome.HELD, f"held by {lock.current(run.path) or 'somebody who has left by now'}"

@@ -68,6 +68,8 @@ class Step:
         if self.action is Action.RETRY:
             error = manifest.get("error") or {}
             return f"{error.get('message', 'no reason given')} (step {manifest['steps']})"
+        if self.standing.lost:
+            return f"{self.standing.lost}: from its last checkpoint"
         if self.action is Action.RESUME:
             return f"from step {manifest['steps']} of {manifest['total_steps']}"
         return ""
@@ -109,7 +111,7 @@ def make(
         try:
             if check is not None:
                 check(run)
-            found = standing.of(run, clock=clock)
+            found = standing.of(run, clock=clock, deep=True)
         except RunError as error:
             steps.append(Step(run, Action.REFUSE, problem=str(error)))
             continue

@@ -10,7 +10,7 @@ from typing import Any
 from auvbench.agents.base import learns
 from auvbench.config import schema, simulators
 from auvbench.errors import AuvbenchError, TrainingError
-from auvbench.runs import provenance
+from auvbench.runs import provenance, standing
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.durable import storage
 from auvbench.runs.lock import LockLostError
@@ -22,14 +22,15 @@ from auvbench.training import interruption
 def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
     """Trains a run to completion, from its last checkpoint on, and returns its manifest.
 
-    A complete run is left as it is. Ctrl-C and SIGTERM save and leave; a second one leaves at once.
+    A complete run is left as it is, unless its model was lost or damaged: that goes on from its last checkpoint.
+    Ctrl-C and SIGTERM save and leave; a second one leaves at once.
 
     Raises:
         TrainingError: it failed; the manifest holds the error.
         KeyboardInterrupt: it was interrupted; the manifest says so.
     """
     manifest = run.manifest()
-    if manifest["state"] == "complete":
+    if standing.finished(run, manifest):
         return manifest
     config = load_config(run)
     begun = time.monotonic()
@@ -55,7 +56,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
 
     with interruption.deferred() as stop:
         try:
-            result = _learn(run, config, watch, stop, note) if learns(config.algo.agent) else {}
+            result = _learn(run, config, watch, stop, note) if learns(config.algo.agent) else {"files": {}}
             with storage(f"cannot write {run.path}"):
                 manifest = close("complete", **result)
         except LockLostError:

@@ -16,8 +16,9 @@ from auvbench.config import algorithms, schema
 from auvbench.config.clock import discount
 from auvbench.envs.sb3 import WaypointVecEnv
 from auvbench.envs.sharded import make_batch
+from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.durable import storage
+from auvbench.runs.durable import fsync_directory, fsync_file, storage
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.progress import Reporter, Watch
 from auvbench.runs.records import EpisodeLog
@@ -131,8 +132,13 @@ def learn(
             model.logger.close()
     trained = time.monotonic()
     with storage(f"cannot write {run.model}"):
-        learners.save(model, normaliser, run.model)
-    return {**_reached(model.num_timesteps, reporter), "phases": phases(trained)}
+        # On the disk before the manifest says so: a loss of power right after that leaves a whole run.
+        for name in (EPISODES, EVENTS):
+            fsync_file(run.path / name)
+        fsync_directory(run.train)
+        files = run.write_model(learners.files(model, normaliser))
+        files[EPISODES] = integrity.entry_of(run.path / EPISODES)
+    return {**_reached(model.num_timesteps, reporter), "files": files, "phases": phases(trained)}
 
 
 def _reached(steps: int, reporter: Reporter) -> dict[str, Any]:

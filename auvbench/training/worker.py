@@ -25,7 +25,7 @@ from types import FrameType
 from typing import Any
 
 from auvbench.errors import AuvbenchError, plain_warnings
-from auvbench.runs import lock, processes
+from auvbench.runs import lock, processes, standing
 from auvbench.runs.directory import RunDirectory
 from auvbench.training import interruption
 from auvbench.training.interruption import Interrupted
@@ -82,7 +82,7 @@ def carry_out(run: RunDirectory, function: Target) -> None:
     """Calls `function(run)` with the run's lock held; what it raises is in the manifest before it gets out."""
     job = f"slurm:{os.environ['SLURM_JOB_ID']}" if "SLURM_JOB_ID" in os.environ else None
     with lock.acquire(run.path, job=job):
-        if run.manifest()["state"] == "complete":  # somebody else's work, since we were sent
+        if standing.finished(run):  # somebody else's work, since we were sent
             return
         try:
             function(run)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from auvbench.agents.base import LEARNERS, Actions, Integers, Observations, resolve
+from auvbench.agents.learned import trained
 from auvbench.config import algorithms, schema
 from auvbench.config.clock import discount
 from auvbench.errors import RunError
@@ -28,6 +30,9 @@ ACTIVATIONS = {
     "elu": torch.nn.ELU,
     "silu": torch.nn.SiLU,
 }
+
+WEIGHTS, STATISTICS = "policy.pt", "normalisation.npz"
+"""The files of a trained model."""
 
 # The policy's forward pass always runs on this many rows: matrix products of another shape may round
 # differently, and a row of a table must not depend on how many episodes were tested together.
@@ -117,13 +122,12 @@ def _policy_arguments(algo: algorithms.Network) -> dict[str, Any]:
     return arguments
 
 
-def save(model: BaseAlgorithm, normaliser: VecNormalize, folder: Path) -> None:
-    """Writes `policy.pt` (a plain dictionary of tensors) and `normalisation.npz`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    weights = io.BytesIO()  # torch turns the OSError of a full disk into an error of its own
+def files(model: BaseAlgorithm, normaliser: VecNormalize) -> dict[str, bytes]:
+    """What a run keeps of a trained model, by the file's name: a plain dictionary of tensors, and the statistics."""
+    weights, arrays = io.BytesIO(), io.BytesIO()
     torch.save(dict(model.policy.state_dict()), weights)
-    (folder / "policy.pt").write_bytes(weights.getvalue())
-    np.savez(folder / "normalisation.npz", **statistics(normaliser))  # type: ignore[arg-type]
+    np.savez(arrays, **statistics(normaliser))  # type: ignore[arg-type]
+    return {WEIGHTS: weights.getvalue(), STATISTICS: arrays.getvalue()}
 
 
 def statistics(normaliser: VecNormalize) -> dict[str, NDArray[np.float64]]:
@@ -152,28 +156,30 @@ class LearnedPolicy:
         config: of the run that trained it.
         folder: its `model/` folder.
         n_u: actuators of the vehicle.
+        check: called with the name and the content of each file before anything is made of it; raises where
+            that is not what was written.
 
     Raises:
         RunError: the files are missing, damaged, or of another network than the configuration's.
     """
 
-    def __init__(self, config: schema.TrainConfig, folder: Path, n_u: int) -> None:
+    def __init__(
+        self,
+        config: schema.TrainConfig,
+        folder: Path,
+        n_u: int,
+        check: Callable[[str, bytes], None] | None = None,
+    ) -> None:
         torch.set_num_threads(1)
-        try:
-            weights = torch.load(folder / "policy.pt", map_location="cpu", weights_only=True)
-            with np.load(folder / "normalisation.npz", allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
-            self.policy = _policy(config, n_u)
-            self.policy.load_state_dict(weights)
-        except FileNotFoundError as error:
-            raise RunError(f"{folder}: no trained model here ({error.filename} is missing)") from error
-        except Exception as error:
-            raise RunError(f"{folder}: the model cannot be read: {str(error).splitlines()[0]}") from error
+        self.policy = _policy(config, n_u)
+        weights = trained.weights(_read(folder / WEIGHTS, check), folder / WEIGHTS, self.policy.state_dict())
+        kept = trained.statistics(_read(folder / STATISTICS, check), folder / STATISTICS, 4 + n_u)
+        self.policy.load_state_dict(weights)
         self.policy.set_training_mode(False)
         self._normalise = config.train.normalise_observations
-        self._mean = arrays["observation_mean"]
-        self._scale = np.sqrt(arrays["observation_variance"] + arrays["epsilon"])
-        self._clip = float(arrays["clip_observations"])
+        self._mean = kept["observation_mean"]
+        self._scale = np.sqrt(kept["observation_variance"] + kept["epsilon"])
+        self._clip = float(kept["clip_observations"])
         self._n_u = n_u
 
     def reset(self, episodes: Integers) -> None:
@@ -193,6 +199,18 @@ class LearnedPolicy:
                 output = self.policy._predict(torch.from_numpy(rows), deterministic=True)
                 action[start : start + len(part)] = output.numpy()[: len(part)]
         return np.clip(action, -1.0, 1.0)
+
+
+def _read(path: Path, check: Callable[[str, bytes], None] | None) -> bytes:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise RunError(f"{path.parent}: no trained model here ({path.name} is missing)") from error
+    except OSError as error:
+        raise RunError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if check is not None:
+        check(path.name, data)
+    return data
 
 
 def _policy(config: schema.TrainConfig, n_u: int) -> BasePolicy:

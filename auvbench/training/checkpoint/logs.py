@@ -47,9 +47,10 @@ class GrowingLog:
         self.path = path
         self._digest = hashlib.sha256()
         self._length = 0
+        self._named = False
 
     def mark(self) -> LogMark:
-        """Fsyncs the file and returns its mark. The writer must have flushed what it holds back."""
+        """Fsyncs the file and its name and returns its mark. The writer must have flushed what it holds back."""
         if not self.path.exists():
             return LogMark(0, hashlib.sha256().hexdigest())
         with self.path.open("rb") as file:
@@ -58,6 +59,10 @@ class GrowingLog:
                 self._digest.update(block)
                 self._length += len(block)
             os.fsync(file.fileno())
+        if not self._named:
+            fsync_directory(self.path.parent)
+            fsync_directory(self.path.parent.parent)
+            self._named = True
         return LogMark(self._length, self._digest.hexdigest())
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from stable_baselines3.common.buffers import ReplayBuffer
 
 from auvbench.errors import TrainingError
-from auvbench.runs.durable import fsync_directory, sha256, sha256_of_prefix
+from auvbench.runs.durable import fsync_directory, make_folder, sha256, sha256_of_prefix
 from auvbench.runs.files import write_atomic
 
 FIELDS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
@@ -95,7 +95,7 @@ class ReplayStore:
         Raises:
             OSError: the disk is full or read-only; earlier segments are untouched.
         """
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self.folder)
         oldest = max(0, rows - buffer.buffer_size)
         length = max(1, self._transitions // buffer.n_envs)
         segments = []
@@ -115,7 +115,7 @@ class ReplayStore:
         np.savez(stream, **{field: getattr(buffer, field)[at] for field in FIELDS})
         data = stream.getvalue()
         segment = Segment(first, stop, len(data), sha256(data))
-        write_atomic(self.folder / segment.name, data)
+        write_atomic(self.folder / segment.name, data, sync_folder=False)
         self._written[start, stop] = segment
         return segment
 

@@ -6,7 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
-from auvbench.runs.durable import fsync_directory, storage, write_durable
+from auvbench.runs.durable import fsync_directory, make_folder, storage, write_durable
 from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore
 
 
@@ -29,9 +29,10 @@ def seed(source: Path, checkpoint: Checkpoint, target: Path) -> None:
     with storage(f"cannot copy the checkpoint of step {checkpoint.step} to {target}"):
         try:
             for name, mark in checkpoint.logs.items():
-                (target / name).parent.mkdir(parents=True, exist_ok=True)
+                make_folder((target / name).parent)
                 write_durable(target / name, (source / name).read_bytes()[: mark.length])
-            here.replay_folder.mkdir(parents=True, exist_ok=True)
+                fsync_directory((target / name).parent)
+            make_folder(here.replay_folder)
             for segment in checkpoint.segments:
                 data = (there.replay_folder / segment.name).read_bytes()
                 write_durable(here.replay_folder / segment.name, data)

@@ -24,7 +24,7 @@ import torch
 from numpy.typing import NDArray
 
 from auvbench.errors import AuvbenchWarning, RunError, TrainingError
-from auvbench.runs.durable import fsync_directory, sha256, storage, write_durable
+from auvbench.runs.durable import fsync_directory, make_folder, sha256, storage, write_durable
 from auvbench.training.checkpoint.logs import LogMark
 from auvbench.training.checkpoint.replay import Segment
 
@@ -132,7 +132,8 @@ class CheckpointStore:
         staging = self.folder / f"{_STAGING}{step}-{os.getpid()}"
         with storage(f"cannot write the checkpoint of step {step}{self._fallback()}"):
             try:
-                staging.mkdir(parents=True)
+                make_folder(self.folder)
+                staging.mkdir()
                 manifest: dict[str, Any] = {"schema_version": SCHEMA_VERSION, "step": step, "components": {}}
                 for name, data in components.files():
                     write_durable(staging / name, data)

@@ -1,0 +1,106 @@
+"""Whether the files of a run agree: with the digests that vouch for them, with each other, and with the run's id.
+
+Each function says in words what is wrong, or nothing at all where all is well. Of runs and evaluations that were
+written before digests were kept, only what they say of themselves can be compared.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from auvbench.runs import identity, integrity
+from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
+
+TOLERANCE = 1e-6
+"""relative; the summary's means are those of the very numbers in the rows, up to rounding"""
+
+_MEASURED = tuple(name for name in RECORD_COLUMNS if name not in ("episode", "environment", "outcome"))
+
+
+def of_run(manifest: Mapping[str, Any], config: Mapping[str, Any]) -> str:
+    """Whether a manifest is as it was written and of the run that config.yaml describes."""
+    if broken := integrity.broken_seal(manifest):
+        return f"manifest.json: {broken}"
+    if wrong := identity.mismatch(config, str(manifest["id"])):
+        return f"config.yaml does not belong to the run {manifest['id']}: {wrong}"
+    if manifest["seed"] != config["seed"]:
+        return f"manifest.json has the seed {manifest['seed']}, config.yaml {config['seed']}"
+    named, meant = manifest.get("algo"), config["algo"]["name"]
+    if named is not None and named != meant:
+        return f"manifest.json has the algo {named}, config.yaml {meant}"
+    return ""
+
+
+def of_evaluation(manifest: Mapping[str, Any], summary: Mapping[str, Any], protocol: str) -> str:
+    """Whether an evaluation is of this run, of its present model, and by this protocol."""
+    if summary.get("run", manifest["id"]) != manifest["id"]:
+        return f"it is of the run {summary['run']}"
+    if summary.get("protocol", protocol) != protocol:
+        return f"it is by the protocol {summary['protocol']}"
+    tested, files = summary.get("model"), integrity.table(manifest)
+    if isinstance(tested, Mapping) and files is not None:
+        there = {name: entry for name, entry in files.items() if name.startswith("model/")}
+        if dict(tested) != {n: e.get("sha256") if isinstance(e, Mapping) else None for n, e in there.items()}:
+            return "another model was tested than the run has now: evaluate again"
+    return ""
+
+
+def of_file(holder: Mapping[str, Any], name: str, data: bytes) -> str:
+    """Whether a file holds what the manifest or summary vouches for."""
+    files = integrity.table(holder)
+    if files is None:
+        return ""
+    wrong = integrity.difference(data, files.get(name))
+    return f"{Path(name).name} {wrong}" if wrong else ""
+
+
+def of_neighbour(file: Path, data: bytes) -> str:
+    """As `of_file`, for a file of an evaluation, by the summary that lies beside it."""
+    try:
+        summary = json.loads((file.parent / "summary.json").read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return "summary.json beside it cannot be read"
+    return of_file(summary, file.name, data) if isinstance(summary, dict) else ""
+
+
+def of_rows(summary: Mapping[str, Any], frame: pd.DataFrame) -> str:
+    """Whether rates, means and frequencies of a summary are those of the rows, condition by condition."""
+    columns = [name for name in _MEASURED if name in frame.columns]
+    numbers = frame[columns].to_numpy(dtype=np.float64)
+    outcomes = frame["outcome"].to_numpy()
+    names = frame["condition"].astype(str).to_numpy()
+    for condition in summary["conditions"]:
+        mine = names == condition["name"]
+        found = {f"{outcome}_rate": float(np.mean(outcomes[mine] == outcome)) for outcome in OUTCOMES}
+        means = numbers[mine].mean(axis=0)
+        found |= {f"mean_{name}": float(mean) for name, mean in zip(columns, means, strict=True)}
+        for key, value in found.items():
+            if key in condition and not _same(condition[key], value):
+                return (
+                    f"its rows give {key} {value:.6g} of condition {condition['name']!r}, "
+                    f"summary.json says {condition[key]}: evaluate again"
+                )
+        said = condition.get("frequency_hz")
+        if said is not None and not _all_at(frame, mine, said):
+            return f"its rows of condition {condition['name']!r} are not all of the {said} Hz of summary.json"
+    return ""
+
+
+def _same(said: Any, found: float) -> bool:
+    if type(said) not in (int, float):
+        return False
+    return bool(abs(said - found) <= TOLERANCE * max(1.0, abs(found)))
+
+
+def _all_at(frame: pd.DataFrame, mine: NDArray[np.bool_], frequency: Any) -> bool:
+    if "frequency_hz" not in frame.columns:
+        return True
+    values = frame["frequency_hz"].to_numpy()[mine]
+    return values.dtype.kind in "if" and type(frequency) in (int, float) and bool((values == frequency).all())
