@@ -188,6 +188,24 @@ def write_evaluation(
     return folder
 
 
+def reconfigure(run: Path, **values: Any) -> Path:
+    """The run as another configuration would have made it: `algo__gamma=0.9` sets algo.gamma. Returns its folder."""
+    config = yaml.safe_load((run / "config.yaml").read_text())
+    for key, value in values.items():
+        *groups, last = key.split("__")
+        node = config
+        for group in groups:
+            node = node[group]
+        node[last] = value
+    (run / "config.yaml").write_text(yaml.safe_dump(config, sort_keys=False))
+    named = run.with_name(identity.run_id(config))
+    run.rename(named)
+    seal(named / "manifest.json", id=named.name, seed=config["seed"], algo=config["algo"]["name"])
+    for summary in named.glob("evaluations/*/summary.json"):
+        seal(summary, run=named.name)
+    return named
+
+
 def seal(path: Path, holder: dict[str, Any] | None = None, **changes: Any) -> None:
     """Writes a manifest or summary, or that which is there with changes, with digests of the files it vouches for."""
     holder = (json.loads(path.read_text()) if holder is None else holder) | changes

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
 import pytest
 
 from auvbench.analysis.load import agents, load
-from tests.synthetic import damage, set_state, write_experiment
+from tests.synthetic import damage, seal, set_state, write_experiment
 
 
 @pytest.fixture
@@ -21,8 +20,7 @@ def copied(run: Path, *, ended: str = "2027-01-01T00:00:00+00:00") -> Path:
     """The same configuration under another experiment's name, run later."""
     copy = run.parent.parent / "other" / run.name
     shutil.copytree(run, copy)
-    manifest = copy / "manifest.json"
-    manifest.write_text(json.dumps(json.loads(manifest.read_text()) | {"ended": ended}))
+    seal(copy / "manifest.json", ended=ended)
     return copy
 
 

@@ -1,6 +1,5 @@
 """What is wrong with a run is named, what is right is reported."""
 
-import json
 import re
 import shutil
 from pathlib import Path
@@ -12,7 +11,7 @@ import pytest
 from auvbench.analysis.load import agents, available_protocols, load, require
 from auvbench.analysis.model import Problem
 from auvbench.errors import ReportError
-from tests.synthetic import damage, set_state, write_evaluation, write_experiment
+from tests.synthetic import damage, seal, set_state, write_evaluation, write_experiment
 
 
 @pytest.fixture
@@ -33,7 +32,7 @@ def kinds(problems: list[Problem]) -> dict[str, str]:
 
 
 def edit(path: Path, **values: object) -> None:
-    path.write_text(json.dumps(json.loads(path.read_text()) | values))
+    seal(path, **values)
 
 
 def test_a_sound_grid_has_no_problems(grid: list[Path]) -> None:
@@ -53,6 +52,7 @@ def test_metrics_are_the_csv_paired_by_episode(grid: list[Path]) -> None:
     path = grid[1] / "evaluations" / "test" / "episodes.csv"
     written = pd.read_csv(path)
     written.sample(frac=1, random_state=1).to_csv(path, index=False)  # the order of rows must not matter
+    seal(path.with_name("summary.json"))
     runs, _ = load([grid[0].parent])
     agent = next(a for a in agents(runs)[0] if a.label == "PPO K=1 10 Hz")
     assert [run.seed for run in agent.runs] == [0, 1]
@@ -192,6 +192,7 @@ def test_a_value_that_cannot_be_is_damage(grid: list[Path], column: str, values:
 def test_a_column_that_an_older_evaluation_lacks_is_no_damage(grid: list[Path]) -> None:
     path = grid[0] / "evaluations" / "test" / "episodes.csv"
     pd.read_csv(path).drop(columns="path_efficiency").to_csv(path, index=False)
+    seal(path.with_name("summary.json"))
     assert load([grid[0].parent])[1] == []
 
 
