@@ -11,7 +11,7 @@ import yaml
 
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.model import Agent, Problem
-from tests.synthetic import write_experiment
+from tests.synthetic import reconfigure, write_experiment
 
 Config = dict[str, Any]
 
@@ -24,6 +24,7 @@ def made(
         config = yaml.safe_load((run / "config.yaml").read_text())
         change(config, place)
         (run / "config.yaml").write_text(yaml.safe_dump(config))
+        reconfigure(run)
     runs, _ = load([folder])
     return agents(runs)
 
