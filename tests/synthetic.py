@@ -81,6 +81,7 @@ def write_experiment(
     protocols: Mapping[str, Sequence[str]] | None = None,
     train_episodes: int = 200,
     trajectories: int = 3,
+    vehicle: str = "bluerov2",
 ) -> list[Path]:
     """Writes one run per cell of the grid and returns their directories, in the order of the grid.
 
@@ -94,6 +95,7 @@ def write_experiment(
         protocols: conditions by protocol; default `{"test": ("nominal",)}`; see `ROBUSTNESS` for more.
         train_episodes: rows of `train/episodes.csv`; 0 leaves the file out.
         trajectories: episodes whose trajectory is kept, of each condition.
+        vehicle: its name; another one meets scenarios of another fingerprint.
     """
     protocols = {"test": ("nominal",)} if protocols is None else protocols
     written = []
@@ -102,7 +104,7 @@ def write_experiment(
         for k in reward_k[:1] if classical else reward_k:
             for f in frequencies[:1] if classical else frequencies:
                 for seed in seeds[:1] if classical else seeds:
-                    run = _write_run(root, algo, float(k), float(f), int(seed), train_episodes)
+                    run = _write_run(root, algo, float(k), float(f), int(seed), train_episodes, vehicle)
                     for protocol, conditions in protocols.items():
                         write_evaluation(run, protocol, conditions, episodes, trajectories)
                     written.append(run)
@@ -172,6 +174,8 @@ def write_evaluation(
         for row in frame.head(trajectories).to_dict("records"):
             arrays |= _trajectory(condition, {str(k): v for k, v in row.items()}, rng)
     pd.concat(frames).to_csv(folder / "episodes.csv", index=False)
+    if config["vehicle"]["name"] != "bluerov2":
+        prints += config["vehicle"]["name"]
     fingerprint = hashlib.sha256(prints.encode()).hexdigest()[:16]
     summary = {
         "schema_version": 1,
@@ -331,8 +335,11 @@ def _training(skill: Skill, frequency: float, k: float, n: int, environments: in
     return frame
 
 
-def _write_run(root: Path, algo: str, k: float, f: float, seed: int, train_episodes: int) -> Path:
+def _write_run(
+    root: Path, algo: str, k: float, f: float, seed: int, train_episodes: int, vehicle: str
+) -> Path:
     config = _config(root.name, algo, k, f, seed)
+    config["vehicle"]["name"] = vehicle
     run = root / identity.run_id(config)
     for folder in ("train", "checkpoints", "model", "evaluations"):
         (run / folder).mkdir(parents=True, exist_ok=True)

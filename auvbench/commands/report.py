@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from auvbench.commands.report_options import Options, parse
-from auvbench.errors import UserError
+from auvbench.errors import ReportError, UserError
 
 if TYPE_CHECKING:
-    from auvbench.analysis.model import Agent, Finding, Ranking, RunRecord
+    from auvbench.analysis.model import Agent, Finding, Problem, Ranking, RunRecord
+    from auvbench.analysis.sections import Section
     from auvbench.analysis.study import Beside
     from auvbench.reporting.figures import Figure
 
@@ -30,40 +31,104 @@ def main(argv: Sequence[str]) -> int:
 
 def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     from auvbench.analysis.conditions import default
-    from auvbench.analysis.findings import sentences
-    from auvbench.analysis.load import agents, load, require
+    from auvbench.analysis.load import load, require
     from auvbench.analysis.measures import measure
-    from auvbench.analysis.ranking import rank
+    from auvbench.analysis.sections import sections, split_problems
 
     measure(options.rank_by)  # a wrong name is said before anything is read
     measure(options.then, "--then")
     runs, problems = load(paths, options.protocol)
     require(runs, problems, options.protocol)
+    parts = sections(runs, options.protocol)
     condition = options.condition or default(runs, options.protocol)
-    grouped, more = agents(runs, options.group_by, options.protocol, condition)
+    found = split_problems(problems, parts)
+    several = len(parts) > 1
+    reports = _each_of(parts, lambda i: _analyse(parts[i], found[i], condition, options, several))
+    _has_baseline(reports, options)
+    out = options.out or beside(runs)
+    if len(reports) == 1:
+        report, written = write(reports[0], options, command, out)
+        _show(report, options)
+    else:
+        from auvbench.commands.report_sections import write_sections
+
+        reports, written = write_sections(reports, options, command, out)
+        for report in reports:
+            _heading(report.section.title)
+            _show(report, options)
+    _say_written(written)
+
+
+def _each_of(parts: Sequence[Section], analyse: Callable[[int], Report]) -> list[Report]:
+    """The sections that can be reported; why another cannot stands with the first.
+
+    Raises:
+        ReportError: the first section's, where none can be reported.
+    """
+    from auvbench.analysis.model import Problem
+
+    reports: list[Report] = []
+    refused: list[tuple[str, ReportError]] = []
+    for i, part in enumerate(parts):
+        try:
+            reports.append(analyse(i))
+        except ReportError as error:
+            refused.append((part.title, error))
+    if not reports:
+        raise refused[0][1]
+    named = tuple(Problem(title, "missing", str(error)) for title, error in refused)
+    first = reports[0]
+    reports[0] = replace(first, ranking=replace(first.ranking, problems=(*first.ranking.problems, *named)))
+    return reports
+
+
+def _has_baseline(reports: Sequence[Report], options: Options) -> None:
+    """
+    Raises:
+        ReportError: no section has the baseline.
+    """
+    if options.baseline is not None and all(report.ranking.baseline is None for report in reports):
+        raise ReportError(f"--baseline {options.baseline!r} is in none of the {len(reports)} sections")
+
+
+def _analyse(
+    part: Section, problems: Sequence[Problem], condition: str, options: Options, several: bool
+) -> Report:
+    """What can be said of the runs of one section; of `several`, one may be without the baseline."""
+    from auvbench.analysis.findings import sentences
+    from auvbench.analysis.load import agents
+    from auvbench.analysis.model import Problem
+    from auvbench.analysis.ranking import find_baseline, rank
+
+    grouped, more = agents(part.runs, options.group_by, options.protocol, condition)
+    baseline = options.baseline
+    if several and baseline is not None:
+        try:
+            find_baseline(grouped, baseline)
+        except ReportError as error:
+            baseline, more = None, [*more, Problem(part.title, "missing", str(error))]
     ranking = rank(
         grouped,
         rank_by=options.rank_by,
         then=options.then,
-        baseline=options.baseline,
+        baseline=baseline,
         confidence=options.confidence,
         seed=options.seed,
         protocol=options.protocol,
         condition=condition,
-        problems=(*problems, *more),
+        problems=(*problems, *part.problems, *more),
     )
     by_label = {agent.label: agent for agent in grouped}
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
-    claims, numbers = _study(runs, ordered, options)
-    report = Report(runs, ordered, ranking, sentences(ranking, ordered), claims, numbers)
-    report, written = write(report, options, command)
-    _show(report, options, written)
+    claims, numbers = _study(part.runs, ordered, options)
+    return Report(part, part.runs, ordered, ranking, sentences(ranking, ordered), claims, numbers)
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Everything that the formats show."""
+    """Everything that the formats show of one section."""
 
+    section: Section
     runs: Sequence[RunRecord]
     agents: Sequence[Agent]
     """in the order of the ranking"""
@@ -85,12 +150,21 @@ def _study(
     return claims, study.beside(agents, options.confidence)
 
 
-def write(report: Report, options: Options, command: str) -> tuple[Report, list[Path]]:
-    """Writes the formats asked for; returns the report, with what drawing found damaged, and the files."""
+def write(
+    report: Report, options: Options, command: str, out: Path, title: str = ""
+) -> tuple[Report, list[Path]]:
+    """Writes the formats asked for; returns the report, with what drawing found damaged, and the files.
+
+    Args:
+        report: of one section.
+        options: what is written.
+        command: the command line, for the page.
+        out: the folder.
+        title: of the section, where the report has several.
+    """
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
 
-    out = options.out or beside(report.runs)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -105,7 +179,7 @@ def write(report: Report, options: Options, command: str) -> tuple[Report, list[
         ranking = replace(ranking, problems=(*ranking.problems, *problems))
         report = replace(report, ranking=ranking)
     if "html" in options.format:
-        written.append(_page(out / "index.html", report, figures, command))
+        written.append(_page(out / "index.html", report, figures, command, title))
     if "md" in options.format:
         text = files.markdown(ranking, report.findings, report.claims, report.beside, figures, out)
         written.append(files.text(out / "report.md", text))
@@ -119,7 +193,7 @@ def write(report: Report, options: Options, command: str) -> tuple[Report, list[
     return report, written
 
 
-def _page(path: Path, report: Report, figures: Sequence[Figure], command: str) -> Path:
+def _page(path: Path, report: Report, figures: Sequence[Figure], command: str, title: str) -> Path:
     from auvbench.reporting import page
     from auvbench.reporting.figures import colour_of
 
@@ -134,10 +208,11 @@ def _page(path: Path, report: Report, figures: Sequence[Figure], command: str) -
         beside=report.beside,
         colours=colour_of(report.agents),
         command=command,
+        section=title,
     )
 
 
-def _show(report: Report, options: Options, written: Sequence[Path]) -> None:
+def _show(report: Report, options: Options) -> None:
     from rich.console import Console
     from rich.text import Text
 
@@ -160,6 +235,24 @@ def _show(report: Report, options: Options, written: Sequence[Path]) -> None:
         if report.beside:
             console.print()
             console.print(tables.beside_terminal(report.beside, console.width))
+
+
+def _heading(title: str) -> None:
+    """Parts the sections of a report on a terminal."""
+    from rich.console import Console
+    from rich.rule import Rule
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    console.print()
+    console.print(Rule(Text(title, style="bold"), align="left"))
+
+
+def _say_written(written: Sequence[Path]) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False)
     if written:
         console.print()
     for path in written:

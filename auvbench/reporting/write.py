@@ -77,12 +77,15 @@ def markdown(
     if ranking.conditions:
         parts += ["## Conditions", tables.conditions_markdown(ranking).rstrip()]
     if findings:
-        parts += ["## Findings", "\n".join(f"- {_finding(finding)}" for finding in findings)]
+        parts += ["## Findings", "\n".join(f"- {finding_in_markdown(finding)}" for finding in findings)]
     if comparisons := against_baseline(ranking):
         parts += [f"## Against {escape(ranking.baseline or '')}"]
         parts += [tables.comparisons_markdown(comparisons).rstrip()]
     if claims:
-        parts += ["## Claims of the study", "\n".join(f"{i}. {_finding(f)}" for i, f in enumerate(claims, 1))]
+        parts += [
+            "## Claims of the study",
+            "\n".join(f"{i}. {finding_in_markdown(f)}" for i, f in enumerate(claims, 1)),
+        ]
     if beside:
         parts += ["## The study's table and ours", study.markdown(beside).rstrip()]
     if figures:
@@ -97,7 +100,7 @@ def markdown(
     return "\n\n".join(parts) + "\n"
 
 
-def _finding(finding: Finding) -> str:
+def finding_in_markdown(finding: Finding) -> str:
     text = escape(finding.text)
     if finding.verdict:
         text += f" **{escape(finding.verdict[0].upper() + finding.verdict[1:])}.**"

@@ -14,11 +14,20 @@ from auvbench.analysis.model import Agent, RunRecord
 class Links:
     """Relative links from the page's folder to the files of runs, and anchors within the page.
 
-    `learners` holds the labels of the agents that were trained.
+    `learners` holds the labels of the agents that were trained. `elsewhere` is the address of the page that has the
+    rows of these agents' runs, where that is another one.
     """
 
-    def __init__(self, page: Path, agents: Sequence[Agent], runs: Sequence[RunRecord], protocol: str) -> None:
+    def __init__(
+        self,
+        page: Path,
+        agents: Sequence[Agent],
+        runs: Sequence[RunRecord],
+        protocol: str,
+        elsewhere: str = "",
+    ) -> None:
         self._folder = page.parent.resolve()
+        self._elsewhere = elsewhere
         self._protocol = protocol
         self._agents = {agent.label: index for index, agent in enumerate(agents)}
         self.learners = frozenset(agent.label for agent in agents if learns(agent))
@@ -59,8 +68,8 @@ class Links:
             return href
         index = self.index_of(label)
         if index >= 0 and known:
-            return f"#agent-{index}"
-        return f"#{self._anchors[known[0].id]}" if known else ""
+            return f"{self._elsewhere}#agent-{index}"
+        return f"{self._elsewhere}#{self._anchors[known[0].id]}" if known else ""
 
     def of_agent(self, label: str) -> str:
         """The same for an agent of the page; '' for any other label."""

@@ -53,6 +53,7 @@ def write(
     colours: Mapping[str, tuple[str, Any, Any]],
     command: str = "",
     title: str = "",
+    section: str = "",
 ) -> Path:
     """Write the report as one HTML file that needs nothing but a browser.
 
@@ -73,6 +74,7 @@ def write(
         colours: by label (colour as #rrggbb, marker, line style), as in the figures.
         command: the command line that made the report.
         title: the page's title; by default it names the experiments that the runs belong to.
+        section: the section that the page is of, where the report has several and `../index.html` shows all.
 
     Returns:
         The path that was written.
@@ -93,44 +95,81 @@ def write(
     against = against_baseline(ranking)
     others = _without(ranking.comparisons, against)
     everything = _distinct((*ranking.problems, *problems, *figure_problems, *scenes.problems))
-    style, script = _asset("page.css"), "\n".join(_asset(name) for name in SCRIPTS)
-    html = (
-        _environment()
-        .get_template("page.html")
-        .render(
-            title=title or _title(runs),
-            question=QUESTION,
-            style=Markup(style),
-            script=Markup(script),
-            policy=_policy(script),
-            ranking=ranking,
-            ranked_by=table.order_in_words(ranking),
-            vehicles=sources.vehicles(runs),
-            runs_found=len(runs),
-            table=shown,
-            further=table.further_table(ranking, shown, hues, links),
-            conditions=conditions.table(ranking, hues, links),
-            against=comparisons.pairs(against, alpha=1.0 - ranking.confidence),
-            pairs=comparisons.pairs(others, alpha=1.0 - ranking.confidence),
-            findings=sources.sentences(findings, links),
-            claims=sources.sentences(claims, links),
-            beside=study.table(beside, hues, links),
-            marks=study.MARKS,
-            figures=embedded,
-            scenes=scenes,
-            data=_data(scenes, agents, styles, runs),
-            run_columns=sources.RUN_COLUMNS,
-            runs=sources.run_lines(runs, agents, hues, links),
-            problems=grouped(tuple(everything)),
-            facts=sources.facts(ranking, agents, runs),
-            command=command,
-            confidence=f"{100 * ranking.confidence:g}",
-        )
+    html = render(
+        runs,
+        ranking,
+        title=(title or title_of(runs)) + (f", {section}" if section else ""),
+        above="../index.html" if section else "",
+        table=shown,
+        further=table.further_table(ranking, shown, hues, links),
+        conditions=conditions.table(ranking, hues, links),
+        against=comparisons.pairs(against, alpha=1.0 - ranking.confidence),
+        pairs=comparisons.pairs(others, alpha=1.0 - ranking.confidence),
+        findings=sources.sentences(findings, links),
+        claims=sources.sentences(claims, links),
+        beside=study.table(beside, hues, links),
+        figures=embedded,
+        scenes=scenes,
+        data=_data(scenes, agents, styles, runs),
+        runs=sources.run_lines(runs, agents, hues, links),
+        problems=grouped(tuple(everything)),
+        facts=sources.facts(ranking, agents, runs),
+        command=command,
     )
     return text(path, html)
 
 
-def _title(runs: Sequence[RunRecord]) -> str:
+def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
+    """The page of some runs as HTML; `shown` replaces parts of a page that shows nothing."""
+    script = "\n".join(_asset(name) for name in SCRIPTS)
+    nothing: dict[str, Any] = {
+        "parts": (),
+        "above": "",
+        "table": None,
+        "further": None,
+        "conditions": None,
+        "against": (),
+        "pairs": (),
+        "findings": (),
+        "claims": (),
+        "beside": None,
+        "marks": study.MARKS,
+        "figures": (),
+        "scenes": trajectories_.Scenes(),
+        "data": {},
+        "runs": (),
+        "run_columns": sources.RUN_COLUMNS,
+        "problems": (),
+        "facts": (),
+        "command": "",
+    }
+    return (
+        _environment()
+        .get_template("page.html")
+        .render(
+            nothing
+            | {
+                "question": QUESTION,
+                "style": Markup(_asset("page.css")),
+                "script": Markup(script),
+                "policy": _policy(script),
+                "ranking": ranking,
+                "ranked_by": table.order_in_words(ranking),
+                "vehicles": sources.vehicles(found),
+                "runs_found": len(found),
+                "confidence": f"{100 * ranking.confidence:g}",
+            }
+            | shown
+        )
+    )
+
+
+def hues_of(agents: Sequence[Agent], colours: Mapping[str, tuple[str, Any, Any]]) -> dict[str, str]:
+    """Colour by label."""
+    return {label: colour for label, (colour, _) in _styles(agents, colours).items()}
+
+
+def title_of(runs: Sequence[RunRecord]) -> str:
     names = sorted({str(name) for run in runs if (name := run.config.get("name"))})
     if not names:
         return "auvbench report"

@@ -1,0 +1,43 @@
+"""A report of several sections: a folder with all files for each, and above them what shows all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from auvbench.commands.report import Report, write
+from auvbench.commands.report_options import Options
+
+
+def write_sections(
+    reports: Sequence[Report], options: Options, command: str, out: Path
+) -> tuple[list[Report], list[Path]]:
+    """Writes each section into a folder of its own below `out`, and `index.html`, `report.md` and `table.csv` of all.
+
+    Returns:
+        the reports, with what drawing found damaged, and the files of the overview or, where the formats have
+        none, of the sections.
+    """
+    from auvbench.reporting import sections as files
+    from auvbench.reporting.figures import colour_of
+    from auvbench.reporting.page.overview import Part, write_overview
+
+    whole, below = [], []
+    for report in reports:
+        folder = out / report.section.folder
+        found, written = write(report, options, command, folder, report.section.title)
+        whole.append(found)
+        below += written
+    parts = [
+        Part(r.section.title, r.section.folder, r.ranking, r.agents, r.runs, r.findings, colour_of(r.agents))
+        for r in whole
+    ]
+    above = []
+    if "html" in options.format:
+        above.append(write_overview(out / "index.html", parts, command))
+    if "md" in options.format:
+        above.append(files.markdown(out / "report.md", parts))
+    if "csv" in options.format:
+        above.append(files.csv(out / "table.csv", [(r.section.vehicle, r.ranking) for r in whole]))
+    files.clear(out)
+    return whole, above + [path for path in below if path.suffix not in {p.suffix for p in above}]
