@@ -56,6 +56,6 @@ def test_other_scenarios_of_the_same_vehicle_are_a_section_that_says_how_to_mend
 def test_other_scenarios_because_of_another_sheet_name_what_differs(tmp_path: Path) -> None:
     written = write_experiment(tmp_path / "grid", algorithms=("ppo",), episodes=12, train_episodes=20)
     write_evaluation(written[0], "test", ("nominal",), 10)
-    reconfigure(written[0], **{"vehicle.mass": 16.0})
+    reconfigure(written[0], vehicle__mass=16.0)
     (problem,) = sections(load([tmp_path])[0], "test")[1].problems
     assert problem.message.endswith("they differ in vehicle.mass")
