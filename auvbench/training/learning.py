@@ -25,9 +25,11 @@ from auvbench.runs.records import EpisodeLog
 from auvbench.training.checkpoint import events, finite
 from auvbench.training.checkpoint.callback import Checkpointer
 from auvbench.training.interruption import Request
+from auvbench.training.validation import Validator
 
 EPISODES = "train/episodes.csv"
 EVENTS = f"train/{events.NAME}"
+VALIDATION = "train/validation.csv"
 
 
 class Recorder(BaseCallback):
@@ -77,7 +79,7 @@ def learn(
         every_steps=train.checkpoint.steps,
         every_seconds=train.checkpoint.seconds,
         keep=train.checkpoint.keep,
-        logs=(EPISODES, EVENTS),
+        logs=(EPISODES, EVENTS, *((VALIDATION,) if train.evaluate_every else ())),
         stop=stop,
     )
     resumed = checkpointer.prepare()
@@ -94,6 +96,7 @@ def learn(
     model = learners.make(config, normaliser)
     reporter = Reporter(run.path / "progress.json", train.total_steps, watch)
     checkpointer.parts = {"environment": batch, "progress": reporter}
+    validator: Validator | None = None
     ready = time.monotonic()
 
     def phases(trained: float) -> dict[str, float]:
@@ -101,13 +104,26 @@ def learn(
             "setup_s": ready - begun,
             "training_s": trained - ready,
             "checkpoints_s": checkpointer.spent,
+            **({"validation_s": validator.spent} if validator else {}),
             "saving_s": time.monotonic() - trained,
         }
         return {name: round(earlier.get(name, 0.0) + seconds, 3) for name, seconds in spent.items()}
 
     with storage(f"cannot write the records of {run.path}"):
         log = EpisodeLog(run.path / EPISODES, keep=resumed.logs[EPISODES].length if resumed else None)
-        model.set_logger(Logger(str(run.train), [events.EventWriter(run.train)]))
+        writer = events.EventWriter(run.train)
+        model.set_logger(Logger(str(run.train), [writer]))
+        callbacks: list[BaseCallback] = [checkpointer, Recorder(environment, log, reporter)]
+        if train.evaluate_every:
+            validator = Validator(
+                run.config(),
+                train.evaluate_every,
+                run.path / VALIDATION,
+                resumed.logs[VALIDATION].length if resumed and VALIDATION in resumed.logs else None,
+                lambda: reporter.episodes,
+                lambda rates, step: writer.write(rates, {}, step),
+            )
+            callbacks.append(validator)
         note = note or run.update_manifest
         checkpointer.flush = log.flush
         checkpointer.saved_hook = lambda: note(**_reached(model.num_timesteps, reporter))
@@ -115,7 +131,7 @@ def learn(
             with finite.diagnosed(model):
                 model.learn(
                     train.total_steps,
-                    callback=[checkpointer, Recorder(environment, log, reporter)],
+                    callback=callbacks,
                     log_interval=_log_interval(config),
                 )
             reporter.step(model.num_timesteps, force=True)
@@ -129,6 +145,8 @@ def learn(
             raise
         finally:
             log.close()
+            if validator is not None:
+                validator.close()
             model.logger.close()
     trained = time.monotonic()
     with storage(f"cannot write {run.model}"):

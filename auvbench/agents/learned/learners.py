@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -149,8 +149,49 @@ def statistics(normaliser: VecNormalize) -> dict[str, NDArray[np.float64]]:
     }
 
 
-class LearnedPolicy:
-    """A trained policy in a test: deterministic, frozen statistics, weights read without unpickling.
+class FrozenPolicy:
+    """A policy as it is now, in a test: deterministic, with the statistics of its observations frozen.
+
+    Draws no random number and changes nothing of the policy, so that one that is being trained may be tested.
+
+    Args:
+        policy: the network; out of training mode.
+        arrays: statistics of the observations, as `statistics` gives them.
+        normalise: whether the policy was trained on normalised observations.
+        n_u: actuators of the vehicle.
+    """
+
+    def __init__(
+        self, policy: BasePolicy, arrays: Mapping[str, NDArray[np.float64]], normalise: bool, n_u: int
+    ) -> None:
+        self.policy = policy
+        self._normalise = normalise
+        self._mean = np.array(arrays["observation_mean"])
+        self._scale = np.sqrt(arrays["observation_variance"] + arrays["epsilon"])
+        self._clip = float(arrays["clip_observations"])
+        self._n_u = n_u
+
+    def reset(self, episodes: Integers) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: Observations) -> Actions:
+        """Deterministic actions (n, n_u)."""
+        if self._normalise:
+            scaled = (observation - self._mean) / self._scale
+            observation = np.clip(scaled, -self._clip, self._clip).astype(np.float32)
+        action = np.empty((len(observation), self._n_u), dtype=np.float32)
+        rows = np.zeros((FORWARD_ROWS, observation.shape[1]), dtype=np.float32)
+        with torch.no_grad():
+            for start in range(0, len(observation), FORWARD_ROWS):
+                part = observation[start : start + FORWARD_ROWS]
+                rows[: len(part)] = part
+                output = self.policy._predict(torch.from_numpy(rows), deterministic=True)
+                action[start : start + len(part)] = output.numpy()[: len(part)]
+        return np.clip(action, -1.0, 1.0)
+
+
+class LearnedPolicy(FrozenPolicy):
+    """A trained policy in a test: its weights and statistics read without unpickling.
 
     Args:
         config: of the run that trained it.
@@ -171,34 +212,12 @@ class LearnedPolicy:
         check: Callable[[str, bytes], None] | None = None,
     ) -> None:
         torch.set_num_threads(1)
-        self.policy = _policy(config, n_u)
-        weights = trained.weights(_read(folder / WEIGHTS, check), folder / WEIGHTS, self.policy.state_dict())
+        policy = _policy(config, n_u)
+        weights = trained.weights(_read(folder / WEIGHTS, check), folder / WEIGHTS, policy.state_dict())
         kept = trained.statistics(_read(folder / STATISTICS, check), folder / STATISTICS, 4 + n_u)
-        self.policy.load_state_dict(weights)
-        self.policy.set_training_mode(False)
-        self._normalise = config.train.normalise_observations
-        self._mean = kept["observation_mean"]
-        self._scale = np.sqrt(kept["observation_variance"] + kept["epsilon"])
-        self._clip = float(kept["clip_observations"])
-        self._n_u = n_u
-
-    def reset(self, episodes: Integers) -> None:
-        """Nothing to forget."""
-
-    def act(self, observation: Observations) -> Actions:
-        """Deterministic actions (n, n_u)."""
-        if self._normalise:
-            scaled = (observation - self._mean) / self._scale
-            observation = np.clip(scaled, -self._clip, self._clip).astype(np.float32)
-        action = np.empty((len(observation), self._n_u), dtype=np.float32)
-        rows = np.zeros((FORWARD_ROWS, observation.shape[1]), dtype=np.float32)
-        with torch.no_grad():
-            for start in range(0, len(observation), FORWARD_ROWS):
-                part = observation[start : start + FORWARD_ROWS]
-                rows[: len(part)] = part
-                output = self.policy._predict(torch.from_numpy(rows), deterministic=True)
-                action[start : start + len(part)] = output.numpy()[: len(part)]
-        return np.clip(action, -1.0, 1.0)
+        policy.load_state_dict(weights)
+        policy.set_training_mode(False)
+        super().__init__(policy, kept, config.train.normalise_observations, n_u)
 
 
 def _read(path: Path, check: Callable[[str, bytes], None] | None) -> bytes:
