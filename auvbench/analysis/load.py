@@ -126,6 +126,12 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
     for path in map(Path, paths):
         if not path.exists():
             raise ReportError(f"no such folder: {path}")
+        if path.is_file():
+            if path.name not in ("manifest.json", "config.yaml"):
+                raise ReportError(
+                    f"{path}: a file, and no run; name a run directory or a folder that holds some"
+                )
+            path = path.parent
         found = 0
         for folder, folders, files in os.walk(path):
             here = Path(folder)

@@ -80,12 +80,14 @@ def _line(progress: Progress) -> str:
 class Teller:
     """Lines above a bar that counts them."""
 
-    def __init__(self, print_line: Callable[[str, bool], None], advance: Callable[[str], None]) -> None:
+    def __init__(
+        self, print_line: Callable[[str | None, bool], None], advance: Callable[[str], None]
+    ) -> None:
         self._print = print_line
         self._advance = advance
 
-    def line(self, text: str, *, error: bool = False) -> None:
-        """One finished thing."""
+    def line(self, text: str | None, *, error: bool = False) -> None:
+        """One finished thing; None: it needs no line."""
         self._print(text, error)
         self._advance("")
 
@@ -99,8 +101,9 @@ def counting_bar(total: int, title: str) -> Iterator[Teller]:
     """Counts finished runs on a terminal; plain lines elsewhere."""
     if not sys.stderr.isatty() or total < 2:
 
-        def plain(text: str, error: bool) -> None:
-            print(text, file=sys.stderr if error else sys.stdout, flush=True)
+        def plain(text: str | None, error: bool) -> None:
+            if text is not None:
+                print(text, file=sys.stderr if error else sys.stdout, flush=True)
 
         yield Teller(plain, lambda _: None)
         return
@@ -119,8 +122,9 @@ def counting_bar(total: int, title: str) -> Iterator[Teller]:
     ) as bar:
         task = bar.add_task("", total=total, now="")
 
-        def printed(text: str, error: bool) -> None:
-            console.print(text, markup=False, style="red" if error else None)
+        def printed(text: str | None, error: bool) -> None:
+            if text is not None:
+                console.print(text, markup=False, soft_wrap=True, style="red" if error else None)
             bar.advance(task)
 
         yield Teller(printed, lambda now: bar.update(task, now=now))

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import sys
+from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.errors import UserError
+from auvbench.errors import RunError, UserError
 
 if TYPE_CHECKING:
     from auvbench.config.schema import EvaluateConfig
     from auvbench.runs.directory import RunDirectory
+    from auvbench.runs.standing import Standing
 
 USAGE = """\
-usage: auvbench evaluate PATH... [protocol=NAME] [KEY=VALUE ...]
+usage: auvbench evaluate PATH... [protocol=NAME] [KEY=VALUE ...] [--where KEY=VALUE,... ...]
 
 Applies a test protocol to complete runs: every agent meets the same frozen scenarios, with a deterministic
-policy and frozen statistics. What is tested already is skipped.
+policy and frozen statistics. What is tested already is skipped, what is not complete is left out and named.
 
   PATH            run directories, or folders that hold some
   protocol=NAME   test (default): 500 episodes, seed 123, 10 Hz
@@ -25,63 +30,150 @@ policy and frozen statistics. What is tested already is skipped.
                   transfer: the same policy on other vehicles with the same actuators
   force=true      test again what is tested already
   workers=N       runs tested at once (default: one per core)
+  --where TERMS   only runs of these values; all words with a = that follow are terms, so it comes last:
+                  --where vehicle=rexrov reward.k=1,40 algo!=random
   --cfg job       print the configuration of the test and stop
+
+Exit code 0 when every complete run is tested, whatever is not complete yet; 1 when a test failed; 2 when there is
+nothing to test or an argument is wrong.
 
 examples:
   auvbench evaluate outputs
   auvbench evaluate outputs/default protocol=thesis
 """
 
+FLAGS = ("--where", "--cfg", "--help")
+
 
 def main(arguments: Sequence[str]) -> int:
     if not arguments or any(a in ("-h", "--help") for a in arguments):
         print(USAGE, end="")
         return 0 if arguments else 2
+    from auvbench.commands.grammar import take_where
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
+    from auvbench.runs import where
 
-    if "--cfg" in arguments:
+    rest, terms = take_where(arguments)
+    shows = _take_cfg(rest)
+    _refuse_flags(rest)
+    overrides, paths = [], []
+    for word in rest:
+        (paths if "=" not in word or Path(word).exists() else overrides).append(word)
+    composed = compose("evaluate", overrides)
+    if shows:
         from omegaconf import OmegaConf
 
-        overrides = [a for a in arguments if "=" in a]
-        print(OmegaConf.to_yaml(compose("evaluate", overrides)), end="")
+        print(OmegaConf.to_yaml(composed), end="")
         return 0
-    for argument in arguments:
-        if argument.startswith("-"):
-            raise UserError(f"{argument}: no such option; auvbench evaluate --help shows what there is")
-    paths = [a for a in arguments if "=" not in a]
-    config = evaluate_config(compose("evaluate", [a for a in arguments if "=" in a]))
+    config = evaluate_config(composed)
     if not paths:
         raise UserError("name a run directory or a folder that holds runs, e.g. auvbench evaluate outputs")
     from auvbench.runs.directory import find_runs
 
-    return _evaluate_all(find_runs(paths), config)
+    wanted = where.parse(terms)
+    _refuse_own(terms)
+    runs = find_runs(paths)
+    return _evaluate_all(where.select(runs, wanted, where.facts) if wanted else runs, config)
+
+
+def _take_cfg(words: list[str]) -> bool:
+    """Removes `--cfg job` from the words; whether it was there."""
+    for index, word in enumerate(words):
+        if word in ("--cfg", "-c", "--cfg=job"):
+            kind = words[index + 1] if index + 1 < len(words) else ""
+            if word != "--cfg=job" and kind != "job":
+                raise UserError(f"{word} {kind}".rstrip() + ": evaluate shows one configuration: --cfg job")
+            del words[index : index + (1 if word == "--cfg=job" else 2)]
+            return True
+    return False
+
+
+def _refuse_flags(words: Sequence[str]) -> None:
+    from auvbench.config.hints import unknown_flag
+
+    for word, following in zip(words, [*words[1:], None], strict=True):
+        if word.startswith("-"):
+            raise UserError(unknown_flag("evaluate", word, FLAGS, KEYS, following))
+
+
+KEYS = ("protocol", "workers", "force", *(f"protocol.{key}" for key in ("episodes", "batch", "trajectories")))
+"""what is typed key=value"""
+
+
+def _refuse_own(terms: Sequence[str]) -> None:
+    """`--where seed=0 protocol=thesis`: the second is no property of a run."""
+    for term in terms:
+        if term.partition("=")[0] in KEYS:
+            raise UserError(f"--where {term}: says which runs; to set {term} type it before --where")
 
 
 def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     from auvbench.commands.bars import counting_bar
     from auvbench.evaluation.parallel import evaluate_all
 
-    done = failed = 0
-    with counting_bar(len(runs), f"protocol {config.protocol.name}") as tell:
+    ready, unfinished = _ready(runs)
+    if not ready:
+        raise UserError(f"nothing to evaluate: {_left_out(unfinished)}")
+    failed = there = 0
+    with counting_bar(len(ready), f"protocol {config.protocol.name}") as tell:
         results = evaluate_all(
-            runs, config.protocol, workers=config.workers, force=config.force, report=tell.doing
+            ready, config.protocol, workers=config.workers, force=config.force, report=tell.doing
         )
         for result in results:
             if result.error:
                 failed += 1
                 tell.line(f"auvbench: {result.error}", error=True)
             elif result.summary is None:
-                done += 1
-                tell.line(f"{result.run.id}: {config.protocol.name} done already")
+                there += 1
+                tell.line(None)
             else:
-                for line in _lines(result.run, result.summary):
-                    tell.line(line)
-    if failed == len(runs):
+                tell.line("\n".join(_lines(result.run, result.summary)))
+    if there:
+        what = "run is" if there == 1 else "runs are"
+        print(f"{there} {what} tested already by protocol {config.protocol.name} (force=true tests again)")
+    if unfinished:
+        print(f"auvbench: {_left_out(unfinished)}", file=sys.stderr)
+    if failed == len(ready):
         raise UserError("nothing could be evaluated")
     which = "" if config.protocol.name == "test" else f" --protocol {config.protocol.name}"
-    print(f"next: auvbench report {shlex.quote(str(runs[0].path.parent))}{which}")
+    folder = Path(os.path.commonpath([run.path.parent for run in ready]))
+    print(f"next: auvbench report {shlex.quote(str(folder))}{which}")
     return 1 if failed else 0
+
+
+def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[Standing]]:
+    """The runs that can be tested, or whose damage their test will name, and those that are not complete."""
+    from auvbench.runs import lock, standing
+
+    clock = lock.shared_clock()
+    ready, unfinished = [], []
+    for run in runs:
+        try:
+            found = standing.of(run, clock=clock)
+        except RunError:
+            ready.append(run)
+            continue
+        if found.state is standing.State.COMPLETE:
+            ready.append(run)
+        else:
+            unfinished.append(found)
+    return ready, unfinished
+
+
+def _left_out(unfinished: Sequence[Standing]) -> str:
+    """One line: how many are in which state, and the command that finishes them."""
+    from auvbench.runs.standing import State
+
+    counts = Counter(found.state for found in unfinished)
+    states = ", ".join(f"{counts[state]} {state}" for state in State if counts[state])
+    one = len(unfinished) == 1
+    text = f"{len(unfinished)} {'run is' if one else 'runs are'} not complete and left out ({states})"
+    paths = [found.run.path for found in unfinished if found.state is not State.RUNNING]
+    if not paths:
+        return f"{text}: evaluate again when {'it is' if one else 'they are'} complete"
+    folder = Path(os.path.commonpath(paths))
+    return f"{text}; auvbench resume {shlex.quote(str(folder))} finishes {'it' if one else 'them'}"
 
 
 def _lines(run: RunDirectory, summary: dict[str, Any]) -> list[str]:

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import yaml
 from hydra.core.config_search_path import ConfigSearchPath
@@ -39,7 +39,8 @@ from omegaconf.errors import (
     ValidationError,
 )
 
-from auvbench.config import algorithms, launchers, schema, simulators
+from auvbench.config import hints, launchers, schema, simulators
+from auvbench.config import overrides as typing
 from auvbench.errors import ConfigError, closest
 from hydra_plugins import auvbench_launcher
 
@@ -48,14 +49,7 @@ CONFIG_MODULE = "auvbench.conf"
 FAULTS = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError, RecursionError)
 """What Hydra lets out for a mistake in what was typed, or in a file of `./conf`."""
 
-ALGORITHM_SCHEMAS: dict[str, type] = {
-    "ppo_schema": algorithms.PPO,
-    "sac_schema": algorithms.SAC,
-    "ddpg_schema": algorithms.DDPG,
-    "td3_schema": algorithms.TD3,
-    "pid_schema": algorithms.PID,
-    "random_schema": algorithms.Random,
-}
+ALGORITHM_SCHEMAS = {f"{name}_schema": schema for name, schema in hints.CLASSES.items()}
 
 
 def register_schemas() -> None:
@@ -156,7 +150,7 @@ def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:
     _prepare()
     GlobalHydra.instance().clear()
     with initialize_config_module(config_module=CONFIG_MODULE, version_base="1.3"):
-        return hydra_compose(config_name=entry, overrides=list(overrides))
+        return hydra_compose(config_name=entry, overrides=typing.read(overrides))
 
 
 def run(
@@ -182,9 +176,9 @@ def run(
     sys.argv = [f"{program} {entry}", *arguments]
     parser: argparse.ArgumentParser = get_args_parser()
     parser.prog = f"{program} {entry}"
+    _check_flags(parser, arguments, entry)
     parsed = parser.parse_args(list(arguments))
-    if parsed.experimental_rerun is not None:
-        raise ConfigError("--experimental-rerun would unpickle a file; type the command again instead")
+    parsed.overrides = typing.read(parsed.overrides)
     shows = next((flag for flag in ("cfg", "info") if getattr(parsed, flag) is not None), None)
     if parsed.multirun and shows is not None:
         raise ConfigError(f"--{shows} shows one configuration: leave out -m, and give each key one value")
@@ -209,6 +203,34 @@ def run(
     if grid is not None and (parsed.multirun or len(composed) > 1):
         return grid(composed)
     return job(composed[0]) if composed else None
+
+
+def _check_flags(parser: argparse.ArgumentParser, arguments: Sequence[str], entry: str) -> None:
+    """Refuses what Hydra's parser would answer with its whole usage, and what would do harm.
+
+    Raises:
+        ConfigError: names the override, or the flag, that was probably meant.
+    """
+    known = {name: action for action in parser._actions for name in action.option_strings}
+    before = ""
+    for index, word in enumerate(arguments):
+        takes_this = before in known and known[before].nargs is None
+        before = "" if takes_this else word
+        if takes_this or not re.match(r"--?[A-Za-z]", word):
+            continue
+        flag = word.partition("=")[0]
+        if flag in typing.FLAGS:
+            raise ConfigError(f"{flag}: has no meaning here; {typing.FLAGS[flag]}")
+        if flag not in known:
+            following = arguments[index + 1] if index + 1 < len(arguments) else None
+            keys = _leaves(OmegaConf.to_container(_compose(entry, ())))
+            flags = [name for name in known if name.startswith("--") and name not in typing.FLAGS]
+            raise ConfigError(hints.unknown_flag(entry, word, flags, keys, following))
+
+    def error(message: str) -> NoReturn:
+        raise ConfigError(f"{entry}: {message} (auvbench {entry} --help)")
+
+    parser.error = error  # type: ignore[method-assign]
 
 
 def _as_axes(overrides: Sequence[str], multirun: bool) -> list[str]:
@@ -286,10 +308,7 @@ def translate(error: BaseException, entry: str = "train", overrides: Sequence[st
         return ConfigError(f"{key}: no such question or key; {_near_key(key, entry, overrides)}")
     several = re.search(r"Ambiguous value for argument '([^']*)'", text)
     if several:
-        key, _, values = several.group(1).partition("=")
-        return ConfigError(
-            f"{key}={values}: several values make a grid: add -m (a list is written [{values}])"
-        )
+        return ConfigError(_several(*several.group(1).split("=", 1), entry))
     unequal = re.search(r"parsing override '([^']*)'", text)
     if unequal:
         detail = " ".join(text.split("\nSee ")[0].split()).split("' ", 1)[-1]
@@ -316,20 +335,28 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
     return " ".join(str(error).split())
 
 
-def _near_key(key: str, entry: str, overrides: Sequence[str]) -> str:
-    import difflib
+def _several(key: str, values: str, entry: str) -> str:
+    if entry != "train":
+        return f"{key}={values}: one value at a time; grids are for auvbench train -m"
+    known = OmegaConf.to_container(_compose(entry, ()))
+    for part in key.split("."):
+        known = known.get(part) if isinstance(known, dict) else None
+    listed = f" (a list is written [{values}])" if isinstance(known, list) else ""
+    return f"{key}={values}: several values make a grid: auvbench train -m {key}={values}{listed}"
 
+
+def _near_key(key: str, entry: str, overrides: Sequence[str]) -> str:
     # The chosen groups decide which keys exist: algo=sac has others than algo=ppo.
     groups = [override.split(",")[0] for override in overrides if re.match(r"\w+=", override)]
-    hint = f"auvbench {entry} --cfg job shows all keys"
+    known: list[str] = []
     for chosen in (groups, []):
         try:
             known = _leaves(OmegaConf.to_container(_compose(entry, chosen)))
-        except FAULTS:
+            break
+        except (*FAULTS, ConfigError):
             continue
-        near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-        return f"did you mean {near[0]}? ({hint})" if near else hint
-    return hint
+    answers = dict(group.split("=", 1) for group in groups)
+    return hints.unknown_key(key, known, answers, f"auvbench {entry}")
 
 
 def _plain(message: str) -> str:

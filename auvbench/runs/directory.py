@@ -300,6 +300,8 @@ def find_runs(paths: Iterable[Path | str]) -> list[RunDirectory]:
 def _walk(path: Path) -> list[Path]:
     """Directories with a manifest beside a config, at most three levels down: root, experiment, run."""
     if path.is_file():
+        if path.name not in ("manifest.json", "config.yaml"):
+            raise RunError(f"{path}: a file, and no run; name a run directory or a folder that holds some")
         path = path.parent
     if (path / "manifest.json").is_file() or (path / "config.yaml").is_file():
         return [path]

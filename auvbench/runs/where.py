@@ -1,0 +1,156 @@
+"""Which runs: the filter of `auvbench report`, `runs` and `evaluate`, in the grammar of overrides.
+
+    --where vehicle=rexrov reward.k=1,40 algo!=random
+
+keeps the runs for which every term holds: one of the values after `=`, none of those after `!=`. Keys are those of the
+configuration; `algo` stands for `algo.name`, as it does when runs are typed, and `state`, `id` and `experiment` may be
+asked for as well. Text may hold `*` and `?`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from auvbench.errors import RunError, UserError, closest
+from auvbench.runs.directory import RunDirectory
+
+Item = TypeVar("Item")
+
+_TERM = re.compile(r"(?P<key>[^=!]+)(?P<no>!?)=(?P<values>.*)", re.DOTALL)
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One condition on a run."""
+
+    key: str
+    values: tuple[str, ...]
+    negated: bool
+    text: str
+
+    def holds(self, value: Any) -> bool:
+        """Whether a run with this value of the key is kept."""
+        return any(_equal(value, wanted) for wanted in self.values) is not self.negated
+
+
+def parse(terms: Iterable[str]) -> tuple[Term, ...]:
+    """The terms that are typed after `--where`.
+
+    Raises:
+        UserError: one is not KEY=VALUE,... or KEY!=VALUE,...
+
+    >>> parse(["reward.k=1,40"])[0].values
+    ('1', '40')
+    """
+    found = []
+    for text in terms:
+        match = _TERM.fullmatch(text)
+        values = [] if match is None else [v.strip() for v in _split(match["values"])]
+        if match is None or not all(values):
+            raise UserError(f"--where {text}: must be KEY=VALUE,... or KEY!=VALUE,..., e.g. reward.k=1,40")
+        found.append(Term(match["key"].strip(), tuple(values), bool(match["no"]), text))
+    return tuple(found)
+
+
+def _split(text: str) -> list[str]:
+    """At commas, but not inside the brackets of a list."""
+    return re.split(r",(?![^\[]*\])", text)
+
+
+def select(
+    items: Sequence[Item], terms: Sequence[Term], facts: Callable[[Item], Mapping[str, Any]]
+) -> list[Item]:
+    """The items for which all terms hold, in their order.
+
+    Args:
+        items: runs, in whatever form.
+        terms: as `parse` returns them.
+        facts: what is known of an item, by dotted key (see `flat`).
+
+    Raises:
+        UserError: no item has a key, no item has a value that is asked for, or none is left.
+    """
+    known = [dict(facts(item)) for item in items]
+    kept = list(range(len(items)))
+    for term in terms:
+        key = _resolve(term, known)
+        for value in term.values:
+            if not any(_equal(facts.get(key), value) for facts in known):
+                valid = {text(facts[key]) for facts in known if key in facts}
+                raise UserError(f"--where {term.text}: no run has {key}={value}; {closest(value, valid)}")
+        kept = [index for index in kept if term.holds(known[index].get(key))]
+    if items and not kept:
+        asked = " ".join(term.text for term in terms)
+        raise UserError(f"--where {asked}: leaves none of the {len(items)} runs")
+    return [items[index] for index in kept]
+
+
+def _resolve(term: Term, known: Sequence[Mapping[str, Any]]) -> str:
+    there: set[str] = set().union(*known) if known else set()
+    for candidate in (term.key, f"{term.key}.name"):
+        if candidate in there:
+            return candidate
+    # Hundreds of keys, most of them of the vehicle's sheet: only near ones are of help.
+    short = {key.rpartition(".")[2]: key for key in sorted(there, reverse=True)}
+    near = short.get(term.key) or next(iter(difflib.get_close_matches(term.key, there, n=1)), None)
+    hint = f"did you mean {near}?" if near else "auvbench runs --json shows the keys there are"
+    raise UserError(f"--where {term.text}: no run has the key {term.key!r}; {hint}")
+
+
+def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """A nested configuration by dotted keys; lists stay whole.
+
+    >>> flat({"reward": {"k": 1}, "seed": 2})
+    {'reward.k': 1, 'seed': 2}
+    """
+    found: dict[str, Any] = {}
+    for key, value in config.items():
+        if isinstance(value, Mapping):
+            found |= flat(value, f"{prefix}{key}.")
+        else:
+            found[f"{prefix}{key}"] = value
+    return found
+
+
+def facts(run: RunDirectory) -> dict[str, Any]:
+    """What a run directory can be asked for; empty where its configuration cannot be read."""
+    from auvbench.runs import standing
+
+    try:
+        known = flat(run.config())
+        known["state"] = str(standing.of(run).state)
+    except (RunError, RecursionError):
+        return {}  # whoever works on it says what is wrong with it
+    return known | {"id": run.id, "experiment": run.path.absolute().parent.name}
+
+
+def text(value: Any) -> str:
+    """A value as it is typed: 1.0 is 1, True is true, None is null.
+
+    >>> text(1.0), text(None), text([0.0, 1.5])
+    ('1', 'null', '[0,1.5]')
+    """
+    if value is None or isinstance(value, bool):
+        return "null" if value is None else str(value).lower()
+    if isinstance(value, int | float):
+        return f"{value:.12g}"
+    if isinstance(value, list):
+        return f"[{','.join(map(text, value))}]"
+    return str(value)
+
+
+def _equal(value: Any, wanted: str) -> bool:
+    shown = text(value)
+    if shown == wanted or fnmatch.fnmatchcase(shown, wanted):
+        return True
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return shown == wanted.replace(" ", "")
+    try:
+        return float(wanted) == value
+    except ValueError:
+        return False
