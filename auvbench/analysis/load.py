@@ -19,8 +19,10 @@ from auvbench.analysis.evaluations import LARGEST, Damage, json_object, read_eva
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.model import Problem, RunRecord
 from auvbench.analysis.processes import each
+from auvbench.config import answers
 from auvbench.errors import ReportError, closest
 from auvbench.runs import integrity
+from auvbench.runs import where as filters
 
 __all__ = ["agents", "available_protocols", "load", "require"]
 
@@ -43,7 +45,7 @@ _Read = tuple[RunRecord | None, list[Problem]]
 
 
 def load(
-    paths: Iterable[str | Path], protocol: str | Sequence[str] = "test"
+    paths: Iterable[str | Path], protocol: str | Sequence[str] = "test", where: Sequence[str] = ()
 ) -> tuple[list[RunRecord], list[Problem]]:
     """All runs under some paths, with their evaluations by the given protocols.
 
@@ -51,12 +53,14 @@ def load(
         paths: run directories or folders above them.
         protocol: name, or names, of the protocols whose evaluations are read. A complete run that lacks the
             first of them is named as a problem; the others may be absent.
+        where: terms that a run must meet, as of `auvbench.runs.where`: ["vehicle=rexrov", "reward.k=1,40"].
 
     Returns:
         the runs sorted by id, failed and unfinished ones included (without evaluations), and the problems.
 
     Raises:
         ReportError: a path does not exist, or there is not one readable run under all of them.
+        UserError: a term of `where` names what no run has.
     """
     protocols = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     problems: list[Problem] = []
@@ -65,6 +69,8 @@ def load(
     if not found:
         details = f": {problems[0].where}: {problems[0].message}" if problems else ""
         raise ReportError(f"no run under {', '.join(map(str, paths))}{details}")
+    if where:
+        found = filters.select(found, filters.parse(where), _facts)
     read = list(each(lambda run: _with_evaluations(run, protocols), found))
     runs = _collect(_one_per_id(read, protocols[0]), problems)
     problems += _unverified(runs)
@@ -83,6 +89,11 @@ def _unverified(runs: Sequence[RunRecord]) -> list[Problem]:
         f"auvbench evaluate {parent} tests them again"
     )
     return [Problem(where, "unverified", message)]
+
+
+def _facts(run: RunRecord) -> dict[str, Any]:
+    experiment = run.directory.absolute().parent.name
+    return {**run.config, "state": run.state, "id": run.id, "experiment": experiment}
 
 
 def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
@@ -109,6 +120,8 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
     if any(protocol in run.evaluations for run in runs):
         return
     there = available_protocols(runs)
+    if not there and protocol not in (known := answers.names("protocol")):
+        raise ReportError(f"--protocol {protocol}: no such protocol; {closest(protocol, known)}")
     if there and protocol not in there:
         raise ReportError(
             f"none of the {len(runs)} runs was evaluated by protocol {protocol!r}; {closest(protocol, there)}"

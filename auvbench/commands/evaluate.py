@@ -57,9 +57,8 @@ def main(arguments: Sequence[str]) -> int:
     rest, terms = take_where(arguments)
     shows = _take_cfg(rest)
     _refuse_flags(rest)
-    overrides, paths = [], []
-    for word in rest:
-        (paths if "=" not in word or Path(word).exists() else overrides).append(word)
+    paths = [word for word in rest if "=" not in word or Path(word).exists()]
+    overrides = [word for word in rest if word not in paths]
     composed = compose("evaluate", overrides)
     if shows:
         from omegaconf import OmegaConf

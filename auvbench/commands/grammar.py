@@ -6,8 +6,9 @@ Whoever types the one where the other is meant is told the right one, in one lin
 from __future__ import annotations
 
 import argparse
+import difflib
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -25,7 +26,7 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, *arguments: Any, where: bool = False, **options: Any) -> None:
-        super().__init__(*arguments, allow_abbrev=False, **options)
+        super().__init__(*arguments, **{"allow_abbrev": False, **options})
         self._where = where
         if where:  # taken out before argparse sees it; here for the help alone
             self.add_argument(WHERE, nargs="*", default=[], metavar="KEY=VALUE,...", help=WHERE_HELP)
@@ -45,26 +46,26 @@ class Parser(argparse.ArgumentParser):
             flag = next((word for word in words if word.startswith("-")), None)
             if flag is not None:
                 raise UserError(unknown_flag(self.command, flag, self.flags()))
-            message = f"{words[0]}: one argument too many"
+            message = f"{words[0]}: one word too many"
         raise UserError(f"{self.command}: {message} (auvbench {self.command} --help)")
 
-    def read(self, arguments: Sequence[str], keys: Collection[str] = ()) -> argparse.Namespace:
-        """Parses a command line; a `key=value` that is no path is refused unless its key is one of `keys`."""
+    def read(self, arguments: Sequence[str], overrides: bool = False) -> argparse.Namespace:
+        """Parses a command line; a `key=value` that is no path is refused, with `overrides` only if it is a flag."""
         rest, terms = take_where(arguments) if self._where else (list(arguments), [])
-        self._refuse_overrides(rest, keys)
+        self._refuse_overrides(rest, overrides)
         given = self.parse_args(rest)
         if self._where:
             given.where = terms
         return given
 
-    def _refuse_overrides(self, arguments: Sequence[str], keys: Collection[str]) -> None:
+    def _refuse_overrides(self, arguments: Sequence[str], allowed: bool) -> None:
         flags = self.flags()
         takes_value = {
             name for action in self._actions if action.nargs != 0 for name in action.option_strings
         }
         for before, word in zip(("", *arguments), arguments, strict=False):
             key, separator, value = word.partition("=")
-            if word.startswith("-") or not separator or before in takes_value or key in keys:
+            if word.startswith("-") or not separator or before in takes_value:
                 continue
             if Path(word).exists():
                 continue
@@ -72,8 +73,15 @@ class Parser(argparse.ArgumentParser):
             if flag in flags and not (self._where and flag == WHERE):
                 shown = flag if flag not in takes_value else f"{flag} {value}"
                 raise UserError(f"{word}: {self.command} takes flags: {shown}")
+            if allowed:
+                continue
+            if key in {action.dest for action in self._actions if not action.option_strings}:
+                raise UserError(f"{word}: {self.command} takes it without the key: {value}")
+            near = difflib.get_close_matches(flag, flags, n=1, cutoff=0.75)
+            if near:
+                raise UserError(f"{word}: {self.command} takes flags; did you mean {near[0]} {value}?")
             if self._where and re.fullmatch(r"[\w.]+!?", key):
-                raise UserError(f"{word}: to keep only such runs type {WHERE} {word}; {closest(flag, flags)}")
+                raise UserError(f"{word}: to keep only such runs type {WHERE} {word}")
             raise UserError(f"{word}: {self.command} takes no key=value; {closest(flag, flags)}")
 
 

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from auvbench.errors import RunError, UserError
+from auvbench.commands.grammar import Parser
+from auvbench.errors import RunError
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> None:  # type: ignore[override]
-        raise UserError(f"{message}; auvbench replay --help shows what there is")
-
-
-def main(arguments: Sequence[str]) -> int:
-    parser = _Parser(
+def parser() -> Parser:
+    parser = Parser(
         prog="auvbench replay",
         description="Runs one episode of a test once more (its row is the same) and shows it.",
-        allow_abbrev=False,
     )
     parser.add_argument("run", type=Path, metavar="RUN", help="a run directory")
     parser.add_argument("--episode", type=int, default=0, help="episode of the protocol (default: 0)")
@@ -34,8 +28,11 @@ def main(arguments: Sequence[str]) -> int:
         const=Path(),
         help="a film as well: FILE.mp4 (needs ffmpeg) or FILE.gif (default: a GIF beside the figure)",
     )
-    options = parser.parse_args(list(arguments))
+    return parser
 
+
+def main(arguments: Sequence[str]) -> int:
+    options = parser().read(arguments)
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
     from auvbench.evaluation.replay import replay

@@ -37,7 +37,7 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
 
     measure(options.rank_by)  # a wrong name is said before anything is read
     measure(options.then, "--then")
-    runs, problems = load(paths, options.protocol)
+    runs, problems = load(paths, options.protocol, options.where)
     require(runs, problems, options.protocol)
     parts = sections(runs, options.protocol)
     condition = options.condition or default(runs, options.protocol)

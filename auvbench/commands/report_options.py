@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from importlib import resources
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
+from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError, closest
 
 FORMATS = ("terminal", "md", "tex", "csv", "html")
@@ -32,20 +32,13 @@ class Options:
     study: str | None
     confidence: float
     seed: int
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        unknown = re.search(r"unrecognized arguments: (\S+)", message)
-        if unknown:
-            valid = [name for action in self._actions for name in action.option_strings]
-            message = f"unknown option {unknown[1]!r}; {closest(unknown[1].partition('=')[0], valid)}"
-        raise UserError(f"report: {message}")
+    where: tuple[str, ...]
 
 
 def parse(argv: Sequence[str]) -> tuple[list[Path], Options]:
     """Paths and options: conf/report.yaml, then the preset, then the command line."""
-    values = vars(_parser().parse_args(argv))
+    values = vars(parser().read(argv))
+    values["where"] = values["where"] or None
     paths = values.pop("paths")
     preset = values.pop("preset")
     settings = _read_preset(resources.files("auvbench.conf") / "report.yaml")
@@ -55,10 +48,11 @@ def parse(argv: Sequence[str]) -> tuple[list[Path], Options]:
     return paths, _options(settings)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+def parser() -> Parser:
+    """The flags, each a key of conf/report.yaml."""
+    parser = Parser(
         prog="auvbench report",
-        allow_abbrev=False,
+        where=True,
         description="Ranks runs and writes tables, figures and a page beside them. "
         "Defaults: conf/report.yaml; --preset FILE holds your own.",
         epilog="example: auvbench report outputs/quickstart --baseline pid --format terminal,tex --out paper/",
@@ -128,7 +122,15 @@ def _options(settings: Mapping[str, Any]) -> Options:
         study=study,
         confidence=confidence,
         seed=_whole("seed", settings["seed"], 0, 2**32 - 1),
+        where=_terms(settings["where"]),
     )
+
+
+def _terms(value: Any) -> tuple[str, ...]:
+    terms = [value] if isinstance(value, str) else value
+    if not isinstance(terms, list) or not all(isinstance(term, str) for term in terms):
+        raise UserError(f"where: {value!r} is no list of terms such as reward.k=1,40")
+    return tuple(terms)
 
 
 def _names(value: Any) -> tuple[str, ...]:

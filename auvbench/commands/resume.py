@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from auvbench.commands.grammar import Parser
 from auvbench.errors import AuvbenchError, ConfigError, RunError
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ A resumed run ends with the same bits as one that was never interrupted; docs/re
 
 
 def main(arguments: Sequence[str]) -> int:
-    given = _parser().parse_args(list(arguments))
+    given = parser().read(arguments, overrides=True)
     paths = [Path(text) for text in given.runs if not _is_override(text)]
     overrides = [text for text in given.runs if _is_override(text)]
     if not paths:
@@ -43,8 +44,8 @@ def main(arguments: Sequence[str]) -> int:
     return _one(runs[0]) if len(runs) == 1 else _several(runs, given.workers)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> Parser:
+    parser = Parser(
         prog="auvbench resume",
         description="Finishes interrupted, failed and pending runs, or extends runs to a larger budget.",
         epilog=_EPILOG,
@@ -63,6 +64,8 @@ def _is_override(text: str) -> bool:
 
 def _budget(overrides: Sequence[str]) -> int | None:
     """The number in `train.total_steps=N`, the one override that continues a run instead of making another."""
+    from auvbench.config.hints import whole
+
     total = None
     for override in overrides:
         key, _, value = override.partition("=")
@@ -70,10 +73,9 @@ def _budget(overrides: Sequence[str]) -> int | None:
             raise ConfigError(
                 f"{override}: resume changes nothing but {BUDGET}; another value is another run: auvbench train"
             )
-        try:
-            total = int(value)
-        except ValueError:
-            raise ConfigError(f"{override}: {value!r} is not a whole number") from None
+        total = whole(value)
+        if total is None:
+            raise ConfigError(f"{override}: {value!r} is not a whole number")
     return total
 
 

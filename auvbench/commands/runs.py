@@ -1,59 +1,65 @@
-"""`auvbench runs`: lists runs with state, progress and success."""
+"""`auvbench runs`: lists runs with state, progress and success, and removes those that were never begun."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
+from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError
 
 if TYPE_CHECKING:
-    from rich.text import Text
-
     from auvbench.scheduling.listing import Row
 
-NUMBERS = ("steps", "progress", "seed", "success", "wall time")
-STYLES = {"running": "cyan", "interrupted": "yellow", "failed": "red", "complete": "green", "pending": "dim"}
 
-
-class Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, as all of auvbench does."""
-
-    def error(self, message: str) -> NoReturn:
-        raise UserError(f"{message} (auvbench runs --help)")
-
-
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     parser = Parser(
         prog="auvbench runs",
-        description="Lists runs: state, progress, seed, success over the last 100 training episodes, wall time.",
+        where=True,
+        description="Lists runs: state, progress, success over the last 100 training episodes (from 30 episodes on), "
+        "wall time, and in which values of their configuration they differ beyond what their ids say.",
         epilog="States: pending, running, interrupted (also: killed while running), failed, complete.",
-        allow_abbrev=False,
     )
-    parser.add_argument(
-        "paths", nargs="*", default=["outputs"], metavar="PATH", help="runs or folders of runs"
+    add = parser.add_argument
+    add("paths", nargs="*", default=["outputs"], metavar="PATH", help="runs or folders of runs")
+    add("--state", default="", metavar="STATE,...", help="only runs in these states")
+    add("--algo", default="", metavar="NAME,...", help="only runs of these algorithms")
+    add("--seed", default="", metavar="SEED,...", help="only runs with these seeds")
+    add("--name", default="", metavar="NAME,...", help="only runs of these experiments")
+    add("--id", default="", metavar="PART", help="only runs whose id contains this")
+    add(
+        "--columns",
+        default="",
+        metavar="KEY,...",
+        help="configuration keys to show: reward.k,train.total_steps",
     )
-    parser.add_argument("--state", default="", metavar="STATE,...", help="only runs in these states")
-    parser.add_argument("--algo", default="", metavar="NAME,...", help="only runs of these algorithms")
-    parser.add_argument("--seed", default="", metavar="SEED,...", help="only runs with these seeds")
-    parser.add_argument("--name", default="", metavar="NAME,...", help="only runs of these experiments")
-    parser.add_argument("--id", default="", metavar="PART", help="only runs whose id contains this")
-    parser.add_argument(
+    add(
         "--sort",
         default="name",
         metavar="KEY",
         help="name, id, state, algo, seed, progress, success, wall, created",
     )
-    parser.add_argument("--json", action="store_true", help="print a JSON list instead of a table")
+    add("--json", action="store_true", help="print a JSON list instead of a table")
+    add(
+        "--discard",
+        action="store_true",
+        help="remove the pending runs among them, after showing them and asking",
+    )
+    add("--yes", action="store_true", help="with --discard: do not ask")
     return parser
 
 
 def main(argv: Sequence[str]) -> int:
     """Exit code 1 when a run could not be read: the others are listed, and it is named."""
-    given = parser().parse_args(argv)
+    given = parser().read(argv)
+    if given.yes and not given.discard:
+        raise UserError("--yes: answers the question of --discard, which is not there")
+    if given.discard and given.json:
+        raise UserError("--json: lists runs; --discard removes them: one at a time")
+    from auvbench.commands import runs_table
+    from auvbench.runs import where
     from auvbench.runs.directory import find_runs
     from auvbench.scheduling import listing
 
@@ -66,10 +72,16 @@ def main(argv: Sequence[str]) -> int:
     )
     found, problems = listing.rows(find_runs(given.paths))
     rows = listing.choose(found, wanted, given.sort)
+    rows = where.select(rows, where.parse(given.where), listing.facts)
+    columns = _columns(given.columns, found)
+    if given.discard:
+        from auvbench.commands.discard import discard
+
+        return discard(rows, columns, ask=not given.yes)
     if given.json:
         print(json.dumps([listing.as_json(row) for row in rows], indent=1))
     else:
-        _table(rows, of=len(found))
+        runs_table.show(rows, of=len(found), columns=columns)
     for problem in problems:
         print(f"auvbench: {problem}", file=sys.stderr)
     return 1 if problems else 0
@@ -86,40 +98,17 @@ def _seeds(text: str) -> list[int]:
         raise UserError(f"--seed {text}: must be whole numbers, e.g. --seed 0,1,2") from None
 
 
-def _table(rows: Sequence[Row], of: int) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+def _columns(text: str, rows: Sequence[Row]) -> list[str]:
+    """The keys that `--columns` names; the short name of a group stands for its choice."""
+    from auvbench.config.hints import nearest
 
-    from auvbench.scheduling.estimate import duration
-
-    columns: dict[str, list[str | Text]] = {
-        "experiment": [row.name for row in rows],
-        "run": [row.id for row in rows],
-        "state": [Text(row.state, STYLES[row.state]) for row in rows],
-        "steps": [f"{row.steps:,}" if row.steps else "" for row in rows],
-        "progress": [f"{row.progress:.0%}" for row in rows],
-        "seed": [str(row.seed) for row in rows],
-        "success": ["" if row.success_rate is None else f"{row.success_rate:.0%}" for row in rows],
-        "wall time": [duration(row.wall_time_s) if row.wall_time_s else "" for row in rows],
-        "remark": [Text(row.error or (f"held by {row.holder}" if row.holder else "")) for row in rows],
-    }
-    if len({row.name for row in rows}) == 1:
-        del columns["experiment"]  # it would say the same in each line, and ids are long
-    if not any(columns["remark"]):
-        del columns["remark"]
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in columns:
-        table.add_column(heading, no_wrap=True, justify="right" if heading in NUMBERS else "left")
-    for cells in zip(*columns.values(), strict=True):
-        table.add_row(*cells)
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=1000)  # a file or a pipe has no width: nothing is to be cut there
-    if rows:
-        console.print(table)
-    counts: dict[str, int] = {}
-    for row in rows:
-        counts[row.state] = counts.get(row.state, 0) + 1
-    shown = f"{of} run{'s' if of != 1 else ''}" if len(rows) == of else f"{len(rows)} of {of} runs"
-    print(f"{shown}: " + (", ".join(f"{number} {state}" for state, number in counts.items()) or "none"))
+    known = {key for row in rows for key in row.config}
+    found = []
+    for name in _list(text):
+        key = next((key for key in (name, f"{name}.name") if key in known), None)
+        if key is None:
+            near = nearest(name, known)
+            hint = f"did you mean {near}?" if near else "auvbench runs --json shows the keys there are"
+            raise UserError(f"--columns {name}: no run has this key; {hint}")
+        found.append(key)
+    return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
@@ -10,11 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from auvbench.errors import UserError, closest
+from auvbench.commands.grammar import Parser
+from auvbench.errors import UserError
 
 
-def main(arguments: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(
+def parser() -> Parser:
+    parser = Parser(
         prog="auvbench vehicles",
         description="Lists vehicle sheets, or shows what one vehicle's numbers imply: mass matrix, allocation,"
         " trim, terminal speeds, stability, and what looks odd.",
@@ -28,15 +28,11 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--json", action="store_true", help="print JSON, SI units, body axes forward, port, up"
     )
-    options, rest = parser.parse_known_args(arguments)
-    if rest:
-        flags = ("--sheet", "--json", "--help")
-        wrong = next((argument for argument in rest if argument.startswith("-")), None)
-        raise UserError(
-            f"{rest[0]}: vehicles shows one vehicle at a time; give one name, or none for a list"
-            if wrong is None
-            else f"{wrong}: vehicles has no such flag; {closest(wrong, flags)}"
-        )
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    options = parser().read(arguments)
     if options.sheet and (options.vehicle is None or options.json):
         raise UserError(
             "--sheet needs the name of one vehicle, and goes without --json: auvbench vehicles bluerov2 --sheet"

@@ -308,7 +308,8 @@ def translate(error: BaseException, entry: str = "train", overrides: Sequence[st
         return ConfigError(f"{key}: no such question or key; {_near_key(key, entry, overrides)}")
     several = re.search(r"Ambiguous value for argument '([^']*)'", text)
     if several:
-        return ConfigError(_several(*several.group(1).split("=", 1), entry))
+        key, _, values = several.group(1).partition("=")
+        return ConfigError(_several(key, values, entry))
     unequal = re.search(r"parsing override '([^']*)'", text)
     if unequal:
         detail = " ".join(text.split("\nSee ")[0].split()).split("' ", 1)[-1]

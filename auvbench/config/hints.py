@@ -44,6 +44,24 @@ CLASSES = {
 }
 
 
+def whole(text: str) -> int | None:
+    """The whole number that a text stands for: 1e6 is one, 1.5 is not.
+
+    >>> whole("1e6"), whole("2_000"), whole("1.5"), whole("many")
+    (1000000, 2000, None, None)
+    """
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    # Beyond 2^53 a float does not say which whole number is meant.
+    return int(number) if number.is_integer() and abs(number) <= 2**53 else None
+
+
 def nearest(key: str, known: Collection[str]) -> str | None:
     """The key that was probably meant: one with this last part, else one that is spelt alike.
 
@@ -113,9 +131,7 @@ def _and(names: Sequence[str]) -> str:
 
 
 def _of_all_algorithms() -> list[str]:
-    return sorted(
-        {f"algo.{each.name}" for schema in CLASSES.values() for each in dataclasses.fields(schema)}
-    )
+    return sorted({f"algo.{each.name}" for schema in CLASSES.values() for each in dataclasses.fields(schema)})
 
 
 def unknown_flag(
@@ -136,7 +152,7 @@ def unknown_flag(
     meant = key if key in keys else by_last.get(key)
     if meant is not None:
         shown = own if separator else value if value and not value.startswith("-") else "VALUE"
-        return f"{flag}: {command} takes key=value here: {meant}={shown}"
+        return f"{flag}: {command} takes it as {meant}={shown} (key=value is configuration)"
     if key in ELSEWHERE and keys:
         return f"{flag}: {ELSEWHERE[key]}"
     return f"unknown option {flag!r} of {command}; {closest(flag, flags)}"

@@ -6,16 +6,16 @@ Also names the overrides of Hydra that have no meaning here, with what has.
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
 from auvbench.config import launchers, schema, simulation, simulators
-from auvbench.config.hints import CLASSES
+from auvbench.config.hints import CLASSES, whole
 from auvbench.errors import ConfigError
 
 _LAYOUT = "runs lie in <output>/<name>/<run id>: output=FOLDER and name=NAME choose where"
@@ -78,7 +78,7 @@ def _read(override: str) -> str:
     if key.lstrip("+") in whole_keys():
         return f"{key}={_NUMBER.sub(_whole, value)}"
     if key in PATHS and value.startswith("~"):
-        value = str(Path(value).expanduser())
+        value = os.path.expanduser(value)  # leaves an unknown user as it is, where pathlib raises
     if value and (key in PATHS or not _PLAIN.fullmatch(value)) and value[0] not in "'\"[{":
         return _quoted(key, value)
     return f"{key}={value}"
@@ -87,11 +87,8 @@ def _read(override: str) -> str:
 def _whole(match: re.Match[str]) -> str:
     """1e6 and 1000000.0 are whole numbers; 1.5 is left for the schema to refuse."""
     text = match[0]
-    if not set(text) & set(".eE"):
-        return text
-    number = float(text)
-    # Beyond 2^53 a float does not say which whole number is meant.
-    return str(int(number)) if number.is_integer() and abs(number) <= 2**53 else text
+    number = whole(text) if set(text) & set(".eE") else None
+    return text if number is None else str(number)
 
 
 def _quoted(key: str, value: str) -> str:

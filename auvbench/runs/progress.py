@@ -16,6 +16,14 @@ from numpy.typing import NDArray
 WINDOW = 100
 """Episodes over which success rate and return are averaged."""
 
+TELLING = 30
+"""Episodes without which a success rate is not shown: one of three says nothing."""
+
+
+def telling(rate: float | None, episodes: int) -> float | None:
+    """A success rate that is worth showing, else None."""
+    return rate if episodes >= TELLING else None
+
 
 @dataclass(frozen=True, slots=True)
 class Progress:

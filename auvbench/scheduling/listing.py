@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from auvbench.errors import RunError, UserError, closest
-from auvbench.runs import lock, standing
+from auvbench.runs import identity, lock, standing, where
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.standing import State
 from auvbench.scheduling import progress
@@ -33,6 +33,7 @@ class Row:
     created: str | None
     holder: str | None  # who works on it
     error: str | None
+    config: dict[str, Any] = field(default_factory=dict)  # by dotted key, of the vehicle its name alone
 
     @property
     def progress(self) -> float:
@@ -121,7 +122,50 @@ def _row(run: RunDirectory, clock: Callable[[Path], float]) -> Row:
         created=manifest.get("created"),
         holder=str(at.holder) if at.holder else None,
         error=error.get("message") if at.state is State.FAILED else None,
+        config=_config(run),
     )
+
+
+def _config(run: RunDirectory) -> dict[str, Any]:
+    try:
+        known = where.flat(run.config())
+    except (RunError, RecursionError):
+        return {}  # whoever works on the run says what is wrong with it
+    return {
+        key: value for key, value in known.items() if not key.startswith("vehicle.") or key == "vehicle.name"
+    }
+
+
+def facts(row: Row) -> dict[str, Any]:
+    """What `--where` can ask of a row."""
+    known = {"algo.name": row.algo, "seed": row.seed, **row.config}
+    return known | {"state": str(row.state), "id": row.id, "experiment": row.name}
+
+
+IN_THE_ID = ("algo.name", "reward.k", "step.frequency", "seed")
+"""what a run's id says already"""
+
+
+def varying(rows: Sequence[Row]) -> list[str]:
+    """The keys of the configuration in which the runs differ, beyond what their ids say and what follows from it.
+
+    `disturbance.name` stands for all that a disturbance sets, as it does when it is typed.
+    """
+    configs = [row.config for row in rows if row.config]
+    keys = dict.fromkeys(key for config in configs for key in config)
+    found = []
+    for key in keys:
+        if key in IN_THE_ID or key.startswith(identity.NEUTRAL):
+            continue
+        # By the name of its group: one value for each name follows from the name.
+        name = f"{key.split('.')[0]}.name"
+        by_name: dict[str, set[str]] = {}
+        for config in configs:
+            group = "" if name == key else where.text(config.get(name))
+            by_name.setdefault(group, set()).add(where.text(config.get(key)))
+        if any(len(values) > 1 for values in by_name.values()):
+            found.append(key)
+    return found
 
 
 def choose(found: Sequence[Row], wanted: Filter, sort: str = "name") -> list[Row]:

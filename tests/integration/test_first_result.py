@@ -76,9 +76,9 @@ def test_from_nothing_to_a_ranked_table(folder, capsys):
     for algo in ("ppo", "pid", "random"):
         assert auvbench("train", f"algo={algo}", *SMALL[algo], *SHORT) == 0
     assert auvbench("evaluate", "outputs", "protocol.episodes=20") == 0
-    assert "done already" not in capsys.readouterr().out
+    assert "already" not in capsys.readouterr().out
     assert auvbench("evaluate", "outputs", "protocol.episodes=20") == 0
-    assert capsys.readouterr().out.count("done already") == 3
+    assert "3 runs are tested already" in capsys.readouterr().out
     assert auvbench("report", "outputs") == 0
     printed = capsys.readouterr().out
     assert printed.lower().index("pid") < printed.lower().index("random"), "PID ranks before random"
@@ -149,7 +149,7 @@ def test_a_failed_run_keeps_its_error(folder, monkeypatch, capsys):
         (["evaluate", "nowhere"], "nowhere: no such file or directory"),
         (["evaluate", "."], "this is no run directory"),
         (["evaluate", "outputs", "protocol=tests"], "protocol=tests: no such option; did you mean 'test'?"),
-        (["evaluate", "outputs", "--frobnicate"], "--frobnicate: no such option"),
+        (["evaluate", "outputs", "--frobnicate"], "unknown option '--frobnicate' of evaluate"),
         (["evaluate", "protocol=test"], "name a run directory"),
         (["report", "nowhere"], "nowhere"),
         (["runs", "nowhere"], "nowhere"),

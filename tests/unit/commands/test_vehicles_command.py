@@ -108,8 +108,8 @@ def test_unknown_name(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("bluerov2", "rexrov"), "rexrov: vehicles shows one vehicle at a time"),
-        (("--jsn",), "--jsn: vehicles has no such flag; did you mean '--json'?"),
+        (("bluerov2", "rexrov"), "vehicles: rexrov: one word too many"),
+        (("--jsn",), "unknown option '--jsn' of vehicles; did you mean '--json'?"),
     ],
 )
 def test_wrong_arguments_get_one_line(

@@ -26,7 +26,7 @@ def outputs(tmp_path: Path) -> Path:
     first, second = root / "first", root / "second"
     fake_training.make(first / "ppo-a", total_steps=1000)
     done = fake_training.make(first / "sac-b", algo="sac", total_steps=1000)
-    done.update_manifest(state="complete", steps=1000, success_rate=0.97, wall_time_s=3720.0)
+    done.update_manifest(state="complete", steps=1000, episodes=80, success_rate=0.97, wall_time_s=3720.0)
     failed = fake_training.make(second / "ppo-c", total_steps=1000)
     failed.update_manifest(
         state="failed", steps=300, error={"type": "X", "message": "the loss is [bold]", "step": 1}

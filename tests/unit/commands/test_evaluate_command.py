@@ -1,0 +1,65 @@
+"""`auvbench evaluate` on a folder in which some runs are not complete."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from auvbench import cli
+from tests import fake_training
+
+FEW = "protocol.episodes=2"
+
+
+@pytest.fixture
+def outputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Path:
+    monkeypatch.chdir(tmp_path)
+    for vehicle in ("bluerov2", "rexrov"):
+        assert cli.main(["train", "algo=pid", f"vehicle={vehicle}", "train.progress=false"]) == 0
+    for number in range(54):
+        fake_training.make(tmp_path / "outputs" / "default" / f"ppo-{number}")
+    fake_training.make(tmp_path / "outputs" / "default" / "sac").update_manifest(state="failed")
+    capsys.readouterr()
+    return tmp_path / "outputs"
+
+
+def test_what_can_be_evaluated_is_and_the_rest_is_one_line(
+    outputs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["evaluate", "outputs", FEW, "workers=1"]) == 0
+    captured = capsys.readouterr()
+    assert len([line for line in captured.out.splitlines() if "success" in line]) == 2
+    assert captured.err == (
+        "auvbench: 55 runs are not complete and left out (54 pending, 1 failed); "
+        "auvbench resume outputs/default finishes them\n"
+    )
+    assert len(list(outputs.glob("*/*/evaluations/test/summary.json"))) == 2
+    assert cli.main(["evaluate", "outputs", FEW]) == 0
+    out = capsys.readouterr().out
+    assert out.splitlines()[0].startswith("2 runs are tested already by protocol test")
+    assert cli.main(["report", "outputs", "--no-figures"]) == 0, "the two in one line, as the help says"
+
+
+def test_where_nothing_is_complete_it_says_what_finishes(
+    outputs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["evaluate", "outputs/default/ppo-3"]) == 2
+    err = capsys.readouterr().err
+    assert "nothing to evaluate: 1 run is not complete" in err
+    assert "auvbench resume outputs/default/ppo-3 finishes it" in err
+
+
+def test_where_chooses_runs(outputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["evaluate", "outputs", FEW, "--where", "vehicle=rexrov"]) == 0
+    (summary,) = outputs.glob("*/*/evaluations/test/summary.json")
+    assert "rexrov" in json.loads(summary.read_text())["run"]
+    assert cli.main(["evaluate", "outputs", "--where", "vehicle=rexrv"]) == 2
+    assert "did you mean 'rexrov'?" in capsys.readouterr().err
+
+
+def test_the_configuration_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["evaluate", "protocol=thesis", "--cfg", "job"]) == 0
+    assert "episodes: 200" in capsys.readouterr().out
+    assert cli.main(["evaluate", "--cfg", "hydra"]) == 2
