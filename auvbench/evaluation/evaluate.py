@@ -19,7 +19,7 @@ from auvbench.envs.batch import at_frequency
 from auvbench.errors import RunError
 from auvbench.evaluation.protocol import Circumstance, circumstances, fingerprint
 from auvbench.evaluation.rollout import Rollout, roll_out
-from auvbench.runs import integrity, provenance
+from auvbench.runs import integrity, lock, provenance
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.durable import fsync_directory, make_folder, storage, write_durable
 from auvbench.runs.files import as_json
@@ -107,16 +107,54 @@ def make_agent(run: RunDirectory, frequency: float) -> Agent:
 
 
 def evaluate(
-    run: RunDirectory, protocol: schema.Protocol, report: Callable[[str], None] | None = None
-) -> dict[str, Any]:
+    run: RunDirectory,
+    protocol: schema.Protocol,
+    report: Callable[[str], None] | None = None,
+    *,
+    unless_done: bool = False,
+) -> dict[str, Any] | None:
     """Tests a complete run and writes its results; returns the summary.
 
+    One process at a time tests a run by a protocol.
+
+    Args:
+        run: a complete run.
+        protocol: the test.
+        report: called with the name of each condition that begins.
+        unless_done: do nothing and return None where somebody else has done it by now.
+
     Raises:
-        RunError: the run is not complete, or its files are damaged.
+        RunError: the run is not complete, its files are damaged, or another process is testing it.
+        TrainingError: the disk is full, read-only or failing.
     """
     state = run.manifest()["state"]
     if state != "complete":
         raise RunError(f"{run.path}: {state}, not complete; auvbench train finishes it")
+    with _locked(run, protocol.name):
+        if unless_done and is_done(run, protocol):
+            return None
+        return _evaluate(run, protocol, report)
+
+
+def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
+    """The lock of one evaluation: `evaluations/.<protocol>/lock`, beside the folder that is replaced as a whole."""
+    place = run.evaluation(protocol).with_name(f".{protocol}")
+    try:
+        make_folder(place)
+        return lock.acquire(place)
+    except lock.RunHeldError as error:
+        if error.holder.unknown:
+            raise
+        raise RunError(
+            f"{run.id}: {error.holder} is testing it by {protocol} at present; left alone"
+        ) from error
+    except OSError as error:
+        raise RunError(f"{place} cannot be written: {error.strerror or error}") from error
+
+
+def _evaluate(
+    run: RunDirectory, protocol: schema.Protocol, report: Callable[[str], None] | None
+) -> dict[str, Any]:
     conditions = circumstances(protocol, run.check())
     rollouts: list[tuple[Circumstance, Rollout]] = []
     for condition in conditions:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -23,7 +24,7 @@ FOLDER = "lock"
 class Holder:
     """Who holds, or last held, a run."""
 
-    host: str
+    host: str  # of a damaged lock file, the file
     pid: int
     started: str  # the process's start mark, see processes.start_mark
     machine: str  # the boot and pid namespace in which pid and started mean something
@@ -37,7 +38,17 @@ class Holder:
         """Whether its process, if it lives, lives among ours."""
         return self.host == processes.host() and self.machine == processes.machine()
 
+    @property
+    def unknown(self) -> bool:
+        """Whether the file that should name it is damaged."""
+        return not self.token
+
     def __str__(self) -> str:
+        if self.unknown:
+            file = shlex.quote(self.host)
+            return (
+                f"an unknown process (its lock file is damaged; if nobody works on it, rm {file} releases it)"
+            )
         job = f", {self.job.replace(':', ' job ')}" if self.job else ""
         return f"{self.host}, pid {self.pid}{job}, since {self.since}"
 
@@ -79,7 +90,7 @@ def read(run: Path, generation: int) -> tuple[Holder, float] | None:
         return Holder(**{f.name: data[f.name] for f in fields(Holder)}), touched
     except (ValueError, KeyError, TypeError):
         # Being written without link(2), or damaged: only its touches tell whether somebody is there.
-        return Holder("unknown host", 0, "", "", "unknown", ""), touched
+        return Holder(str(file_of(run, generation)), 0, "", "", "", ""), touched
 
 
 def create(run: Path, generation: int, holder: Holder) -> bool:

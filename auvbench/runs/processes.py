@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import ctypes
 import os
+import select
 import signal
 import socket
 import sys
+import threading
+import time
 from functools import cache
 from pathlib import Path
 
@@ -64,6 +67,35 @@ def die_with_parent(parent: int) -> None:
         ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:  # it ended before we asked
         os.kill(os.getpid(), signal.SIGKILL)
+
+
+def die_with(pid: int, mark: str) -> None:
+    """Kills this process when another one ends, be it its parent or not, however that ends.
+
+    For those whose parent is not the one they work for: the workers of a fork server outlive the process that
+    asked for them, since they themselves hold open what the server waits for.
+
+    Args:
+        pid: the process to die with.
+        mark: its `start_mark`, so that nobody who was given the same pid later is waited for.
+    """
+    threading.Thread(target=_outlive_not, args=(pid, mark), name="die-with", daemon=True).start()
+
+
+def _outlive_not(pid: int, mark: str) -> None:
+    try:
+        end = os.pidfd_open(pid)  # told at once by the kernel
+    except (AttributeError, OSError):  # not Linux, or gone already
+        end = None
+    while start_mark(pid) == mark:
+        if end is None:
+            time.sleep(_LOOK)
+        else:
+            select.select([end], [], [])
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+_LOOK = 0.2  # s between two looks where the kernel does not tell
 
 
 def prefer_in_memory_shortage() -> None:
