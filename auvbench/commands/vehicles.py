@@ -19,7 +19,7 @@ def parser() -> Parser:
         description="Lists vehicle sheets, or shows what one vehicle's numbers imply: mass matrix, allocation,"
         " trim, terminal speeds, stability, and what looks odd.",
         epilog="examples: auvbench vehicles | auvbench vehicles bluerov2 | auvbench vehicles my/sheet.yaml --json"
-        " | auvbench vehicles bluerov2 --sheet > conf/vehicle/mine.yaml",
+        " | auvbench vehicles bluerov2 --sheet > conf/vehicle/mine.yaml | auvbench vehicles bluerov2 --sdf gazebo",
     )
     parser.add_argument(
         "vehicle", nargs="?", help="name of a sheet, or the path of a .yaml file; without it, a list"
@@ -27,6 +27,19 @@ def parser() -> Parser:
     parser.add_argument("--sheet", action="store_true", help="print the sheet itself, to start your own from")
     parser.add_argument(
         "--json", action="store_true", help="print JSON, SI units, body axes forward, port, up"
+    )
+    parser.add_argument(
+        "--sdf",
+        metavar="DIR",
+        help="write the vehicle for Gazebo Harmonic: model, world, and bridge and launch files for ROS 2",
+    )
+    parser.add_argument(
+        "--hydrodynamics",
+        choices=("corrected", "published"),
+        help="with --sdf: corrected (the default) gives added mass to DART, published to the Hydrodynamics plugin",
+    )
+    parser.add_argument(
+        "--step", type=_step, help="with --sdf: physics step of the world in s, 0.001 by default"
     )
     return parser
 
@@ -37,7 +50,18 @@ def main(arguments: Sequence[str]) -> int:
         raise UserError(
             "--sheet needs the name of one vehicle, and goes without --json: auvbench vehicles bluerov2 --sheet"
         )
-    if options.sheet:
+    if options.sdf is not None and (options.vehicle is None or options.json or options.sheet):
+        raise UserError(
+            "--sdf needs the name of one vehicle, and goes alone: auvbench vehicles bluerov2 --sdf gazebo"
+        )
+    if options.sdf is None and (options.hydrodynamics is not None or options.step is not None):
+        flag = "--hydrodynamics" if options.hydrodynamics is not None else "--step"
+        raise UserError(f"{flag} goes with --sdf DIR: auvbench vehicles bluerov2 --sdf gazebo")
+    if options.sdf is not None:
+        _write_sdf(
+            options.vehicle, Path(options.sdf), options.hydrodynamics or "corrected", options.step or 0.001
+        )
+    elif options.sheet:
         _print_sheet(options.vehicle)
     elif options.vehicle is None:
         _list(as_json=options.json)
@@ -54,6 +78,32 @@ def _print_sheet(name: str) -> None:
     path = Path(name)
     text = (path if path.suffix in (".yaml", ".yml") else sheets()[name]).read_text(encoding="utf-8")
     sys.stdout.write(text)
+
+
+def _step(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= 1.0:
+        raise UserError(f"--step {text}: must be more than 0 and at most 1 s")
+    return value
+
+
+def _write_sdf(name: str, folder: Path, hydrodynamics: str, step: float) -> None:
+    from auvbench.simulators.gazebo import export
+    from auvbench.vehicles import sheet
+    from auvbench.vehicles.reader import read
+
+    contents = export.files(sheet.load(name), read(name).data, hydrodynamics, step)
+    try:
+        paths = export.write(folder, contents)
+    except OSError as error:
+        raise UserError(f"--sdf {folder}: cannot be written: {error.strerror}") from error
+    for path in paths:
+        print(path)
+    world = next(path for path in paths if path.name.endswith(".world.sdf"))
+    print(f"gz sim -r -s {world} runs it without a window; docs/gazebo.md says more.")
 
 
 def _list(*, as_json: bool) -> None:

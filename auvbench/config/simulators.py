@@ -31,6 +31,7 @@ class Capabilities:
 
 CAPABILITIES: dict[str, Capabilities] = {
     "fossen": Capabilities(exact_resume=True, deterministic=True, scales=True, currents="sheared"),
+    "gazebo": Capabilities(exact_resume=False, deterministic=True, scales=True, currents="steady"),
 }
 
 
@@ -49,8 +50,17 @@ class Fossen(Simulator):
     threads: int = number(1, 256)
 
 
+@dataclass(kw_only=True)
+class Gazebo(Simulator):
+    """Gazebo Harmonic in this process."""
+
+    max_step: float = number(0.0, 1.0, open_low=True)  # s
+    hydrodynamics: str = choice("corrected", "published")
+
+
 SCHEMAS: dict[str, type] = {
     "simulator_fossen_schema": Fossen,
+    "simulator_gazebo_schema": Gazebo,
 }
 
 

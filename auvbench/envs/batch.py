@@ -84,6 +84,8 @@ class Batch:
         )
         self.disturbances = disturbances.make(config, self.vehicle, self.task)
         self.autoreset = autoreset
+        self.restarted: NDArray[np.float32] | None = None
+        """observations (n, 4 + n_u) with which `load_state_dict` began the episodes in flight again, if it had to"""
         self._all = np.arange(self.n, dtype=np.int64)
         self._action: Floats = np.zeros((self.n, len(self.vehicle.actuators)))
         self._none: NDArray[np.int64] = np.empty(0, dtype=np.int64)
@@ -91,6 +93,11 @@ class Batch:
     @property
     def seed(self) -> int:
         return self.task.seed
+
+    @property
+    def exact_resume(self) -> bool:
+        """Whether `load_state_dict` returns to the very state, in mid-episode."""
+        return self.simulator.capabilities.exact_resume
 
     def reseed(self, seed: int) -> None:
         """Starts again at episode 0 with another seed; `reset` must follow.
@@ -169,11 +176,20 @@ class Batch:
         return state
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Returns to a state that `state_dict` gave.
+
+        Where the simulator cannot (`capabilities.exact_resume`), the episodes that were in flight begin again with
+        the same draws, and `restarted` holds their first observations.
+        """
         self.task.seed = int(state["seed"])
         self.task.load_state_dict(_below(state, "task."))
-        self.simulator.load_state_dict(_below(state, "simulator."))
         if self.disturbances is not None:
             self.disturbances.load_state_dict(_below(state, "disturbances."))
+        if self.simulator.capabilities.exact_resume:
+            self.simulator.load_state_dict(_below(state, "simulator."))
+        else:
+            self.task.C[:, C_EPISODE] -= 1
+            self.restarted = self.reset().copy()
 
 
 def _below(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
@@ -189,6 +205,11 @@ def make_simulator(config: simulators.Simulator, vehicle: VehicleModel, n: int) 
     if isinstance(config, simulators.Fossen):
         step = min(config.max_step, shortest_time_constant(vehicle))
         return FossenSimulator(vehicle, n, max_step=step)
+    if isinstance(config, simulators.Gazebo):
+        from auvbench.simulators.gazebo.simulator import GazeboSimulator
+
+        step = min(config.max_step, shortest_time_constant(vehicle))
+        return GazeboSimulator(vehicle, n, max_step=step, hydrodynamics=config.hydrodynamics)
     raise ConfigError(
         f"simulator.name={config.name}: unknown; {closest(config.name, simulators.CAPABILITIES)}"
     )

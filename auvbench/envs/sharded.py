@@ -56,6 +56,11 @@ class ShardedBatch:
     def seed(self) -> int:
         return self.parts[0].seed
 
+    @property
+    def exact_resume(self) -> bool:
+        """As `Batch.exact_resume`."""
+        return self.parts[0].exact_resume
+
     def reseed(self, seed: int) -> None:
         """As `Batch.reseed`."""
         for part in self.parts:

@@ -97,6 +97,9 @@ def learn(
     reporter = Reporter(run.path / "progress.json", train.total_steps, watch)
     checkpointer.parts = {"environment": batch, "progress": reporter}
     validator: Validator | None = None
+    if resumed is not None and not batch.exact_resume:
+        begun_again = run.manifest().get("episodes_begun_again", [])
+        run.update_manifest(episodes_begun_again=[*begun_again, resumed.step])
     ready = time.monotonic()
 
     def phases(trained: float) -> dict[str, float]:

@@ -109,6 +109,9 @@ def restore(subject: Subject, components: Components) -> None:
         _restore_normalisation(subject.normalize, components.arrays["normalisation"])
     for name, part in subject.parts.items():
         part.load_state_dict(components.arrays[f"part-{name}"])
+        restarted = getattr(part, "restarted", None)
+        if restarted is not None:
+            _begin_episodes(model, subject.normalize, restarted)
     for name, value in values["counters"].items():
         setattr(model, name, value)
     if model._total_timesteps:
@@ -128,6 +131,19 @@ def restore_draws(subject: Subject, components: Components) -> None:
             if name in tensors["gsde"]:
                 setattr(distribution, name, tensors["gsde"][name].clone())
     generators.restore(components, _numpy_generators(subject.model))
+
+
+def _begin_episodes(
+    model: BaseAlgorithm, normalize: VecNormalize | None, observation: NDArray[np.float32]
+) -> None:
+    """Lets the learner go on from the first observations (n, d) of episodes instead of the ones it had."""
+    model._last_obs = observation.copy()  # type: ignore[assignment]
+    model._last_episode_starts = np.ones(len(observation), dtype=bool)
+    if normalize is not None:
+        model._last_original_obs = observation.copy()  # type: ignore[assignment]
+        model._last_obs = normalize.normalize_obs(observation)  # type: ignore[assignment]
+        normalize.old_obs = observation.copy()
+        normalize.returns[:] = 0.0
 
 
 def _networks(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:

@@ -1,0 +1,1 @@
+"""Gazebo Harmonic: vehicles and worlds as SDF, and the simulator that steps them in process."""

@@ -1,0 +1,102 @@
+"""Gazebo's Python bindings, loaded when a simulator is made and not before."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from auvbench.errors import ConfigError
+
+INSTALL = (
+    "on Ubuntu 24.04 with Gazebo's package repository: sudo apt install gz-harmonic python3-gz-sim8, then a virtual"
+    " environment that sees it: python3 -m venv --system-site-packages .venv"
+)
+"""How the bindings come to a machine; docs/gazebo.md says it at length."""
+
+_MODULES = (
+    "gz.sim8",
+    "gz.math7",
+    "gz.transport13",
+    "gz.common5",
+    "gz.msgs10.boolean_pb2",
+    "gz.msgs10.entity_factory_v_pb2",
+    "gz.msgs10.entity_pb2",
+    "gz.msgs10.physics_pb2",
+    "gz.msgs10.world_control_pb2",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Gazebo:
+    """The modules of the bindings that are used."""
+
+    sim: Any
+    math: Any
+    transport: Any
+    boolean: Any
+    entity_factories: Any
+    entity: Any
+    physics: Any
+    world_control: Any
+
+
+@cache
+def load() -> Gazebo:
+    """The bindings.
+
+    Services stay in this process: a partition of its own keeps runs side by side apart, unless GZ_PARTITION says
+    that somebody wants to look on.
+
+    Raises:
+        ConfigError: they are not installed; the message says how they are.
+    """
+    os.environ.setdefault("GZ_PARTITION", f"auvbench-{os.getpid()}")
+    os.environ.setdefault("GZ_IP", "127.0.0.1")
+    try:
+        sim, math, transport, common, *messages = (import_module(name) for name in _MODULES)
+    except ImportError as error:
+        raise ConfigError(f"simulator=gazebo: {error}; {INSTALL}") from error
+    common.set_verbosity(1)  # errors; what Gazebo notes at every start and reset is for its developers
+    boolean, factories, entity, physics, control = messages
+    return Gazebo(
+        sim,
+        math,
+        transport,
+        boolean.Boolean,
+        factories.EntityFactory_V,
+        entity.Entity,
+        physics.Physics,
+        control.WorldControl,
+    )
+
+
+def missing() -> str | None:
+    """Why Gazebo cannot be used here; None where it can."""
+    try:
+        load()
+    except ConfigError as error:
+        return str(error)
+    return None
+
+
+_LIBRARY = re.compile(r"lib(gz-sim8|gz-physics7|sdformat14|dart)\.so\.([0-9.]+)$")
+
+
+def versions() -> dict[str, str]:
+    """Versions of Gazebo's libraries in this process by name, from the files that are mapped into it."""
+    found: dict[str, str] = {}
+    try:
+        lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
+    except OSError:  # no Linux
+        return found
+    for line in lines:
+        path = line.rpartition(" ")[2]
+        match = _LIBRARY.search(os.path.realpath(path)) if path.startswith("/") else None
+        if match:
+            found[match.group(1)] = match.group(2)
+    return found

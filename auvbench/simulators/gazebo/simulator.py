@@ -1,0 +1,190 @@
+"""`simulator=gazebo`: the contract of all simulators, on gz-sim 8 in this process."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auvbench.config.simulators import CAPABILITIES
+from auvbench.errors import ConfigError
+from auvbench.simulators.gazebo import bindings, sdf
+from auvbench.simulators.gazebo.thrust import Thrust
+from auvbench.simulators.gazebo.world import NAME, Newcomer, World
+from auvbench.vehicles.model import VehicleModel
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.integer[Any]]
+
+N_SCALES = 6
+
+
+class GazeboSimulator:
+    """N copies of a vehicle in one Gazebo world, which do not touch each other.
+
+    Gazebo has the rigid body, added mass, damping, weight and buoyancy; thrusters are the sheet's and act as forces
+    on the body. Vehicles start at rest: Gazebo's bindings cannot give a body a velocity and let go of it.
+
+    Args:
+        vehicle: the model to simulate.
+        n: number of vehicles.
+        max_step: s, longest physics step; a step of `duration` takes ceil(duration / max_step) equal ones.
+        hydrodynamics: one of `sdf.HYDRODYNAMICS`.
+
+    Raises:
+        ConfigError: Gazebo's bindings are not installed, or a number is out of range.
+        VehicleError: Gazebo's plugins cannot be this vehicle; see `sdf.check`.
+
+    Attributes beyond `Simulator`'s:
+        current: (n, 3) m/s, world axes; steady in an episode.
+        external_wrench: (n, 6) N and N m in body axes at the body origin, kept until changed.
+
+    """
+
+    capabilities = CAPABILITIES["gazebo"]
+
+    def __init__(
+        self, vehicle: VehicleModel, n: int, max_step: float = 0.01, hydrodynamics: str = "corrected"
+    ) -> None:
+        if n < 1:
+            raise ConfigError(f"number of vehicles is {n}: it must be at least 1")
+        if not (max_step > 0.0 and math.isfinite(max_step)):
+            raise ConfigError(f"simulator.max_step is {max_step}: it must be a positive number of seconds")
+        sdf.check(vehicle, hydrodynamics)
+        bindings.load()
+        self.vehicle = vehicle
+        self.n = n
+        self.max_step = max_step
+        self.hydrodynamics = hydrodynamics
+        n_u = len(vehicle.units)
+        self.pose = np.zeros((n, 7))
+        self.pose[:, 3] = 1.0
+        self.velocity = np.zeros((n, 6))
+        self.command_force = np.zeros((n, n_u))
+        self.power = np.zeros(n)
+        self.effectiveness = np.ones((n, n_u))
+        self.current = np.zeros((n, 3))
+        self.external_wrench = np.zeros((n, 6))
+        self.scales = np.ones((n, N_SCALES))
+        self._thrust = Thrust(vehicle, n)
+        self._allocation = vehicle.allocation
+        self._world: World | None = None
+        self._fresh = set(range(n))  # vehicles whose body is yet to be made
+
+    @property
+    def actuators(self) -> FloatArray:
+        """(n, n_actuator_states)"""
+        return self._thrust.states
+
+    def reset(
+        self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike, scales: ArrayLike | None = None
+    ) -> None:
+        """Put vehicles `indices` (k,) at `pose` (k, 7), at rest; see `Simulator.reset`.
+
+        Everything that Gazebo keeps of the old bodies goes with them: velocity, and what its plugins remember.
+
+        Raises:
+            ConfigError: `velocity` (k, 6) is not zero.
+        """
+        if np.any(velocity):
+            raise ConfigError(
+                "simulator=gazebo starts vehicles at rest: its bodies cannot be given a velocity"
+            )
+        self.pose[indices] = pose
+        self.velocity[indices] = 0.0
+        self.command_force[indices] = 0.0
+        self.power[indices] = 0.0
+        self.effectiveness[indices] = 1.0
+        self.scales[indices] = 1.0 if scales is None else scales
+        self._thrust.reset(indices)
+        self._fresh.update(np.asarray(indices).tolist())
+
+    def set_current(
+        self,
+        velocity: ArrayLike,
+        bottom: ArrayLike | None = None,
+        depths: tuple[ArrayLike, ArrayLike] = (0.0, 1.0),
+    ) -> None:
+        """Set the current of the vehicles whose episode is about to begin, and leave that of the others.
+
+        Raises:
+            ConfigError: it changes within an episode, or with depth.
+        """
+        wanted = np.broadcast_to(np.asarray(velocity, dtype=np.float64), (self.n, 3))
+        if bottom is not None and np.any(np.asarray(bottom) != np.asarray(velocity)):
+            raise ConfigError("simulator=gazebo: the current is the same at all depths")
+        changed = np.flatnonzero(np.any(wanted != self.current, axis=1)).tolist()
+        if not self._fresh.issuperset(changed):
+            raise ConfigError(
+                "simulator=gazebo: a current is steady in an episode; reset the vehicle to change it"
+            )
+        self.current[...] = wanted
+
+    def substeps(self, duration: float) -> int:
+        """Number of equal physics steps that make up `duration` seconds."""
+        return max(1, math.ceil(duration / self.max_step - 1e-9))
+
+    def step(self, command: ArrayLike, duration: float) -> None:
+        """Hold normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds."""
+        action = np.clip(np.asarray(command, dtype=np.float64), -1.0, 1.0)
+        if action.shape != self.command_force.shape:
+            raise ValueError(f"command has shape {action.shape}, expected {self.command_force.shape}")
+        steps = self.substeps(duration)
+        world = self._at(duration / steps)
+        self.command_force[...] = self.vehicle.force(action)
+        self.power[...] = self.vehicle.power(action)
+        forces = self._thrust.forces(action, steps, duration / steps)
+        forces *= self.effectiveness * self.scales[:, 5:6]
+        wrench = forces @ self._allocation.T + self.external_wrench
+        newcomers = [self._newcomer(i) for i in sorted(self._fresh)]
+        self._fresh.clear()
+        world.advance(newcomers, wrench)
+        self.pose[...] = world.pose
+        self.velocity[...] = world.velocity
+
+    def state_dict(self) -> dict[str, FloatArray]:
+        """Nothing: Gazebo cannot bring a state back (`capabilities.exact_resume`)."""
+        return {}
+
+    def load_state_dict(self, state: dict[str, FloatArray]) -> None:
+        """Does nothing: whoever resumes begins the episodes in flight again."""
+
+    def _at(self, step: float) -> World:
+        """The world with this physics step in s."""
+        if self._world is None:
+            text = sdf.world([], self.vehicle, name=NAME, step=step, real_time_factor=0.0, scene=False)
+            self._world = World(text, self.n, step)
+        elif abs(self._world.step - step) > 1e-12:
+            self._world.set_step(step)
+        return self._world
+
+    def _newcomer(self, index: int) -> Newcomer:
+        vehicle = self.vehicle
+        if np.any(self.scales[index] != 1.0):
+            vehicle = scaled(vehicle, self.scales[index])
+        text = sdf.model(
+            vehicle,
+            self.hydrodynamics,
+            name="{name}",
+            thrusters=False,
+            current=self.current[index] if np.any(self.current[index]) else None,
+        )
+        return Newcomer(index, text, self.pose[index].copy())
+
+
+def scaled(vehicle: VehicleModel, scales: FloatArray) -> VehicleModel:
+    """The vehicle with mass, buoyancy, inertia, added mass and damping multiplied by the first five of `scales`."""
+    mass, buoyancy, inertia, added, damping = (float(factor) for factor in scales[:5])
+    return dataclasses.replace(
+        vehicle,
+        mass=mass * vehicle.mass,
+        weight=mass * vehicle.weight,
+        buoyancy=buoyancy * vehicle.buoyancy,
+        inertia=inertia * vehicle.inertia,
+        M_A=added * vehicle.M_A,
+        linear_damping=damping * vehicle.linear_damping,
+        quadratic_damping=damping * vehicle.quadratic_damping,
+    )

@@ -1,0 +1,72 @@
+"""The vehicles' thrusters between the command and Gazebo: the sheet's curves, lags and limits, for N vehicles."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.vehicles.model import VehicleModel
+
+FloatArray = NDArray[np.float64]
+
+
+class Thrust:
+    """Forces of N vehicles' thrusters under a held command.
+
+    Gazebo's Thruster plugin is told newtons and gives them at once, so that what a sheet says of a thruster has to
+    happen before it. The linear dynamics are discretised exactly; the force of a physics step is that of its middle.
+
+    Args:
+        vehicle: whose thrusters.
+        n: how many vehicles.
+    """
+
+    def __init__(self, vehicle: VehicleModel, n: int) -> None:
+        self.vehicle = vehicle
+        self._rest = np.concatenate([np.zeros(0), *(unit.rest for unit in vehicle.units)])
+        self.states: FloatArray = np.tile(self._rest, (n, 1))
+        """(n, n_actuator_states)"""
+        self._exact: dict[float, list[tuple[FloatArray, FloatArray]]] = {}
+
+    def reset(self, indices: NDArray[np.integer]) -> None:
+        """Thrusters of vehicles `indices` (k,) at rest."""
+        self.states[indices] = self._rest
+
+    def forces(self, command: FloatArray, steps: int, step: float) -> FloatArray:
+        """Forces (steps, n, n_u) in N of the next physics steps of `step` seconds; the states move on.
+
+        Args:
+            command: (n, n_u) in [-1, 1].
+            steps: number of physics steps.
+            step: s.
+        """
+        units = self.vehicle.units
+        forces = np.empty((steps, *command.shape))
+        exact = self._discretised(step / 2.0)
+        first = 0
+        for a, unit in enumerate(units):
+            value = unit.curve(command[:, a])
+            order = unit.lag.order
+            if order == 0:
+                forces[:, :, a] = value
+            else:
+                Ad, Bd = exact[a]
+                x = self.states[:, first : first + order]
+                for k in range(steps):
+                    x = x @ Ad.T + value[:, None] * Bd
+                    forces[k, :, a] = x @ unit.lag.C
+                    x = x @ Ad.T + value[:, None] * Bd
+                self.states[:, first : first + order] = x
+            first += order
+            if unit.rotor_constant:
+                forces[:, :, a] *= unit.rotor_constant * np.abs(forces[:, :, a])
+        return forces
+
+    def _discretised(self, step: float) -> list[tuple[FloatArray, FloatArray]]:
+        if step not in self._exact:
+            self._exact.clear()
+            self._exact[step] = [
+                unit.lag.discretise(step) if unit.lag.order else (np.zeros((0, 0)), np.zeros(0))
+                for unit in self.vehicle.units
+            ]
+        return self._exact[step]
