@@ -13,7 +13,7 @@ MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 KILLS ?= 100
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check format lint type layers docs bench verification soak test-cluster clean
+.PHONY: help install demo test check format lint type layers docs bench verification parity transfer soak test-cluster clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -57,6 +57,13 @@ bench: $(STAMP) ## how fast everything is, as a table
 
 verification: $(STAMP) ## compute docs/verification.md anew
 	$(BIN)/python -m tests.verification.page
+
+parity: $(STAMP) ## the embedded simulator against Gazebo: tables of docs/gazebo.md (needs Gazebo)
+	$(BIN)/python -m benchmarks.gazebo.parity
+
+transfer: $(STAMP) ## test the runs below RUNS=FOLDER in both, and write docs/gazebo.md's table (needs Gazebo)
+	$(BIN)/auvbench evaluate $(RUNS) protocol=gazebo
+	$(BIN)/python -m benchmarks.gazebo.transfer $(RUNS)
 
 soak: $(STAMP) ## kill and resume runs for a long time
 	$(BIN)/python -m tests.soak.campaign --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
