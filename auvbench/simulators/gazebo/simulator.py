@@ -70,14 +70,10 @@ class GazeboSimulator:
         self.external_wrench = np.zeros((n, 6))
         self.scales = np.ones((n, N_SCALES))
         self._thrust = Thrust(vehicle, n)
+        self.actuators = self._thrust.states
         self._allocation = vehicle.allocation
         self._world: World | None = None
         self._fresh = set(range(n))  # vehicles whose body is yet to be made
-
-    @property
-    def actuators(self) -> FloatArray:
-        """(n, n_actuator_states)"""
-        return self._thrust.states
 
     def reset(
         self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike, scales: ArrayLike | None = None

@@ -137,11 +137,11 @@ def _begin_episodes(
     model: BaseAlgorithm, normalize: VecNormalize | None, observation: NDArray[np.float32]
 ) -> None:
     """Lets the learner go on from the first observations (n, d) of episodes instead of the ones it had."""
-    model._last_obs = observation.copy()  # type: ignore[assignment]
+    model._last_obs = observation.copy()
     model._last_episode_starts = np.ones(len(observation), dtype=bool)
     if normalize is not None:
-        model._last_original_obs = observation.copy()  # type: ignore[assignment]
-        model._last_obs = normalize.normalize_obs(observation)  # type: ignore[assignment]
+        model._last_original_obs = observation.copy()
+        model._last_obs = normalize.normalize_obs(observation)
         normalize.old_obs = observation.copy()
         normalize.returns[:] = 0.0
 
