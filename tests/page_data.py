@@ -10,7 +10,9 @@ import matplotlib as mpl
 import numpy as np
 
 from auvbench.analysis import grouping, load, study
+from auvbench.analysis.effects import learns
 from auvbench.analysis.model import Agent, Comparison, Finding, Problem, Ranking, Row, RunRecord
+from auvbench.analysis.policies import one_policy
 from auvbench.reporting.figures import Figure
 from auvbench.statistics.estimate import Estimate
 from tests.synthetic import write_experiment
@@ -85,7 +87,6 @@ def _row(agent: Agent, place: int, count: int) -> Row:
     }
     estimates |= {f"mean_{name}": _estimate(values) for name, values in agent.metrics.items()}
     interval = (max(1, place - 1), min(count, place + 1))
-    best = max(0.0, 0.75 - 0.3 * (place - 1))
     seeds = tuple(run.seed for run in agent.runs)
     ids = tuple(run.id for run in agent.runs)
     return Row(
@@ -96,9 +97,10 @@ def _row(agent: Agent, place: int, count: int) -> Row:
         agent.outcome.shape[1],
         place,
         interval,
-        best,
         "abcdefghijklmnopqrstuvwxyz"[(place // 2) % 26],
         estimates,
+        learns(agent),
+        not one_policy(agent),
     )
 
 

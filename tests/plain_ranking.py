@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from auvbench.analysis.effects import learns
 from auvbench.analysis.model import Agent, Comparison, Problem, Ranking, Row
+from auvbench.analysis.policies import one_policy
 from auvbench.statistics.estimate import Estimate
 
 
@@ -43,9 +45,10 @@ def plain_ranking(
             episodes=agents[i].outcome.shape[1],
             rank=place,
             rank_interval=(max(1, place - 1), min(len(agents), place + 1)),
-            probability_best=1.0 if place == 1 else 0.0,
             group="abcdefghijklmnopqrstuvwxyz"[min((place - 1) // 2, 25)],
             estimates=estimates[i],
+            trained=learns(agents[i]),
+            compared=not one_policy(agents[i]),
         )
         for place, i in enumerate(order, 1)
     )

@@ -9,16 +9,22 @@ from typing import Any
 
 import numpy as np
 
+from auvbench.agents.base import learns as is_learner
 from auvbench.analysis.labels import part, sort_key
 from auvbench.analysis.measures import Measure
-from auvbench.analysis.model import Agent
+from auvbench.analysis.model import Agent, RunRecord
 from auvbench.statistics import contrast
 from auvbench.statistics.estimate import Estimate
 
 
 def learns(agent: Agent) -> bool:
     """Whether the agent was trained: K and the training frequency mean nothing to one that was not."""
-    return any(run.manifest.get("steps") for run in agent.runs)
+    return any(run_learns(run) for run in agent.runs)
+
+
+def run_learns(run: RunRecord) -> bool:
+    """Whether the run is a training, one that failed at its first step included."""
+    return bool(run.manifest.get("steps")) or is_learner(str(run.config.get("algo.agent")))
 
 
 @dataclass(frozen=True, slots=True)

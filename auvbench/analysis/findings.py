@@ -19,11 +19,10 @@ from auvbench.analysis.prose import (
     listed,
     name,
     p_value,
-    probability,
     turned,
     unit,
 )
-from auvbench.statistics import EPISODES_ONLY, holm, shared
+from auvbench.statistics import EPISODES_ONLY, holm
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray, quantile
 from auvbench.tasks.record import OUTCOMES
@@ -61,8 +60,13 @@ def _best(ranking: Ranking, m: Measure) -> Finding:
         basis = f"{counted(len(row.seeds), 'training seed')} x {basis}"
     if len(ranking.rows) == 1:
         return Finding(f"{row.label} is the only agent: {value}.", statistic=basis, run_ids=row.run_ids)
-    near = [other.label for other in ranking.rows[1:] if shared(other.group, row.group)]
+    near = [other.label for other in ranking.rows[1:] if not ranking.resolved(row, other)]
     text = f"{row.label} is first, with {value}"
+    if not row.compared:
+        text += (
+            ": one training, which says nothing of what another would give. The data do not say who is best."
+        )
+        return Finding(text, statistic=f"{basis}.", run_ids=row.run_ids)
     if not near:
         others = "the only other agent" if len(ranking.rows) == 2 else f"all {len(ranking.rows) - 1} others"
         text += f", and is resolved from {others}."
@@ -70,8 +74,7 @@ def _best(ranking: Ranking, m: Measure) -> Finding:
         text += ", but is not resolved from any other agent: the data do not say who is best."
     else:
         text += f", but is not resolved from {listed(near)}: the best is one of these."
-    share = f"First in {probability(row.probability_best)} of the resamples of these seeds and scenarios"
-    statistic = f"{share}; rank {_range(row)}; {basis}."
+    statistic = f"Rank {_range(row)}; {basis}."
     return Finding(text, statistic=statistic, run_ids=row.run_ids)
 
 
@@ -84,7 +87,7 @@ def _resolved(ranking: Ranking) -> Finding | None:
     n = len(ranking.rows)
     if n < 3:
         return None
-    neighbours = sum(not shared(a.group, b.group) for a, b in pairwise(ranking.rows))
+    neighbours = sum(ranking.resolved(a, b) for a, b in pairwise(ranking.rows))
     text = f"Of the {n - 1} steps from one place of the table to the next, {neighbours or 'none'} "
     text += f"{'is' if neighbours == 1 else 'are'} resolved: "
     if neighbours == n - 1:
@@ -94,9 +97,10 @@ def _resolved(ranking: Ranking) -> Finding | None:
     else:
         text += "any two neighbours may stand in the other order."
     percent = f"{100 * ranking.confidence:g} %"
-    return Finding(
-        text, statistic=f"Tests of all {n * (n - 1) // 2} pairs, Holm-corrected, {percent} together."
-    )
+    tested = sum(row.compared for row in ranking.rows)
+    of = "agents" if tested == n else "agents with several training seeds or nothing to train"
+    pairs = f"all {tested * (tested - 1) // 2} pairs of {of}"
+    return Finding(text, statistic=f"Tests of {pairs}, Holm-corrected, {percent} together.")
 
 
 def _against_baseline(ranking: Ranking, m: Measure) -> Finding | None:
@@ -115,6 +119,8 @@ def _against_baseline(ranking: Ranking, m: Measure) -> Finding | None:
             better.append(entry)
         else:
             worse.append(entry)
+    if not (better or worse or open_):
+        return None
     parts = []
     for verb, entries in (("better", better), ("worse", worse)):
         if entries:

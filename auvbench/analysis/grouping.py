@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from auvbench.analysis.effects import run_learns
 from auvbench.analysis.labels import labels, part, sort_key
-from auvbench.analysis.model import Agent, Problem, RunRecord
+from auvbench.analysis.measures import OF_THE_SCENARIO
+from auvbench.analysis.model import NO_POLICY, Agent, Evaluation, Problem, RunRecord
 from auvbench.analysis.refining import differing, level, refined, trained
 from auvbench.errors import ReportError, closest
 from auvbench.tasks.record import OUTCOMES
@@ -26,6 +28,7 @@ def agents(
     by: Sequence[str] = DEFAULT_GROUPING,
     protocol: str = "test",
     condition: str = "nominal",
+    failed_trainings: str = "zero",
 ) -> tuple[list[Agent], list[Problem]]:
     """Groups evaluated runs by the values of some configuration keys, and of whatever else varied among them.
 
@@ -35,6 +38,8 @@ def agents(
             `DEFAULT_GROUPING` that are left out are pooled over; all others that varied become part of the agent.
         protocol: name of the protocol.
         condition: name of the condition within it.
+        failed_trainings: "zero": a training that failed is a seed without a success (`NO_POLICY`); "omit": it is
+            left out, as if a seed that fails were not one that a user may draw.
 
     Returns:
         the agents in the order of their keys, and what is missing, foreign or pooled. `Agent.metrics` has
@@ -45,16 +50,18 @@ def agents(
     """
     keys = {_short(name): _resolve(name, runs) for name in by}
     rows, problems = _rows(runs, protocol, condition)
-    evaluated = [run for run in runs if run.id in rows]
+    failed = {run.id for run in runs if _failed(run)} if failed_trainings == "zero" else set()
+    counted = [run for run in runs if run.id in rows or run.id in failed]
+    fingerprint = next(run.evaluations[protocol].fingerprint for run in counted if run.id in rows)
     pooled = {_resolve(name, runs) for name in DEFAULT_GROUPING if name in _known(runs)} - set(keys.values())
-    finer = refined(_cells(evaluated, keys), keys, pooled)
-    groups = sorted(_cells(evaluated, finer), key=lambda group: sort_key(_key(group[0], finer)))
+    finer = refined(_cells(counted, keys), keys, pooled)
+    groups = sorted(_cells(counted, finer), key=lambda group: sort_key(_key(group[0], finer)))
     names = labels([_key(group[0], finer) for group in groups], [trained(group[0]) for group in groups])
     result = []
     for label, group in zip(names, groups, strict=True):
         group.sort(key=lambda run: (run.seed, run.id))
         problems += _pooled(label, group, set(finer.values()))
-        result.append(_agent(label, _key(group[0], finer), group, [rows[run.id] for run in group], protocol))
+        result.append(_agent(label, _key(group[0], finer), group, rows, fingerprint, protocol, condition))
     return result, problems + _missing(runs, keys, finer)
 
 
@@ -158,27 +165,51 @@ def _same_episodes(rows: Mapping[str, pd.DataFrame], problems: list[Problem]) ->
     return kept
 
 
+def _failed(run: RunRecord) -> bool:
+    """Whether a training ended without a policy, by divergence for example; interrupted ones have not ended."""
+    return run.state == "failed" and run_learns(run)
+
+
 def _agent(
     label: str,
     key: Mapping[str, Any],
     group: Sequence[RunRecord],
-    frames: Sequence[pd.DataFrame],
+    rows: Mapping[str, pd.DataFrame],
+    fingerprint: str,
     protocol: str,
+    condition: str,
 ) -> Agent:
+    tested = [i for i, run in enumerate(group) if run.id in rows]
+    some = next(iter(rows.values()))
     table = pd.concat(
-        frames, join="inner", ignore_index=True
+        [rows[group[i].id] for i in tested] or [some.iloc[:0]], join="inner", ignore_index=True
     )  # at once: a column by itself of each seed is slow
     words = table["outcome"].to_numpy()
     codes = np.select([words == name for name in OUTCOMES], list(range(len(OUTCOMES)))).astype(np.int8)
-    outcome = codes.reshape(len(frames), -1)
-    metrics = {
-        str(column): np.array(table[column], dtype=np.float64).reshape(len(frames), -1)
-        for column, dtype in table.dtypes.items()
-        if column not in NOT_METRICS and pd.api.types.is_numeric_dtype(dtype)
-    }
+    outcome = np.full((len(group), len(some)), NO_POLICY, dtype=np.int8)
+    outcome[tested] = codes.reshape(len(tested), len(some))
+    metrics = {}
+    for column, dtype in table.dtypes.items():
+        if column not in NOT_METRICS and pd.api.types.is_numeric_dtype(dtype):
+            metrics[str(column)] = values = np.full(outcome.shape, np.nan)
+            values[tested] = np.array(table[column], dtype=np.float64).reshape(len(tested), len(some))
     metrics["time_to_goal_s"] = np.where(outcome == 0, metrics["duration_s"], np.nan)
-    fingerprint = group[0].evaluations[protocol].fingerprint
-    return Agent(label, dict(key), tuple(group), fingerprint, outcome, metrics)
+    for column in OF_THE_SCENARIO:  # those of a training that failed are everybody's
+        if column in metrics:
+            scenario = some[column].to_numpy(dtype=np.float64)
+            metrics[column] = np.where(np.isnan(metrics[column]), scenario, metrics[column])
+    evaluations = [e for run in group if (e := run.evaluations.get(protocol)) is not None]
+    limits = [limit for e in evaluations if (limit := _step_limit(e, condition)) is not None]
+    return Agent(label, dict(key), tuple(group), fingerprint, outcome, metrics, limits[0] if limits else None)
+
+
+def _step_limit(evaluation: Evaluation, condition: str) -> float | None:
+    """The step limit that the evaluation names for the condition; older ones name none."""
+    for entry in evaluation.summary.get("conditions", ()):
+        limit = entry.get("max_steps") if isinstance(entry, Mapping) else None
+        if isinstance(limit, int | float) and entry.get("name") == condition:
+            return float(limit)
+    return None
 
 
 def _pooled(label: str, group: Sequence[RunRecord], grouped: set[str]) -> list[Problem]:

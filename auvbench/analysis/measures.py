@@ -48,7 +48,7 @@ UNKNOWN = Kind(True, -math.inf, math.inf)
 LIMITED_BY_STEPS = ("steps", "duration_s", "time_to_goal_s")
 """These have a most that the task sets: its step limit, the times by the frequency."""
 
-TIMEOUT = OUTCOMES.index("timeout")
+SUCCESS, TIMEOUT = OUTCOMES.index("success"), OUTCOMES.index("timeout")
 
 OF_THE_SCENARIO = (
     "frequency_hz",
@@ -66,11 +66,13 @@ class Measure:
     """A number per agent: the mean of a value per episode."""
 
     name: str
-    """success_rate, collision_rate, timeout_rate, or mean_<column>"""
+    """success_rate, collision_rate, timeout_rate, mean_<column>, par1_steps, par2_time_s, ..."""
     column: str
     """outcome or a column of episodes.csv"""
     higher_is_better: bool
     rate: bool
+    penalty: float = 0.0
+    """what a failure counts, in multiples of the step or time limit; 0 where nothing is replaced"""
 
     def values(self, agent: Agent) -> FloatArray:
         """(seeds, episodes) of the agent; NaN throughout where it has no such column."""
@@ -80,12 +82,24 @@ class Measure:
             )
         if self.column not in agent.metrics:
             return np.full(agent.outcome.shape, np.nan)
-        return np.asarray(agent.metrics[self.column], dtype=np.float64)
+        measured = np.asarray(agent.metrics[self.column], dtype=np.float64)
+        if not self.penalty:
+            return measured
+        failed = agent.outcome != SUCCESS
+        limit = _limit(agent, self.column)
+        if (
+            failed.any() and not np.isfinite(limit).all()
+        ):  # a mean over its successes would be no penalised mean
+            return np.full(agent.outcome.shape, np.nan)
+        return np.where(failed, self.penalty * limit, measured)
 
     def bounds(self, agents: Sequence[Agent]) -> tuple[FloatArray, FloatArray]:
         """Least and most (n,) that the mean of each agent can be, whatever its seeds and scenarios."""
         kind = COLUMNS.get(self.column, UNKNOWN)
         least, most = np.full(len(agents), kind.least), np.full(len(agents), kind.most)
+        if self.penalty:
+            limits = [np.max(self.penalty * _limit(agent, self.column)) for agent in agents]
+            return least, np.nan_to_num(np.array(limits), nan=math.inf)
         if self.column in LIMITED_BY_STEPS:
             most[:] = _step_limit(agents)
         if self.column in LIMITED_BY_STEPS[1:]:
@@ -105,19 +119,55 @@ class Measure:
 
 
 RATES = tuple(Measure(f"{name}_rate", "outcome", name == "success", True) for name in OUTCOMES)
-MEASURES = {m.name: m for m in RATES} | {
+PENALISED = tuple(
+    Measure(f"par{penalty}_{name}", column, False, False, float(penalty))
+    for name, column in (("steps", "steps"), ("time_s", "duration_s"))
+    for penalty in (1, 2)
+)
+"""Penalised means: a failure counts as the limit (PAR-1) or twice that (PAR-2), the penalised average runtime of
+algorithm selection (Hutter, Hoos & Leyton-Brown 2011, LION 5; PAR-10 is usual there)."""
+MEASURES = {m.name: m for m in (*RATES, *PENALISED)} | {
     f"mean_{column}": Measure(f"mean_{column}", column, kind.higher_is_better, False)
     for column, kind in COLUMNS.items()
 }
+RANKED_AS = {
+    "mean_steps": "par1_steps",
+    "mean_duration_s": "par1_time_s",
+    "mean_time_to_goal_s": "par1_time_s",
+}
+"""What ranks in the place of a mean that a quick failure makes good, or that leaves failures out."""
 
 
 def _step_limit(agents: Sequence[Agent]) -> float:
-    """Steps of the episodes that timed out, infinite where none did.
+    """Step limit of the tests, infinite where it is not known."""
+    known = [limit for agent in agents if math.isfinite(limit := step_limit(agent))]
+    return max(known, default=math.inf)
 
-    Not that of the runs' configuration: a protocol may set another one than training had.
+
+def step_limit(agent: Agent) -> float:
+    """Steps after which a test episode of the agent ends; NaN where nothing says so.
+
+    What its evaluation says; else the steps of its episodes that timed out; else what its run was trained with,
+    which a protocol may have changed.
     """
-    timed_out = [a.metrics["steps"][a.outcome == TIMEOUT] for a in agents if "steps" in a.metrics]
-    return max((float(steps.max()) for steps in timed_out if steps.size), default=math.inf)
+    if agent.step_limit is not None:
+        return agent.step_limit
+    steps = agent.metrics.get("steps", np.empty(0))[agent.outcome == TIMEOUT] if agent.outcome.size else None
+    if steps is not None and steps.size:
+        return float(np.nanmax(steps))
+    trained = agent.runs[0].config.get("task.max_steps") if agent.runs else None
+    return float(trained) if isinstance(trained, int | float) else math.nan
+
+
+def _limit(agent: Agent, column: str) -> FloatArray:
+    """(seeds, episodes) Limit of a time or step column, or one number for all."""
+    limit = np.asarray(step_limit(agent))
+    if column == "steps":
+        return limit
+    # Seconds: of a seed without a policy the frequency is that of the others, which met the same scenarios.
+    frequency = np.asarray(agent.metrics.get("frequency_hz", np.nan), dtype=np.float64)
+    known = frequency[np.isfinite(frequency)]
+    return limit / np.where(np.isfinite(frequency), frequency, known.min() if known.size else np.nan)
 
 
 def measure(name: str, option: str = "--rank-by") -> Measure:
@@ -131,10 +181,28 @@ def measure(name: str, option: str = "--rank-by") -> Measure:
     return MEASURES[name]
 
 
+def to_rank_by(name: str, option: str = "--rank-by") -> Measure:
+    """The measure that ranks where `name` is asked for: failures count (`RANKED_AS`).
+
+    Raises:
+        ReportError: there is none; names the closest.
+    """
+    return measure(RANKED_AS.get(name, name), option)
+
+
+def in_unit(margin: float | None, name: str) -> float | None:
+    """A margin as a user writes it, in the unit of the tables: percentage points of a rate become a fraction.
+
+    >>> in_unit(2.0, "success_rate"), in_unit(30.0, "mean_steps")
+    (0.02, 30.0)
+    """
+    return margin / 100 if margin is not None and to_rank_by(name).rate else margin
+
+
 def all_measures(agents: Sequence[Agent]) -> list[Measure]:
     """The measures that at least one agent has, those of columns unknown to auvbench included (never ranked by)."""
     columns = {c: None for agent in agents for c in agent.metrics if c not in OF_THE_SCENARIO}
     means = [
         MEASURES.get(f"mean_{c}", Measure(f"mean_{c}", c, UNKNOWN.higher_is_better, False)) for c in columns
     ]
-    return [*RATES, *means]
+    return [*RATES, *means, *(m for m in PENALISED if m.column in columns)]

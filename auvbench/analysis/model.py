@@ -16,6 +16,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.groups import shared
+
+NO_POLICY = -1
+"""outcome of every test episode of a training that failed: there is no policy, so no success"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,9 +79,11 @@ class Agent:
     """one per training seed, in the order of the rows of the metrics"""
     fingerprint: str
     outcome: NDArray[np.int8]
-    """(seeds, episodes) codes into `OUTCOMES`"""
+    """(seeds, episodes) codes into `OUTCOMES`; `NO_POLICY` throughout for a seed whose training failed"""
     metrics: Mapping[str, NDArray[np.float64]]
-    """by column name: (seeds, episodes)"""
+    """by column name: (seeds, episodes); NaN throughout for a seed whose training failed"""
+    step_limit: float | None = None
+    """steps after which a test episode ends; None where the evaluation does not say"""
 
     @property
     def success(self) -> NDArray[np.float64]:
@@ -97,13 +103,17 @@ class Row:
     """test episodes per seed"""
     rank: int
     rank_interval: tuple[int, int]
-    probability_best: float
+    """ranks that the tests leave open; 1 to the number of rows for one that is not compared"""
     group: str
-    """agents that share a letter are not resolved from each other (compact letter display)"""
+    """agents that share a letter are not resolved from each other (compact letter display); '' if not compared"""
     estimates: Mapping[str, Estimate]
     """by metric name: success_rate, collision_rate, timeout_rate, mean_steps, and mean_<column> for the others"""
     trained: bool = True
     """False for a controller that does not learn: it has no training seeds to be unsure of"""
+    compared: bool = True
+    """False for one training seed: the row describes one policy, and takes no part in any test"""
+    failed_seeds: tuple[int, ...] = ()
+    """those of `seeds` whose training failed and counts as success 0"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +128,10 @@ class Comparison:
     p_adjusted: float
     """Holm-corrected over all pairs of the table; with the baseline, over the comparisons with it"""
     probability_of_improvement: Estimate
+    verdict: str = "undecided"
+    """what may be said of the first agent: better | worse | equivalent (with a margin) | undecided"""
+    p_equivalence: float | None = None
+    """that the difference is no smaller than the margin, corrected as `p_adjusted` is; None without a margin"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,10 +158,23 @@ class Ranking:
     baseline: str | None
     comparisons: tuple[Comparison, ...]
     improvement: NDArray[np.float64]
-    """(agents, agents) probability that the row's agent does better than the column's on a scenario"""
+    """(agents, agents) probability that the row's agent does better than the column's on a scenario; NaN where
+    one of them is not compared"""
     problems: tuple[Problem, ...] = ()
     conditions: tuple[Condition, ...] = ()
     """all of the protocol where it has several, that of the ranking among them"""
+    compare: str = "algorithms"
+    """what a row stands for: 'algorithms' (a configuration over its training seeds) or 'policies' (one training)"""
+    ties: tuple[Comparison, ...] = ()
+    """tests on `then` of the pairs that `rank_by` does not resolve; a family of their own"""
+    margin: float | None = None
+    """smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1)"""
+    more_seeds: str = ""
+    """the command that trains further seeds of the rows that are not compared; '' where there are none"""
+
+    def resolved(self, one: Row, other: Row) -> bool:
+        """Whether the tests of all pairs tell the two rows apart; a row that is not compared never is told apart."""
+        return one.compared and other.compared and not shared(one.group, other.group)
 
 
 @dataclass(frozen=True, slots=True)

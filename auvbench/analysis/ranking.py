@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from auvbench import statistics as st
 from auvbench.analysis.conditions import successes
 from auvbench.analysis.effects import learns
-from auvbench.analysis.measures import Measure, all_measures, measure
-from auvbench.analysis.model import Agent, Comparison, Problem, Ranking, Row
+from auvbench.analysis.measures import Measure, all_measures, to_rank_by
+from auvbench.analysis.model import NO_POLICY, Agent, Comparison, Problem, Ranking, Row
+from auvbench.analysis.pairwise import BoolArray, Tests, all_pairs, letters, rank_intervals
+from auvbench.analysis.policies import COMPARE, more_seeds, one_policy, rows_of
 from auvbench.errors import ReportError, closest
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray
 
 ALL_PAIRS = 30
 """Up to so many agents every pair is listed in `Ranking.comparisons`; beyond, those that `_listed` names."""
-RESAMPLES = 2000
 
 
 def rank(
@@ -29,8 +30,8 @@ def rank(
     then: str = "mean_steps",
     baseline: str | None = None,
     confidence: float = 0.95,
-    seed: int = 0,
-    resamples: int = RESAMPLES,
+    compare: str = "algorithms",
+    margin: float | None = None,
     protocol: str | None = None,
     condition: str = "nominal",
     problems: Sequence[Problem] = (),
@@ -39,17 +40,20 @@ def rank(
 
     Rows are in the order of the point values. What the data resolve is said by the group letters, the intervals of
     the ranks and the adjusted p-values, which all come from the same tests of all pairs on `rank_by`; comparisons
-    with the baseline are corrected among themselves.
+    with the baseline are corrected among themselves. `then` is tested as well, as a family of its own.
 
     Args:
         agents: of one protocol and condition, with the same scenarios.
-        rank_by: a name of `measures.MEASURES`.
+        rank_by: a name of `measures.MEASURES`; means of steps and times rank by their penalised mean
+            (`measures.RANKED_AS`), so that a failure counts.
         then: decides between agents that are exactly equal in `rank_by`, and between two episodes that both went
             well in the probability of improvement.
         baseline: label of an agent, or its algorithm where that is one agent.
         confidence: of all intervals; letters and rank intervals hold for all agents together with it.
-        seed: of the bootstrap behind the probability of being best.
-        resamples: of that bootstrap.
+        compare: "algorithms": a row is a configuration over its training seeds, and one with a single seed is
+            described but not compared; "policies": a row is one training, compared as it is.
+        margin: smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1): comparisons then
+            may end as equivalent.
         protocol: named in the table; by default that of the agents' runs.
         condition: named in the table.
         problems: named in the table.
@@ -57,38 +61,26 @@ def rank(
     Raises:
         ReportError: no agents, unknown measure or baseline, equal labels, or scenarios that differ.
     """
-    by, finer = measure(rank_by), measure(then, "--then")
-    _check(agents, confidence)
-    agents = sorted(agents, key=lambda agent: agent.label)
+    by, finer = to_rank_by(rank_by), to_rank_by(then, "--then")
+    _check(agents, confidence, compare, margin)
+    agents = sorted(rows_of(agents, compare), key=lambda agent: agent.label)
     reference = None if baseline is None else find_baseline(agents, baseline)
     estimates = _estimates(agents, confidence)
     value = _oriented(estimates, by)
     order = np.lexsort((-_oriented(estimates, finer), -value))
     agents, estimates, value = [agents[i] for i in order], [estimates[i] for i in order], value[order]
     if not np.isfinite(value).any():
-        raise ReportError(f"no agent has values of {rank_by}")
-    table = st.moderated(by.table(agents))
-    pairs = st.pairs(table, confidence)
-    p, adjusted = _p_values(agents, by, table, pairs)
-    resolved = adjusted < 1 - confidence
+        raise ReportError(f"no agent has values of {by.name}")
+    compared = np.array([compare == "policies" or not one_policy(agent) for agent in agents])
+    decided = all_pairs(agents, by, compared, confidence, margin)
+    ranks = _ranks(value, _oriented(estimates, finer))
+    intervals = rank_intervals(value, decided.resolved)
+    groups = letters(decided.resolved, compared)
     scores = [_score(agent, by, finer) for agent in agents]
-    best = _probability_best(agents, by, finer, seed, resamples)
-    ranks, intervals = _ranks(value, _oriented(estimates, finer)), _rank_intervals(value, resolved)
-    groups = st.letters(resolved)
-    adjusted = _planned(p, adjusted, agents, reference)
-    comparisons = []
-    for i, j in _listed(agents, reference):
-        comparisons.append(
-            Comparison(
-                first=agents[i].label,
-                second=agents[j].label,
-                metric=rank_by,
-                difference=pairs.estimate(i, j, table, confidence),
-                p_value=float(p[i, j]),
-                p_adjusted=float(adjusted[i, j]),
-                probability_of_improvement=st.improvement(scores[i], scores[j], confidence),
-            )
-        )
+    listed = _listed(agents, compared, reference)
+    ties = _ties(agents, decided, finer, compared, listed, reference)
+    if reference is not None:
+        decided = decided.against(agents.index(reference))
     rows = tuple(
         Row(
             label=agent.label,
@@ -98,33 +90,69 @@ def rank(
             episodes=agent.outcome.shape[1],
             rank=int(ranks[i]),
             rank_interval=intervals[i],
-            probability_best=float(best[i]),
             group=groups[i],
             estimates=estimates[i],
             trained=learns(agent),
+            compared=bool(compared[i]),
+            failed_seeds=tuple(
+                run.seed
+                for run, outcome in zip(agent.runs, agent.outcome, strict=True)
+                if (outcome == NO_POLICY).all()
+            ),
         )
         for i, agent in enumerate(agents)
     )
     name = _protocol(agents) if protocol is None else protocol
     return Ranking(
         rows=rows,
-        rank_by=rank_by,
-        then=then,
+        rank_by=by.name,
+        then=finer.name,
         protocol=name,
         condition=condition,
         fingerprint=agents[0].fingerprint,
         confidence=confidence,
         baseline=None if reference is None else reference.label,
-        comparisons=tuple(comparisons),
-        improvement=st.improvement_matrix(scores),
+        comparisons=tuple(decided.comparison(agents, i, j, scores) for i, j in listed),
+        improvement=_improvement(scores, compared),
         problems=(*problems, *_without_values(agents, (by, finer))),
         conditions=successes(agents, name, confidence),
+        compare=compare,
+        ties=ties,
+        margin=margin,
+        more_seeds=more_seeds(agents) if compare == "algorithms" else "",
     )
 
 
-def _check(agents: Sequence[Agent], confidence: float) -> None:
+def _ties(
+    agents: Sequence[Agent],
+    decided: Tests,
+    finer: Measure,
+    compared: BoolArray,
+    listed: Sequence[tuple[int, int]],
+    baseline: Agent | None,
+) -> tuple[Comparison, ...]:
+    """The pairs that the first measure does not resolve, tested on the second; all pairs are its family."""
+    if finer.name == decided.measure.name or not any(np.isfinite(finer.values(a)).any() for a in agents):
+        return ()
+    second = all_pairs(agents, finer, compared, decided.confidence)
+    if baseline is not None:
+        second = second.against(agents.index(baseline))
+    scores = [np.nan_to_num(finer.sign * finer.values(agent), nan=-np.inf) for agent in agents]
+    resolved = decided.resolved
+    return tuple(
+        second.comparison(agents, i, j, scores)
+        for i, j in listed
+        if not resolved[i, j] and np.isfinite(second.p[i, j])
+    )
+
+
+def _check(agents: Sequence[Agent], confidence: float, compare: str, margin: float | None) -> None:
     if not agents:
         raise ReportError("there are no agents to rank")
+    if compare not in COMPARE:
+        raise ReportError(f"--compare {compare!r} is nothing to compare; {closest(compare, COMPARE)}")
+    if margin is not None and not 0 < margin < np.inf:
+        raise ReportError(f"margin {margin:g} is not a positive number")
     if not 0.5 <= confidence < 1:
         raise ReportError(f"confidence {confidence} is not in [0.5, 1), for example 0.95")
     labels = [agent.label for agent in agents]
@@ -172,71 +200,12 @@ def _oriented(estimates: Sequence[dict[str, Estimate]], m: Measure) -> FloatArra
     return np.where(np.isnan(values), -np.inf, values)
 
 
-def _p_values(
-    agents: Sequence[Agent], by: Measure, table: st.Crossed, pairs: st.Pairs
-) -> tuple[FloatArray, FloatArray]:
-    """P (n, n) of no difference and Holm's adjusted ones over all pairs; NaN where there is no test.
-
-    Rates of two agents with one seed each: McNemar's mid-p. Everything else: the t-type test of `pairs`, with
-    variances between seeds moderated by all agents of the table.
-    """
-    p = pairs.p_value.copy()
-    single = [i for i, agent in enumerate(agents) if len(agent.outcome) == 1]
-    if by.rate and len(single) > 1:
-        only = st.discordant(np.concatenate([by.values(agents[i]) for i in single]))
-        p[np.ix_(single, single)] = st.mcnemar(only, only.T)
-    upper = np.triu_indices(len(agents), 1)
-    adjusted = np.full_like(p, np.nan)
-    adjusted[upper] = st.holm(p[upper])
-    adjusted.T[upper] = adjusted[upper]
-    return p, adjusted
-
-
-def _planned(
-    p: FloatArray, adjusted: FloatArray, agents: Sequence[Agent], baseline: Agent | None
-) -> FloatArray:
-    """The adjusted p-values, with those of the comparisons with the baseline from a family of their own.
-
-    Naming a baseline is asking n - 1 questions beforehand, as in Dunnett's comparisons with a control. Letters and
-    ranks stay with the family of all pairs.
-    """
-    if baseline is None:
-        return adjusted
-    i = next(i for i, agent in enumerate(agents) if agent is baseline)
-    others = [j for j in range(len(agents)) if j != i]
-    result = adjusted.copy()
-    result[i, others] = result[others, i] = st.holm(p[i, others])
-    return result
-
-
 def _score(agent: Agent, by: Measure, finer: Measure) -> FloatArray:
     """(S, E) of which higher is better on a scenario: what the probability of improvement compares."""
     values = by.values(agent)
     if by.rate:
         return st.score((values == 1) == by.higher_is_better, finer.sign * finer.values(agent))
     return np.where(np.isnan(values), -np.inf, by.sign * values)
-
-
-def _probability_best(
-    agents: Sequence[Agent], by: Measure, finer: Measure, seed: int, resamples: int
-) -> FloatArray:
-    """(n,) Share of the hierarchical bootstrap's resamples in which the agent is best; ties by `then`, then shared.
-
-    Scenarios are drawn once for all agents. Each agent's seeds are drawn from a generator of its own label, so
-    that neither the order nor the presence of other agents changes them.
-    """
-    scenarios = st.multiplicities(agents[0].outcome.shape[1], resamples, np.random.default_rng([seed, 0]))
-    weights = []
-    for agent in agents:
-        rng = np.random.default_rng([seed, 1, zlib.crc32(agent.label.encode())])
-        weights.append(st.seed_weights(len(agent.outcome), resamples, rng))
-    best = np.ones((resamples, len(agents)), dtype=bool)
-    for m in (by, finer):
-        means = m.sign * st.paired_means([m.values(agent) for agent in agents], scenarios, weights)
-        means = np.where(np.isnan(means), -np.inf, means.round(12))
-        top = np.where(best, means, -np.inf).max(axis=1, keepdims=True)
-        best &= means == top
-    return np.asarray((best / best.sum(axis=1, keepdims=True)).mean(axis=0))
 
 
 def _ranks(value: FloatArray, finer: FloatArray) -> NDArray[np.int64]:
@@ -248,29 +217,25 @@ def _ranks(value: FloatArray, finer: FloatArray) -> NDArray[np.int64]:
     return ranks
 
 
-def _rank_intervals(value: FloatArray, resolved: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """From 1 + the agents that are resolved to be better, to n - those that are resolved to be worse.
-
-    Because the tests of all pairs hold together, so do these intervals: Mogstad, Romano, Shaikh & Wilhelm (2024,
-    Rev. Econ. Stud. 91:476). Bootstrapped ranks do not have that property near ties (Xie, Singh & Zhang 2009).
-    """
-    better, worse = value[:, None] < value[None, :], value[:, None] > value[None, :]
-    first = 1 + (resolved & better).sum(axis=1)
-    last = len(value) - (resolved & worse).sum(axis=1)
-    return [(int(a), int(b)) for a, b in zip(first, last, strict=True)]
-
-
-def _listed(agents: Sequence[Agent], baseline: Agent | None) -> list[tuple[int, int]]:
-    """Pairs (better placed, worse placed) that get a `Comparison`.
+def _listed(agents: Sequence[Agent], compared: BoolArray, baseline: Agent | None) -> list[tuple[int, int]]:
+    """Pairs (better placed, worse placed) that get a `Comparison`, of the agents that are compared.
 
     Every pair of up to `ALL_PAIRS` agents; of more, the neighbours, the first with all, the baseline with all.
     """
-    n = len(agents)
-    every = [(i, j) for i in range(n) for j in range(i + 1, n)]
-    if n <= ALL_PAIRS:
+    here = [int(i) for i in np.flatnonzero(compared)]
+    every = [(i, j) for place, i in enumerate(here) for j in here[place + 1 :]]
+    if len(here) <= ALL_PAIRS:
         return every
-    middle = next((i for i, agent in enumerate(agents) if agent is baseline), 0)
-    return [(i, j) for i, j in every if j == i + 1 or i == 0 or middle in (i, j)]
+    middle = next((i for i in here if agents[i] is baseline), here[0])
+    near = set(pairwise(here))
+    return [(i, j) for i, j in every if (i, j) in near or i == here[0] or middle in (i, j)]
+
+
+def _improvement(scores: Sequence[FloatArray], compared: BoolArray) -> FloatArray:
+    """(n, n) Probability of improvement; NaN with an agent that is not compared."""
+    matrix = st.improvement_matrix(scores)
+    matrix[~np.outer(compared, compared)] = np.nan
+    return matrix
 
 
 def _protocol(agents: Sequence[Agent]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from auvbench.analysis.effects import run_learns
 from auvbench.analysis.model import RunRecord
 from auvbench.runs.identity import NEUTRAL
 
@@ -85,8 +86,8 @@ def _matters(key: str, run: RunRecord) -> bool:
 
 
 def trained(run: RunRecord) -> bool:
-    """Whether the run learned something; a controller has nothing to learn."""
-    return bool(run.manifest.get("steps")) or (run.directory / "train" / "episodes.csv").is_file()
+    """Whether the run is a training; a controller has nothing to learn."""
+    return run_learns(run) or (run.directory / "train" / "episodes.csv").is_file()
 
 
 def level(value: Any) -> Any:

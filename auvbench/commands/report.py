@@ -32,11 +32,11 @@ def main(argv: Sequence[str]) -> int:
 def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     from auvbench.analysis.conditions import default
     from auvbench.analysis.load import load, require
-    from auvbench.analysis.measures import measure
+    from auvbench.analysis.measures import to_rank_by
     from auvbench.analysis.sections import sections, split_problems
 
-    measure(options.rank_by)  # a wrong name is said before anything is read
-    measure(options.then, "--then")
+    to_rank_by(options.rank_by)  # a wrong name is said before anything is read
+    to_rank_by(options.then, "--then")
     runs, problems = load(paths, options.protocol, options.where)
     require(runs, problems, options.protocol)
     parts = sections(runs, options.protocol)
@@ -97,10 +97,13 @@ def _analyse(
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
     from auvbench.analysis.findings import sentences
     from auvbench.analysis.load import agents
+    from auvbench.analysis.measures import in_unit
     from auvbench.analysis.model import Problem
+    from auvbench.analysis.policies import rows_of
     from auvbench.analysis.ranking import find_baseline, rank
 
-    grouped, more = agents(part.runs, options.group_by, options.protocol, condition)
+    grouped, more = agents(part.runs, options.group_by, options.protocol, condition, options.failed_trainings)
+    grouped = rows_of(grouped, options.compare)
     baseline = options.baseline
     if several and baseline is not None:
         try:
@@ -113,7 +116,8 @@ def _analyse(
         then=options.then,
         baseline=baseline,
         confidence=options.confidence,
-        seed=options.seed,
+        compare=options.compare,
+        margin=in_unit(options.margin, options.rank_by),
         protocol=options.protocol,
         condition=condition,
         problems=(*problems, *part.problems, *more),

@@ -14,6 +14,8 @@ from auvbench.errors import UserError, closest
 
 FORMATS = ("terminal", "md", "tex", "csv", "html")
 STUDIES = ("thesis",)
+COMPARE = ("algorithms", "policies")
+FAILED_TRAININGS = ("zero", "omit")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,9 @@ class Options:
     out: Path | None
     study: str | None
     confidence: float
+    compare: str
+    margin: float | None
+    failed_trainings: str
     seed: int
     where: tuple[str, ...]
 
@@ -75,7 +80,12 @@ def parser() -> Parser:
     add("--out", metavar="DIR", help="folder of the report; default <experiment>/report")
     add("--study", metavar="NAME", help=f"answer the claims of a study: {', '.join(STUDIES)}")
     add("--confidence", metavar="P", help="of every interval, between 0.5 and 0.999")
-    add("--seed", metavar="N", help="of the bootstrap")
+    add(
+        "--compare", metavar="WHAT", help="algorithms: over training seeds; policies: each training by itself"
+    )
+    add("--margin", metavar="M", help="smallest difference of interest, in the table's unit: 2 is 2 points")
+    add("--failed-trainings", metavar="HOW", help="zero: a failed training is a seed without success; omit")
+    add("--seed", metavar="N", help="of the permutation tests of --study")
     return parser
 
 
@@ -121,6 +131,9 @@ def _options(settings: Mapping[str, Any]) -> Options:
         out=None if settings["out"] is None else Path(str(settings["out"])),
         study=study,
         confidence=confidence,
+        compare=_choice("compare", settings["compare"], COMPARE),
+        margin=None if settings["margin"] is None else _positive("margin", settings["margin"]),
+        failed_trainings=_choice("failed_trainings", settings["failed_trainings"], FAILED_TRAININGS),
         seed=_whole("seed", settings["seed"], 0, 2**32 - 1),
         where=_terms(settings["where"]),
     )
@@ -150,6 +163,22 @@ def _number(name: str, value: Any, low: float, high: float) -> float:
         number = float("nan")
     if not low <= number <= high:
         raise UserError(f"{name}={value!r} is not a number from {low:g} to {high:g}")
+    return number
+
+
+def _choice(name: str, value: Any, valid: Sequence[str]) -> str:
+    if value not in valid:
+        raise UserError(f"{name}={value!r} is unknown; {closest(str(value), valid)}")
+    return str(value)
+
+
+def _positive(name: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not 0 < number < float("inf"):
+        raise UserError(f"{name}={value!r} is not a positive number, for example 2")
     return number
 
 

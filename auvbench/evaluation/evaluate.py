@@ -15,6 +15,7 @@ import numpy as np
 
 from auvbench.agents.base import CONTROLLERS, Agent, learns, resolve
 from auvbench.config import schema
+from auvbench.config.clock import step_limit
 from auvbench.envs.batch import at_frequency
 from auvbench.errors import RunError
 from auvbench.evaluation.protocol import Circumstance, circumstances, fingerprint
@@ -208,6 +209,7 @@ def _condition_summary(condition: Circumstance, records: list[Record]) -> dict[s
     return {
         "name": condition.name,
         "frequency_hz": condition.config.step.frequency,
+        "max_steps": step_limit(condition.config.task, condition.config.step.frequency),
         "episodes": n,
         **rates,
         **means,

@@ -48,6 +48,7 @@ def _reversed(x: Comparison) -> Comparison:
     d, p = x.difference, x.probability_of_improvement
     return replace(
         x,
+        verdict={"better": "worse", "worse": "better"}.get(x.verdict, x.verdict),
         first=x.second,
         second=x.first,
         difference=replace(d, value=-d.value, low=-d.high, high=-d.low),

@@ -1,7 +1,7 @@
 """Statistics: pure functions on arrays (seeds, episodes); docs/statistics.md says why these.
 
-`intervals` has Wilson's interval, `crossed` means over seeds and scenarios, `differences` those of agents,
-`bootstrap` the resampling, `paired` tests and effect sizes between agents, `groups` the letters.
+`intervals` has Wilson's interval, `crossed` means over seeds and scenarios, `differences` those of agents, `equivalence` whether
+they are small, `bootstrap` the resampling, `paired` tests and effect sizes between agents, `groups` the letters.
 """
 
 from auvbench.statistics.bootstrap import (
@@ -24,6 +24,7 @@ from auvbench.statistics.crossed import (
     means,
 )
 from auvbench.statistics.differences import Contrast, Pairs, contrast, pairs
+from auvbench.statistics.equivalence import equivalence
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.groups import letter, letters, shared
 from auvbench.statistics.intervals import quantile, score_interval, wilson
@@ -54,6 +55,7 @@ __all__ = [
     "contrast",
     "crossed",
     "discordant",
+    "equivalence",
     "hierarchical",
     "holm",
     "improvement",

@@ -9,7 +9,7 @@ import numpy as np
 from auvbench.analysis.effects import learns, matched, mean_difference
 from auvbench.analysis.measures import measure
 from auvbench.analysis.model import Agent, Finding
-from auvbench.analysis.prose import amount, counted, difference, listed, probability
+from auvbench.analysis.prose import amount, counted, difference, listed
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence, cell, cell_of_run
@@ -77,13 +77,10 @@ def _first_of_its_kind(e: Evidence, agents: Sequence[Agent]) -> Part:
     mine = [agent for agent in agents if cell(agent) == thesis.CELLS["4"]]
     if len(mine) != 1 or len(agents) < 2:
         return Part(OPEN, missing="evaluated SAC agents with K=1 at 25 Hz and in other cells")
-    ranking = rank(agents, confidence=e.confidence, seed=e.seed)
+    ranking = rank(agents, confidence=e.confidence)
     row = next(row for row in ranking.rows if row.label == mine[0].label)
     first, last = row.rank_interval
-    statistic = (
-        f"{row.label} has rank {row.rank} of {len(ranking.rows)}, interval {first} to {last}, "
-        f"probability of being best {probability(row.probability_best)}"
-    )
+    statistic = f"{row.label} has rank {row.rank} of {len(ranking.rows)}, interval {first} to {last}"
     shown = {thesis.CELLS[i] for i in "01234567"}
     absent = sorted(shown - {cell(agent) for agent in agents})
     missing = f"the thesis's cells {listed([f'K={k:g} {f:g} Hz' for k, f in absent], 8)}" if absent else ""

@@ -22,6 +22,7 @@ class Pair:
     difference_sort: float | None
     p_adjusted: str
     p_sort: float | None
+    verdict: str
     improvement: str
     improvement_interval: str
     improvement_sort: float | None
@@ -48,6 +49,7 @@ def pairs(comparisons: Iterable[Comparison], *, alpha: float = 0.05) -> list[Pai
                 difference_sort=sortable(comparison.difference.value),
                 p_adjusted=numbers.p_value(comparison.p_adjusted),
                 p_sort=sortable(comparison.p_adjusted),
+                verdict=comparison.verdict,
                 improvement=improvement,
                 improvement_interval=improvement_interval,
                 improvement_sort=sortable(comparison.probability_of_improvement.value),

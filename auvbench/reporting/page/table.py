@@ -10,7 +10,7 @@ from auvbench.analysis.model import Ranking, Row
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.columns import COLUMNS, letters
-from auvbench.reporting.tables.notes import resolution
+from auvbench.reporting.tables.notes import remarks, resolution
 from auvbench.statistics.estimate import Estimate
 
 PLOT_WIDTH = 108
@@ -129,12 +129,10 @@ class Line:
     rank_interval: str
     rank_sort: float
     group: str
-    best: str
-    best_sort: float | None
     training: str
     """'3 seeds', or 'not trained'"""
     one_seed: bool
-    """trained once: another training might give another row"""
+    """one policy: another training might give another row, and it is not compared"""
     href: str
     cells: tuple[Cell, ...]
 
@@ -147,8 +145,8 @@ class Table:
     lines: tuple[Line, ...]
     axis: Axis | None
     """of the first column, which is drawn"""
-    one_seed: bool
-    """some row's interval covers test episodes only"""
+    remarks: tuple[str, ...]
+    """what a row stands for, which rows are not compared, which trainings failed"""
     letters: bool
     """the group letters can be read"""
     resolution: str
@@ -210,8 +208,9 @@ def table_of(
     lines = tuple(_line(row, headings, axis, colours, links) for row in ranking.rows)
     lines = _aligned(lines)
     words = resolution(ranking)
-    one_seed = any(line.one_seed for line in lines)
-    return Table(tuple(headings), lines, axis, one_seed, letters(ranking), words[:1].upper() + words[1:])
+    return Table(
+        tuple(headings), lines, axis, remarks(ranking), letters(ranking), words[:1].upper() + words[1:]
+    )
 
 
 def _line(
@@ -227,11 +226,9 @@ def _line(
         rank=row.rank,
         rank_interval=f"{low}" if low == high else f"{low} {numbers.NOTHING} {high}",
         rank_sort=row.rank + (low + high) / 1e6,
-        group=row.group,
-        best=numbers.probability(row.probability_best),
-        best_sort=sortable(row.probability_best),
+        group=row.group if row.compared else numbers.NOTHING,
         training=f"{seeds} seed{'' if seeds == 1 else 's'}" if learns else "not trained",
-        one_seed=learns and seeds == 1,
+        one_seed=not row.compared,
         href=href,
         cells=tuple(
             _cell(row.estimates.get(heading.metric), heading, href, axis if place == 0 else None)

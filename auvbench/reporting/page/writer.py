@@ -105,6 +105,7 @@ def write(
         conditions=conditions.table(ranking, hues, links),
         against=comparisons.pairs(against, alpha=1.0 - ranking.confidence),
         pairs=comparisons.pairs(others, alpha=1.0 - ranking.confidence),
+        ties=comparisons.pairs(ranking.ties, alpha=1.0 - ranking.confidence),
         findings=sources.sentences(findings, links),
         claims=sources.sentences(claims, links),
         beside=study.table(beside, hues, links),

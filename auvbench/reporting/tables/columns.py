@@ -28,11 +28,13 @@ class Column:
 
 
 SUCCESS = Column("success_rate", "success", "%", r"success (\%)", 100.0)
+PAR1 = Column("par1_steps", "PAR-1 steps", "", "PAR-1 steps")
 STEPS = Column("mean_steps", "steps", "", "steps")
 OUTCOMES = (
     SUCCESS,
     Column("collision_rate", "collision", "%", r"collision (\%)", 100.0),
     Column("timeout_rate", "timeout", "%", r"timeout (\%)", 100.0),
+    PAR1,
     STEPS,
     Column("mean_time_to_goal_s", "time to goal", "s", "time to goal (s)"),
     Column("mean_final_distance_m", "final distance", "m", "final distance (m)"),
@@ -48,7 +50,7 @@ MOTION = (
 """how they get there, and at what cost"""
 COLUMNS = OUTCOMES + MOTION
 
-BY_WEIGHT = (0, 3, 1, 2, 6, 4, 10, 7, 5, 8, 9)
+BY_WEIGHT = (0, 3, 1, 2, 7, 4, 5, 11, 8, 6, 9, 10)
 """which columns a narrow terminal keeps first, as indices into `COLUMNS`"""
 
 DAGGER = "†"
@@ -102,15 +104,13 @@ def lead_cells(row: Row, lead: Sequence[str], marked: frozenset[str]) -> list[st
     label = row.label + (f" {DAGGER}" if row.label in marked else "")
     texts = {
         "rank": rank(row),
-        "group": row.group,
+        "group": row.group if row.compared else NOTHING,
         "agent": label,
         "seeds": str(len(row.seeds)) if row.trained else NOTHING,
     }
     return [texts[heading] for heading in lead]
 
 
-def one_seed_among_many(ranking: Ranking) -> frozenset[str]:
-    """Labels to mark: rows of one training seed in a table where others have several."""
-    trained = [row for row in ranking.rows if row.trained]
-    single = {row.label for row in trained if len(row.seeds) < 2}
-    return frozenset(single if len(single) < len(trained) else ())
+def policies(ranking: Ranking) -> frozenset[str]:
+    """Labels to mark: rows of one training seed, which describe a policy and are not compared."""
+    return frozenset(row.label for row in ranking.rows if not row.compared)

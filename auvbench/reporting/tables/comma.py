@@ -14,12 +14,12 @@ def csv(ranking: Ranking) -> str:
     """A row per agent: rank, key, seeds, runs, and value, low and high of every metric (rates from 0 to 1)."""
     keys = list(dict.fromkeys(key for row in ranking.rows for key in row.key))
     metrics = list(dict.fromkeys(metric for row in ranking.rows for metric in row.estimates))
-    header = ["rank", "rank_low", "rank_high", "probability_best", "group", "agent", *keys]
+    header = ["rank", "rank_low", "rank_high", "group", "compared", "agent", *keys]
     header += ["seeds", "runs", "episodes", "protocol", "condition", "fingerprint", "confidence", "covers"]
     header += [name for metric in metrics for name in (metric, f"{metric}_low", f"{metric}_high")]
     lines = []
     for row in ranking.rows:
-        line: list[Any] = [row.rank, *row.rank_interval, row.probability_best, row.group, row.label]
+        line: list[Any] = [row.rank, *row.rank_interval, row.group, int(row.compared), row.label]
         line += [row.key.get(key) for key in keys]
         covers = "; ".join(dict.fromkeys(estimate.covers for estimate in row.estimates.values()))
         line += [" ".join(map(str, row.seeds)), " ".join(row.run_ids), row.episodes, ranking.protocol]
@@ -50,6 +50,7 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
     if not comparisons:
         return ""
     header = ["first", "second", "metric", "difference", "difference_low", "difference_high", "p", "p_holm"]
+    header += ["verdict", "p_equivalence"]
     header += ["probability_of_improvement", "probability_low", "probability_high"]
     return _text(header, map(_comparison, comparisons))
 
@@ -57,7 +58,8 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
 def _comparison(x: Comparison) -> list[Any]:
     better = x.probability_of_improvement
     line = [x.first, x.second, x.metric, x.difference.value, x.difference.low, x.difference.high]
-    return [*line, x.p_value, x.p_adjusted, better.value, better.low, better.high]
+    line += [x.p_value, x.p_adjusted, x.verdict, x.p_equivalence]
+    return [*line, better.value, better.low, better.high]
 
 
 def _text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

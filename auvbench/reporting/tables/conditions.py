@@ -12,7 +12,7 @@ from itertools import groupby
 
 from auvbench.analysis.conditions import in_words, split
 from auvbench.analysis.model import Ranking
-from auvbench.reporting.tables.columns import DAGGER, Column, one_seed_among_many
+from auvbench.reporting.tables.columns import DAGGER, Column, policies
 from auvbench.reporting.tables.latex import HEAD, escape, floats
 
 LEAD = ("rank", "agent")
@@ -62,7 +62,7 @@ def note(ranking: Ranking) -> str:
         f"of the ranking, which is that of condition {ranking.condition}."
     )
     single = f" {DAGGER} one training seed: the interval covers test episodes only."
-    return text + single if one_seed_among_many(ranking) else text
+    return text + single if policies(ranking) else text
 
 
 def _heading(column: Column) -> int:

@@ -72,7 +72,7 @@ def latex(ranking: Ranking) -> str:
 
 def fitting(ranking: Ranking, lead: Sequence[str], columns: Sequence[c.Column]) -> list[list[c.Column]]:
     """The columns in parts that stand beside the lead within `TEXT_WIDTH`; one column at least in each."""
-    marked = c.one_seed_among_many(ranking)
+    marked = c.policies(ranking)
     cells = [c.lead_cells(row, lead, marked) for row in ranking.rows]
     room = TEXT_WIDTH - sum(6.0 + max(map(_points, texts)) for texts in zip(lead, *cells, strict=True))
     parts: list[list[c.Column]] = []
@@ -106,7 +106,7 @@ def floats(
     full: bool = False,
 ) -> list[str]:
     """The rows in tables of at most `ROWS_PER_FLOAT`; with `full`, the note stands below the first."""
-    rows, marked = ranking.rows, c.one_seed_among_many(ranking)
+    rows, marked = ranking.rows, c.policies(ranking)
     chunks = [rows[i : i + ROWS_PER_FLOAT] for i in range(0, len(rows), ROWS_PER_FLOAT)] or [()]
     result = []
     for i, chunk in enumerate(chunks):

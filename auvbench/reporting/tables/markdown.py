@@ -39,7 +39,7 @@ def markdown(ranking: Ranking) -> str:
 
 
 def _table(ranking: Ranking, lead: Sequence[str], shown: Sequence[c.Column]) -> str:
-    marked = c.one_seed_among_many(ranking)
+    marked = c.policies(ranking)
     rows = [
         [
             *map(escape, c.lead_cells(row, lead, marked)),
@@ -63,4 +63,7 @@ def comparisons_markdown(comparisons: Sequence[Comparison]) -> str:
     if not comparisons:
         return ""
     rows = [[escape(x.first), escape(x.second), escape(x.metric), *difference(x)] for x in comparisons]
-    return pipes(["agent", "against", "metric", "difference", "p (Holm)", "does better"], rows, 3) + "\n"
+    return (
+        pipes(["agent", "against", "metric", "difference", "p (Holm)", "verdict", "does better"], rows, 3)
+        + "\n"
+    )

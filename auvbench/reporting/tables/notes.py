@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from auvbench.analysis.model import Problem, Ranking
 from auvbench.analysis.rounding import NOTHING
-from auvbench.reporting.tables.columns import DAGGER, letters, one_seed_among_many
+from auvbench.reporting.tables.columns import DAGGER, letters, policies
 
 KINDS = {
     "failed": "failed",
@@ -26,28 +26,70 @@ def notes(ranking: Ranking) -> list[str]:
     lines = [
         f"Protocol {ranking.protocol}, condition {ranking.condition}, scenarios {ranking.fingerprint}: "
         f"{episodes} episodes per training seed, the same for every agent. Training seeds: {_seeds(ranking)}.",
-        f"Ranked by {ranking.rank_by}, then {ranking.then}. Brackets are {percent} intervals; a rank in "
+        f"{units(ranking)}Ranked by {ranking.rank_by}, then {ranking.then}{_penalised(ranking)}. Brackets are {percent} intervals; a rank in "
         f"parentheses is its {percent} interval; {resolution(ranking)}.",
     ]
     trained = [row for row in ranking.rows if row.trained]
-    single = [row for row in trained if len(row.seeds) < 2]
-    if single and len(single) == len(trained):
+    single = policies(ranking)
+    if single:
+        lines.append(one_training(ranking))
+    if ranking.compare == "algorithms" and len(single) < len(trained):
         lines.append(
-            "One training seed per agent: the intervals cover test episodes only, not what another training "
-            "would give."
+            "The intervals of the other trained agents cover training seeds and test episodes."
+            if single
+            else "The intervals cover training seeds and test episodes."
         )
-    elif single:
-        lines.append(
-            f"{DAGGER} one training seed: the interval covers test episodes only; the others cover training "
-            "seeds and test episodes."
-        )
-    elif trained:
-        lines.append("The intervals cover training seeds and test episodes.")
-    if len(single) < len(trained) < len(ranking.rows):
+    lines += failed_trainings(ranking)
+    if ranking.compare == "algorithms" and len(single) < len(trained) < len(ranking.rows):
         lines.append(
             f"Seeds {NOTHING}: does not learn; the interval covers test episodes, and there is nothing else."
         )
     return lines
+
+
+def remarks(ranking: Ranking) -> tuple[str, ...]:
+    """What must stand beside a table: what a row is, which rows are not compared, which trainings failed."""
+    single = (one_training(ranking),) if policies(ranking) else ()
+    return tuple(filter(None, (units(ranking).strip(), *single, *failed_trainings(ranking))))
+
+
+def units(ranking: Ranking) -> str:
+    """What a row is, where it is not an agent with its training seeds; ends in a space."""
+    if ranking.compare != "policies":
+        return ""
+    return (
+        "Each row is one policy, the outcome of one training, compared as it is: the intervals and letters hold for "
+        "other test episodes, and say nothing of what another training of the same algorithm would give. "
+    )
+
+
+def one_training(ranking: Ranking) -> str:
+    """What the dagger says, with the command that trains more seeds where it is known."""
+    text = (
+        f"{DAGGER} one training seed: the row describes this policy, its interval covers test episodes only, and it "
+        "is not compared, because another training may end elsewhere"
+    )
+    if ranking.more_seeds:
+        return f"{text}. More seeds: {ranking.more_seeds}"
+    return f"{text}: train more seeds (seed=0,1,2,3,4)."
+
+
+def failed_trainings(ranking: Ranking) -> list[str]:
+    """A sentence per agent some of whose trainings failed."""
+    return [
+        f"{row.label}: {len(row.failed_seeds)} of {len(row.seeds)} trainings failed (seed "
+        f"{', '.join(map(str, row.failed_seeds))}) and count as success 0; --failed-trainings omit leaves them out."
+        for row in ranking.rows
+        if row.failed_seeds
+    ]
+
+
+def _penalised(ranking: Ranking) -> str:
+    used = [name for name in dict.fromkeys((ranking.rank_by, ranking.then)) if name.startswith("par")]
+    if not used:
+        return ""
+    counts = "the limit" if all(name.startswith("par1") for name in used) else "a multiple of the limit"
+    return f" ({', '.join(used)}: a failure counts as {counts})"
 
 
 def resolution(ranking: Ranking) -> str:
@@ -61,12 +103,14 @@ def resolution(ranking: Ranking) -> str:
 
 
 def _seeds(ranking: Ranking) -> str:
+    if ranking.compare == "policies":
+        return "one per row"
     sets = {row.seeds for row in ranking.rows if row.trained}
     if not sets:
         return "none, no agent learns"
     if len(sets) == 1:
         return ", ".join(map(str, next(iter(sets))))
-    marked = one_seed_among_many(ranking)
+    marked = policies(ranking)
     several = {row.seeds for row in ranking.rows if row.trained and row.label not in marked}
     if len(several) == 1:
         return ", ".join(map(str, next(iter(several)))) + f" ({DAGGER} one of them)"

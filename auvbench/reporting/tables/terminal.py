@@ -96,7 +96,7 @@ def _table(ranking: Ranking, lead: Sequence[str], shown: Sequence[c.Column]) -> 
         table.add_column(
             Text.from_markup(f"{column.title}\n[dim]{column.unit}[/dim]"), justify="right", no_wrap=True
         )
-    marked = c.one_seed_among_many(ranking)
+    marked = c.policies(ranking)
     for row in ranking.rows:
         styles = {"group": "cyan", "agent": "bold" if row.rank == 1 else ""}
         cells = [
@@ -146,7 +146,7 @@ def comparisons_terminal(comparisons: Sequence[Comparison]) -> RenderableType:
     table.title = Text("paired differences", style="bold")
     for heading in ("agent", "against", "metric"):
         table.add_column(heading)
-    for heading in ("difference", "p (Holm)", "does better"):
+    for heading in ("difference", "p (Holm)", "verdict", "does better"):
         table.add_column(heading, justify="right", no_wrap=True)
     for comparison in comparisons:
         table.add_row(comparison.first, comparison.second, comparison.metric, *difference(comparison))
@@ -168,12 +168,12 @@ def findings_terminal(findings: Sequence[Finding]) -> RenderableType:
     return table
 
 
-def difference(comparison: Comparison) -> tuple[str, str, str]:
-    """Difference with interval, corrected p value, and probability of improvement in percent, as text."""
+def difference(comparison: Comparison) -> tuple[str, str, str, str]:
+    """Difference with interval, corrected p value, verdict, and probability of improvement in percent, as text."""
     percent = comparison.metric.endswith("_rate")
     value, low, high = rounded(comparison.difference, 100.0 if percent else 1.0)
     sign = "+" if comparison.difference.value > 0 else ""
     p = comparison.p_adjusted
     better = rounded(comparison.probability_of_improvement, 100.0)[0]
     shown = f"{sign}{value}{' points' if percent else ''}" + (f" [{low}, {high}]" if low else "")
-    return shown, "< 0.001" if p < 0.001 else f"{p:.3f}", f"{better} %"
+    return shown, "< 0.001" if p < 0.001 else f"{p:.3f}", comparison.verdict, f"{better} %"

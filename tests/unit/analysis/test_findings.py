@@ -171,7 +171,7 @@ def test_no_failures_at_all():
     agents = [agent("sac", level=40, seed_sd=0, seeds=1), agent("ppo", level=40, seed_sd=0, seeds=1)]
     text = told(agents)
     assert "No agent failed in any of the 400 test episodes." in text
-    assert "the data do not say who is best" in text[0]
+    assert "The data do not say who is best" in text[0]
 
 
 def test_training_seeds():

@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 
 from auvbench.analysis.measures import COLUMNS, MEASURES, measure
+from auvbench.analysis.policies import rows_of
 from auvbench.analysis.ranking import ALL_PAIRS, rank
 from auvbench.errors import ReportError
 from auvbench.statistics import EPISODES_ONLY, MIXED, SEEDS_AND_EPISODES, holm, mcnemar
@@ -41,7 +42,6 @@ def test_rows_are_in_the_order_of_the_success_rate(ranking):
         assert row.rank_interval[0] <= row.rank <= row.rank_interval[1]
         assert row.seeds == tuple(range(len(a.outcome)))
         assert "mean_waypoint_z_m" not in row.estimates
-    assert sum(row.probability_best for row in ranking.rows) == pytest.approx(1)
 
 
 def test_intervals_say_what_they_cover(ranking):
@@ -83,25 +83,167 @@ def test_comparisons_with_the_baseline_are_a_family_of_their_own(ranking):
     assert rest == same
 
 
-def test_order_of_the_agents_does_not_matter_and_the_seed_decides(ranking):
+def test_order_of_the_agents_does_not_matter(ranking):
     again = rank(GRID[::-1], baseline="PID K=1 10 Hz")
     assert again.rows == ranking.rows
     assert again.comparisons == ranking.comparisons
-    assert (again.improvement == ranking.improvement).all()
-    other = rank(GRID, baseline="pid", seed=1)
-    assert other.rows != ranking.rows
-    assert [row.estimates for row in other.rows] == [row.estimates for row in ranking.rows]
+    assert np.array_equal(again.improvement, ranking.improvement, equal_nan=True)
 
 
-def test_one_seed_each_is_tested_by_mcnemar():
+def test_policies_are_tested_by_mcnemar_and_on_penalised_steps_by_the_paired_t_test():
     a, b = agent("sac", level=2.0, seeds=1), agent("ppo", level=1.0, seeds=1)
-    comparison = rank([a, b]).comparisons[0]
+    ranking = rank([a, b], compare="policies")
+    assert {row.label for row in ranking.rows} == {"SAC K=1 25 Hz seed 0", "PPO K=1 25 Hz seed 0"}
+    comparison = ranking.comparisons[0]
     only_a, only_b = int((a.success > b.success).sum()), int((b.success > a.success).sum())
     assert comparison.p_value == pytest.approx(float(mcnemar(only_a, only_b)))
     assert comparison.difference.covers == EPISODES_ONLY
-    steps = rank([a, b], rank_by="mean_steps").comparisons[0]
-    test = stats.ttest_rel(a.metrics["steps"][0], b.metrics["steps"][0])
+    steps = rank([a, b], rank_by="mean_steps", compare="policies").comparisons[0]
+    penalised = [np.where(x.outcome == 0, x.metrics["steps"], 1000.0)[0] for x in (a, b)]
+    test = stats.ttest_rel(*penalised)
     assert steps.p_value == pytest.approx(test.pvalue)
+
+
+def test_one_training_seed_is_one_policy_and_takes_no_part_in_any_test():
+    several = [agent("sac", k, 25, level=level, seed_sd=0.1) for k, level in ((1, 3.5), (40, -1.0))]
+    single = [agent("ppo", k, 25, level=level, seeds=1) for k, level in ((1, 4.5), (40, 0.5))]
+    pid = agent("pid", 1, 10, level=3.0, seeds=1)
+    ranking = rank([*several, *single, pid], baseline="pid", margin=0.02)
+    alone = {a.label for a in single}
+    assert {row.label for row in ranking.rows if not row.compared} == alone
+    for row in ranking.rows:
+        assert bool(row.group) == row.compared
+        if not row.compared:
+            assert row.rank_interval == (1, 5)
+            assert not any(ranking.resolved(row, other) for other in ranking.rows)
+    everything = (*ranking.comparisons, *ranking.ties)
+    assert len(ranking.comparisons) == 3
+    assert not any({c.first, c.second} & alone for c in everything)
+    mine = [i for i, row in enumerate(ranking.rows) if not row.compared]
+    assert np.isnan(ranking.improvement[mine]).all()
+    assert np.isnan(ranking.improvement[:, mine]).all()
+    # An agent that is not compared changes nothing of what is said of the others.
+    assert rank([*several, pid], baseline="pid", margin=0.02).comparisons == ranking.comparisons
+    assert any(row.group != "a" for row in ranking.rows if row.compared)
+
+
+def test_policies_compared_as_policies():
+    agents = [agent("sac", level=2.0, seeds=2, seed_sd=1.5), agent("ppo", level=0.0, seeds=1)]
+    ranking = rank(agents, compare="policies")
+    assert sorted(row.label for row in ranking.rows) == [
+        "PPO K=1 25 Hz seed 0",
+        "SAC K=1 25 Hz seed 0",
+        "SAC K=1 25 Hz seed 1",
+    ]
+    assert all(row.compared and row.group and len(row.seeds) == 1 for row in ranking.rows)
+    assert {c.difference.covers for c in ranking.comparisons} == {EPISODES_ONLY}
+    assert ranking.more_seeds == ""
+    again = rank(rows_of(agents, "policies"), compare="policies")
+    assert again.rows == ranking.rows
+
+
+def test_the_command_that_adds_seeds():
+    def single(command, seed=0):
+        a = agent("ppo", seeds=1)
+        run = replace(a.runs[0], seed=seed, manifest={**a.runs[0].manifest, "command": command})
+        return replace(a, runs=(run,))
+
+    for command, expected in {
+        "auvbench train -m experiment=quickstart seed=0": "auvbench train -m experiment=quickstart seed=0,1,2,3,4",
+        "auvbench train algo=ppo 'task.start=[0,0,-9]'": "auvbench train -m algo=ppo 'task.start=[0,0,-9]' seed=0,1,2,3,4",
+        "train.py": "",
+    }.items():
+        assert rank([single(command)]).more_seeds == expected
+    assert rank([single("auvbench train seed=7", 7)]).more_seeds == "auvbench train -m seed=0,1,2,3,4,7"
+    assert rank([agent("ppo", seeds=2)]).more_seeds == ""
+
+
+def test_a_controller_given_twice_is_one_controller():
+    pid = agent("pid", seeds=1)
+    twice = replace(
+        pid,
+        runs=pid.runs * 2,
+        outcome=np.repeat(pid.outcome, 2, axis=0),
+        metrics={k: np.repeat(v, 2, axis=0) for k, v in pid.metrics.items()},
+    )
+    assert rank([twice, GRID[0]]).rows == rank([pid, GRID[0]]).rows
+
+
+def test_a_quick_collision_is_not_quick():
+    """An agent that collides at once has few steps; one that succeeds on a few easy scenarios short times."""
+    good = agent("sac", level=3, steps=300, seeds=3)
+    crash = replace(
+        agent("ppo", level=3, seeds=3),
+        outcome=np.ones((3, 200), dtype=np.int8),
+        metrics={**good.metrics, "steps": np.full((3, 200), 2.0)},
+    )
+    for name in ("mean_steps", "par1_steps", "par2_steps"):
+        ranking = rank([crash, good], rank_by=name)
+        assert [row.label for row in ranking.rows] == [good.label, crash.label]
+        assert ranking.rank_by == name.replace("mean", "par1")
+    assert ranking.rows[1].estimates["mean_steps"].value == 2
+    assert ranking.rows[1].estimates["par2_steps"].value == 2000
+    rare = np.where(np.arange(200) % 10 == 0, 0, 2).astype(np.int8) * np.ones((3, 1), dtype=np.int8)
+    time = {"duration_s": np.full((3, 200), 100.0), "frequency_hz": np.full((3, 200), 10.0)}
+    seldom = replace(
+        crash,
+        outcome=rare,
+        metrics={
+            **good.metrics,
+            **time,
+            "steps": np.where(rare == 0, 100.0, 1000.0),
+            "duration_s": np.where(rare == 0, 10.0, 100.0),
+        },
+    )
+    usual = replace(good, metrics={**good.metrics, **time, "duration_s": good.metrics["steps"] / 10})
+    ranking = rank([seldom, usual], rank_by="mean_time_to_goal_s")
+    assert [row.label for row in ranking.rows] == [usual.label, seldom.label]
+    assert ranking.rows[1].estimates["par1_time_s"].value == pytest.approx(0.1 * 10 + 0.9 * 100)
+
+
+def test_without_a_known_limit_a_failure_cannot_be_counted():
+    a = agent("sac", level=1)
+    a = replace(
+        a,
+        outcome=np.where(a.outcome == 2, 1, a.outcome).astype(np.int8),
+        runs=tuple(replace(run, config={"algo.name": "sac"}) for run in a.runs),
+    )
+    assert np.isnan(rank([a]).rows[0].estimates["par1_steps"].value)
+    known = rank([replace(a, step_limit=500.0)]).rows[0].estimates["par1_steps"].value
+    assert known == pytest.approx(np.where(a.outcome == 0, a.metrics["steps"], 500).mean())
+
+
+def test_the_second_measure_is_tested_where_the_first_does_not_resolve():
+    quick, slow = agent("pid", level=30, steps=200, seeds=1), agent("sac", level=30, steps=300, seed_sd=0)
+    bad = agent("random", level=-3, seeds=1)
+    ranking = rank([quick, slow, bad], then="mean_steps")
+    tie = next(c for c in ranking.ties if {c.first, c.second} == {quick.label, slow.label})
+    assert (tie.metric, tie.first, tie.verdict) == ("par1_steps", quick.label, "better")
+    assert tie.p_adjusted < 0.01
+    assert tie.p_value <= tie.p_adjusted
+    resolved = {(c.first, c.second) for c in ranking.comparisons if c.p_adjusted < 0.05}
+    assert resolved
+    assert not resolved & {(c.first, c.second) for c in ranking.ties}
+    assert rank([quick, slow], then="success_rate").ties == ()
+
+
+def test_verdicts():
+    a, b = (agent(name, level=6, seed_sd=0, seeds=5, episodes=500) for name in ("sac", "ppo"))
+    low = agent("td3", level=-1, seed_sd=0, seeds=5, episodes=500)
+    verdicts = {(c.first, c.second): c.verdict for c in rank([a, b, low], margin=0.05).comparisons}
+    first, second = (row.label for row in rank([a, b]).rows)
+    assert verdicts == {
+        (first, second): "equivalent",
+        (first, low.label): "better",
+        (second, low.label): "better",
+    }
+    assert {c.verdict for c in rank([a, b]).comparisons} == {"undecided"}
+    seen = rank([a, low], baseline=low.label).comparisons[0]
+    assert (seen.first, seen.verdict) == (a.label, "better")
+    wild = [agent(name, level=1, seed_sd=2.5) for name in ("sac", "ppo")]
+    assert rank(wild, margin=0.02).comparisons[0].verdict == "undecided"
+    with pytest.raises(ReportError, match="margin -1 is not a positive number"):
+        rank([a, b], margin=-1)
 
 
 def test_direction_follows_the_measure():
@@ -156,7 +298,6 @@ def test_equal_success_is_decided_by_steps_and_full_equality_shares_the_rank():
     twin = replace(a, label="twin")
     rows = rank([b, twin, a]).rows
     assert [(row.label, row.rank) for row in rows] == [(a.label, 1), ("twin", 1), (b.label, 3)]
-    assert [row.probability_best for row in rows][2] == 0
     assert {row.group for row in rows} == {"a"}
     assert all(row.estimates["success_rate"].low < 1 for row in rows)
 
@@ -184,26 +325,25 @@ def test_a_missing_measure_is_nan_and_last_and_named():
     assert np.isnan(ranking.rows[1].estimates["mean_return"].value)
     assert np.isnan(ranking.comparisons[0].p_value)
     assert ranking.rows[0].group == ranking.rows[1].group
-    assert ranking.rows[0].probability_best == 1
     assert [problem.where for problem in ranking.problems] == [without.label]
 
 
 def test_many_agents_list_fewer_pairs_and_still_test_all():
     agents = [agent("sac", k, 25, level=3 - k / 10, seeds=1, episodes=100) for k in range(ALL_PAIRS + 5)]
-    ranking = rank(agents, baseline="SAC K=20 25 Hz", resamples=200)
+    ranking = rank(agents, baseline="SAC K=20 25 Hz seed 0", compare="policies")
     n = len(agents)
     listed = {(c.first, c.second) for c in ranking.comparisons}
     labels = [row.label for row in ranking.rows]
     assert set(pairwise(labels)) <= listed
     assert {(labels[0], x) for x in labels[1:]} <= listed
-    assert sum("SAC K=20 25 Hz" in pair for pair in listed) == n - 1
+    assert sum("SAC K=20 25 Hz seed 0" in pair for pair in listed) == n - 1
     assert len(listed) < 3 * n
 
 
 def test_one_agent():
     ranking = rank([GRID[0]])
     row = ranking.rows[0]
-    assert (row.rank, row.rank_interval, row.group, row.probability_best) == (1, (1, 1), "a", 1.0)
+    assert (row.rank, row.rank_interval, row.group) == (1, (1, 1), "a")
     assert ranking.comparisons == ()
 
 
@@ -247,5 +387,5 @@ def test_false_discoveries_are_as_rare_as_promised():
         for name in "abcdef":
             success = rng.random((3, 60)) < 1 / (1 + np.exp(-(1 + 0.5 * rng.normal(size=(3, 1)) - hard)))
             agents.append(replace(base, label=name, outcome=np.where(success, 0, 2).astype(np.int8)))
-        wrong += any(row.group != "a" for row in rank(agents, resamples=2).rows)
+        wrong += any(row.group != "a" for row in rank(agents).rows)
     assert wrong / n < 0.05 + 3.5 * np.sqrt(0.05 * 0.95 / n)

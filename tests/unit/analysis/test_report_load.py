@@ -9,8 +9,10 @@ import pandas as pd
 import pytest
 
 from auvbench.analysis.load import agents, available_protocols, load, require
-from auvbench.analysis.model import Problem
+from auvbench.analysis.model import NO_POLICY, Problem
+from auvbench.analysis.ranking import rank
 from auvbench.errors import ReportError
+from auvbench.reporting.tables.notes import remarks
 from tests.synthetic import damage, seal, set_state, write_evaluation, write_experiment
 
 
@@ -236,9 +238,44 @@ def test_failed_and_unfinished_runs_are_named_and_leave_the_table(grid: list[Pat
     runs, problems = load([grid[0].parent])
     assert kinds(problems) == {grid[0].name: "failed", grid[1].name: "unfinished"}
     assert "failed at step 1,000: loss is nan" in problems[0].message
-    found, more = agents(runs)
+    found, more = agents(runs, failed_trainings="omit")
     assert "PPO K=1 10 Hz" not in [a.label for a in found]
     assert more == []  # the cells are there, they are not missing
+
+
+def test_a_failed_training_is_a_seed_without_success(grid: list[Path]) -> None:
+    set_state([grid[0]], "failed", "loss is nan")
+    runs, _ = load([grid[0].parent])
+    agent = next(a for a in agents(runs)[0] if a.label == "PPO K=1 10 Hz")
+    assert [run.seed for run in agent.runs] == [0, 1]
+    assert (agent.outcome[0] == NO_POLICY).all()
+    assert agent.success[0].sum() == 0
+    assert np.isnan(agent.metrics["steps"][0]).all()
+    assert (agent.metrics["waypoint_z_m"][0] == agent.metrics["waypoint_z_m"][1]).all()
+    ranking = rank(agents(runs)[0])
+    row = next(row for row in ranking.rows if row.label == agent.label)
+    assert row.failed_seeds == (0,)
+    assert row.compared
+    success, steps = row.estimates["success_rate"].value, row.estimates["par1_steps"].value
+    assert success == pytest.approx(agent.success[1].mean() / 2)
+    alone = np.where(agent.outcome[1] == 0, agent.metrics["steps"][1], 1000)
+    assert steps == pytest.approx((1000 + alone.mean()) / 2)
+    assert "PPO K=1 10 Hz: 1 of 2 trainings failed (seed 0) and count as success 0" in " ".join(
+        remarks(ranking)
+    )
+
+
+def test_an_agent_all_of_whose_trainings_failed_is_in_the_table(grid: list[Path]) -> None:
+    set_state(grid[:2], "failed", "loss is nan")
+    shutil.rmtree(grid[0] / "evaluations")
+    runs, _ = load([grid[0].parent])
+    row = rank(agents(runs)[0]).rows[-1]
+    assert (row.label, row.failed_seeds, row.estimates["success_rate"].value) == (
+        "PPO K=1 10 Hz",
+        (0, 1),
+        0.0,
+    )
+    assert np.isnan(row.estimates["mean_steps"].value)
 
 
 def test_runs_that_were_not_evaluated(grid: list[Path]) -> None:

@@ -125,7 +125,9 @@ def test_one_training_seed_is_said_next_to_the_number(tmp_path: Path) -> None:
     assert (lines["PID"].training, lines["PID"].one_seed) == ("not trained", False)
     html = page.write(tmp_path / "index.html", **parts).read_text(encoding="utf-8")
     assert html.count('class="note"') == 1
-    assert "the interval covers test episodes only, not what another training would have given" in html
+    assert (
+        "† one training seed: the row describes this policy, its interval covers test episodes only" in html
+    )
 
 
 def test_letters_that_nobody_can_read_are_no_column(grid: dict[str, Any], html: str) -> None:
@@ -363,7 +365,7 @@ def test_signs_in_sentences() -> None:
 
 def ranking_of(*successes: tuple[float, float, float]) -> Ranking:
     rows = tuple(
-        Row(f"agent {i}", {}, (0,), (), 100, i, (i, i), 0.5, "a", {"success_rate": Estimate(*success)})
+        Row(f"agent {i}", {}, (0,), (), 100, i, (i, i), "a", {"success_rate": Estimate(*success)})
         for i, success in enumerate(successes, start=1)
     )
     n = len(rows)

@@ -84,12 +84,20 @@ def test_notes_say_what_the_numbers_cover(ranking: Ranking) -> None:
     assert "Protocol test, condition nominal" in text
     assert f"scenarios {ranking.fingerprint}: 20 episodes per training seed" in text
     assert "Brackets are 95 % intervals".replace("[", r"\[") in text
-    assert "† one training seed: the interval covers test episodes only" in text
-    assert "| PID † |" in text
-    single = replace(ranking, rows=tuple(replace(row, seeds=row.seeds[:1]) for row in ranking.rows))
-    text = tables.markdown(single)
-    assert "One training seed per agent: the intervals cover test episodes only" in text
     assert "†" not in text
+    single = tuple(
+        replace(row, seeds=row.seeds[:1], compared=not row.trained, group="") for row in ranking.rows
+    )
+    text = tables.markdown(
+        replace(ranking, rows=single, more_seeds="auvbench train -m algo=sac seed=0,1,2,3,4")
+    )
+    assert (
+        "† one training seed: the row describes this policy, its interval covers test episodes only" in text
+    )
+    assert "it is not compared, because another training may end elsewhere" in text
+    assert "More seeds: auvbench train -m algo=sac seed=0,1,2,3,4" in text
+    assert re.search(r"\| – \| SAC † \| 1 \|", text)
+    assert "PID †" not in text
 
 
 def test_a_controller_that_does_not_learn_has_no_seeds_to_be_unsure_of(ranking: Ranking) -> None:
@@ -101,7 +109,9 @@ def test_a_controller_that_does_not_learn_has_no_seeds_to_be_unsure_of(ranking: 
     assert "†" not in text
     untrained = replace(ranking, rows=tuple(replace(row, trained=False) for row in rows))
     assert "Training seeds: none, no agent learns." in tables.markdown(untrained)
-    one = tuple(replace(row, seeds=row.seeds[:1] if row.label == "PPO" else row.seeds) for row in rows)
+    one = tuple(
+        replace(row, seeds=row.seeds[:1], compared=False) if row.label == "PPO" else row for row in rows
+    )
     text = tables.markdown(replace(ranking, rows=one))
     assert "| PPO † | 1 |" in text
     assert "Seeds –: does not learn" in text
@@ -152,7 +162,7 @@ def test_a_table_ranked_by_something_else_shows_it(ranking: Ranking) -> None:
 
 def test_comparisons(ranking: Ranking) -> None:
     line = tables.comparisons_markdown(ranking.comparisons).splitlines()[2]
-    assert "+1.3 points [-0.4, 3.1] | 0.060 | 51.0 %" in line
+    assert "+1.3 points [-0.4, 3.1] | 0.060 | undecided | 51.0 %" in line
     assert tables.comparisons_markdown(()) == ""
 
 
