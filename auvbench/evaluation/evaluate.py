@@ -18,7 +18,7 @@ from auvbench.config import schema
 from auvbench.config.clock import step_limit
 from auvbench.envs.batch import at_frequency
 from auvbench.errors import RunError
-from auvbench.evaluation.protocol import Circumstance, circumstances, fingerprint
+from auvbench.evaluation.protocol import Circumstance, circumstances, fingerprint, fingerprint_parts
 from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.runs import integrity, lock, provenance
 from auvbench.runs.directory import RunDirectory, now
@@ -71,8 +71,14 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
         return lost
     if summary.get("model") != _model(run.manifest()):
         return "the run's model is another one than was tested"
-    if summary.get("fingerprint") != fingerprint(protocol, circumstances(protocol, run.check())):
-        return "its scenarios, or what computes their outcomes, have changed since"
+    here = fingerprint_parts(protocol, circumstances(protocol, run.check()))
+    there = summary.get("fingerprint_parts")
+    if not isinstance(there, dict):
+        return "its fingerprint does not cover what computes outcomes"
+    if there.get("scenarios") != here["scenarios"]:
+        return "its scenarios are others: the protocol, the vehicle or what draws them has changed since"
+    if there.get("outcomes") != here["outcomes"]:
+        return "the same commands have other outcomes now: the simulator or the task has changed since"
     return ""
 
 
@@ -180,6 +186,7 @@ def _evaluate(
         "schema_version": SCHEMA_VERSION,
         "protocol": protocol.name,
         "fingerprint": fingerprint(protocol, conditions),
+        "fingerprint_parts": fingerprint_parts(protocol, conditions),
         "run": run.id,
         "model": _model(adopt(run)),
         "seed": protocol.seed,

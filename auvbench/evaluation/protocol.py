@@ -16,6 +16,7 @@ from auvbench.config.compose import option, typed
 from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import at_frequency
 from auvbench.errors import ConfigError
+from auvbench.evaluation import reference
 from auvbench.evaluation.rollout import batch_of
 from auvbench.runs.identity import digest_of, without_descriptions
 from auvbench.vehicles import sheet
@@ -91,13 +92,42 @@ def _has(node: DictConfig, key: str) -> bool:
 
 
 def fingerprint(protocol: schema.Protocol, circumstances: list[Circumstance]) -> str:
-    """16 hexadecimal digits: equal if and only if two agents met the same scenarios.
+    """16 hexadecimal digits: equal if and only if two agents met the same scenarios, played by the same physics.
 
     Covers what is drawn (starts, waypoints) and what it is drawn for: task, noise, disturbances, vehicle,
-    simulator, and the frequency where the protocol fixes it. Rewards and names do not enter: the first 200
-    episodes of `test` are the 200 of `thesis`, but 500 and 200 episodes are not the same test.
+    simulator, and the frequency where the protocol fixes it; and what the code makes of it (`reference`). Rewards
+    and names do not enter: the first 200 episodes of `test` are the 200 of `thesis`, but 500 and 200 episodes are
+    not the same test.
     """
-    return digest_of([_condition_fingerprint(protocol, c) for c in circumstances], 16)
+    return digest_of(fingerprint_parts(protocol, circumstances), 16)
+
+
+def fingerprint_parts(protocol: schema.Protocol, circumstances: list[Circumstance]) -> dict[str, str]:
+    """What the fingerprint is made of, 16 digits each: the scenarios, and their outcomes by today's code."""
+    return {
+        "scenarios": digest_of([_condition_fingerprint(protocol, c) for c in circumstances], 16),
+        "outcomes": digest_of([_reference(c) for c in circumstances], 16),
+    }
+
+
+def _reference(circumstance: Circumstance) -> str:
+    """Of what is played in this condition; conditions and runs that play the same share it."""
+    config = circumstance.config
+    frequency = config.step.frequency if circumstance.fixed_frequency else None
+    key = digest_of(
+        {
+            "task": _task(config.task),
+            "noise": asdict(config.noise),
+            "disturbance": _plain(config.disturbance),
+            "vehicle": without_descriptions(config.vehicle),
+            "simulator": asdict(config.simulator),
+            "frequency": frequency,
+        },
+        64,
+    )
+    if key not in _played:
+        _played[key] = reference.digest(config, frequency)
+    return _played[key]
 
 
 def _condition_fingerprint(protocol: schema.Protocol, circumstance: Circumstance) -> str:
@@ -122,7 +152,9 @@ def _condition_fingerprint(protocol: schema.Protocol, circumstance: Circumstance
         batch = batch_of(protocol.scenarios, drawn, protocol.episodes, protocol.seed)
         batch.task.assign(np.arange(protocol.episodes))
         batch.reset()
-        _drawn[key] = hashlib.sha256(key.encode() + batch.task.F.tobytes()).hexdigest()
+        # Rounded to a nanometre: another machine may have another last bit.
+        scenarios = np.round(batch.task.F, 9) + 0.0
+        _drawn[key] = hashlib.sha256(key.encode() + scenarios.tobytes()).hexdigest()
     return _drawn[key]
 
 
@@ -134,6 +166,7 @@ def _task(task: schema.Task) -> dict[str, Any]:
 
 # A thousand runs of one grid meet the same scenarios: they are drawn once.
 _drawn: dict[str, str] = {}
+_played: dict[str, str] = {}
 
 
 def _plain(value: Any) -> Any:

@@ -1,0 +1,126 @@
+"""Reference outcomes: what physics, task and disturbances compute in a few seconds, as a digest.
+
+A fingerprint of scenarios alone does not notice that the code which plays them has changed. So each condition is
+also played for a moment: eight vehicles on their way, with a fixed sequence of commands, and what they see, earn and
+end with is part of the fingerprint. Code that is only written differently gives the same digest; a doubled drag, another
+sign in the reward or another precedence of outcomes does not.
+
+Two machines may differ in the last bits of a sine. Numbers are therefore rounded to `DIGITS` digits of the largest of
+their kind, and the time is short enough that such differences do not grow to that. What changes nothing beyond those
+digits, in `STEPS` steps, goes unnoticed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.config.simulators import Fossen
+from auvbench.envs.batch import Batch, at_frequency
+from auvbench.tasks.kernels import F_WAYPOINT
+from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
+
+Floats = NDArray[np.float64]
+
+DIGITS = 6
+STEPS = 24
+LOOKS = (0, 7, STEPS - 1)
+"""steps after which everything is looked at; few, for each number may lie just where rounding parts two machines"""
+
+FREQUENCY = 10.0
+"""Hz, where the protocol leaves the frequency to each agent"""
+
+PLACES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.5])
+"""how far each vehicle is on its way to its waypoint: the last but one arrives"""
+
+VELOCITY = np.array([0.5, -0.25, 0.125, 0.125, -0.25, 0.25])
+"""m/s and rad/s, so that damping and Coriolis forces act from the first step on"""
+
+_REWARD = schema.Reward(name="thesis", k=40.0, length=20.0, success=500.0, collision=-550.0, regress=-10.0)
+"""Rewards are the agent's affair, but their code computes a column of every row."""
+
+
+def digest(config: schema.TrainConfig, frequency: float | None) -> str:
+    """16 hexadecimal digits of what the vehicles of a condition do.
+
+    Args:
+        config: of the condition. Of a simulator that is not the embedded one, task and disturbances are played
+            with the embedded one: what another program computes is its version's affair.
+        frequency: Hz that the protocol fixes; None where each agent has its own.
+
+    Raises:
+        TrainingError: the simulation leaves the finite numbers.
+    """
+    sha = hashlib.sha256()
+    for name, values in _played(config, frequency):
+        sha.update(name.encode())
+        sha.update(rounded(values).tobytes())
+    return sha.hexdigest()[:16]
+
+
+def rounded(values: Floats) -> NDArray[np.int64]:
+    """Numbers as whole multiples of 10^-DIGITS of the power of ten below the largest of them.
+
+    >>> rounded(np.array([1.0, 0.1234567891, -1e-12])).tolist()
+    [1000000, 123457, 0]
+    """
+    largest = float(np.abs(values).max(initial=0.0))
+    unit = 10.0 ** (np.floor(np.log10(largest)) - DIGITS) if largest > 0.0 else 1.0
+    return np.asarray(np.rint(values / unit), dtype=np.int64)
+
+
+def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tuple[str, Floats]]:
+    """Name and values of each kind of number."""
+    n = len(PLACES)
+    batch = Batch(_standard(config, frequency), n, seed=0, test=True, autoreset=False)
+    batch.task.assign(np.arange(n))
+    batch.reset()
+    _set_out(batch)
+    n_u = len(batch.vehicle.actuators)
+    seen: dict[str, list[Floats]] = {
+        name: [] for name in ("observation", "reward", "pose", "velocity", "power")
+    }
+    records: dict[int, dict[str, Any]] = {}
+    for step in range(STEPS):
+        # Eighths: the same bits on every machine.
+        turn = 7 * step + 5 * np.arange(n)[:, None] + 3 * np.arange(n_u)
+        result = batch.step((turn % 17 - 8) / 8.0)
+        if step in LOOKS:
+            simulator = batch.simulator
+            look = (result.observation, result.reward, simulator.pose, simulator.velocity, simulator.power)
+            for name, value in zip(seen, look, strict=True):
+                seen[name].append(np.array(value, dtype=np.float64))
+        for index, record in zip(result.ended.tolist(), result.records, strict=True):
+            records.setdefault(index, record)
+    for name, looks in seen.items():
+        yield name, np.stack(looks)
+    yield "ended", np.array(sorted(records), dtype=np.float64)
+    for column in RECORD_COLUMNS:
+        values = [records[i][column] for i in sorted(records)]
+        numbers = [OUTCOMES.index(str(value)) for value in values] if column == "outcome" else values
+        yield column, np.array(numbers, dtype=np.float64)
+
+
+def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.TrainConfig:
+    """The condition without what is the agent's own, and with episodes that end in time."""
+    task = replace(config.task, position_frame="world", time_limit=None, max_steps=STEPS // 2)
+    simulator = config.simulator
+    if not isinstance(simulator, Fossen):
+        simulator = Fossen(name="fossen", max_step=0.01, threads=1)
+    standard = replace(config, task=task, reward=_REWARD, simulator=replace(simulator, threads=1))
+    return at_frequency(standard, FREQUENCY if frequency is None else frequency)
+
+
+def _set_out(batch: Batch) -> None:
+    """Puts the vehicles on their way: one is about to arrive, one about to leave the water."""
+    pose, velocity = batch.simulator.pose, batch.simulator.velocity
+    waypoint = batch.task.F[:, F_WAYPOINT : F_WAYPOINT + 3]
+    pose[:, :3] += PLACES[:, None] * (waypoint - pose[:, :3])
+    pose[-1, 2] = batch.config.task.depth_high - 0.0625
+    velocity[:] = VELOCITY
