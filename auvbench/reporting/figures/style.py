@@ -14,9 +14,8 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 
 from auvbench.analysis.model import Agent
+from auvbench.reporting.figures.colours import COLOURS, palette
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#882255")
-"""Okabe and Ito (2008) without yellow, which does not show on white; the last from Tol's muted scheme"""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
 Linestyle = Literal["-", "--", "-.", ":"]
 LINESTYLES: tuple[Linestyle, ...] = ("-", "--", "-.", ":")
@@ -59,13 +58,14 @@ class Look(NamedTuple):
 def colour_of(agents: Iterable[Agent] | Sequence[str]) -> dict[str, Look]:
     """The look of each agent, by label.
 
-    The first eight differ in colour. Handed agents in the order of the ranking, the eight best are therefore
-    distinct; beyond, colours return with another marker and line style.
+    No two agents have one colour. Handed agents in the order of the ranking, the eight best have those that are told
+    apart most easily; the more agents, the closer the rest of them: marker and line style tell them apart then.
     """
     labels = [agent if isinstance(agent, str) else agent.label for agent in agents]
+    colours = palette(len(labels))
     return {
         label: Look(
-            COLOURS[i % len(COLOURS)],
+            colours[i],
             MARKERS[i % len(MARKERS)],
             LINESTYLES[(i + i // len(COLOURS)) % len(LINESTYLES)],
         )

@@ -19,6 +19,8 @@ from auvbench.reporting.tables.notes import grouped, notes
 
 MOST_PROBLEMS = 6
 """per kind on screen; the files list all"""
+NEEDLESS = ("seeds", "group")
+"""columns before the metrics that a terminal too narrow for all does without, in this order"""
 MOST_ROWS = 20
 """of success by condition, which takes several tables on a narrow screen"""
 
@@ -30,28 +32,35 @@ class RankingTable:
         self.ranking = ranking
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        chosen, left_out = self._fitting(console, options.max_width)
-        yield _table(self.ranking, c.lead(self.ranking), chosen)
+        lead, chosen, left_out = self._fitting(console, options.max_width)
+        yield _table(self.ranking, lead, chosen)
         for line in notes(self.ranking):
             yield Text(line, style="dim")
         if left_out:
-            names = ", ".join(column.title for column in left_out)
-            yield Text(f"Not shown for want of width: {names}.", style="dim")
+            yield Text(f"Not shown for want of width: {', '.join(left_out)}.", style="dim")
         yield from _problems(self.ranking)
 
-    def _fitting(self, console: Console, width: int) -> tuple[list[c.Column], list[c.Column]]:
+    def _fitting(self, console: Console, width: int) -> tuple[list[str], list[c.Column], list[str]]:
+        """Headings of the first columns, the metrics that fit, what it is ranked by first, and what does not fit."""
         usual = c.present(c.COLUMNS, self.ranking)
         by_weight = [c.COLUMNS[i] for i in c.BY_WEIGHT if c.COLUMNS[i] in usual]
         order = [*c.extra(self.ranking), *by_weight]
-        room = width - _fixed(console, self.ranking, c.lead(self.ranking))
+        order.sort(key=lambda column: column.metric != self.ranking.rank_by)
+        lead = list(c.lead(self.ranking))
+        for heading in NEEDLESS:  # before what it is ranked by would be cut
+            if heading in lead and _fixed(console, self.ranking, lead) + _width(self.ranking, order[0]) > width:
+                lead.remove(heading)
+        room = width - _fixed(console, self.ranking, lead)
         kept: list[c.Column] = []
         for column in order:
             room -= _width(self.ranking, column)
             if room < 0 and kept:
                 break
             kept.append(column)
-        shown = [column for column in (*c.extra(self.ranking), *usual) if column in kept]
-        return shown, [column for column in usual if column not in shown]
+        shown = [column for column in (order[0], *usual, *order) if column in kept]
+        left_out = [heading for heading in c.lead(self.ranking) if heading not in lead]
+        left_out += [column.title for column in (*order[:1], *usual) if column not in shown]
+        return lead, list(dict.fromkeys(shown)), left_out
 
 
 class ConditionsTable:

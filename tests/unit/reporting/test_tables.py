@@ -56,6 +56,21 @@ def test_terminal_fits_and_keeps_what_matters_most(ranking: Ranking, width: int)
     assert "and 3 more" in text
 
 
+@pytest.mark.parametrize("width", [32, 40, 60, 80, 140])
+@pytest.mark.parametrize("metric", ["mean_energy_J", "mean_command_norm_sum_N", "collision_rate"])
+def test_what_a_table_is_ranked_by_is_shown_whole_at_any_width(
+    ranking: Ranking, width: int, metric: str
+) -> None:
+    text = on_screen(replace(ranking, rank_by=metric), width)
+    assert max(map(len, text.splitlines())) <= width
+    column = next(column for column in columns_of_tables.COLUMNS if column.metric == metric)
+    assert column.title in text.splitlines()[0]
+    for row in ranking.rows:
+        for part in columns_of_tables.cell(row, column):
+            assert part in text
+    assert "…" not in text
+
+
 def test_what_does_not_exist_is_a_dash(ranking: Ranking) -> None:
     random = next(row for row in ranking.rows if row.label == "random")
     assert random.estimates["success_rate"].value == 0
