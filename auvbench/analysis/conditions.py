@@ -68,11 +68,22 @@ def successes(agents: Sequence[Agent], protocol: str, confidence: float) -> tupl
     names = dict.fromkeys(name for runs in there.values() for run in runs for name in _names(run, protocol))
     if len(names) < 2:
         return ()
-    tested = {
-        label: [_by_condition(run.evaluations[protocol].episodes) for run in runs]
-        for label, runs in there.items()
-    }
-    return tuple(_condition(name, tested, confidence) for name in names)
+    tested = {label: [run.evaluations[protocol].episodes for run in runs] for label, runs in there.items()}
+    return of_tables(tested, tuple(names), confidence)
+
+
+def of_tables(
+    tested: Mapping[str, Sequence[pd.DataFrame]], names: Sequence[str], confidence: float
+) -> tuple[Condition, ...]:
+    """Success rates under conditions from tables of episodes.
+
+    Args:
+        tested: by agent, the table of each seed; all of the same scenarios.
+        names: of the conditions, each in at least one table.
+        confidence: of the intervals.
+    """
+    rates = {label: [_by_condition(table) for table in seeds] for label, seeds in tested.items()}
+    return tuple(_condition(name, rates, confidence) for name in names)
 
 
 def _names(run: RunRecord, protocol: str) -> list[str]:

@@ -14,7 +14,8 @@ from matplotlib.figure import Figure as Canvas
 from auvbench.errors import ReportError
 from auvbench.evaluation.replay import Replay
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.style import COLOURS, OUTCOME_LOOK
+from auvbench.reporting.figures.colours import COLOURS
+from auvbench.reporting.figures.style import OUTCOME_LOOK
 
 BARS = "▁▂▃▄▅▆▇█"
 FILM_RATE = 25  # pictures per second

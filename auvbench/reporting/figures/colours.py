@@ -16,7 +16,7 @@ DARKEST, LIGHTEST = 0.38, 0.78
 
 @cache
 def palette(n: int) -> tuple[str, ...]:
-    """n colours, no two the same: the first eight for colour-blind readers, then each the farthest from all before it.
+    """N colours, no two the same: the first eight for colour-blind readers, then each the farthest from all before it.
 
     Distances are those of OKLab (Ottosson 2020), in which equal steps look equally large.
     """

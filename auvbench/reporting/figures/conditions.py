@@ -7,18 +7,21 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from auvbench.analysis.conditions import UNDISTURBED, UNITS, split
-from auvbench.analysis.model import Agent
+from auvbench.analysis.conditions import UNDISTURBED, UNITS, of_tables, split
+from auvbench.analysis.model import Agent, Evaluation
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.scene import MANY, Drawing, FloatArray, Scene, seeds_sentence, shown, summary
+from auvbench.reporting.figures.scene import MANY, Drawing, FloatArray, Scene, evaluation, shown
+from auvbench.statistics.estimate import Estimate
 
 NOMINAL_VALUES = {"current": 0.0, "delay": 0.0, "noise": 1.0, "mass": 1.0, "drag": 1.0}
 """where the undisturbed condition lies on a factor's axis; elsewhere it is a word before the others"""
 OTHER = "other conditions"
 """title of the panel of conditions without a level"""
 
-Curve = Mapping[str, list[float]]
-"""success rates of the seeds, by condition"""
+Curve = Mapping[str, Estimate]
+"""success rate in percent with its interval, by condition"""
+ROOM = 0.35
+"""share of the distance between two levels that the agents' points are spread over, so that no bar covers another"""
 
 
 def robustness(scene: Scene) -> Drawing | None:
@@ -58,9 +61,9 @@ def transfer(scene: Scene) -> Drawing | None:
         look, curve = scene.looks[agent.label], rates[agent.label]
         offset = 0.7 * ((place + 0.5) / len(chosen) - 0.5)
         for y, condition in enumerate(conditions):
-            if seeds := curve.get(condition):
-                ax.hlines(y + offset, min(seeds), max(seeds), color=look.colour, linewidth=1.2)
-                ax.plot(np.mean(seeds), y + offset, color=look.colour, marker=look.marker, markersize=5)
+            if found := curve.get(condition):
+                ax.hlines(y + offset, found.low, found.high, color=look.colour, linewidth=1.2)
+                ax.plot(found.value, y + offset, color=look.colour, marker=look.marker, markersize=5)
     for y in range(1, len(conditions)):
         ax.axhline(y - 0.5, color="#c8c8c8", linewidth=0.7)
     ax.grid(visible=False, axis="y")
@@ -72,14 +75,9 @@ def transfer(scene: Scene) -> Drawing | None:
     ax.set_xlim(-2, 102)
     ax.set_xlabel("success (%)")
     style.legend(figure, scene.looks_of(chosen), lines=False)
-    several = any(len(agent.runs) > 1 for agent in chosen)
     caption = (
         "Test success of the same policies on other vehicles with the same actuators (protocol transfer)."
-        + (
-            " Points: mean over training seeds; lines: their range."
-            if several
-            else " One training seed per agent."
-        )
+        + _intervals(scene, chosen)
         + _tested(chosen, scene)
     )
     return Drawing(figure, "Transfer to other vehicles", caption)
@@ -100,13 +98,23 @@ def _curves(scene: Scene, protocol: str, title: str, caption: str) -> Drawing | 
     for i, ax in enumerate(grid.flat):
         ax.set_visible(i < len(factors))
     for ax, (factor, conditions) in zip(grid.flat, factors.items(), strict=False):
-        for agent in chosen:
-            _curve(ax, scene, agent, rates[agent.label], factor, conditions)
+        for place, agent in enumerate(chosen):
+            side = (place + 0.5) / len(chosen) - 0.5
+            _curve(ax, scene, agent, rates[agent.label], factor, conditions, side)
         _axis(ax, factor, conditions)
     for ax in grid[:, 0]:
         ax.set_ylabel("success (%)")
     style.legend(figure, scene.looks_of(chosen))
-    return Drawing(figure, title, caption + seeds_sentence(chosen) + _tested(chosen, scene))
+    return Drawing(figure, title, caption + _intervals(scene, chosen) + _tested(chosen, scene))
+
+
+def _intervals(scene: Scene, chosen: Sequence[Agent]) -> str:
+    """What points and bars are."""
+    percent = f"{100 * scene.ranking.confidence:g} %"
+    over = "training seeds and test episodes" if all(len(a.runs) > 1 for a in chosen) else "test episodes"
+    if over == "test episodes" and any(len(agent.runs) > 1 for agent in chosen):
+        over += ", and training seeds where there are several"
+    return f" Bars: {percent} intervals over {over}; agents stand side by side at each level."
 
 
 def _tested(chosen: Sequence[Agent], scene: Scene) -> str:
@@ -121,25 +129,28 @@ def _all_rates(scene: Scene, protocol: str) -> dict[str, Curve]:
     """By label, of the best agents that were tested by the protocol."""
     rates: dict[str, Curve] = {}
     for agent in scene.agents:
-        if len(rates) < MANY and (found := _rates(agent, protocol)):
+        if len(rates) < MANY and (found := _rates(scene, agent, protocol)):
             rates[agent.label] = found
     return rates
 
 
-def _rates(agent: Agent, protocol: str) -> Curve:
-    """Success rates by condition, of the seeds that met the same scenarios as the first."""
-    rates: dict[str, list[float]] = {}
-    fingerprint = None
+def _rates(scene: Scene, agent: Agent, protocol: str) -> Curve:
+    """Success by condition, of the seeds that met the same scenarios as the first."""
+    found: list[Evaluation] = []
     for run in agent.runs:
-        found = summary(run, protocol)
-        if found is None or fingerprint not in (None, found.get("fingerprint")):
-            continue
-        fingerprint = found.get("fingerprint")
-        for condition in found.get("conditions", ()):
-            if not {"name", "success_rate"} <= condition.keys():
-                continue
-            rates.setdefault(str(condition["name"]), []).append(100 * float(condition["success_rate"]))
-    return rates
+        here = evaluation(scene, run, protocol)
+        if here is not None and here.fingerprint == (found[0] if found else here).fingerprint:
+            found.append(here)
+    if not found:
+        return {}
+    names = [str(condition["name"]) for condition in found[0].summary["conditions"]]
+    tables = {agent.label: [here.episodes for here in found]}
+    conditions = of_tables(tables, names, scene.ranking.confidence)
+    return {c.name: _percent(c.success[agent.label]) for c in conditions if agent.label in c.success}
+
+
+def _percent(e: Estimate) -> Estimate:
+    return Estimate(100 * e.value, 100 * e.low, 100 * e.high, e.confidence, e.covers)
 
 
 def _factors(rates: Mapping[str, Curve]) -> dict[str, list[str]]:
@@ -159,39 +170,45 @@ def _factors(rates: Mapping[str, Curve]) -> dict[str, list[str]]:
 
 
 def _curve(
-    ax: Axes, scene: Scene, agent: Agent, curve: Curve, factor: str, conditions: Sequence[str]
+    ax: Axes,
+    scene: Scene,
+    agent: Agent,
+    curve: Curve,
+    factor: str,
+    conditions: Sequence[str],
+    side: float,
 ) -> None:
+    """Points with their intervals; `side` in (-0.5, 0.5) is the agent's place beside the others at each level."""
     x = _positions(factor, conditions)
     there = [i for i in np.argsort(x) if conditions[i] in curve]
     if not there:
         return
-    y = [np.array(curve[conditions[i]]) for i in there]
+    gaps = np.diff(np.unique(x))
+    at = x[there] + side * ROOM * (float(gaps.min()) if gaps.size else 1.0)
+    found = [curve[conditions[i]] for i in there]
     look = scene.looks[agent.label]
     line = "" if factor == OTHER else look.linestyle  # a line would say that there is something in between
+    ax.vlines(at, [e.low for e in found], [e.high for e in found], color=look.colour, linewidth=1, alpha=0.6)
     ax.plot(
-        x[there],
-        [v.mean() for v in y],
+        at,
+        [e.value for e in found],
         color=look.colour,
         marker=look.marker,
         linestyle=line,
+        linewidth=1.2,
         markersize=4,
         label=agent.label,
     )
-    if max(map(len, y)) > 1:
-        low, high = np.array([v.min() for v in y]), np.array([v.max() for v in y])
-        if factor == OTHER:
-            ax.vlines(x[there], low, high, color=look.colour, linewidth=1)
-        else:
-            ax.fill_between(x[there], low, high, color=look.colour, alpha=0.13, linewidth=0)
 
 
 def _circle_training(ax: Axes, scene: Scene) -> None:
     """A ring around each agent's point at the frequency that it was trained at; a controller has none."""
     frequency = {a.label: a.runs[0].config.get("step.frequency") for a in scene.learners()}
+    levels = np.array(ax.get_xticks())
     for line in list(ax.lines):
         label = str(line.get_label())
         for x, y in zip(np.asarray(line.get_xdata()), np.asarray(line.get_ydata()), strict=True):
-            if x == frequency.get(label):
+            if levels[np.abs(levels - x).argmin()] == frequency.get(label):
                 colour = scene.looks[label].colour
                 ring = ax.plot(x, y, "o", markersize=11, color=colour, clip_on=False)[0]
                 ring.set_markerfacecolor("none")

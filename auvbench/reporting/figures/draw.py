@@ -7,7 +7,7 @@ from pathlib import Path
 
 from auvbench.analysis.model import Agent, Problem, Ranking, RunRecord
 from auvbench.analysis.processes import beside
-from auvbench.reporting.figures import conditions, matrices, paths, style, testing, training
+from auvbench.reporting.figures import conditions, learning, matrices, paths, style, testing, training
 from auvbench.reporting.figures.model import Figure
 from auvbench.reporting.figures.scene import Drawing, Scene, scene
 
@@ -23,13 +23,14 @@ FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     "robustness": conditions.robustness,
     "frequency_sweep": conditions.frequency_sweep,
     "transfer": conditions.transfer,
+    "training_success": learning.success,
     "training_curves": training.curves,
     "training_outcomes": training.reward_by_outcome,
     "training_logs": training.logs,
 }
 """by file name; one that has nothing to show returns None"""
 
-SECOND_PROCESS = ("training_curves", "training_outcomes", "training_logs", "trajectories")
+SECOND_PROCESS = ("training_success", "training_curves", "training_outcomes", "training_logs", "trajectories")
 """About half of the work; those that read the training records stand together, so that they are read once."""
 
 

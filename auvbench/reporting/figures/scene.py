@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.model import Agent, Problem, Ranking, RunRecord
+from auvbench.analysis.evaluations import Damage, read_evaluation
+from auvbench.analysis.model import Agent, Evaluation, Problem, Ranking, RunRecord
 from auvbench.analysis.training import training
 from auvbench.reporting.figures.style import Look, colour_of
 
@@ -21,9 +19,6 @@ FloatArray = NDArray[np.float64]
 
 MANY = 8
 """more lines than this in one panel are a thicket"""
-
-MOST_TRAINING_FILES = 90
-"""training records are long; beyond this many a figure shows fewer agents and says so"""
 
 FEWEST_EPISODES = 10
 """of a training that is worth a line"""
@@ -120,12 +115,15 @@ def wants_symlog(values: Sequence[FloatArray]) -> bool:
     return len(sizes) > 1 and max(sizes) > 10 * max(min(sizes), 1.0)
 
 
-def summary(run: RunRecord, protocol: str) -> Mapping[str, Any] | None:
-    """summary.json of an evaluation, read only if `load` did not; None where there is none."""
+def evaluation(scene: Scene, run: RunRecord, protocol: str) -> Evaluation | None:
+    """An evaluation, read only if `load` did not; None where there is none, or where it is damaged: a problem."""
     if protocol in run.evaluations:
-        return run.evaluations[protocol].summary
-    try:
-        data = json.loads((run.directory / "evaluations" / protocol / "summary.json").read_bytes())
-    except (OSError, ValueError):
+        return run.evaluations[protocol]
+    directory = run.directory / "evaluations" / protocol
+    if not directory.is_dir():
         return None
-    return data if isinstance(data, dict) and data.get("schema_version") == 1 else None
+    try:
+        return read_evaluation(directory)
+    except Damage as damage:
+        scene.problems.append(Problem(run.id, damage.kind, f"evaluation {protocol}: {damage}"))
+        return None

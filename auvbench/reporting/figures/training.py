@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
 
-from auvbench.analysis.labels import part
 from auvbench.analysis.model import Agent
-from auvbench.reporting.figures import style
+from auvbench.reporting.figures import multiples, style
 from auvbench.reporting.figures.scene import (
-    MANY,
-    MOST_TRAINING_FILES,
     Drawing,
     FloatArray,
     Scene,
-    seeds_sentence,
     shown,
     wants_symlog,
     without,
@@ -35,38 +32,21 @@ MOST_POINTS = 1500
 def curves(scene: Scene) -> Drawing | None:
     """Mean episode length and return over training steps (thesis, figures 3.1 and 3.7)."""
     learners = scene.learners()
-    possible = _panels(scene, learners)
-    wanted = [agent for _, among in possible for agent in among]
-    panels = [(title, agents) for title, among in possible if (agents := scene.trained(among))]
-    if not panels:
+    wanted = scene.top(multiples.MOST, learners)
+    chosen = scene.trained(wanted)
+    if not chosen:
         return None
-    chosen = [agent for _, agents in panels for agent in agents]
-    figure = style.canvas(max(6.4, 3.6 * len(panels)), 5.6)
-    grid = figure.subplots(2, len(panels), sharex="col", sharey="row", squeeze=False)
-    returns: list[FloatArray] = []
-    for column, (title, agents) in enumerate(panels):
-        for agent in agents:
-            for row, name in enumerate(("steps", "return")):
-                x, y = _binned(scene, agent, name)
-                if name == "return":
-                    returns.append(y)
-                _band(grid[row, column], scene, agent, x, y, faint=len(agents) > 4)
-        grid[0, column].set_title(f"{title}episode length", loc="left")
-        grid[1, column].set_title(f"{title}episode return", loc="left")
-        grid[1, column].set_xlabel("environment steps of training")
-        style.engineering(grid[1, column].xaxis)
-        if len(panels) > 1:
-            _own_legend(grid[1, column], scene, agents)
-    log = wants_symlog(returns)
+    found = {name: [binned(scene, agent, name) for agent in chosen] for name in ("steps", "return")}
+    log = wants_symlog([y for _, y in found["return"]])
+    figure = (
+        _together(scene, chosen, found) if len(chosen) <= multiples.FEW else _apart(scene, chosen, found, log)
+    )
     if log:
-        style.symlog(grid[1, 0])
-    grid[0, 0].set_ylabel("steps per episode")
-    grid[1, 0].set_ylabel("return per episode")
-    if len(panels) == 1:
-        style.legend(figure, scene.looks_of(chosen), markers=False)
+        style.symlog(figure.axes[1])
     caption = (
-        f"Mean episode length and return during training, in up to {BINS} equal spans of steps."
-        + seeds_sentence(chosen)
+        f"Mean episode length and return during training, in up to {BINS} equal spans of environment steps."
+        + multiples.lines_sentence(chosen)
+        + multiples.grey_sentence(len(chosen))
         + shown(wanted, learners)
         + without(wanted, chosen, RECORDS)
         + (
@@ -78,53 +58,73 @@ def curves(scene: Scene) -> Drawing | None:
     return Drawing(figure, "Training: episode length and return", caption)
 
 
-def _panels(scene: Scene, learners: Sequence[Agent]) -> list[tuple[str, tuple[Agent, ...]]]:
-    """Agents of one panel, or a panel per algorithm when they are many."""
-    if not learners:
-        return []
-    seeds = max(len(agent.runs) for agent in learners)
-    if len(learners) <= MANY:
-        return [("", tuple(learners))]
-    algos = list(dict.fromkeys(str(agent.key.get("algo", "")) for agent in learners))[:4]
-    each = max(2, min(MANY + 1, MOST_TRAINING_FILES // (seeds * len(algos))))
-    members = {algo: [a for a in learners if str(a.key.get("algo", "")) == algo] for algo in algos}
-    return [(f"{part('algo', algo)}: ", scene.top(each, members[algo])) for algo in algos]
+Found = Mapping[str, Sequence[multiples.Curve]]
+"""curves by column of the records, in the order of the agents"""
+TITLES = {"steps": "steps per episode", "return": "return per episode"}
 
 
-def _binned(scene: Scene, agent: Agent, column: str) -> tuple[FloatArray, FloatArray]:
-    """Centres of the spans (B,) and the means in them by seed (seeds, B), NaN where no episode ended."""
+def _together(scene: Scene, agents: Sequence[Agent], found: Found) -> Canvas:
+    """All agents in one panel, length above return."""
+    figure = style.canvas(6.4, 5.6)
+    for ax, (name, title) in zip(figure.subplots(2, 1, sharex=True), TITLES.items(), strict=True):
+        for agent, curve in zip(agents, found[name], strict=True):
+            multiples.band(ax, scene, agent, curve)
+        ax.set_ylabel(title)
+    figure.axes[1].set_xlabel("environment steps of training")
+    style.engineering(figure.axes[1].xaxis)
+    style.legend(figure, scene.looks_of(agents), markers=False)
+    return figure
+
+
+def _apart(scene: Scene, agents: Sequence[Agent], found: Found, log: bool) -> Canvas:
+    """A pair of panels per agent, length above return, side by side on common axes."""
+    columns = -(-len(agents) // 2)  # two blocks of two rows: no taller than a screen
+    blocks = 2
+    figure = style.canvas(2.15 * columns + 0.4, 3.4 * blocks + 0.2)
+    grid = figure.subplots(2 * blocks, columns, squeeze=False, sharex=True)
+    first = dict(zip(TITLES, grid[:2, 0], strict=True))
+    for ax in grid.flat:
+        ax.set_visible(False)
+    for i, agent in enumerate(agents):
+        for row, (name, title) in enumerate(TITLES.items()):
+            ax = grid[2 * (i // columns) + row, i % columns]
+            ax.set_visible(True)
+            if ax is not first[name]:
+                ax.sharey(first[name])
+            curves = found[name]
+            multiples.behind(ax, [*curves[:i], *curves[i + 1 :]])
+            multiples.band(ax, scene, agent, curves[i], alone=True)
+            ax.tick_params(labelleft=i % columns == 0, labelbottom=False)
+            if i % columns == 0:
+                ax.set_ylabel(title)
+            style.engineering(ax.xaxis)
+            if log and name == "return" and ax is not first[name]:
+                style.symlog(ax)
+        grid[2 * (i // columns), i % columns].set_title(agent.label, loc="left")
+        if i + columns >= len(agents):
+            ax.tick_params(labelbottom=True)
+            ax.set_xlabel("environment steps")
+    return figure
+
+
+def binned(scene: Scene, agent: Agent, column: str, most: int = BINS) -> multiples.Curve:
+    """Centres of the spans (B,) and the means in them by seed (seeds, B), NaN where no episode ended.
+
+    The column `success` is 100 where an episode reached the goal and else 0.
+    """
     frames = [f for run in agent.runs if (f := scene.training(run)) is not None]
     last = min(int(f["step"].iloc[-1]) for f in frames)  # where all seeds have a value
-    bins = int(np.clip(min(len(f) for f in frames) // 5, 4, BINS))
+    bins = int(np.clip(min(len(f) for f in frames) // 5, 4, most))
     edges = np.linspace(0, last, bins + 1)
     rows = []
     for frame in frames:
         frame = frame[frame["step"] <= last]
         spans = np.clip(np.searchsorted(edges, frame["step"].to_numpy(), side="left") - 1, 0, bins - 1)
         count = np.bincount(spans, minlength=bins)
-        total = np.bincount(spans, weights=frame[column].to_numpy(np.float64), minlength=bins)
+        values = 100.0 * (frame["outcome"] == "success") if column == "success" else frame[column]
+        total = np.bincount(spans, weights=values.to_numpy(np.float64), minlength=bins)
         rows.append(np.divide(total, count, out=np.full(bins, np.nan), where=count > 0))
     return (edges[1:] + edges[:-1]) / 2, np.array(rows).reshape(-1, bins)
-
-
-def _band(ax: Axes, scene: Scene, agent: Agent, x: FloatArray, y: FloatArray, *, faint: bool) -> None:
-    """Mean over seeds as a line, their range as a band; x (B,), y (seeds, B)."""
-    there = np.isfinite(y).any(axis=0)
-    if not there.any():
-        return
-    x, y = x[there], y[:, there]
-    look = scene.looks[agent.label]
-    ax.plot(x, np.nanmean(y, axis=0), color=look.colour, linestyle=look.linestyle, label=agent.label)
-    if len(y) > 1:
-        ax.fill_between(
-            x, np.nanmin(y, axis=0), np.nanmax(y, axis=0), color=look.colour, alpha=0.15, linewidth=0
-        )
-
-
-def _own_legend(ax: Axes, scene: Scene, agents: Sequence[Agent]) -> None:
-    handles, names = ax.get_legend_handles_labels()
-    columns = 2 if len(agents) > 4 else 1
-    ax.legend(handles, names, loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=columns, fontsize=7.5)
 
 
 def reward_by_outcome(scene: Scene) -> Drawing | None:

@@ -48,7 +48,10 @@ class RankingTable:
         order.sort(key=lambda column: column.metric != self.ranking.rank_by)
         lead = list(c.lead(self.ranking))
         for heading in NEEDLESS:  # before what it is ranked by would be cut
-            if heading in lead and _fixed(console, self.ranking, lead) + _width(self.ranking, order[0]) > width:
+            if (
+                heading in lead
+                and _fixed(console, self.ranking, lead) + _width(self.ranking, order[0]) > width
+            ):
                 lead.remove(heading)
         room = width - _fixed(console, self.ranking, lead)
         kept: list[c.Column] = []
