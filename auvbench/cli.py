@@ -7,13 +7,14 @@ that help and completion answer at once.
 from __future__ import annotations
 
 import importlib
-import os
 import sys
 from collections.abc import Sequence
 
 from auvbench import __version__
 from auvbench.commands import COMMANDS
-from auvbench.errors import AuvbenchError, UserError, closest, plain_warnings
+from auvbench.errors import UserError, closest, plain_warnings
+from auvbench.guard import guarded
+from auvbench.untrusted.text import short
 
 
 def usage() -> str:
@@ -40,32 +41,27 @@ def usage() -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one command; returns its exit code (0 done, 1 failed, 2 the user's mistake, 130 interrupted)."""
+    """Runs one command; returns its exit code.
+
+    0 done, 1 failed, 2 the user's mistake, 70 a defect of auvbench (see guard.py), 130 interrupted.
+    """
     arguments = list(sys.argv[1:] if argv is None else argv)
+    return guarded(lambda: _dispatch(arguments), arguments)
+
+
+def _dispatch(arguments: Sequence[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(usage())
         return 0
-    if arguments[0] in ("-V", "--version"):
+    if arguments[0] == "-V" or (arguments[0] in (*COMMANDS, "--version") and "--version" in arguments):
         print(f"auvbench {__version__}")
         return 0
     plain_warnings()
     name, rest = arguments[0], arguments[1:]
-    try:
-        if name not in COMMANDS:
-            raise UserError(f"unknown command {name!r}; {closest(name, COMMANDS)}")
-        command = importlib.import_module(f"auvbench.commands.{name.replace('-', '_')}")
-        return int(command.main(rest) or 0)
-    except AuvbenchError as error:
-        print(f"auvbench: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt as interruption:
-        # One of ours says what is saved and which signal it was.
-        print(f"auvbench: {str(interruption) or 'interrupted'}", file=sys.stderr)
-        return int(getattr(interruption, "exit_code", 130))
-    except BrokenPipeError:
-        # The reader of our output (head, less) went away: no error, and no second one at shutdown.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    if name not in COMMANDS:
+        raise UserError(f"unknown command {short(name)!r}; {closest(short(name), COMMANDS)}")
+    command = importlib.import_module(f"auvbench.commands.{name.replace('-', '_')}")
+    return int(command.main(rest) or 0)
 
 
 if __name__ == "__main__":

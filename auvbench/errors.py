@@ -1,8 +1,8 @@
 """The one small hierarchy of errors.
 
 Every message of a `UserError` names the offending value and what would be right: it is printed as one line
-and the command ends with exit code 2. Anything else that is raised is a defect of auvbench and keeps its
-traceback.
+and the command ends with exit code 2. Anything else that is raised is a defect of auvbench: its traceback is
+saved in a file that the command's one line names (guard.py).
 """
 
 from __future__ import annotations
@@ -55,7 +55,9 @@ def _one_line(
     message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
 ) -> str:
     if issubclass(category, AuvbenchWarning):
-        return f"auvbench: warning: {message}\n"
+        # One line, and nothing in it that a terminal would obey: a warning may name files of a stranger's.
+        text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(message))
+        return f"auvbench: warning: {text}\n"
     return _python_s(message, category, filename, lineno, line)
 
 

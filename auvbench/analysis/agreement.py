@@ -6,7 +6,6 @@ written before digests were kept, only what they say of themselves can be compar
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from auvbench.runs import identity, integrity
 from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
+from auvbench.untrusted import documents, reading
 
 TOLERANCE = 1e-6
 """relative; the summary's means are those of the very numbers in the rows, up to rounding"""
@@ -64,8 +64,8 @@ def of_file(holder: Mapping[str, Any], name: str, data: bytes) -> str:
 def of_neighbour(file: Path, data: bytes) -> str:
     """As `of_file`, for a file of an evaluation, by the summary that lies beside it."""
     try:
-        summary = json.loads((file.parent / "summary.json").read_bytes())
-    except (OSError, ValueError, RecursionError):
+        summary = documents.json_value(reading.content(file.parent / "summary.json"))
+    except (OSError, ValueError):
         return "summary.json beside it cannot be read"
     return of_file(summary, file.name, data) if isinstance(summary, dict) else ""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import json
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +14,8 @@ from auvbench.analysis import agreement
 from auvbench.analysis.model import Evaluation
 from auvbench.runs import integrity
 from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
+from auvbench.untrusted import documents, reading, tables
+from auvbench.untrusted.text import LONGEST, plain, short
 
 SCHEMA_VERSION = 1
 """of manifest.json and summary.json: what this auvbench reads"""
@@ -49,6 +49,11 @@ class Damage(Exception):
         self.kind = kind
 
 
+def is_name(value: Any) -> bool:
+    """Whether a text can stand in a table and in a figure: one line, not endless, every character visible."""
+    return isinstance(value, str) and 0 < len(value) <= LONGEST and plain(value) == value
+
+
 def finite(table: np.ndarray[Any, Any]) -> bool:
     """Whether all of it are numbers that can have been measured."""
     # A text anywhere makes a table one of objects; NaN compares as False.
@@ -58,11 +63,13 @@ def finite(table: np.ndarray[Any, Any]) -> bool:
 def json_object(path: Path) -> dict[str, Any]:
     """A JSON object of the schema version that is read here."""
     try:
-        data = json.loads(path.read_bytes())
-    except OSError as error:
+        data = documents.json_value(reading.content(path))
+    except FileNotFoundError as error:
         raise Damage(f"{path.name} is missing") from error
-    except (ValueError, RecursionError) as error:
-        raise Damage(f"{path.name} is not valid JSON") from error
+    except OSError as error:
+        raise Damage(f"{path.name} cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise Damage(f"{path.name} is not valid JSON ({short(error)})") from error
     version = data.get("schema_version") if isinstance(data, dict) else None
     if version != SCHEMA_VERSION:
         raise Damage(
@@ -84,11 +91,11 @@ def read_evaluation(directory: Path) -> Evaluation:
         raise Damage(f"summary.json has no {', '.join(sorted(missing))}")
     path = directory / "episodes.csv"
     try:
-        data = path.read_bytes()
+        data = reading.content(path, tables.LARGEST)
     except FileNotFoundError as error:
         raise Damage("episodes.csv is missing") from error
-    except OSError as error:
-        raise Damage(f"episodes.csv cannot be read ({error.strerror or error})") from error
+    except (OSError, ValueError) as error:
+        raise Damage(f"episodes.csv cannot be read ({short(error)})") from error
     episodes = _episodes(data, _conditions(summary))
     wrong = agreement.of_file(summary, path.name, data) or agreement.of_rows(summary, episodes)
     if wrong:
@@ -109,9 +116,9 @@ def _conditions(summary: Mapping[str, Any]) -> dict[str, int]:
     except (KeyError, TypeError) as error:
         raise Damage("summary.json does not name its conditions and how many episodes each has") from error
     for name, episodes in found.items():
-        if not isinstance(name, str) or not isinstance(episodes, int) or episodes < 1:
+        if not is_name(name) or type(episodes) is not int or episodes < 1:
             raise Damage(
-                f"summary.json says {episodes!r} episodes of condition {name!r}, which is no number of episodes"
+                f"summary.json says {short(repr(episodes), 40)} episodes of condition {short(repr(name), 40)}, which is no number of episodes"
             )
     if len(found) < max(1, len(summary["conditions"])):
         raise Damage("summary.json has no conditions, or one of them twice")
@@ -121,9 +128,9 @@ def _conditions(summary: Mapping[str, Any]) -> dict[str, int]:
 def _episodes(data: bytes, expected: Mapping[str, int]) -> pd.DataFrame:
     """episodes.csv, checked: all columns, all rows of the summary, no row cut short, all values possible."""
     try:
-        frame = pd.read_csv(io.BytesIO(data), engine="c", low_memory=False)
-    except ValueError as error:  # pandas' parser and empty-data errors are ValueErrors
-        raise Damage(f"episodes.csv cannot be read ({str(error).strip()})") from error
+        frame = tables.csv(data)
+    except ValueError as error:
+        raise Damage(f"episodes.csv cannot be read ({short(error)})") from error
     needed = ("condition", "episode", "outcome", *CORE_COLUMNS)
     if missing := [c for c in needed if c not in frame.columns]:
         raise Damage(f"episodes.csv lacks the columns {', '.join(missing)}")

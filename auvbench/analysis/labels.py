@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
+
+from auvbench.untrusted.text import plain
+
+LONGEST = 60
+"""characters of a value in a label"""
 
 Key = Mapping[str, Any]
 
@@ -20,7 +26,9 @@ def part(name: str, value: Any) -> str:
     if name == "algo":
         text = str(value)
         return text.upper() if len(text) <= 4 else text
-    shown = f"{value:g}" if isinstance(value, float) else "unset" if value is None else str(value)
+    shown = f"{value:g}" if isinstance(value, float) else "unset" if value is None else plain(str(value))
+    if len(shown) > LONGEST:  # a list, say: its beginning and what tells it from others
+        shown = f"{shown[:LONGEST]}… ({hashlib.sha256(shown.encode()).hexdigest()[:6]})"
     if name == "reward.k":
         return f"K={shown}"
     if name == "step.frequency":

@@ -12,10 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from auvbench.analysis import agreement
-from auvbench.analysis.evaluations import LARGEST, Damage, json_object, read_evaluation
+from auvbench.analysis.evaluations import LARGEST, Damage, is_name, json_object, read_evaluation
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.model import Problem, RunRecord
 from auvbench.analysis.processes import each
@@ -23,6 +21,8 @@ from auvbench.config import answers
 from auvbench.errors import ReportError, closest
 from auvbench.runs import integrity
 from auvbench.runs import where as filters
+from auvbench.untrusted import documents, reading
+from auvbench.untrusted.text import short
 
 __all__ = ["agents", "available_protocols", "load", "require"]
 
@@ -179,13 +179,16 @@ def _run(directory: Path) -> RunRecord:
         # A run that was not started may have no steps yet.
         if type(value) is not int and (value is not None or key == "seed"):
             raise Damage(f"manifest.json has the {key} {_brief(value)}, which is no integer")
+    for key in ("id", "state"):
+        if not is_name(manifest[key]):
+            raise Damage(f"manifest.json has the {key} {_brief(manifest[key])}, which is no name")
     config, flat = _config(directory / "config.yaml")
     if wrong := agreement.of_run(manifest, config):
         raise Damage(wrong)
     return RunRecord(
-        id=str(manifest["id"]),
+        id=manifest["id"],
         directory=directory,
-        state=str(manifest["state"]),
+        state=manifest["state"],
         seed=manifest["seed"],
         config=flat,
         manifest=manifest,
@@ -195,20 +198,26 @@ def _run(directory: Path) -> RunRecord:
 def _config(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """The configuration of a run, and by dotted keys, with what labels and groups need of the right type."""
     try:
-        # The C loader is ten times faster than OmegaConf on a resolved configuration.
-        config = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)
-    except OSError as error:
+        config = documents.yaml_value(reading.content(path))
+    except FileNotFoundError as error:
         raise Damage("config.yaml is missing") from error
-    except (yaml.YAMLError, ValueError) as error:  # a ValueError: the 99th of a month
-        raise Damage("config.yaml is not valid YAML") from error
+    except OSError as error:
+        raise Damage(f"config.yaml cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise Damage(f"config.yaml is not valid YAML ({short(error)})") from error
     if not isinstance(config, dict):
         raise Damage("config.yaml is empty")
     try:
         flat = dict(_flat(config))
     except RecursionError as error:  # an anchor that holds itself
         raise Damage("config.yaml is nested without an end") from error
-    if not isinstance(algo := flat.get("algo.name"), str):
+    if not is_name(algo := flat.get("algo.name")):
         raise Damage(f"config.yaml is not that of a run (algo.name is {_brief(algo)}, not a name)")
+    for key, value in flat.items():
+        if isinstance(value, str) and value and _is_shown(key) and not is_name(value):
+            raise Damage(
+                f"config.yaml has the {short(key, 60)} {_brief(value)} ({len(value):,} characters), which is no name"
+            )
     for key in NUMBERS:
         value = flat.get(key)
         if value is not None and (type(value) not in (int, float) or not abs(value) <= LARGEST):
@@ -216,9 +225,13 @@ def _config(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     return config, flat
 
 
+def _is_shown(key: str) -> bool:
+    """Whether a report may show the text: sheets hold sources and remarks, and paths may be long."""
+    return key in ("vehicle.name", "vehicle.title") or not key.startswith(("vehicle.", "output", "launcher."))
+
+
 def _brief(value: Any) -> str:
-    text = "absent" if value is None else repr(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."
+    return "absent" if value is None else short(repr(value), 40)
 
 
 def _flat(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

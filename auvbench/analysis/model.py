@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.groups import shared
+from auvbench.untrusted.text import short
 
 NO_POLICY = -1
 """outcome of every test episode of a training that failed: there is no policy, so no success"""
@@ -61,6 +62,11 @@ class Problem:
     kind: str
     """missing | failed | unfinished | damaged | foreign | duplicate | mixed | unverified (in the tables all the same)"""
     message: str
+
+    def __post_init__(self) -> None:
+        # Both may quote files that anybody wrote, and go to terminals and pages.
+        object.__setattr__(self, "where", short(self.where, 1000))
+        object.__setattr__(self, "message", short(self.message, 1000))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import re
-import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,19 +11,12 @@ from numpy.typing import NDArray
 
 from auvbench.analysis import agreement
 from auvbench.analysis.evaluations import Damage, finite
+from auvbench.untrusted import archives, reading
+from auvbench.untrusted.text import short
 
 FloatArray = NDArray[np.float64]
 
-UNREADABLE = (
-    OSError,
-    ValueError,
-    TypeError,
-    KeyError,
-    EOFError,
-    zipfile.BadZipFile,
-    zlib.error,
-    RuntimeError,  # an unknown compression, a password
-)
+UNREADABLE = (*archives.FAULTS, TypeError)
 
 Path3 = tuple[int, tuple[float, float, float], FloatArray, FloatArray]
 """episode, waypoint m, positions (T+1, 3) m, times (T+1,) s"""
@@ -40,12 +30,10 @@ def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
     """
     name = re.compile(rf"position_{re.escape(condition)}_(\d+)")
     try:
-        data = file.read_bytes()
+        data = reading.content(file, archives.UNPACKED)
         if wrong := agreement.of_neighbour(file, data):
             raise Damage(wrong)
-        if not zipfile.is_zipfile(io.BytesIO(data)):
-            raise ValueError("it is no .npz file")
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        with archives.opened(data) as arrays:
             numbers = sorted(int(match[1]) for key in arrays.files if (match := name.fullmatch(key)))
             for episode in numbers[:episodes]:
                 suffix = f"{condition}_{episode}"
@@ -63,4 +51,4 @@ def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
                 x, y, z = waypoint.tolist()
                 yield episode, (x, y, z), position, time
     except UNREADABLE as error:
-        raise Damage(f"trajectories.npz cannot be read: {error}") from error
+        raise Damage(f"trajectories.npz cannot be read: {short(error)}") from error

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import io
-
 import pandas as pd
 
 from auvbench.analysis import agreement
 from auvbench.analysis.evaluations import Damage, finite
 from auvbench.analysis.model import RunRecord
 from auvbench.tasks.record import OUTCOMES
+from auvbench.untrusted import reading, tables
+from auvbench.untrusted.text import short
 
 NUMBERS = ("step", "steps", "return", "final_distance_m")
 """columns of train/episodes.csv that a report uses, beside the outcome"""
@@ -28,11 +28,10 @@ def training(run: RunRecord) -> pd.DataFrame | None:
         return None
     name, needed = "train/episodes.csv", ("outcome", *NUMBERS)
     try:
-        data = path.read_bytes()
-        frame = pd.read_csv(io.BytesIO(data), usecols=lambda c: c in needed, engine="c", low_memory=False)
-    except (OSError, ValueError) as error:  # pandas' parser and empty-data errors are ValueErrors
-        reason = " ".join(str(error).split())
-        raise Damage(f"{name} cannot be read ({reason})") from error
+        data = reading.content(path, tables.LARGEST)
+        frame = tables.csv(data, needed)
+    except (OSError, ValueError) as error:
+        raise Damage(f"{name} cannot be read ({short(error)})") from error
     if missing := [c for c in needed if c not in frame.columns]:
         raise Damage(f"{name} lacks the columns {', '.join(missing)}")
     if frame.empty:  # a training that was shorter than its first episode

@@ -113,11 +113,11 @@ def counting_bar(total: int, title: str) -> Iterator[Teller]:
 
     console = Console(stderr=True, highlight=False)
     with Bar(
-        TextColumn(title),
+        TextColumn(title, markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[now]}"),
+        TextColumn("{task.fields[now]}", markup=False),  # a run's id is no markup
         console=console,
     ) as bar:
         task = bar.add_task("", total=total, now="")

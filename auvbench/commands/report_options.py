@@ -11,6 +11,7 @@ from typing import Any
 
 from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError, closest
+from auvbench.untrusted import documents, reading
 
 FORMATS = ("terminal", "md", "tex", "csv", "html")
 STUDIES = ("thesis",)
@@ -90,14 +91,14 @@ def parser() -> Parser:
 
 
 def _read_preset(path: Any) -> dict[str, Any]:
-    import yaml
-
     try:
-        settings = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"cannot read the preset {path}") from error
-    except yaml.YAMLError as error:
-        raise UserError(f"the preset {path} is not valid YAML") from error
+        settings = documents.yaml_value(
+            reading.content(path) if isinstance(path, Path) else path.read_bytes()
+        )
+    except OSError as error:
+        raise UserError(f"cannot read the preset {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise UserError(f"the preset {path} is not valid YAML: {error}") from error
     if not isinstance(settings, Mapping):
         raise UserError(f"the preset {path} holds no options")
     known = [field.name for field in fields(Options)]

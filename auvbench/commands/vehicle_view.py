@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from auvbench.untrusted.text import plain
 from auvbench.vehicles import inspect
 from auvbench.vehicles.model import VehicleModel
 from auvbench.vehicles.warnings import warnings
@@ -97,7 +98,7 @@ def facts(vehicle: VehicleModel) -> dict[str, Any]:
 def show(vehicle: VehicleModel) -> None:
     """Print everything about `vehicle` as tables."""
     console = open_console()
-    console.print(f"\n[bold]{escape(vehicle.title)}[/bold]  ({escape(vehicle.name)})")
+    console.print(f"\n[bold]{_text(vehicle.title)}[/bold]  ({_text(vehicle.name)})")
     console.print("Body axes: x forward, y port, z up, from the body origin. SI units.\n")
     _hydrostatics(console, vehicle)
     console.print(_matrix("mass matrix M = M_RB + M_A, kg, kg m, kg m2", vehicle.M, inspect.SYMBOLS))
@@ -111,10 +112,15 @@ def show(vehicle: VehicleModel) -> None:
     _motion(console, vehicle)
     console.print("[bold]warnings[/bold]")
     for text in warnings(vehicle) or ["none"]:
-        console.print(f"  - {escape(text)}", soft_wrap=True)
+        console.print(f"  - {_text(text)}", soft_wrap=True)
     console.print("\n[bold]sources[/bold]")
     for key, text in vehicle.sources:
-        console.print(f"  {escape(key)}: {escape(text)}", soft_wrap=True)
+        console.print(f"  {_text(key)}: {_text(text)}", soft_wrap=True)
+
+
+def _text(text: str) -> str:
+    """A sheet's text as it stands there: no markup, and nothing that a terminal would obey."""
+    return escape(plain(text))
 
 
 def _hydrostatics(console: Console, vehicle: VehicleModel) -> None:
@@ -156,7 +162,7 @@ def _matrix(
 ) -> Table:
     table = new_table("", *(rows if columns is None else columns), title=title)
     for name, row in zip(rows, values, strict=True):
-        table.add_row(name, *(f"{value:.5g}" if abs(value) > 1e-12 else "0" for value in row))
+        table.add_row(_text(name), *(f"{value:.5g}" if abs(value) > 1e-12 else "0" for value in row))
     return table
 
 
@@ -171,7 +177,7 @@ def _actuators(console: Console, vehicle: VehicleModel) -> None:
         symbol = units.get(unit.kind, rotor)
         low, high = (f"{limit:.5g} {symbol}".strip() for limit in unit.curve.limits)
         newtons = f"{force[0]:+.4g} {force[1]:+.4g}" if unit.kind == "thruster" else ""
-        table.add_row(unit.name, unit.kind.replace("_", " "), low, high, newtons)
+        table.add_row(_text(unit.name), unit.kind.replace("_", " "), low, high, newtons)
     console.print(table)
 
 

@@ -76,8 +76,14 @@ def _print_sheet(name: str) -> None:
 
     sheet.load(name)  # an unknown name and a wrong sheet get their message
     path = Path(name)
-    text = (path if path.suffix in (".yaml", ".yml") else sheets()[name]).read_text(encoding="utf-8")
-    sys.stdout.write(text)
+    data = (path if path.suffix in (".yaml", ".yml") else sheets()[name]).read_bytes()
+    # As it is: a sheet is UTF-8 whatever the terminal's encoding.
+    buffer = getattr(sys.stdout, "buffer", None)
+    if buffer is None or sys.stdout.isatty():
+        sys.stdout.write(data.decode("utf-8"))
+    else:
+        sys.stdout.flush()
+        buffer.write(data)
 
 
 def _step(text: str) -> float:
@@ -107,8 +113,11 @@ def _write_sdf(name: str, folder: Path, hydrodynamics: str, step: float) -> None
 
 
 def _list(*, as_json: bool) -> None:
+    from rich.text import Text
+
     from auvbench.commands.vehicle_view import new_table, open_console
     from auvbench.errors import VehicleError
+    from auvbench.untrusted.text import plain
     from auvbench.vehicles import sheet
     from auvbench.vehicles.reader import sheet_names
 
@@ -134,7 +143,7 @@ def _list(*, as_json: bool) -> None:
     table.columns[-1].justify = "left"
     for row in rows:
         counts = ("", "") if row["mass_kg"] is None else (str(row["actuators"]), f"{row['mass_kg']:.2f}")
-        table.add_row(row["name"], *counts, row["title"])
+        table.add_row(Text(plain(row["name"])), *counts, Text(plain(row["title"])))
     console = open_console()
     console.print(table)
     console.print("auvbench vehicles NAME shows one; auvbench train vehicle=NAME trains on it.")

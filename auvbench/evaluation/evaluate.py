@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import shutil
 from collections import Counter
 from collections.abc import Callable
@@ -26,6 +25,7 @@ from auvbench.runs.durable import fsync_directory, make_folder, storage, write_d
 from auvbench.runs.files import as_json
 from auvbench.runs.plan import load_config
 from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
+from auvbench.untrusted import documents, reading
 from auvbench.vehicles import sheet
 
 SCHEMA_VERSION = 1
@@ -38,8 +38,8 @@ MEANS = RECORD_COLUMNS[RECORD_COLUMNS.index("steps") : RECORD_COLUMNS.index("way
 def read_summary(run: RunDirectory, protocol: str) -> dict[str, Any] | None:
     """summary.json of an evaluation that is there and whole, else None."""
     try:
-        summary = json.loads((run.evaluation(protocol) / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        summary = documents.json_value(reading.content(run.evaluation(protocol) / "summary.json"))
+    except (OSError, ValueError):
         return None
     if not isinstance(summary, dict) or summary.get("schema_version") != SCHEMA_VERSION:
         return None

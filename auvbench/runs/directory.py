@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from types import UnionType
 from typing import Any
 
 import yaml
 
 from auvbench.errors import RunError
-from auvbench.runs import identity, integrity
+from auvbench.runs import identity, integrity, manifest_fields
 from auvbench.runs.durable import FAULTS, make_folder, storage_error
 from auvbench.runs.files import as_json, create_atomic, write_atomic, write_json
 from auvbench.runs.identity import SCHEMA_VERSION
+from auvbench.runs.manifest_fields import STATES
+from auvbench.untrusted import documents, reading
 
-STATES = ("pending", "running", "interrupted", "failed", "complete")
+__all__ = ["STATES", "RunDirectory", "find_runs", "freeze", "now", "place"]
 
 HEADER = (
     "# The resolved configuration of this run. Its hash is part of the folder's name: do not edit;\n"
@@ -83,8 +83,8 @@ class RunDirectory:
             RunError: it is missing or no YAML mapping.
         """
         try:
-            loaded = yaml.load(self.config_path.read_text(encoding="utf-8"), Loader=_LOADER)
-        except (OSError, yaml.YAMLError, ValueError) as error:  # ValueError: no UTF-8, or no such date
+            loaded = documents.yaml_value(reading.content(self.config_path))
+        except (OSError, ValueError) as error:  # ValueError: no YAML, no UTF-8, or no such date
             raise self._unreadable(self.config_path, error) from error
         if not isinstance(loaded, dict):
             raise self._unreadable(self.config_path, "not a mapping")
@@ -101,7 +101,7 @@ class RunDirectory:
             RunError: it is missing, damaged, or of another schema version.
         """
         try:
-            loaded = json.loads(self.manifest_path.read_text(encoding="utf-8"))
+            loaded = documents.json_value(reading.content(self.manifest_path))
         except (OSError, ValueError) as error:
             raise self._unreadable(self.manifest_path, error) from error
         if not isinstance(loaded, dict):
@@ -112,15 +112,9 @@ class RunDirectory:
                 f"{self.manifest_path}: schema_version {version}, but this auvbench reads {SCHEMA_VERSION}; "
                 "use the auvbench that wrote it"
             )
-        for key, kind in _KINDS.items():
-            if not isinstance(loaded.get(key), kind):
-                raise self._unreadable(self.manifest_path, f"{key} is {loaded.get(key, 'missing')}")
-        if loaded["state"] not in STATES:
-            raise self._unreadable(
-                self.manifest_path, f"state is {loaded['state']}, valid: {', '.join(STATES)}"
-            )
-        if broken := integrity.broken_seal(loaded):
-            raise self._unreadable(self.manifest_path, broken)
+        wrong = manifest_fields.wrong(loaded) or integrity.broken_seal(loaded)
+        if wrong:
+            raise self._unreadable(self.manifest_path, wrong)
         return loaded
 
     def _unreadable(self, path: Path, why: object) -> RunError:
@@ -167,19 +161,6 @@ class RunDirectory:
         return config
 
 
-# What those who read a manifest rely on.
-_KINDS: dict[str, type | UnionType] = {
-    "state": str,
-    "algo": str,
-    "seed": int,
-    "steps": int,
-    "total_steps": int,
-    "attempts": int,
-    "wall_time_s": int | float,
-    "error": dict | None,
-}
-
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 

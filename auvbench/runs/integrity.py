@@ -17,6 +17,8 @@ from typing import Any
 
 from auvbench.errors import RunError
 from auvbench.runs.durable import sha256
+from auvbench.untrusted import archives, inside, reading
+from auvbench.untrusted.text import short
 
 SEAL = "seal"
 FILES = "files"
@@ -103,17 +105,19 @@ def lacking(folder: Path, holder: Mapping[str, Any], prefix: str = "", *, deep: 
         if not name.startswith(prefix):
             continue
         path = folder / name
+        if not inside.is_below(name):
+            return f"{short(name)} would lie outside the run"
         try:
             if deep:
-                wrong = difference(path.read_bytes(), expected)
+                wrong = difference(reading.content(path, archives.FILE), expected)
             else:
                 size = path.stat().st_size
                 same = isinstance(expected, Mapping) and size == expected.get("bytes")
                 wrong = "" if same else f"has {size:,} bytes, not those that were written"
         except FileNotFoundError:
             wrong = "is missing"
-        except OSError as error:
-            wrong = f"cannot be read: {error.strerror or error}"
+        except (OSError, ValueError) as error:
+            wrong = f"cannot be read: {getattr(error, 'strerror', None) or error}"
         if wrong:
             return f"{name} {wrong}"
     return ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
@@ -13,6 +14,7 @@ from auvbench.runs import identity, lock, standing, where
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.standing import State
 from auvbench.scheduling import progress
+from auvbench.untrusted.text import LONGEST, plain, short
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,17 +88,17 @@ def rows(runs: Iterable[RunDirectory]) -> tuple[list[Row], list[str]]:
     for run in runs:
         try:
             found.append(_row(run, clock))
-        except (RunError, KeyError, ValueError, TypeError) as error:
-            problems.append(
-                str(error) if isinstance(error, RunError) else f"{run.manifest_path}: damaged: {error}"
-            )
+        except RunError as error:
+            problems.append(plain(error))
+        except (KeyError, ValueError, TypeError, OSError) as error:  # of a lock or progress file
+            problems.append(plain(f"{run.path}: damaged: {error}"))
     return found, problems
 
 
 def _row(run: RunDirectory, clock: Callable[[Path], float]) -> Row:
     at = standing.of(run, clock=clock)
     manifest = at.manifest
-    steps, episodes, success = manifest["steps"], manifest["episodes"], manifest["success_rate"]
+    steps, episodes, success = manifest["steps"], manifest.get("episodes", 0), manifest.get("success_rate")
     wall = float(manifest["wall_time_s"])
     if at.state in (State.RUNNING, State.INTERRUPTED):
         # The manifest is written at the start and at the end; in between, and after a kill, this knows more.
@@ -108,20 +110,20 @@ def _row(run: RunDirectory, clock: Callable[[Path], float]) -> Row:
                 wall += max(0.0, last.time - begun)
     error = manifest.get("error") or {}
     return Row(
-        id=str(manifest["id"]),
-        name=run.path.absolute().parent.name,
-        path=str(run.path),
+        id=short(manifest["id"]),
+        name=plain(run.path.absolute().parent.name),
+        path=plain(run.path),
         state=at.state,
-        algo=str(manifest["algo"]),
-        seed=int(manifest["seed"]),
-        steps=int(steps),
-        total_steps=int(manifest["total_steps"]),
-        episodes=int(episodes),
+        algo=short(manifest["algo"]),
+        seed=manifest["seed"],
+        steps=steps,
+        total_steps=manifest["total_steps"],
+        episodes=episodes,
         success_rate=success,
         wall_time_s=wall,
-        created=manifest.get("created"),
-        holder=str(at.holder) if at.holder else None,
-        error=error.get("message") if at.state is State.FAILED else None,
+        created=short(manifest["created"]) if manifest.get("created") else None,
+        holder=short(at.holder) if at.holder else None,
+        error=plain(error.get("message", "no reason given")) if at.state is State.FAILED else None,
         config=_config(run),
     )
 
@@ -132,8 +134,19 @@ def _config(run: RunDirectory) -> dict[str, Any]:
     except (RunError, RecursionError):
         return {}  # whoever works on the run says what is wrong with it
     return {
-        key: value for key, value in known.items() if not key.startswith("vehicle.") or key == "vehicle.name"
+        short(key): _shown(value)
+        for key, value in known.items()
+        if not key.startswith("vehicle.") or key == "vehicle.name"
     }
+
+
+def _shown(value: Any) -> Any:
+    """A value that a line and JSON can hold, whatever YAML made of it."""
+    if isinstance(value, list):
+        return [_shown(item) for item in value[:LONGEST]]
+    if value is None or isinstance(value, bool | int) or (isinstance(value, float) and math.isfinite(value)):
+        return value
+    return short(value)
 
 
 def facts(row: Row) -> dict[str, Any]:

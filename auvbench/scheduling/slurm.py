@@ -31,6 +31,7 @@ from auvbench.config.launchers import Slurm
 from auvbench.errors import RunError, UserError
 from auvbench.scheduling.base import Phase, Status, SubmitError
 from auvbench.training.worker import LOG, TARGET
+from auvbench.untrusted import documents, reading
 
 SCRIPTS = "slurm"
 """In the run directory: the batch scripts that submitit wrote for it."""
@@ -153,7 +154,7 @@ class SlurmBackend:
 
     def adopt(self, run: Path) -> SlurmJob | None:
         try:
-            number = str(json.loads((run / JOB_FILE).read_text(encoding="utf-8"))["job"])
+            number = str(documents.json_value(reading.content(run / JOB_FILE))["job"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
         state = self._states([number]).get(number)

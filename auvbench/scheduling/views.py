@@ -206,7 +206,7 @@ class TableView(Watch):
         rows = sorted(self.rows.values(), key=lambda row: order.get(row.state, 2))
         room = max(3, self.console.height - 5)
         for row in rows[:room]:
-            table.add_row(row.name, Text(row.state, STYLES.get(row.state, "dim")), *_cells(row))
+            table.add_row(Text(row.name), Text(row.state, STYLES.get(row.state, "dim")), *_cells(row))
         more = [Text(f"and {len(rows) - room} more", "dim")] if len(rows) > room else []
         return Group(table, *more, Text(self.counts(), "bold"))
 

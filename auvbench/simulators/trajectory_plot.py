@@ -34,7 +34,9 @@ def draw(trajectory: Trajectory, path: Path, title: str = "") -> None:
     _lines(axes[1, 1], time, np.degrees(velocity[:, 3:]), ("p roll", "q pitch", "r yaw"), "rate, deg/s")
     for ax in axes[1]:
         ax.set_xlabel("time, s")
-    figure.suptitle(f"{title}   (world {world}; {len(time)} samples)", fontsize=11)
+    # A sheet's title with dollar signs is no formula.
+    heading = f"{title}   (world {world}; {len(time)} samples)"
+    figure.suptitle(heading, fontsize=11).set_parse_math(False)
     figure.savefig(path, dpi=150)
     plt.close(figure)
 

@@ -29,6 +29,7 @@ from auvbench.runs import lock, processes, standing
 from auvbench.runs.directory import RunDirectory
 from auvbench.training import interruption
 from auvbench.training.interruption import Interrupted
+from auvbench.untrusted import streams
 
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
@@ -56,6 +57,7 @@ def limit_torch() -> None:
 def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
     """Carries out a run in this process and returns the exit code; never raises."""
     plain_warnings()
+    streams.forgiving()
     try:
         run = RunDirectory(Path(path))
         if log:

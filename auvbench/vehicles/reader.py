@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from auvbench.errors import VehicleError, closest
+from auvbench.untrusted import documents, reading
 from auvbench.vehicles.document import Document, Keys
 
 
@@ -116,7 +117,9 @@ def _parent(name: str, folder: Path | None, heir: Document, heirs: tuple[str, ..
 
 def _text(entry: Traversable, label: str) -> str:
     try:
-        return entry.read_text(encoding="utf-8")
+        data = reading.content(entry) if isinstance(entry, Path) else entry.read_bytes()
+        documents.check_yaml(data)
+        return data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         byte = error.object[error.start]
@@ -125,6 +128,8 @@ def _text(entry: Traversable, label: str) -> str:
         ) from None
     except OSError as error:
         raise VehicleError(f"{label}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise VehicleError(f"{label}: {error}") from None
 
 
 def _parse(text: str, label: str) -> Document:

@@ -56,7 +56,7 @@ def test_a_condition_with_a_decimal_point_keeps_its_whole_name(run, tmp_path):
         (["--condition", "nominl"], "did you mean 'nominal'?"),
         (["--protocol", "tst"], "did you mean 'test'?"),
         (["--video", "film.avi"], "must end in .mp4 or .gif"),
-        (["--frobnicate"], "unrecognized arguments"),
+        (["--frobnicate"], "--frobnicate: no such flag"),
     ],
 )
 def test_mistakes_are_named(run, tmp_path, monkeypatch, capsys, arguments, message):

@@ -23,6 +23,7 @@ from auvbench.agents.learned import trained
 from auvbench.config import algorithms, schema
 from auvbench.config.clock import discount
 from auvbench.errors import RunError
+from auvbench.untrusted import archives, reading
 
 ACTIVATIONS = {
     "tanh": torch.nn.Tanh,
@@ -222,11 +223,11 @@ class LearnedPolicy(FrozenPolicy):
 
 def _read(path: Path, check: Callable[[str, bytes], None] | None) -> bytes:
     try:
-        data = path.read_bytes()
+        data = reading.content(path, archives.FILE)
     except FileNotFoundError as error:
         raise RunError(f"{path.parent}: no trained model here ({path.name} is missing)") from error
-    except OSError as error:
-        raise RunError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (OSError, ValueError) as error:
+        raise RunError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if check is not None:
         check(path.name, data)
     return data

@@ -6,7 +6,6 @@ is negative. Every such model would drive the vehicle and be scored.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from auvbench.errors import RunError
+from auvbench.untrusted import archives
 
 Floats = NDArray[np.float64]
 
@@ -32,11 +32,9 @@ def weights(data: bytes, path: Path, expected: Mapping[str, torch.Tensor]) -> di
         RunError: it cannot be read, is of another network, or holds a number that is not finite.
     """
     try:
-        found = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
-    except Exception as error:  # torch raises whatever a damaged archive makes it meet
-        raise RunError(f"{path}: the weights cannot be read: {_first_line(error)}") from error
-    if not isinstance(found, Mapping):
-        raise RunError(f"{path}: holds a {type(found).__name__}, not weights by name")
+        found = archives.weights(data)
+    except ValueError as error:
+        raise RunError(f"{path}: the weights cannot be read: {error}") from error
     for name in [*expected, *(name for name in found if name not in expected)]:
         if wrong := _tensor_fault(found.get(name), expected.get(name)):
             raise RunError(
@@ -71,10 +69,9 @@ def statistics(data: bytes, path: Path, size: int) -> dict[str, Floats]:
         RunError: it cannot be read, lacks an entry, or holds one of another shape or an impossible value.
     """
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            found = {name: archive[name] for name in archive.files}
-    except Exception as error:  # as above: zip, zlib and numpy each have errors of their own
-        raise RunError(f"{path}: the statistics cannot be read: {_first_line(error)}") from error
+        found = archives.arrays(data)
+    except ValueError as error:
+        raise RunError(f"{path}: the statistics cannot be read: {error}") from error
     shapes: dict[str, tuple[int, ...]] = {
         "observation_mean": (size,),
         "observation_variance": (size,),
@@ -99,9 +96,3 @@ def _array_fault(value: Any, shape: tuple[int, ...], *, positive: bool) -> str:
     if not bool(np.isfinite(value).all()):
         return "holds a number that is not finite"
     return "is not positive" if positive and not bool((value > 0.0).all()) else ""
-
-
-def _first_line(error: Exception) -> str:
-    """Of what a library said; some say nothing at all."""
-    lines = str(error).strip().splitlines()
-    return lines[0] if lines else type(error).__name__

@@ -42,6 +42,7 @@ _RC: Any = {
     "svg.fonttype": "none",  # text stays text: smaller, searchable
     "svg.hashsalt": "auvbench",  # the same figure has the same bytes
     "path.simplify": True,
+    "text.parse_math": False,  # a label with dollar signs is a label, not a formula
     "figure.autolayout": False,  # whatever a user's matplotlibrc says: figures have the layout they ask for
     "figure.constrained_layout.use": False,
 }

@@ -106,7 +106,7 @@ def _table(ranking: Ranking, lead: Sequence[str], shown: Sequence[c.Column]) -> 
             table.add_column(heading, justify="right" if heading == "seeds" else "left", no_wrap=True)
     for column in shown:
         table.add_column(
-            Text.from_markup(f"{column.title}\n[dim]{column.unit}[/dim]"), justify="right", no_wrap=True
+            Text.assemble(f"{column.title}\n", (column.unit, "dim")), justify="right", no_wrap=True
         )
     marked = c.policies(ranking)
     for row in ranking.rows:
@@ -161,7 +161,9 @@ def comparisons_terminal(comparisons: Sequence[Comparison]) -> RenderableType:
     for heading in ("difference", "p (Holm)", "verdict", "does better"):
         table.add_column(heading, justify="right", no_wrap=True)
     for comparison in comparisons:
-        table.add_row(comparison.first, comparison.second, comparison.metric, *difference(comparison))
+        # As Text: a label with brackets is no markup.
+        names = map(Text, (comparison.first, comparison.second, comparison.metric))
+        table.add_row(*names, *difference(comparison))
     return table
 
 

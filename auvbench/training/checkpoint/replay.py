@@ -20,6 +20,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from auvbench.errors import TrainingError
 from auvbench.runs.durable import fsync_directory, make_folder, sha256, sha256_of_prefix
 from auvbench.runs.files import write_atomic
+from auvbench.untrusted import archives, reading
 
 FIELDS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 SEGMENT_TRANSITIONS = 16_384  # about 2 MB for the waypoint task
@@ -128,11 +129,11 @@ class ReplayStore:
         oldest = max(0, rows - buffer.buffer_size)
         length = max(1, self._transitions // buffer.n_envs)
         for segment in segments:
-            with np.load(self.folder / segment.name, allow_pickle=False) as arrays:
-                skip = max(0, oldest - segment.first)
-                at = np.arange(segment.first + skip, segment.last) % buffer.buffer_size
-                for field in FIELDS:
-                    getattr(buffer, field)[at] = arrays[field][skip:]
+            arrays = archives.arrays(reading.content(self.folder / segment.name, archives.FILE))
+            skip = max(0, oldest - segment.first)
+            at = np.arange(segment.first + skip, segment.last) % buffer.buffer_size
+            for field in FIELDS:
+                getattr(buffer, field)[at] = arrays[field][skip:]
             self._written[segment.first // length * length, segment.last] = segment
         buffer.pos = rows % buffer.buffer_size
         buffer.full = rows >= buffer.buffer_size

@@ -27,6 +27,7 @@ from auvbench.errors import AuvbenchWarning, RunError, TrainingError
 from auvbench.runs.durable import fsync_directory, make_folder, sha256, storage, write_durable
 from auvbench.training.checkpoint.logs import LogMark
 from auvbench.training.checkpoint.replay import Segment
+from auvbench.untrusted import archives, documents, inside, reading
 
 SCHEMA_VERSION = 1
 MANIFEST = "manifest.json"
@@ -74,12 +75,11 @@ class Components:
         for file_name, data in contents.items():
             name, _, kind = file_name.rpartition(".")
             if kind == "pt":
-                components.tensors[name] = torch.load(io.BytesIO(data), weights_only=True, map_location="cpu")
+                components.tensors[name] = archives.weights(data)
             elif kind == "npz":
-                with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-                    components.arrays[name] = {key: arrays[key] for key in arrays.files}
+                components.arrays[name] = archives.arrays(data)
             else:
-                components.values[name] = json.loads(data)
+                components.values[name] = documents.json_value(data)
         return components
 
 
@@ -219,7 +219,9 @@ class CheckpointStore:
         contents = {}
         for name, entry in manifest["components"].items():
             try:
-                data = (path / name).read_bytes()
+                if not inside.is_below(name):
+                    raise ValueError("its manifest names a file outside of it")
+                data = reading.content(path / name, archives.FILE)
             except OSError as error:
                 raise ValueError(f"{name}: {error.strerror}") from error
             if len(data) != entry["bytes"]:
@@ -287,7 +289,7 @@ def _sealed(manifest: dict[str, Any]) -> bytes:
 def _unsealed(path: Path) -> dict[str, Any]:
     """Reads a manifest and checks its own hash; ValueError says what is wrong."""
     try:
-        manifest = json.loads(path.read_bytes())
+        manifest = documents.json_value(reading.content(path))
     except OSError as error:
         raise ValueError(f"{path.name}: {error.strerror}") from error
     except ValueError as error:

@@ -110,7 +110,10 @@ def test_train_names_the_key_that_is_missing(tmp_path: Path, capsys: pytest.Capt
     [
         ('{"schema_version": 1}', "damaged: state is missing; restore it"),
         ('{"schema_version": 1, "state": "comp', "damaged: Unterminated string"),
-        (None, "damaged: steps is many; restore it, or remove the run's folder"),
+        (
+            None,
+            "damaged: steps is 'many', which is no whole number from 0; restore it, or remove the run's folder",
+        ),
         (None, "damaged: state is done, valid: pending, running"),
     ],
 )

@@ -1,0 +1,137 @@
+"""The one place where what nobody foresaw becomes one line: around whatever command was typed.
+
+A user's mistake, a full disk and an interruption have their line where they arise or here. Anything else is a
+defect of auvbench: what is needed to mend it is saved in a file, and the line names that file. Exit code 70
+(EX_SOFTWARE of sysexits.h).
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import platform
+import shlex
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from auvbench import __version__
+from auvbench.errors import AuvbenchError
+from auvbench.untrusted import streams
+from auvbench.untrusted.text import plain, short
+
+DEFECT = 70
+
+_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.ESTALE)
+_NAMED = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR)
+
+
+def guarded(command: Callable[[], int], arguments: Sequence[str]) -> int:
+    """Calls `command`; returns its exit code, or that of the error that it ended with. Never raises.
+
+    Args:
+        command: does the work.
+        arguments: the command line, for the report about a defect.
+    """
+    streams.forgiving()
+    code = _carried_out(command, arguments)
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        streams.silence(sys.stdout)  # its reader (head, less) went away: no error
+    except (OSError, ValueError) as error:
+        code = code or _failed(error, arguments)
+        streams.silence(sys.stdout)
+    try:
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        streams.silence(sys.stderr)
+    return code
+
+
+def _carried_out(command: Callable[[], int], arguments: Sequence[str]) -> int:
+    try:
+        return command()
+    except SystemExit as leaving:  # of argparse and Hydra, for --help
+        return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
+    except KeyboardInterrupt as interruption:
+        # One of ours says what is saved and which signal it was.
+        streams.say(f"auvbench: {plain(str(interruption) or 'interrupted')}")
+        return int(getattr(interruption, "exit_code", 130))
+    except BrokenPipeError:
+        streams.silence(sys.stdout)
+        return 0
+    except Exception as error:
+        return _failed(error, arguments)
+
+
+def _failed(error: Exception, arguments: Sequence[str]) -> int:
+    if isinstance(error, AuvbenchError):
+        streams.say(f"auvbench: {plain(error)}")
+        return error.exit_code
+    if isinstance(error, MemoryError):
+        streams.say("auvbench: there is not enough memory for this; nothing that was written before is lost")
+        return 1
+    if isinstance(error, OSError) and error.errno in _DISK:
+        from auvbench.runs.durable import storage_error
+
+        streams.say(f"auvbench: {plain(storage_error(error, 'cannot go on'))}")
+        return 1
+    if isinstance(error, OSError) and error.errno in _NAMED:
+        streams.say(f"auvbench: {short(error.filename or 'a path')}: {error.strerror}")
+        return 2
+    saved = _save(error, arguments)
+    where = f"; details: {saved}" if saved else " (and no details could be saved)"
+    reason = short(f"{type(error).__name__}: {_text(error)}")
+    streams.say(f"auvbench: a defect of auvbench, not of what you typed: {reason}{where}")
+    return DEFECT
+
+
+def _text(error: BaseException) -> str:
+    try:
+        return str(error)
+    except Exception:  # an error whose own text fails
+        return "no text"
+
+
+def _save(error: BaseException, arguments: Sequence[str]) -> Path | None:
+    """Writes versions, command and traceback into a new file; None where no folder takes it."""
+    content = _details(error, arguments)
+    name = f"error-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.txt"
+    state = os.environ.get("XDG_STATE_HOME") or os.path.join(os.path.expanduser("~"), ".local", "state")
+    for folder in (Path(state, "auvbench"), Path(tempfile.gettempdir())):
+        path = folder / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with open(path, "x", encoding="utf-8", errors="backslashreplace") as file:
+                file.write(content)
+        except OSError:
+            continue
+        return path
+    return None
+
+
+def _details(error: BaseException, arguments: Sequence[str]) -> str:
+    from auvbench.runs import provenance
+
+    lines = [
+        f"auvbench {__version__} met what it does not know. Please report this file: SECURITY.md says how where it",
+        "could be used by somebody else, else an issue will do. Nothing in it was sent anywhere.",
+        "",
+        f"command: {shlex.join(['auvbench', *arguments])}",
+        f"folder: {_folder()}",
+        f"platform: {platform.platform()}",
+        *(f"{name}: {version}" for name, version in provenance.versions().items()),
+        "",
+    ]
+    return "\n".join(lines) + "\n" + "".join(traceback.format_exception(error))
+
+
+def _folder() -> str:
+    try:
+        return os.getcwd()
+    except OSError:  # it was removed
+        return "gone"

@@ -1,0 +1,140 @@
+"""JSON and YAML from elsewhere, bounded before anything recurses into them.
+
+PyYAML's C loader composes recursively without a bound: 100,000 brackets end the process. Aliases make a document
+of a few hundred bytes stand for billions of values ("billion laughs"). So nesting and expansion are counted on
+the stream of parsing events, which needs no recursion, before a document is built.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from typing import Any, NoReturn
+
+import yaml
+
+DEPTH = 100
+"""levels of nesting; a run's configuration has six"""
+NODES = 1_000_000
+"""values that a document holds, with every alias counted as what it stands for"""
+WHOLE = 2**64
+"""whole numbers beyond this are no count of anything"""
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_INDENT = re.compile(rb"^[ \-?:]*", re.MULTILINE)
+
+
+def json_value(data: bytes | str) -> Any:
+    """A JSON value of bounded depth, without NaN, infinities and numbers that no counter reaches.
+
+    Raises:
+        ValueError: what is wrong with it, in one line.
+    """
+    try:
+        value = json.loads(data, parse_constant=_no_constant)
+    except RecursionError:
+        raise ValueError(_TOO_DEEP) from None
+    level: list[Any] = [value]
+    for _ in range(DEPTH):
+        following: list[Any] = []
+        for node in level:
+            if isinstance(node, dict):
+                following += node.values()
+            elif isinstance(node, list):
+                following += node
+            elif isinstance(node, float) and not math.isfinite(node):
+                raise ValueError("a number in it is too large")
+            elif isinstance(node, int) and abs(node) > WHOLE:
+                raise ValueError("a whole number in it is too large")
+        if not following:
+            return value
+        level = following
+    raise ValueError(_TOO_DEEP)
+
+
+_TOO_DEEP = f"it is nested more than {DEPTH} levels deep"
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no JSON")
+
+
+def yaml_value(data: bytes) -> Any:
+    """A YAML value of bounded depth and size, by the safe loader.
+
+    Raises:
+        ValueError: what is wrong with it, in one line.
+    """
+    try:
+        if not _is_shallow(data):
+            check_yaml(data)
+        return yaml.load(data, Loader=_LOADER)
+    except yaml.YAMLError as error:
+        raise ValueError(no_yaml(error)) from error
+    except RecursionError:
+        raise ValueError(_TOO_DEEP) from None
+
+
+def check_yaml(data: bytes) -> None:
+    """Refuses YAML that is nested too deep or stands for too much.
+
+    Raises:
+        ValueError: as `yaml_value`.
+    """
+    try:
+        _count(data)
+    except yaml.YAMLError as error:
+        raise ValueError(no_yaml(error)) from error
+
+
+def no_yaml(error: yaml.YAMLError) -> str:
+    """What is wrong with a text that is no YAML, in one line."""
+    mark = getattr(error, "problem_mark", None)
+    line = f"line {mark.line + 1}: " if mark is not None else ""
+    return f"{line}{getattr(error, 'problem', None) or 'not valid YAML'}"
+
+
+def _is_shallow(data: bytes) -> bool:
+    """Whether counting characters tells already that it can neither be deep nor repeat itself.
+
+    A level takes a bracket, or a blank or dash before what stands in its line. Counting events takes as long as
+    loading, and a report loads a thousand configurations.
+    """
+    if b"*" in data:
+        return False
+    flow = data.count(b"[") + data.count(b"{")
+    indent = max((len(found) for found in _INDENT.findall(data)), default=0)
+    return flow + indent <= DEPTH
+
+
+def _count(data: bytes) -> None:
+    sizes: dict[str, int] = {}  # of what has an anchor
+    # Open collections: the anchor's name, and the values below so far.
+    stack: list[tuple[str | None, int]] = []
+    total = 0
+    for event in yaml.parse(data, Loader=_LOADER):
+        if isinstance(event, yaml.MappingStartEvent | yaml.SequenceStartEvent):
+            if len(stack) >= DEPTH:
+                raise ValueError(_TOO_DEEP)
+            stack.append((event.anchor, 1))
+            continue
+        if isinstance(event, yaml.MappingEndEvent | yaml.SequenceEndEvent):
+            anchor, size = stack.pop()
+        elif isinstance(event, yaml.AliasEvent):
+            anchor = None
+            if event.anchor not in sizes:  # open still: it would hold itself
+                raise ValueError(f"*{event.anchor} stands for no value")
+            size = sizes[event.anchor]
+        elif isinstance(event, yaml.ScalarEvent):
+            anchor, size = event.anchor, 1
+        else:
+            continue
+        if anchor is not None:
+            sizes[anchor] = size
+        if stack:
+            name, below = stack[-1]
+            stack[-1] = (name, below + size)
+        total = max(total, size, stack[-1][1] if stack else 0)
+        if total > NODES:
+            raise ValueError(f"its aliases stand for more than {NODES:,} values")

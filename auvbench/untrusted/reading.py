@@ -1,0 +1,54 @@
+"""Bytes of a file, where it is a file: no pipe that never answers, no device, nothing without an end."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+DOCUMENT = 64 * 1024**2
+"""bytes of the longest text that is read: manifests, configurations, sheets (ours have some ten thousand)"""
+
+
+def content(path: Path | str, limit: int = DOCUMENT) -> bytes:
+    """All bytes of a regular file.
+
+    Raises:
+        OSError: it is missing or cannot be read.
+        ValueError: it is no regular file, or longer than `limit`.
+    """
+    # Without O_NONBLOCK, opening a pipe waits for somebody to write into it.
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
+    status = os.fstat(descriptor)
+    if not stat.S_ISREG(status.st_mode):
+        os.close(descriptor)
+        raise ValueError(f"it is {_kind(status.st_mode)}, not a file")
+    with open(descriptor, "rb") as file:
+        data = file.read(limit + 1) if status.st_size <= limit else b""
+    if len(data) > limit or status.st_size > limit:
+        raise ValueError(f"it has more than {_size(limit)}, the most that is read")
+    return data
+
+
+def text(path: Path | str, limit: int = DOCUMENT) -> str:
+    """`content` as UTF-8.
+
+    Raises:
+        OSError, ValueError: as `content`; a UnicodeDecodeError, which is a ValueError, where it is no UTF-8.
+    """
+    return content(path, limit).decode("utf-8")
+
+
+def _kind(mode: int) -> str:
+    kinds = {
+        stat.S_IFDIR: "a folder",
+        stat.S_IFIFO: "a pipe",
+        stat.S_IFSOCK: "a socket",
+        stat.S_IFCHR: "a device",
+        stat.S_IFBLK: "a device",
+    }
+    return kinds.get(stat.S_IFMT(mode), "something else")
+
+
+def _size(count: int) -> str:
+    return f"{count // 1024**2} MiB" if count >= 1024**2 else f"{count} bytes"

@@ -1,0 +1,87 @@
+"""Manifests with fields of another kind, and with text that a terminal or rich would obey."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from auvbench import cli
+from tests import fake_training
+
+FIELDS: list[tuple[str, Any]] = [
+    ("success_rate", "x"),
+    ("success_rate", 7),
+    ("created", 1.5),
+    ("wall_time_s", "1"),
+    ("wall_time_s", True),
+    ("wall_time_s", -1),
+    ("episodes", [1]),
+    ("steps", True),
+    ("steps", -5),
+    ("seed", 1e3),
+    ("algo", ["ppo"]),
+    ("id", None),
+    ("error", {"message": ["x"]}),
+    ("error", {"message": "x", "step": "y"}),
+    ("phases", {"setup_s": "x"}),
+    ("state", {}),
+]
+
+
+@pytest.mark.parametrize(("field", "value"), FIELDS)
+@pytest.mark.parametrize("flag", [[], ["--json"], ["--sort", "created"]])
+def test_a_field_of_another_kind_is_one_line(
+    field: str, value: Any, flag: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = fake_training.make(tmp_path / "x" / "good")
+    bad = fake_training.make(tmp_path / "x" / "bad")
+    data = json.loads(bad.manifest_path.read_text())
+    bad.manifest_path.write_text(json.dumps({**data, field: value}))
+    assert cli.main(["runs", str(tmp_path), *flag]) == 1
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert f"damaged: {field} is" in captured.err
+    assert good.id in captured.out  # the other is listed
+
+
+@pytest.mark.parametrize("text", ["[/b]", "a\x1b]0;owned\x07b", "line\nbreak", "\u202eabc", "\ud800"])
+def test_text_of_a_manifest_does_nothing_to_a_terminal(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = fake_training.make(tmp_path / "x" / "run")
+    run.update_manifest(
+        id=text, algo=text, state="failed", error={"message": text, "type": "X"}, created=text
+    )
+    assert cli.main(["runs", str(tmp_path)]) == 0
+    output = capsys.readouterr().out
+    assert all(c.isprintable() or c == "\n" for c in output)
+    assert "failed" in output
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["NaN", '{"a":' * 100_000, "[" * 100_000, '{"schema_version": 1, "wall_time_s": NaN}', "\x00" * 99],
+)
+def test_a_manifest_that_is_none_is_one_line(
+    content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = fake_training.make(tmp_path / "x" / "run")
+    run.manifest_path.write_text(content)
+    for arguments in (["runs"], ["runs", "--json"], ["resume"], ["evaluate"], ["report"], ["replay"]):
+        assert cli.main([*arguments, str(run.path)]) in (1, 2)
+        error = capsys.readouterr().err
+        assert error.count("auvbench: ") >= 1
+        assert "defect" not in error
+
+
+def test_a_pipe_for_a_manifest_does_not_hang(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = fake_training.make(tmp_path / "x" / "run")
+    run.manifest_path.unlink()
+    os.mkfifo(run.manifest_path)
+    for command in ("runs", "resume", "evaluate", "report", "replay"):
+        assert cli.main([command, str(run.path)]) in (1, 2)
+        assert "defect" not in capsys.readouterr().err

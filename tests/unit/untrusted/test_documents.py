@@ -1,0 +1,83 @@
+"""JSON and YAML without an end, and files that are none."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from auvbench.untrusted import documents, reading
+
+LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12)
+)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"[" * 100_000,
+        b"a: " + b"[" * 100_000 + b"]" * 100_000,
+        b"- " * 100_000 + b"x",
+        b"{a: " * 100_000,
+        b"\n".join(b" " * n + b"a:" for n in range(1500)),
+    ],
+)
+def test_deep_yaml_is_refused(data: bytes) -> None:
+    # In a process of its own: PyYAML's C loader would end this one.
+    code = f"from auvbench.untrusted import documents as d\ntry: d.yaml_value({data[:9]!r} and open(0,'rb').read())\nexcept ValueError as e: print(e)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], input=data, capture_output=True, timeout=60, check=True
+    )
+    assert b"nested" in done.stdout or b"line" in done.stdout
+
+
+@pytest.mark.parametrize("data", [b"[" * 100_000, b'{"a":' * 100_000, b"[" * 500 + b"]" * 500])
+def test_deep_json_is_refused(data: bytes) -> None:
+    with pytest.raises(ValueError, match="nested"):
+        documents.json_value(data)
+
+
+@pytest.mark.parametrize("data", [b'{"a": NaN}', b"[-Infinity]", b"[1e999]", b"[36893488147419103232]"])
+def test_numbers_that_are_none(data: bytes) -> None:
+    with pytest.raises(ValueError, match=r"no JSON|too large"):
+        documents.json_value(data)
+
+
+def test_aliases_that_stand_for_billions_are_refused() -> None:
+    with pytest.raises(ValueError, match="aliases stand for more than"):
+        documents.yaml_value(LAUGHS.encode())
+
+
+def test_an_alias_that_holds_itself_is_refused() -> None:
+    with pytest.raises(ValueError, match="stands for no value"):
+        documents.yaml_value(b"a: &x {b: *x}")
+
+
+def test_a_few_aliases_are_fine() -> None:
+    assert documents.yaml_value(b"a: &x [1, 2]\nb: *x") == {"a": [1, 2], "b": [1, 2]}
+
+
+@pytest.mark.parametrize("data", [b"a: [1, {b: c}]", b"a:\n- 1\n- - 2\n  - b: null\n", b"x: '*'", b""])
+def test_what_is_right_is_what_the_safe_loader_says(data: bytes) -> None:
+    assert documents.yaml_value(data) == yaml.safe_load(data)
+
+
+def test_a_pipe_a_folder_and_a_device_are_no_files(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path, kind in ((pipe, "a pipe"), (tmp_path, "a folder"), (Path("/dev/zero"), "a device")):
+        with pytest.raises(ValueError, match=kind):
+            reading.content(path)
+
+
+def test_a_file_of_any_length_is_not_read(tmp_path: Path) -> None:
+    long = tmp_path / "long"
+    with long.open("wb") as file:
+        file.truncate(1 << 40)  # a hole
+    with pytest.raises(ValueError, match="more than 64 MiB"):
+        reading.content(long)
