@@ -7,6 +7,7 @@ the stream of parsing events, which needs no recursion, before a document is bui
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import re
@@ -53,6 +54,7 @@ def json_value(data: bytes | str) -> Any:
     raise ValueError(_TOO_DEEP)
 
 
+_ENDLESS = "nested without end: an alias stands for what holds it"
 _TOO_DEEP = f"it is nested more than {DEPTH} levels deep"
 
 
@@ -77,15 +79,13 @@ def yaml_value(data: bytes) -> Any:
 
 
 def check_yaml(data: bytes) -> None:
-    """Refuses YAML that is nested too deep or stands for too much.
+    """Refuses YAML that is nested too deep or stands for too much; what is no YAML is left to those who load it.
 
     Raises:
-        ValueError: as `yaml_value`.
+        ValueError: in one line.
     """
-    try:
+    with contextlib.suppress(yaml.YAMLError):
         _count(data)
-    except yaml.YAMLError as error:
-        raise ValueError(no_yaml(error)) from error
 
 
 def no_yaml(error: yaml.YAMLError) -> str:
@@ -123,9 +123,9 @@ def _count(data: bytes) -> None:
             anchor, size = stack.pop()
         elif isinstance(event, yaml.AliasEvent):
             anchor = None
-            if event.anchor not in sizes:  # open still: it would hold itself
-                raise ValueError(f"*{event.anchor} stands for no value")
-            size = sizes[event.anchor]
+            if event.anchor in (name for name, _ in stack):
+                raise ValueError(_ENDLESS)
+            size = sizes.get(event.anchor, 1)  # of no anchor at all: the loader says so
         elif isinstance(event, yaml.ScalarEvent):
             anchor, size = event.anchor, 1
         else:

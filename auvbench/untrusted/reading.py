@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from pathlib import Path
@@ -22,6 +23,8 @@ def content(path: Path | str, limit: int = DOCUMENT) -> bytes:
     status = os.fstat(descriptor)
     if not stat.S_ISREG(status.st_mode):
         os.close(descriptor)
+        if stat.S_ISDIR(status.st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         raise ValueError(f"it is {_kind(status.st_mode)}, not a file")
     with open(descriptor, "rb") as file:
         data = file.read(limit + 1) if status.st_size <= limit else b""
@@ -41,7 +44,6 @@ def text(path: Path | str, limit: int = DOCUMENT) -> str:
 
 def _kind(mode: int) -> str:
     kinds = {
-        stat.S_IFDIR: "a folder",
         stat.S_IFIFO: "a pipe",
         stat.S_IFSOCK: "a socket",
         stat.S_IFCHR: "a device",

@@ -129,7 +129,7 @@ def _text(entry: Traversable, label: str) -> str:
     except OSError as error:
         raise VehicleError(f"{label}: cannot be read: {error.strerror}") from None
     except ValueError as error:
-        raise VehicleError(f"{label}: {error}") from None
+        raise VehicleError(f"{label}: not valid YAML: {error}") from None
 
 
 def _parse(text: str, label: str) -> Document:

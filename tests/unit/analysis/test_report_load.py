@@ -152,7 +152,7 @@ def test_fields_of_another_type_are_named(grid: list[Path]) -> None:
         ('{"schema_version": 1, "fingerprint": "f", "conditions": [{"episodes": 12}]}', "does not name its"),
         (
             '{"schema_version": 1, "fingerprint": "f", "conditions": [{"name": "nominal", "episodes": Infinity}]}',
-            "says inf episodes of condition 'nominal'",
+            "Infinity is no JSON",
         ),
         (
             '{"schema_version": 1, "fingerprint": "f", "conditions": '
@@ -205,7 +205,7 @@ def test_a_column_that_an_older_evaluation_lacks_is_no_damage(grid: list[Path]) 
         ("algo: {name: [1, 2]}", "algo.name is [1, 2], not a name"),
         ("algo: {name: ppo}\nstep: {frequency: fast}", "has the step.frequency 'fast', which is no number"),
         ("algo: {name: ppo}\nreward: {k: .nan}", "has the reward.k nan, which is no number"),
-        ("algo: &a {name: ppo, again: *a}", "nested without an end"),
+        ("algo: &a {name: ppo, again: *a}", "nested without end"),
         ("d: 2026-99-99", "not valid YAML"),
     ],
 )
