@@ -125,7 +125,7 @@ def _count(data: bytes) -> None:
             anchor = None
             if event.anchor in (name for name, _ in stack):
                 raise ValueError(_ENDLESS)
-            size = sizes.get(event.anchor, 1)  # of no anchor at all: the loader says so
+            size = sizes.get(event.anchor or "", 1)  # of no anchor at all: the loader says so
         elif isinstance(event, yaml.ScalarEvent):
             anchor, size = event.anchor, 1
         else:
