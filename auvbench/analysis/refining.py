@@ -9,7 +9,7 @@ from auvbench.analysis.effects import run_learns
 from auvbench.analysis.model import RunRecord
 from auvbench.runs.identity import NEUTRAL
 
-SEEDS = ("seed", *NEUTRAL)
+SEEDS = ("seed", "train.evaluate_every", *NEUTRAL)
 """keys in which the seeds of one agent may differ: they do not change what was to be learned"""
 
 DESCRIPTIVE = ("source", "sources", "unit", "title", "remarks", "comment")

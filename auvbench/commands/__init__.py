@@ -5,6 +5,7 @@ COMMANDS: dict[str, str] = {
     "resume": "finish interrupted runs, or extend runs to a larger budget",
     "evaluate": "apply a test protocol to trained runs",
     "report": "rank runs and write tables, figures and a page",
+    "plan": "say how many seeds and episodes resolve a difference",
     "vehicles": "list vehicles, or show what one vehicle's numbers imply",
     "simulate": "integrate one vehicle open loop, to CSV or a plot",
     "runs": "list runs with state, progress and success",

@@ -1,0 +1,122 @@
+"""How many seeds a study needs: the spread of trainings that are there, and what it takes to resolve a difference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from auvbench.analysis.effects import learns
+from auvbench.analysis.measures import Measure
+from auvbench.analysis.model import Agent
+from auvbench.errors import ReportError
+from auvbench.statistics import power as st
+
+LEAST, MOST = 0.005, 0.995
+"""rates that are planned for"""
+
+
+@dataclass(frozen=True, slots=True)
+class Basis:
+    """What a plan is made for: where trainings come from, and the two values that are to be told apart."""
+
+    model: st.Model
+    cautious: st.Model | None
+    """trainings that differ as much as the data allow at most; None where the spread was typed"""
+    values: tuple[float, float]
+    spread: st.SeedSpread
+    agents: int
+    """that the spread was taken from; 0 where it was typed"""
+
+
+def from_agents(agents: Sequence[Agent], m: Measure, resolve: float) -> Basis:
+    """The basis that evaluated agents give, around their median value.
+
+    Args:
+        agents: of one table.
+        m: what is planned for.
+        resolve: the difference, in the measure's unit (a rate from 0 to 1).
+
+    Raises:
+        ReportError: no agent has several seeds, or the difference is no smaller than the range of a rate.
+    """
+    several = [agent for agent in agents if learns(agent) and len(agent.outcome) > 1]
+    data = [x for x in (m.values(agent) for agent in several) if np.isfinite(x).all()]
+    if not data:
+        raise ReportError(
+            "no agent here has several training seeds and values of "
+            f"{m.name}: how much trainings differ is not known; give it by --sd"
+        )
+    centre = float(np.median([x.mean() for x in data]))
+    if m.rate:
+        seeds, scenarios = st.spread_of_rates(data)
+        model, cautious = st.Rates(seeds.sd, scenarios), st.Rates(seeds.upper(), scenarios)
+        return Basis(model, cautious, pair_of_rates(centre, resolve), seeds, len(data))
+    seeds, scenarios, rest = st.spread_of_means(data)
+    usual, wide = st.Means(seeds.sd, scenarios, rest), st.Means(seeds.upper(), scenarios, rest)
+    return Basis(usual, wide, (centre, centre + resolve), seeds, len(data))
+
+
+def pair_of_rates(centre: float, resolve: float) -> tuple[float, float]:
+    """Two rates that differ by `resolve`, the first at the centre, or as near as both fit between 0 and 1.
+
+    Raises:
+        ReportError: they cannot.
+    """
+    if not 0 < resolve <= MOST - LEAST:
+        raise ReportError(f"a difference of {100 * resolve:g} points: must be more than 0 and at most 99")
+    low = min(max(centre, LEAST), MOST - resolve)
+    return low, low + resolve
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """Training seeds of each agent by the power they give; None: not even `statistics.power.MOST_SEEDS`."""
+
+    episodes: int
+    alone: dict[float, int | None]
+    """by power: the two agents are the whole table"""
+    among: dict[float, int | None]
+    """in a table of several, each pair tested at what Holm's correction asks of the clearest"""
+
+
+def needs(
+    model: st.Model,
+    values: tuple[float, float],
+    episodes: int,
+    *,
+    agents: int = 2,
+    targets: Sequence[float] = (0.8, 0.95),
+    alpha: float = 0.05,
+    replications: int = 500,
+    seed: int = 0,
+    note: Callable[[int, int], object] = lambda episodes, seeds: None,
+) -> Need:
+    """Fewest training seeds that resolve two agents, by simulation with the report's test.
+
+    Args:
+        model: where trainings come from.
+        values: true values of the two agents.
+        episodes: test episodes of each training.
+        agents: in the table; its pairs are n (n - 1) / 2.
+        targets: powers.
+        alpha: of the table.
+        replications: simulated pairs for each number of seeds; their error is 2 points at 80 % with 500.
+        seed: of the simulation.
+        note: called with the episodes and the number of seeds that is tried next.
+    """
+    tried: dict[int, np.ndarray[tuple[int], np.dtype[np.float64]]] = {}
+
+    def at(S: int, level: float) -> float:
+        if S not in tried:
+            note(episodes, S)
+            tried[S] = st.simulated_p(model, values, S, episodes, replications=replications, seed=seed)
+        return float((tried[S] < level).mean())
+
+    one = alpha / (agents * (agents - 1) / 2)
+    alone = {target: st.seeds_needed(lambda S: at(S, alpha), target) for target in targets}
+    among = (
+        {target: st.seeds_needed(lambda S: at(S, one), target) for target in targets} if agents > 2 else {}
+    )
+    return Need(episodes, alone, among)

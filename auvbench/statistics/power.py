@@ -1,0 +1,296 @@
+"""How many seeds and episodes resolve a difference: simulated with the very test that a report makes.
+
+Two agents whose true values differ by as much as is to be resolved are trained and tested again and again on paper. What
+is drawn, a model of trainings, comes from runs that are there (`spread_of_rates`, `spread_of_means`) or from what
+is typed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.special import expit, logit, ndtr, ndtri
+
+from auvbench.statistics.crossed import crossed
+from auvbench.statistics.differences import pairs
+from auvbench.statistics.intervals import FloatArray
+from auvbench.statistics.paired import holm
+
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(60)
+_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
+MOST_SEEDS = 128
+"""beyond which no number of seeds is looked for"""
+
+
+class Model(Protocol):
+    """Where simulated agents come from."""
+
+    @property
+    def rate(self) -> bool:
+        """Whether the values are 0 and 1."""
+
+    def draw(self, values: Sequence[float], S: int, E: int, rng: np.random.Generator) -> list[FloatArray]:
+        """Agents of the given true values: arrays (S, E) whose columns are the same scenarios."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rates:
+    """Success: a training's own rate is logit-normal, and scenarios are harder or easier for all alike.
+
+    A training's rate over all scenarios is expit(m + sd z); on a scenario of difficulty b it is
+    Phi(Phi^-1(rate) sqrt(1 + scenario_sd^2) + scenario_sd b), whose mean over normal b is that rate again.
+    """
+
+    sd: float
+    """logits, of the training seeds"""
+    scenario_sd: float = 1.0
+    """probits, of the scenarios"""
+    rate: bool = True
+
+    def level(self, value: float) -> float:
+        """The logit m at which the mean rate of trainings is `value`, strictly between 0 and 1."""
+        from scipy.optimize import brentq  # a tenth of a second of imports that most commands do not need
+
+        width = abs(float(logit(value))) + 8 * self.sd + 1
+        return float(
+            brentq(lambda m: float(_WEIGHTS @ expit(m + self.sd * _NODES)) - value, -width, width, xtol=1e-10)
+        )
+
+    def draw(self, values: Sequence[float], S: int, E: int, rng: np.random.Generator) -> list[FloatArray]:
+        """Agents of the given mean rates: 0 and 1 (S, E)."""
+        hard = self.scenario_sd * rng.normal(size=E)
+        found = []
+        for value in values:
+            trained = np.clip(expit(self.level(value) + self.sd * rng.normal(size=(S, 1))), 1e-12, 1 - 1e-12)
+            chance = ndtr(ndtri(trained) * np.sqrt(1 + self.scenario_sd**2) + hard)
+            found.append((rng.random((S, E)) < chance).astype(np.float64))
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Means:
+    """A mean, such as steps: normal between training seeds, between scenarios (the same for all) and in the rest."""
+
+    sd: float
+    """of the training seeds, in the measure's unit"""
+    scenario_sd: float
+    residual_sd: float
+    rate: bool = False
+
+    def draw(self, values: Sequence[float], S: int, E: int, rng: np.random.Generator) -> list[FloatArray]:
+        """Agents of the given means, (S, E)."""
+        hard = self.scenario_sd * rng.normal(size=E)
+        return [
+            value + self.sd * rng.normal(size=(S, 1)) + hard + self.residual_sd * rng.normal(size=(S, E))
+            for value in values
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class SeedSpread:
+    """How much trainings of one configuration differ, from agents with several seeds."""
+
+    sd: float
+    df: float
+    """degrees of freedom: seeds beyond the first, summed over agents"""
+
+    def upper(self, confidence: float = 0.9) -> float:
+        """Limit below which the standard deviation lies with this confidence (chi-squared; of normal spreads)."""
+        from scipy.stats import chi2  # half a second of imports that most commands do not need
+
+        return float(self.sd * np.sqrt(self.df / chi2.ppf(1 - confidence, self.df)))
+
+
+def spread_of_rates(data: Sequence[FloatArray]) -> tuple[SeedSpread, float]:
+    """Spread of the seeds in logits and of the scenarios in probits, pooled over agents' successes (S_i, E).
+
+    Seeds: the variance of the empirical logits log((x + 1/2)/(E - x + 1/2)) less that of drawing episodes,
+    1/(x + 1/2) + 1/(E - x + 1/2), weighted by degrees of freedom; agents with one seed say nothing of it.
+    Scenarios: the standard deviation at which the model's scenarios differ as much as these do (1 where none do).
+
+    Raises:
+        ValueError: no agent has several seeds.
+    """
+    excess, df, shares = 0.0, 0, []
+    for x in data:
+        S, E = x.shape
+        if S > 1:
+            good = x.sum(axis=1) + 0.5
+            bad = E - x.sum(axis=1) + 0.5
+            excess += (S - 1) * float(np.log(good / bad).var(ddof=1) - (1 / good + 1 / bad).mean())
+            df += S - 1
+        p = float(x.mean())
+        if S > 1 and E > 1 and 0.02 < p < 0.98:
+            table = crossed([x], rate=True)
+            shares.append((p, max(float(table.between_scenarios[0, 0] - table.residual[0]), 0.0) * E))
+    if not df:
+        raise ValueError("no agent has several seeds")
+    return SeedSpread(float(np.sqrt(max(excess / df, 0.0))), df), _scenario_sd(shares)
+
+
+def _scenario_sd(shares: Sequence[tuple[float, float]]) -> float:
+    if not shares:
+        return 1.0
+    seen = float(np.mean([variance for _, variance in shares]))
+
+    def excess(sd: float) -> float:
+        model = 0.0
+        for p, _ in shares:
+            chance = ndtr(ndtri(p) * np.sqrt(1 + sd**2) + sd * _NODES)
+            model += float(_WEIGHTS @ chance**2) - p**2
+        return model / len(shares) - seen
+
+    if excess(0.01) >= 0:
+        return 0.0
+    if excess(10.0) <= 0:
+        return 10.0
+    from scipy.optimize import brentq  # as above
+
+    return float(brentq(excess, 0.01, 10.0))
+
+
+def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, float]:
+    """Spread of the seeds, of the scenarios and of the rest, in the measure's unit, pooled over agents (S_i, E).
+
+    Raises:
+        ValueError: no agent has several seeds.
+    """
+    seeds, scenarios, rest, df = 0.0, 0.0, 0.0, 0
+    for x in data:
+        S, E = x.shape
+        if S < 2 or E < 2 or not np.isfinite(x).all():
+            continue
+        table = crossed([x])
+        residual = float(table.residual[0])
+        seeds += (S - 1) * S * (float(table.between_seeds[0]) - residual)
+        scenarios += (S - 1) * E * (float(table.between_scenarios[0, 0]) - residual)
+        rest += (S - 1) * S * E * residual
+        df += S - 1
+    if not df:
+        raise ValueError("no agent has several seeds")
+    found = [float(np.sqrt(max(part / df, 0.0))) for part in (seeds, scenarios, rest)]
+    return SeedSpread(found[0], df), found[1], found[2]
+
+
+def p_values(data: Sequence[FloatArray], rate: bool) -> FloatArray:
+    """(n, n) P-values of all pairs, as a report computes them."""
+    return pairs(crossed(data, rate=rate)).p_value
+
+
+def simulated_p(
+    model: Model, values: tuple[float, float], S: int, E: int, *, replications: int = 500, seed: int = 0
+) -> FloatArray:
+    """(replications,) P-values of the test of two agents with S seeds and E episodes, of these true values."""
+    rng = np.random.default_rng([seed, S, E])
+    return np.array([p_values(model.draw(values, S, E, rng), model.rate)[0, 1] for _ in range(replications)])
+
+
+def power(
+    model: Model,
+    values: tuple[float, float],
+    S: int,
+    E: int,
+    *,
+    agents: int,
+    alpha: float = 0.05,
+    replications: int = 100,
+    seed: int = 0,
+) -> float:
+    """Simulated power of the test of two agents in a table of several, with Holm's correction over all its pairs.
+
+    Args:
+        model: where trainings come from.
+        values: true values of the two.
+        S: training seeds of each agent.
+        E: test episodes.
+        agents: in the table; the others are worth what the first is, the hardest case for the correction.
+        alpha: of the table.
+        replications: simulated tables.
+        seed: of the simulation.
+    """
+    rng = np.random.default_rng([seed, S, E, agents])
+    truth = [*values, *[values[0]] * (agents - 2)]
+    upper = np.triu_indices(agents, 1)
+    found = 0
+    for _ in range(replications):
+        p = p_values(model.draw(truth, S, E, rng), model.rate)
+        found += int(holm(p[upper])[0] < alpha)  # the first of the upper triangle is the pair (0, 1)
+    return found / replications
+
+
+def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_SEEDS) -> int | None:
+    """Fewest seeds (at least 2) with which a simulated power reaches the target; None beyond `most`.
+
+    Doubles, then halves the gap: power rises with the seeds but for the noise of the simulation.
+    """
+    low, high = 1, 2
+    while True:
+        if tried(high) >= target:
+            break
+        if high >= most:
+            return None
+        low, high = high, min(2 * high, most)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if tried(middle) >= target:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def seeds_by_formula(
+    difference: float, per_seed: float, fixed: float, alpha: float = 0.05, target: float = 0.8
+) -> int | None:
+    """Seeds of each agent that resolve a difference, by the t-test's approximate power; None beyond `MOST_SEEDS`.
+
+    Args:
+        difference: between the two agents.
+        per_seed: variance that one seed of each adds to it: sum over both agents of the variance between seeds.
+        fixed: variance that stays however many seeds there are, that of the scenarios.
+        alpha: two-sided level, after whatever correction.
+        target: power.
+
+    A difference is resolved with that power where it is t(1 - alpha/2) + t(power) standard errors long, t with
+    2 (S - 1) degrees of freedom. Against the simulation: docs/statistics.md.
+    """
+    from scipy.special import stdtrit
+
+    for S in range(2, MOST_SEEDS + 1):
+        df = 2 * (S - 1)
+        need = float(stdtrit(df, 1 - alpha / 2) + stdtrit(df, target))
+        if abs(difference) >= need * np.sqrt(per_seed / S + fixed):
+            return S
+    return None
+
+
+def stopping(
+    model: Model,
+    values: tuple[float, float],
+    looks: Sequence[int],
+    E: int,
+    thresholds: Iterable[float],
+    *,
+    replications: int = 1000,
+    seed: int = 0,
+) -> tuple[float, float]:
+    """Looking after several numbers of seeds and stopping at the first p-value below its threshold.
+
+    Returns the share of simulated experiments that stopped with a difference, and the mean number of seeds used.
+    With two equal values the share is that of false alarms.
+    """
+    rng = np.random.default_rng([seed, *looks])
+    found, used = 0, 0
+    limits = list(thresholds)
+    for _ in range(replications):
+        first, second = model.draw(values, looks[-1], E, rng)
+        for S, limit in zip(looks, limits, strict=True):
+            resolved = p_values([first[:S], second[:S]], model.rate)[0, 1] < limit
+            if resolved or looks[-1] == S:
+                found += int(resolved)
+                used += S
+                break
+    return found / replications, used / replications

@@ -1,0 +1,102 @@
+"""`auvbench plan`: seeds from runs that are there, or from a typed spread; and what it does not take."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from auvbench import cli
+from tests.synthetic import write_experiment
+
+QUICK = ["--replications", "60", "--json"]
+
+
+def planned(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
+    assert cli.main(["plan", *arguments, *QUICK]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("planned")
+    write_experiment(
+        folder, algorithms=("ppo",), reward_k=(1.0, 40.0), frequencies=(10.0,), seeds=(0, 1, 2), episodes=60
+    )
+    return folder
+
+
+def test_a_typed_spread(capsys: pytest.CaptureFixture[str]) -> None:
+    found = planned(capsys, "--sd", "0.5", "--rates", "80,95", "--episodes", "200")
+    (need,) = found["needs"]
+    assert found["values"] == [0.8, 0.95]
+    assert 2 <= need["alone"]["0.8"] <= need["alone"]["0.95"] <= 12
+    wide = planned(capsys, "--sd", "1.5", "--rates", "80,95", "--episodes", "200")["needs"][0]
+    assert wide["alone"]["0.8"] > need["alone"]["0.8"]
+
+
+def test_the_spread_of_runs_that_are_there(capsys: pytest.CaptureFixture[str], runs: Path) -> None:
+    found = planned(capsys, "--resolve", "20", str(runs))
+    assert found["sd_df"] == 4
+    assert found["sd_upper_90"] > found["sd"]
+    assert found["values"][1] - found["values"][0] == pytest.approx(0.2)
+    assert [need["trainings"] for need in found["needs"]] == ["as seen", "as seen", "cautious"]
+    assert [need["episodes"] for need in found["needs"]] == [60, 240, 60]
+
+
+def test_a_mean(capsys: pytest.CaptureFixture[str], runs: Path) -> None:
+    found = planned(capsys, "--resolve", "200", "--metric", "mean_steps", "--episodes", "60", str(runs))
+    assert found["values"][1] - found["values"][0] == pytest.approx(200)
+
+
+def test_what_a_reader_sees(capsys: pytest.CaptureFixture[str], runs: Path) -> None:
+    assert cli.main(["plan", "--resolve", "20", "--agents", "4", "--replications", "60", str(runs)]) == 0
+    text = capsys.readouterr().out
+    assert "Training seeds of each agent that resolve success rate" in text
+    assert "table of 4" in text
+    assert "6 trainings of 2 agents" in text
+    assert "Fix the number before you look" in text
+    assert (
+        cli.main(["plan", "--sd", "0.5", "--rates", "90,95", "--looks", "3,6", "--replications", "50"]) == 0
+    )
+    text = capsys.readouterr().out
+    assert "after   3 seeds of each: stop if p < 0.0294" in text, "Pocock's two looks"
+    assert "auvbench report --confidence 0.9706" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "name evaluated runs, or type --sd 0.5 --rates 90,95"),
+        (["--sd", "0.5"], "--sd needs --rates"),
+        (["--sd", "x", "--rates", "90,95"], "--sd x: must be a number, at least 0 and at most 10"),
+        (["--sd", "0.5", "--rates", "90"], "two different rates"),
+        (
+            ["--sd", "0.5", "--rates", "90,100"],
+            "--rates 100: must be a number, at least 0.5 and at most 99.5",
+        ),
+        (["--sd", "0.5", "--rates", "90,95", "--looks", "9,3"], "at least two rising numbers"),
+        (["--sd", "0.5", "--rates", "90,95", "--bounds", "peto"], "valid: pocock, obrien-fleming"),
+        (["--sd", "0.5", "--rates", "90,95", "--episodes", "2.5"], "must be whole numbers"),
+        (["outputs", "--resolve", "0"], "--resolve 0: must be a number, more than 0"),
+        (["outputs", "resolve=5"], "plan takes flags: --resolve 5"),
+        (["nowhere", "--resolve", "5"], "nowhere"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+) -> None:
+    assert cli.main(["plan", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert says in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+
+
+def test_runs_of_one_seed_say_nothing_of_the_spread(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    write_experiment(tmp_path, algorithms=("ppo",), seeds=(0,), episodes=20)
+    assert cli.main(["plan", "--resolve", "5", str(tmp_path)]) == 2
+    assert "no agent here has several training seeds" in capsys.readouterr().err

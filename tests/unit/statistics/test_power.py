@@ -1,0 +1,118 @@
+"""Planning: what is drawn has the truth it claims, spreads are found again, and the seeds named are enough."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import expit
+
+from auvbench.statistics import power as pw
+
+RNG = np.random.default_rng
+
+
+def test_drawn_rates_have_the_mean_that_was_asked_for() -> None:
+    found = pw.Rates(0.8, 1.3).draw([0.6, 0.95], 20_000, 20, RNG(0))
+    # 20 scenarios shared by all: their error is that of 20 probits, so compare over many small draws instead.
+    means = np.mean(
+        [[x.mean() for x in pw.Rates(0.8, 1.3).draw([0.6, 0.95], 50, 50, RNG(i))] for i in range(400)], axis=0
+    )
+    assert means == pytest.approx([0.6, 0.95], abs=0.01)
+    # A seed's rate over all scenarios is logit-normal with the sd that was asked for.
+    x = pw.Rates(0.8, 1.3).draw([0.7], 2000, 4000, RNG(1))[0]
+    rates = x.mean(axis=1)
+    assert np.log(rates / (1 - rates)).std() == pytest.approx(0.8, rel=0.08)
+    assert len(found) == 2
+    assert set(np.unique(found[0])) == {0.0, 1.0}
+
+
+def test_the_spread_of_trainings_is_found_again() -> None:
+    model = pw.Rates(0.6, 1.0)
+    data = [x for i in range(150) for x in model.draw([0.9, 0.7], 3, 500, RNG(i))]
+    seeds, scenarios = pw.spread_of_rates(data)
+    assert seeds.sd == pytest.approx(0.6, abs=0.06)
+    assert seeds.df == 600
+    assert scenarios == pytest.approx(1.0, abs=0.1)
+    equal, _ = pw.spread_of_rates(
+        [x for i in range(100) for x in pw.Rates(0.0, 0.5).draw([0.8], 5, 500, RNG(i))]
+    )
+    assert equal.sd < 0.1
+
+
+def test_the_spread_of_means_is_found_again() -> None:
+    model = pw.Means(20.0, 50.0, 80.0)
+    data = [x for i in range(150) for x in model.draw([300.0], 4, 200, RNG(i))]
+    seeds, scenarios, rest = pw.spread_of_means(data)
+    assert (seeds.sd, scenarios, rest) == (
+        pytest.approx(20, rel=0.1),
+        pytest.approx(50, rel=0.05),
+        pytest.approx(80, rel=0.02),
+    )
+
+
+def test_the_limit_of_a_spread_holds_as_often_as_it_says() -> None:
+    rng = RNG(3)
+    df = 8
+    drawn = np.sqrt(rng.chisquare(df, 4000) / df)
+    held = np.mean([pw.SeedSpread(float(sd), df).upper(0.9) > 1.0 for sd in drawn])
+    assert held == pytest.approx(0.9, abs=0.015)
+
+
+def test_one_seed_says_nothing_of_the_spread() -> None:
+    with pytest.raises(ValueError, match="several seeds"):
+        pw.spread_of_rates([np.ones((1, 10))])
+    with pytest.raises(ValueError, match="several seeds"):
+        pw.spread_of_means([np.ones((1, 10))])
+
+
+def test_the_seeds_named_have_the_power_asked_for_on_other_draws() -> None:
+    model, values = pw.Rates(0.5), (0.9, 0.95)
+
+    def at(S: int) -> float:
+        return float((pw.simulated_p(model, values, S, 300, replications=300) < 0.05).mean())
+
+    S = pw.seeds_needed(at, 0.8)
+    assert S is not None
+    assert 7 <= S <= 14
+    again = float((pw.simulated_p(model, values, S, 300, replications=800, seed=99) < 0.05).mean())
+    assert again == pytest.approx(0.8, abs=0.08)
+    assert pw.seeds_needed(lambda S: 0.1, 0.8, most=20) is None
+
+
+def test_no_difference_is_found_as_often_as_alpha_says() -> None:
+    p = pw.simulated_p(pw.Rates(0.5), (0.9, 0.9), 5, 300, replications=600)
+    assert (p < 0.05).mean() < 0.08
+
+
+def test_the_formula_agrees_with_the_simulation() -> None:
+    model, values, E = pw.Means(20.0, 50.0, 80.0), (300.0, 330.0), 300
+    # Of a difference: both agents' seeds; scenarios cancel, the residuals of both do not.
+    per_seed, fixed = 2 * (20.0**2 + 80.0**2 / E), 0.0
+    by_formula = pw.seeds_by_formula(30.0, per_seed, fixed)
+    simulated = pw.seeds_needed(
+        lambda S: float((pw.simulated_p(model, values, S, E, replications=400) < 0.05).mean()), 0.8
+    )
+    assert by_formula is not None
+    assert simulated is not None
+    assert abs(by_formula - simulated) <= 1
+    assert pw.seeds_by_formula(1.0, per_seed, 4.0) is None, "episodes alone leave more than the difference"
+
+
+def test_a_table_of_several_needs_more() -> None:
+    model = pw.Rates(0.5)
+    alone = float((pw.simulated_p(model, (0.8, 0.95), 4, 200, replications=200) < 0.05).mean())
+    among = pw.power(model, (0.8, 0.95), 4, 200, agents=6, replications=60)
+    assert among < alone - 0.1
+
+
+def test_planned_looks_err_less_than_looking_whenever_one_likes() -> None:
+    from auvbench.statistics.sequential import levels
+
+    model, looks = pw.Rates(0.5), (3, 6, 9, 12, 15)
+    planned = levels([S / 15 for S in looks])
+    kept, _ = pw.stopping(model, (0.9, 0.9), looks, 200, planned, replications=500)
+    naive, used = pw.stopping(model, (0.9, 0.9), looks, 200, [0.05] * 5, replications=500)
+    assert kept < 0.08
+    assert naive > kept + 0.02
+    assert 3 <= used <= 15
+    assert expit(0.0) == 0.5
