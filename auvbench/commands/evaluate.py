@@ -127,7 +127,8 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
                 there += 1
                 tell.line(None)
             else:
-                tell.line("\n".join(_lines(result.run, result.summary)))
+                again = [f"{result.run.id}: tested again: {result.why}"] if result.why else []
+                tell.line("\n".join([*again, *_lines(result.run, result.summary)]))
     if there:
         what = "run is" if there == 1 else "runs are"
         print(f"{there} {what} tested already by protocol {config.protocol.name} (force=true tests again)")

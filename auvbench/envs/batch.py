@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema, simulators
+from auvbench.config.disturbance import SCALES
 from auvbench.errors import ConfigError, closest
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
@@ -22,7 +23,7 @@ from auvbench.tasks.kernels import C_EPISODE, COLLISION, SUCCESS, TIMEOUT
 from auvbench.tasks.record import Record
 from auvbench.tasks.waypoint import WaypointTask
 from auvbench.vehicles import sheet
-from auvbench.vehicles.inspect import shortest_time_constant
+from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
 from auvbench.vehicles.model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -72,7 +73,8 @@ class Batch:
         self.config = config
         self.n = int(config.algo.n_envs if n is None else n)
         self.vehicle = sheet.load(config.vehicle)
-        self.simulator = make_simulator(config.simulator, self.vehicle, self.n)
+        drawn = config.disturbance.randomisation
+        self.simulator = make_simulator(config.simulator, self.vehicle, self.n, drawn)
         self.task = WaypointTask(
             config,
             self.vehicle,
@@ -196,23 +198,43 @@ def _below(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[
     return {key.removeprefix(prefix): value for key, value in state.items() if key.startswith(prefix)}
 
 
-def make_simulator(config: simulators.Simulator, vehicle: VehicleModel, n: int) -> Simulator:
+def make_simulator(
+    config: simulators.Simulator,
+    vehicle: VehicleModel,
+    n: int,
+    drawn: schema.Randomisation | None = None,
+) -> Simulator:
     """The simulator that the configuration names.
 
-    Its step is no longer than the vehicle's shortest time constant, whatever the configuration allows. RK4 would be
-    stable up to 2.78 of them: the rest is for drawn vehicles, currents and what turns faster than thrust alone makes it.
+    Its step is no longer than the shortest time constant of any vehicle that may be drawn, whatever the configuration
+    allows. RK4 would be stable up to 2.78 of them: the rest is for currents and what turns faster than thrust alone
+    makes it.
+
+    Args:
+        config: which simulator, and its longest step.
+        vehicle: the sheet's.
+        n: how many vehicles.
+        drawn: the ranges from which vehicles are drawn; None where all are the sheet's.
     """
+    limit = _shortest_time_constant(vehicle, drawn)
     if isinstance(config, simulators.Fossen):
-        step = min(config.max_step, shortest_time_constant(vehicle))
-        return FossenSimulator(vehicle, n, max_step=step)
+        return FossenSimulator(vehicle, n, max_step=min(config.max_step, limit))
     if isinstance(config, simulators.Gazebo):
         from auvbench.simulators.gazebo.simulator import GazeboSimulator
 
-        step = min(config.max_step, shortest_time_constant(vehicle))
+        step = min(config.max_step, limit)
         return GazeboSimulator(vehicle, n, max_step=step, hydrodynamics=config.hydrodynamics)
     raise ConfigError(
         f"simulator.name={config.name}: unknown; {closest(config.name, simulators.CAPABILITIES)}"
     )
+
+
+def _shortest_time_constant(vehicle: VehicleModel, drawn: schema.Randomisation | None) -> float:
+    ranges = {name: getattr(drawn, name) for name in SCALES} if drawn is not None else {}
+    factors = {name: (scale.low, scale.high) for name, scale in ranges.items()}
+    if drawn is None or all(pair == (1.0, 1.0) for pair in factors.values()):
+        return shortest_time_constant(vehicle)
+    return shortest_drawn_time_constant(vehicle, factors, keep_trim=drawn.keep_trim)
 
 
 def at_frequency(config: schema.TrainConfig, frequency: float) -> schema.TrainConfig:

@@ -5,7 +5,8 @@ Everything here is closed form or linear algebra on a `VehicleModel`; the simula
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,10 +190,49 @@ def shortest_time_constant(vehicle: VehicleModel) -> float:
     which F holds along each axis alone what all thrusters together, the net buoyancy and the largest righting moment
     give along it.
     """
-    limits = np.abs(vehicle.force_limits).max(axis=1)
+    return _time_constant(vehicle, 1.0, abs(net_buoyancy(vehicle)), static_trim(vehicle).moment)
+
+
+def shortest_drawn_time_constant(
+    vehicle: VehicleModel, drawn: Mapping[str, tuple[float, float]], *, keep_trim: bool = False
+) -> float:
+    """`shortest_time_constant` of the vehicle that reacts fastest among those that a randomisation can draw.
+
+    It is shortest where what is accelerated is lightest and what acts is strongest: the eigenvalues fall with every
+    part of the mass and rise with damping and force.
+
+    Args:
+        vehicle: the sheet's.
+        drawn: lowest and highest factor on mass, buoyancy, inertia, added_mass, damping and thrust.
+        keep_trim: the buoyancy follows the weight before its own factor is applied.
+    """
+    (light, heavy), (low, high) = drawn["mass"], drawn["buoyancy"]
+    corners = []
+    for m in (light, heavy):
+        lift = vehicle.buoyancy + (m - 1.0) * vehicle.weight if keep_trim else vehicle.buoyancy
+        corners += [replace(vehicle, weight=m * vehicle.weight, buoyancy=b * lift) for b in (low, high)]
+    extreme = replace(
+        vehicle,
+        mass=light * vehicle.mass,
+        inertia=drawn["inertia"][0] * vehicle.inertia,
+        M_A=drawn["added_mass"][0] * vehicle.M_A,
+        linear_damping=drawn["damping"][1] * vehicle.linear_damping,
+        quadratic_damping=drawn["damping"][1] * vehicle.quadratic_damping,
+    )
+    return _time_constant(
+        extreme,
+        drawn["thrust"][1],
+        max(abs(net_buoyancy(corner)) for corner in corners),
+        max(static_trim(corner).moment for corner in corners),
+    )
+
+
+def _time_constant(vehicle: VehicleModel, thrust: float, lift: float, righting: float) -> float:
+    """Seconds; thrust is a factor, lift in N, the largest righting moment in N m."""
+    limits = thrust * np.abs(vehicle.force_limits).max(axis=1)
     largest = np.abs(vehicle.allocation) @ limits
-    largest[2] += abs(net_buoyancy(vehicle))
-    largest[3:] += static_trim(vehicle).moment
+    largest[2] += lift
+    largest[3:] += righting
     D_l, D_q = vehicle.linear_damping, vehicle.quadratic_damping
     # Where damping is linear the speed does not matter, and may be infinite.
     speed = [terminal_speed(f, d, q) if q > 0.0 else 0.0 for f, d, q in zip(largest, D_l, D_q, strict=True)]

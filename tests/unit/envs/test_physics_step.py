@@ -1,13 +1,18 @@
 """The physics step is as short as the vehicle needs it, whatever `simulator.max_step` allows."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
+from auvbench.config.compose import compose, typed
+from auvbench.config.disturbance import SCALES
 from auvbench.config.simulators import Fossen
-from auvbench.envs.batch import make_simulator
+from auvbench.envs.batch import Batch, make_simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
-from auvbench.vehicles.inspect import shortest_time_constant
+from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
 from auvbench.vehicles.model import VehicleModel
 from auvbench.vehicles.reader import sheet_names
 
@@ -85,3 +90,64 @@ def test_trajectories_of_a_stiff_vehicle_converge():
     whole, half, quarter = (ends(vehicle, h / parts) for parts in (1, 2, 4))
     assert np.abs(whole - half).max() < 1e-3
     assert np.abs(half - quarter).max() < np.abs(whole - half).max() / 8
+
+
+LIGHT = [
+    "disturbance.randomisation.mass={low: 0.3333, high: 0.3333}",
+    "disturbance.randomisation.inertia={low: 0.3333, high: 0.3333}",
+    "disturbance.randomisation.damping={low: 3, high: 3}",
+    "disturbance.randomisation.keep_trim=true",
+]
+
+
+def drawn(name: str, *overrides: str) -> Batch:
+    config = OmegaConf.to_container(compose("train", [f"vehicle={name}", *overrides]), resolve=True)
+    batch = Batch(typed(OmegaConf.create(config)), N, autoreset=False)
+    batch.reset()
+    return batch
+
+
+@pytest.mark.parametrize("name", sheet_names())
+def test_the_lightest_vehicle_that_may_be_drawn_decides(name: str) -> None:
+    """A third of mass and inertia with three times the damping, tumbling at full thrust."""
+    simulator = drawn(name, *LIGHT).simulator
+    assert isinstance(simulator, FossenSimulator)
+    simulator.velocity[:, 3:] = TUMBLING * np.sign(np.random.default_rng(1).uniform(-1, 1, (N, 3)))
+    bang_bang(simulator, 10.0, 500)
+
+
+def test_with_the_bound_of_the_sheet_it_would_not_be_finite() -> None:
+    batch = drawn("bluerov2_realistic_inertia", *LIGHT)
+    assert isinstance(batch.simulator, FossenSimulator)
+    batch.simulator.max_step = min(0.01, shortest_time_constant(batch.vehicle))
+    batch.simulator.velocity[:, 3:] = TUMBLING
+    with np.errstate(all="ignore"), pytest.raises(AssertionError):
+        bang_bang(batch.simulator, 10.0, 500)
+
+
+def test_the_bound_is_the_time_constant_of_the_extreme_vehicle() -> None:
+    """The closed form against the same constant of a sheet that is that vehicle."""
+    vehicle = sheet.load("bluerov2_heavy")
+    one = dict.fromkeys(SCALES, (1.0, 1.0))
+    assert shortest_drawn_time_constant(vehicle, one) == shortest_time_constant(vehicle)
+    light = dataclasses.replace(
+        vehicle,
+        mass=0.5 * vehicle.mass,
+        inertia=0.25 * vehicle.inertia,
+        M_A=0.5 * vehicle.M_A,
+        quadratic_damping=2.0 * vehicle.quadratic_damping,
+        linear_damping=2.0 * vehicle.linear_damping,
+    )
+    ranges = one | {"mass": (0.5, 1.0), "inertia": (0.25, 1), "added_mass": (0.5, 1), "damping": (1, 2)}
+    # The weight that is drawn with the mass moves trim and lift: the bound takes the worst of both.
+    assert shortest_drawn_time_constant(vehicle, ranges) <= shortest_time_constant(light)
+    assert shortest_drawn_time_constant(vehicle, ranges) == pytest.approx(
+        shortest_time_constant(light), rel=0.2
+    )
+
+
+def test_the_usual_levels_keep_the_usual_steps() -> None:
+    for level in ("none", "calm", "moderate", "severe"):
+        simulator = drawn("bluerov2", f"disturbance={level}").simulator
+        assert isinstance(simulator, FossenSimulator)
+        assert [simulator.substeps(1 / f) for f in (10, 25, 55)] == [10, 4, 2]
