@@ -26,8 +26,12 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _INDENT = re.compile(rb"^[ \-?:]*", re.MULTILINE)
 
 
-def json_value(data: bytes | str) -> Any:
+def json_value(data: bytes | str, *, whole: int = WHOLE) -> Any:
     """A JSON value of bounded depth, without NaN, infinities and numbers that no counter reaches.
+
+    Args:
+        data: the text.
+        whole: the largest whole number that has a meaning there; the state of a generator has 128 bits.
 
     Raises:
         ValueError: what is wrong with it, in one line.
@@ -46,7 +50,7 @@ def json_value(data: bytes | str) -> Any:
                 following += node
             elif isinstance(node, float) and not math.isfinite(node):
                 raise ValueError("a number in it is too large")
-            elif isinstance(node, int) and abs(node) > WHOLE:
+            elif isinstance(node, int) and abs(node) > whole:
                 raise ValueError("a whole number in it is too large")
         if not following:
             return value

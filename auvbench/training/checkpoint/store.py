@@ -79,7 +79,7 @@ class Components:
             elif kind == "npz":
                 components.arrays[name] = archives.arrays(data)
             else:
-                components.values[name] = documents.json_value(data)
+                components.values[name] = documents.json_value(data, whole=2**128)
         return components
 
 
