@@ -16,8 +16,8 @@ from typing import Any
 
 from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
+from auvbench.runs.interruption import Interrupted, deferred
 from auvbench.runs.progress import Reporter
-from auvbench.training.interruption import Interrupted, deferred
 
 SAVE_EVERY = 10
 
@@ -90,3 +90,8 @@ def report_threads(run: RunDirectory) -> None:
     threads = {"torch": torch.get_num_threads(), "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS")}
     (run.path / "threads.json").write_text(json.dumps(threads))
     run.update_manifest(state="complete")
+
+
+def dawdle(_run: RunDirectory) -> None:
+    """What the server of the workers spends a long time with before it starts any."""
+    time.sleep(60)

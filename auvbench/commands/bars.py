@@ -81,15 +81,19 @@ class Teller:
     """Lines above a bar that counts them."""
 
     def __init__(
-        self, print_line: Callable[[str | None, bool], None], advance: Callable[[str], None]
+        self, print_line: Callable[[str | None, bool, bool], None], advance: Callable[[str], None]
     ) -> None:
         self._print = print_line
         self._advance = advance
 
     def line(self, text: str | None, *, error: bool = False) -> None:
         """One finished thing; None: it needs no line."""
-        self._print(text, error)
+        self._print(text, error, True)
         self._advance("")
+
+    def note(self, text: str) -> None:
+        """Something that is no finished thing."""
+        self._print(text, True, False)
 
     def doing(self, run: RunDirectory, what: str) -> None:
         """What is under way."""
@@ -101,7 +105,7 @@ def counting_bar(total: int, title: str) -> Iterator[Teller]:
     """Counts finished runs on a terminal; plain lines elsewhere."""
     if not sys.stderr.isatty() or total < 2:
 
-        def plain(text: str | None, error: bool) -> None:
+        def plain(text: str | None, error: bool, _counts: bool) -> None:
             if text is not None:
                 print(text, file=sys.stderr if error else sys.stdout, flush=True)
 
@@ -122,9 +126,10 @@ def counting_bar(total: int, title: str) -> Iterator[Teller]:
     ) as bar:
         task = bar.add_task("", total=total, now="")
 
-        def printed(text: str | None, error: bool) -> None:
+        def printed(text: str | None, error: bool, counts: bool) -> None:
             if text is not None:
                 console.print(text, markup=False, soft_wrap=True, style="red" if error else None)
-            bar.advance(task)
+            if counts:
+                bar.advance(task)
 
         yield Teller(printed, lambda now: bar.update(task, now=now))

@@ -110,25 +110,40 @@ def _refuse_own(terms: Sequence[str]) -> None:
 def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     from auvbench.commands.bars import counting_bar
     from auvbench.evaluation.parallel import evaluate_all
+    from auvbench.runs.interruption import Interrupted
 
     ready, unfinished = _ready(runs)
     if not ready:
         raise UserError(f"nothing to evaluate: {_left_out(unfinished)}")
-    failed = there = 0
+    failed = there = tested = 0
     with counting_bar(len(ready), f"protocol {config.protocol.name}") as tell:
+
+        def leaving(under_way: int) -> None:
+            still = f", {under_way} under way may end within a second" if under_way else ""
+            tell.note(f"interrupted: {tested + there} of {len(ready)} runs are tested and kept{still}")
+
         results = evaluate_all(
-            ready, config.protocol, workers=config.workers, force=config.force, report=tell.doing
+            ready,
+            config.protocol,
+            workers=config.workers,
+            force=config.force,
+            report=tell.doing,
+            leaving=leaving,
         )
-        for result in results:
-            if result.error:
-                failed += 1
-                tell.line(f"auvbench: {result.error}", error=True)
-            elif result.summary is None:
-                there += 1
-                tell.line(None)
-            else:
-                again = [f"{result.run.id}: tested again: {result.why}"] if result.why else []
-                tell.line("\n".join([*again, *_lines(result.run, result.summary)]))
+        try:
+            for result in results:
+                if result.error:
+                    failed += 1
+                    tell.line(f"auvbench: {result.error}", error=True)
+                elif result.summary is None:
+                    there += 1
+                    tell.line(None)
+                else:
+                    tested += 1
+                    again = [f"{result.run.id}: tested again: {result.why}"] if result.why else []
+                    tell.line("\n".join([*again, *_lines(result.run, result.summary)]))
+        except Interrupted as interrupted:
+            raise Interrupted(interrupted.signal, _how_far(tested + there, len(ready))) from None
     if there:
         what = "run is" if there == 1 else "runs are"
         print(f"{there} {what} tested already by protocol {config.protocol.name} (force=true tests again)")
@@ -140,6 +155,11 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     folder = Path(os.path.commonpath([run.path.parent for run in ready]))
     print(f"next: auvbench report {shlex.quote(str(folder))}{which}")
     return 1 if failed else 0
+
+
+def _how_far(done: int, of: int) -> str:
+    what = "1 run is" if done == 1 else f"{done} of {of} runs are"
+    return f"interrupted: {what} tested and kept; the same command goes on from here"
 
 
 def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[Standing]]:

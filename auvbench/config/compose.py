@@ -276,6 +276,8 @@ def translate(error: BaseException, entry: str = "train", overrides: Sequence[st
     for link in chain:
         if isinstance(link, ConfigError):
             return link
+        if isinstance(link, KeyboardInterrupt):  # OmegaConf makes an error of its own of a Ctrl-C
+            raise link
     text = str(error)
     if not isinstance(error, HydraException | OmegaConfBaseException):
         return ConfigError(_unread(error, overrides))

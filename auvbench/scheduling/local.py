@@ -48,6 +48,8 @@ class LocalJob:
         return self.status
 
     def cancel(self, *, force: bool = False) -> None:
+        if not self.status.ended and self.server.abandoned(force=force):
+            return
         if not self.status.ended:
             number = signal.SIGKILL if force else signal.SIGTERM
             with contextlib.suppress(OSError):  # the server is gone, and the worker with it
@@ -113,6 +115,20 @@ class _Server:
         for job in self.jobs.values():
             job.status = Status(Phase.ENDED, reason=reason, lost=True)
         self.jobs.clear()
+
+    def abandoned(self, *, force: bool) -> bool:
+        """Ends the server where it has not started any worker yet: whoever leaves need not wait for its imports."""
+        self.receive(0)
+        if not self.jobs or any(job.pid is not None for job in self.jobs.values()) or not self.alive:
+            return False
+        self.alive = False
+        self.process.kill()
+        self.process.wait()
+        code = 128 + (signal.SIGKILL if force else signal.SIGTERM)
+        for job in self.jobs.values():
+            job.status = Status(Phase.ENDED, code=code)
+        self.jobs.clear()
+        return True
 
     def close(self) -> None:
         self.selector.close()

@@ -16,9 +16,9 @@ from typing import Protocol
 from auvbench.errors import RunError
 from auvbench.runs import lock, standing
 from auvbench.runs.directory import RunDirectory
+from auvbench.runs.interruption import SIGNALS
 from auvbench.scheduling.base import Backend, Job, Phase, Status, SubmitError
 from auvbench.training import worker
-from auvbench.training.interruption import SIGNALS
 from auvbench.training.worker import HELD
 
 TICK = 0.25  # s between two looks at the jobs

@@ -10,13 +10,12 @@ from typing import Any
 from auvbench.agents.base import learns
 from auvbench.config import schema, simulators
 from auvbench.errors import AuvbenchError, TrainingError
-from auvbench.runs import provenance, standing
+from auvbench.runs import interruption, provenance, standing
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.durable import storage
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch
-from auvbench.training import interruption
 
 
 def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
@@ -66,6 +65,10 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
                 close("interrupted")
             raise
         except Exception as error:
+            if (interrupted := interruption.behind(error)) is not None:  # caught by a library on its way
+                with suppress(OSError):
+                    close("interrupted")
+                raise interrupted from error
             with suppress(OSError):  # a full disk takes no manifest either, and the first error is the cause
                 close("failed", error=_detail(error, run.manifest()["steps"]))
             if isinstance(error, AuvbenchError):

@@ -19,12 +19,12 @@ from auvbench.envs.sharded import make_batch
 from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.durable import fsync_directory, fsync_file, storage
+from auvbench.runs.interruption import Request
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.progress import Reporter, Watch
 from auvbench.runs.records import EpisodeLog
 from auvbench.training.checkpoint import events, finite
 from auvbench.training.checkpoint.callback import Checkpointer
-from auvbench.training.interruption import Request
 from auvbench.training.validation import Validator
 
 EPISODES = "train/episodes.csv"

@@ -25,10 +25,9 @@ from types import FrameType
 from typing import Any
 
 from auvbench.errors import AuvbenchError, plain_warnings
-from auvbench.runs import lock, processes, standing
+from auvbench.runs import interruption, lock, processes, standing
 from auvbench.runs.directory import RunDirectory
-from auvbench.training import interruption
-from auvbench.training.interruption import Interrupted
+from auvbench.runs.interruption import Interrupted, Request
 from auvbench.untrusted import streams
 
 ONE_THREAD = dict.fromkeys(
@@ -62,10 +61,10 @@ def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
         run = RunDirectory(Path(path))
         if log:
             redirect(run.path / LOG)
-        with interruption.immediate():
+        with interruption.immediate() as request:
             now = datetime.now(UTC).isoformat(timespec="seconds")
             print(f"[{now}] worker, pid {os.getpid()} on {os.uname().nodename}", flush=True)
-            carry_out(run, lambda run: load(target)(run))
+            carry_out(run, lambda run: load(target)(run), request)
     except lock.RunHeldError as error:
         print(f"auvbench: {error}", file=sys.stderr)
         return HELD
@@ -80,8 +79,17 @@ def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
     return 0
 
 
-def carry_out(run: RunDirectory, function: Target) -> None:
-    """Calls `function(run)` with the run's lock held; what it raises is in the manifest before it gets out."""
+def carry_out(run: RunDirectory, function: Target, request: Request | None = None) -> None:
+    """Calls `function(run)` with the run's lock held; what it raises is in the manifest before it gets out.
+
+    Args:
+        run: the run directory.
+        function: what carries it out.
+        request: of `interruption.immediate`, if signals are handled by it.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted, whatever a library has made of that on the way.
+    """
     job = f"slurm:{os.environ['SLURM_JOB_ID']}" if "SLURM_JOB_ID" in os.environ else None
     with lock.acquire(run.path, job=job):
         if standing.finished(run):  # somebody else's work, since we were sent
@@ -95,6 +103,12 @@ def carry_out(run: RunDirectory, function: Target) -> None:
         except lock.LockLostError:
             raise  # the manifest is somebody else's by now
         except BaseException as error:
+            asked = request.signal if request is not None else None
+            interrupted = Interrupted(asked) if asked is not None else interruption.behind(error)
+            if interrupted is not None:
+                with contextlib.suppress(OSError):
+                    settle(run, "interrupted")
+                raise interrupted from error
             with contextlib.suppress(OSError):  # on a full disk the first error is the one to tell
                 record_failure(run, error)
             raise

@@ -17,11 +17,11 @@ from auvbench.cli import main
 from auvbench.errors import ConfigError, RunError, TrainingError
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
+from auvbench.runs.interruption import Interrupted
 from auvbench.training import learning
 from auvbench.training.checkpoint.extending import prepare
 from auvbench.training.checkpoint.store import CheckpointStore, CheckpointWarning
 from auvbench.training.execute import execute
-from auvbench.training.interruption import Interrupted
 from tests.soak.bits import bits
 from tests.soak.campaign import frozen
 

@@ -12,12 +12,12 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from auvbench.errors import TrainingError
 from auvbench.runs import lock
 from auvbench.runs.durable import storage
+from auvbench.runs.interruption import Interrupted, Request
 from auvbench.training.checkpoint import finite, state
 from auvbench.training.checkpoint.logs import GrowingLog, LogMark, cut
 from auvbench.training.checkpoint.replay import ReplayStore, rows_added
 from auvbench.training.checkpoint.state import Stateful, Subject
 from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore
-from auvbench.training.interruption import Interrupted, Request
 
 GRACE = 20.0  # s to reach the end of a rollout after SIGTERM; SLURM kills 30 s after it by default
 

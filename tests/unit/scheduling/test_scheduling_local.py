@@ -19,7 +19,7 @@ from rich.console import Console
 from auvbench.runs import lock, lock_files, processes, standing
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.local import LocalBackend
-from auvbench.scheduling.loop import Outcome, Result
+from auvbench.scheduling.loop import Outcome, Result, judge
 from auvbench.scheduling.sweep import sweep
 from tests import fake_training
 
@@ -247,3 +247,19 @@ def test_a_worker_computes_with_one_thread(folder: Path) -> None:
     backend = LocalBackend(1, target="tests.fake_training:report_threads", preload=("torch",))
     assert sweep([run], backend, Console(file=io.StringIO())).exit_code == 0
     assert json.loads((run.path / "threads.json").read_text()) == {"torch": 1, "OMP_NUM_THREADS": "1"}
+
+
+def test_whoever_leaves_while_runs_are_queued_does_not_wait_for_imports(folder: Path) -> None:
+    runs = [fake_training.make(folder / f"run{number}") for number in range(3)]
+    backend = LocalBackend(2, target=TARGET, preload=("tests.fake_training:dawdle",))
+    jobs = [backend.submit(run.path) for run in runs[:2]]
+    backend.wait(0.2)
+    begun = time.monotonic()
+    for job in jobs:
+        job.cancel()
+    assert [job.poll().code for job in jobs] == [128 + signal.SIGTERM] * 2
+    found = [judge(run, job, job.poll(), cancelled=True) for run, job in zip(runs, jobs, strict=False)]
+    backend.close()
+    assert time.monotonic() - begun < 5.0
+    assert found == [(Outcome.INTERRUPTED, "stopped before it started")] * 2
+    assert [run.manifest()["state"] for run in runs] == ["pending"] * 3

@@ -58,14 +58,32 @@ def deferred() -> Iterator[Request]:
 
 
 @contextlib.contextmanager
-def immediate() -> Iterator[None]:
-    """Signals raise `Interrupted` where the process happens to be."""
+def immediate() -> Iterator[Request]:
+    """Signals raise `Interrupted` where the process happens to be, and set the request.
+
+    What is raised in the middle of a library may come out of it as another error, or not at all: whoever has to say
+    what ended the process looks at the request.
+    """
+    request = Request()
 
     def leave(number: int, _frame: FrameType | None) -> None:
+        request.signal = signal.Signals(number)
         raise Interrupted(number)
 
     with _handlers(leave):
-        yield
+        yield request
+
+
+def behind(error: BaseException) -> KeyboardInterrupt | None:
+    """The interruption that an error came from: a library may have caught it on the way and raised its own."""
+    seen: list[BaseException] = []
+    link: BaseException | None = error
+    while link is not None and link not in seen:
+        if isinstance(link, KeyboardInterrupt):
+            return link
+        seen.append(link)
+        link = link.__cause__ or link.__context__
+    return None
 
 
 @contextlib.contextmanager

@@ -1,0 +1,44 @@
+"""Ctrl-C in `auvbench evaluate`, as a terminal sends it: to every process of the command."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from auvbench.cli import main
+
+
+@pytest.fixture
+def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Path:
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", "-m", "algo=pid", "seed=range(0,8)"]) == 0
+    capsys.readouterr()
+    return tmp_path / "outputs"
+
+
+@pytest.mark.parametrize("seconds", [1.5, 12.0])
+def test_it_says_what_is_kept_and_ends_at_once(runs: Path, seconds: float) -> None:
+    command = [sys.executable, "-m", "auvbench", "evaluate", "outputs", "protocol=robustness", "workers=2"]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    )
+    time.sleep(seconds)
+    os.killpg(process.pid, signal.SIGINT)
+    begun = time.monotonic()
+    code = process.wait(timeout=30)
+    took = time.monotonic() - begun
+    said = process.communicate()[0]
+    assert code == 130, said
+    assert took < 5.0, "2 s on a machine that is not busy with other tests"
+    assert "Traceback" not in said
+    assert "interrupted" in said.splitlines()[-1]
+    whole = list(runs.glob("*/*/evaluations/robustness/summary.json"))
+    assert len(list(runs.glob("*/*/evaluations/robustness"))) == len(whole)
+    if "runs are tested" in said:
+        assert f"{len(whole)} of 8 runs are tested and kept" in said.splitlines()[-1] or len(whole) == 1
