@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auvbench.analysis.effects import Effect, effects, learns
+from auvbench.analysis.failures import failures
 from auvbench.analysis.labels import factor_name
 from auvbench.analysis.measures import Measure, measure
 from auvbench.analysis.model import Agent, Finding, Ranking, Row
+from auvbench.analysis.planning import advice
 from auvbench.analysis.prose import (
     amount,
     counted,
@@ -22,17 +23,12 @@ from auvbench.analysis.prose import (
     turned,
     unit,
 )
+from auvbench.analysis.timing import confounded
 from auvbench.statistics import EPISODES_ONLY, holm
 from auvbench.statistics.estimate import Estimate
-from auvbench.statistics.intervals import FloatArray, quantile
-from auvbench.tasks.record import OUTCOMES
 
-NEAR_THE_LIMIT = 5.0
-"""m; a waypoint so close to the surface or the floor counts as near a depth limit"""
 MOST_EFFECTS = 8
 """that are not resolved and yet listed, the sharpest first"""
-ENOUGH_SCENARIOS = 10
-"""of either kind, before anything is said of where failures lie"""
 
 
 def sentences(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
@@ -44,8 +40,10 @@ def sentences(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
         _best(ranking, m),
         _resolved(ranking),
         _against_baseline(ranking, m),
+        advice(ranking, ordered, m),
         *_effects(ordered, m, ranking.confidence),
-        *_failures(ordered, ranking.confidence),
+        *failures(ordered, ranking.confidence),
+        confounded(ordered),
         _seeds(ordered, m),
         _single_seeds(ranking, ordered),
     ]
@@ -188,79 +186,6 @@ def _runs(found: Sequence[Effect]) -> tuple[str, ...]:
 
 def _covered(estimate: Estimate) -> str:
     return f"the interval covers {estimate.covers}" + (" only" if estimate.covers == EPISODES_ONLY else "")
-
-
-def _failures(agents: Sequence[Agent], confidence: float) -> list[Finding]:
-    counts = [sum(int((agent.outcome == code).sum()) for agent in agents) for code in range(len(OUTCOMES))]
-    failed = counts[1] + counts[2]
-    if not failed:
-        episodes = sum(counts)
-        return [Finding(f"No agent failed in any of the {episodes:,} test episodes.")]
-    kind, share = (
-        ("timeouts", counts[2] / failed) if counts[2] >= counts[1] else ("collisions", counts[1] / failed)
-    )
-    worst = max(agents, key=lambda agent: float((agent.outcome == 1).mean()))
-    text = f"{100 * share:.0f} % of the {failed:,} failures of all agents are {kind}"
-    if counts[1]:
-        text += f"; most collisions has {worst.label} ({100 * float((worst.outcome == 1).mean()):.1f} % of its episodes)"
-    result = [Finding(f"{text}.")]
-    telling = [agent for agent in agents if 0.05 <= agent.success.mean() <= 0.999]
-    if telling:
-        rate = np.mean([1 - agent.success.mean(axis=0) for agent in telling], axis=0)
-        result += [f for f in (_depth(telling, rate, confidence), _distance(telling, rate, confidence)) if f]
-    return result
-
-
-def _depth(agents: Sequence[Agent], rate: FloatArray, confidence: float) -> Finding | None:
-    """Do waypoints near the depth limits fail more often?"""
-    z = agents[0].metrics.get("waypoint_z_m")
-    config = agents[0].runs[0].config
-    low, high = config.get("task.depth_low", -60.0), config.get("task.depth_high", -1.0)
-    if z is None:
-        return None
-    near = np.minimum(z[0] - low, high - z[0]) < NEAR_THE_LIMIT
-    return _places(
-        rate, near, f"less than {NEAR_THE_LIMIT:g} m from a depth limit", "elsewhere", len(agents), confidence
-    )
-
-
-def _distance(agents: Sequence[Agent], rate: FloatArray, confidence: float) -> Finding | None:
-    """Do far waypoints fail more often? The farthest third against the nearest."""
-    distance = agents[0].metrics.get("initial_distance_m")
-    if distance is None:
-        return None
-    near, far = np.quantile(distance[0], [1 / 3, 2 / 3])
-    outer = (distance[0] <= near) | (distance[0] >= far)
-    kind = distance[0][outer] >= far
-    names = f"farther than {far:.0f} m", f"nearer than {near:.0f} m"
-    return _places(rate[outer], kind, *names, len(agents), confidence)
-
-
-def _places(
-    rate: FloatArray,
-    kind: NDArray[np.bool_],
-    one: str,
-    other: str,
-    n: int,
-    confidence: float,
-) -> Finding | None:
-    """Compares the failure rates (E,) of two kinds of scenarios by Welch's test; these agents, other scenarios."""
-    first, second = rate[kind], rate[~kind]
-    if min(len(first), len(second)) < ENOUGH_SCENARIOS or rate.std() == 0:
-        return None
-    parts = np.array([first.var(ddof=1) / len(first), second.var(ddof=1) / len(second)])
-    df = parts.sum() ** 2 / (parts**2 / [len(first) - 1, len(second) - 1]).sum()
-    half = float(quantile(confidence, df)) * float(np.sqrt(parts.sum()))
-    value = float(first.mean() - second.mean())
-    estimate = Estimate(value, value - half, value + half, confidence)
-    m = measure("success_rate")  # for its unit: these are rates too
-    means = f"{100 * first.mean():.1f} % of the episodes with a waypoint {one} fail, {100 * second.mean():.1f} % {other}"
-    if abs(value) > half:
-        text = f"{means}: {difference(estimate, m)}."
-    else:
-        text = f"{means}: no difference is resolved ({difference(estimate, m)})."
-    statistic = f"{counted(n, 'agent')} with success between 5 and 99.9 %, {len(first)} and {len(second)} scenarios; Welch."
-    return Finding(text, statistic=statistic)
 
 
 def _seeds(agents: Sequence[Agent], m: Measure) -> Finding | None:

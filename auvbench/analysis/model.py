@@ -175,6 +175,8 @@ class Ranking:
     """tests on `then` of the pairs that `rank_by` does not resolve; a family of their own"""
     margin: float | None = None
     """smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1)"""
+    notices: tuple[str, ...] = ()
+    """what must be read before the table: unequal budgets of training"""
     more_seeds: str = ""
     """the command that trains further seeds of the rows that are not compared; '' where there are none"""
 

@@ -9,9 +9,12 @@ import numpy as np
 
 from auvbench.analysis.effects import learns
 from auvbench.analysis.measures import Measure
-from auvbench.analysis.model import Agent
+from auvbench.analysis.model import Agent, Finding, Ranking
+from auvbench.analysis.prose import name, unit
+from auvbench.analysis.rounding import significant
 from auvbench.errors import ReportError
 from auvbench.statistics import power as st
+from auvbench.statistics.differences import pair_spread
 
 LEAST, MOST = 0.005, 0.995
 """rates that are planned for"""
@@ -120,3 +123,40 @@ def needs(
         {target: st.seeds_needed(lambda S: at(S, one), target) for target in targets} if agents > 2 else {}
     )
     return Need(episodes, alone, among)
+
+
+def advice(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> Finding | None:
+    """How many seeds would resolve the first agent from the next that is not; None where nothing is to be said.
+
+    By the power of the t-test with the variances of these two, at what Holm's correction asks of the clearest pair.
+    It takes the difference seen for the true one, which it may not be: it says what that would take, no more.
+    """
+    if ranking.compare != "algorithms" or len(ranking.rows) < 2 or not ranking.rows[0].compared:
+        return None
+    first = ranking.rows[0]
+    other = next((row for row in ranking.rows[1:] if row.compared and not ranking.resolved(first, row)), None)
+    pair = [agent for agent in agents if other is not None and agent.label in (first.label, other.label)]
+    if other is None or len(pair) != 2:
+        return None
+    table = m.table(pair)
+    apart = float(abs(table.mean[0] - table.mean[1]))
+    learning = [i for i, agent in enumerate(pair) if learns(agent)]
+    if not np.isfinite(apart) or apart == 0 or not learning:
+        return None
+    spread = pair_spread(table)
+    per_seed = float((table.between_seeds * table.seeds)[learning].sum())
+    tested = sum(row.compared for row in ranking.rows)
+    alpha = (1 - ranking.confidence) / max(tested * (tested - 1) / 2, 1)
+    n = st.seeds_by_formula(apart, per_seed, float(spread.scenarios[0, 1]), alpha)
+    seen = f"{100 * apart:.1f} points" if m.rate else f"{significant(apart, 3)}{unit(m)}"
+    have = max(int(table.seeds[i]) for i in learning)
+    subject = f"{first.label} and {other.label} are not resolved in {name(m)}"
+    if n is None:
+        text = f"{subject}: with these {first.episodes} episodes not even {st.MOST_SEEDS} seeds would show {seen}, which is what they differ by here."
+    else:
+        text = f"{subject}: if they truly differ by the {seen} seen here, about {max(n, have + 1)} seeds of each would show it (there are {have})."
+    statistic = (
+        f"80 % power at what Holm's correction asks of the clearest of {tested * (tested - 1) // 2} pairs, with the variances "
+        "seen; auvbench plan simulates it. Adding seeds until it is resolved would find differences where there are none."
+    )
+    return Finding(text, statistic=statistic, run_ids=tuple(first.run_ids + other.run_ids))

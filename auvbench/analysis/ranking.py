@@ -15,6 +15,7 @@ from auvbench.analysis.measures import Measure, all_measures, to_rank_by
 from auvbench.analysis.model import NO_POLICY, Agent, Comparison, Problem, Ranking, Row
 from auvbench.analysis.pairwise import BoolArray, Tests, all_pairs, letters, rank_intervals
 from auvbench.analysis.policies import COMPARE, more_seeds, one_policy, rows_of
+from auvbench.analysis.timing import unequal_budgets
 from auvbench.errors import ReportError, closest
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray
@@ -119,6 +120,7 @@ def rank(
         compare=compare,
         ties=ties,
         margin=margin,
+        notices=tuple(filter(None, (unequal_budgets(agents),))),
         more_seeds=more_seeds(agents) if compare == "algorithms" else "",
     )
 

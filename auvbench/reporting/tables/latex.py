@@ -157,7 +157,7 @@ def _split_heading(tex: str) -> str:
 
 
 def _below(ranking: Ranking) -> str:
-    text = [escape(line) for line in notes(ranking)]
+    text = [escape(line) for line in (*ranking.notices, *notes(ranking))]
     listed = [(title, problem) for title, problems in grouped(ranking.problems) for problem in problems]
     if listed:
         shown = "; ".join(f"{escape(p.where)} ({escape(title)})" for title, p in listed[:MOST_PROBLEMS])

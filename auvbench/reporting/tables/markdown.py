@@ -31,7 +31,8 @@ def pipes(headings: Sequence[str], rows: Iterable[Sequence[str]], right_from: in
 def markdown(ranking: Ranking) -> str:
     """The ranked table, its note and the list of what is not in it."""
     shown = (*c.extra(ranking), *c.present(c.COLUMNS, ranking))
-    parts = [_table(ranking, c.lead(ranking), shown), "\n".join(escape(line) for line in notes(ranking))]
+    parts = [escape(line) for line in ranking.notices]
+    parts += [_table(ranking, c.lead(ranking), shown), "\n".join(escape(line) for line in notes(ranking))]
     for title, problems in grouped(ranking.problems):
         lines = [f"- {escape(p.where)}: {escape(p.message)}" for p in problems]
         parts.append("\n".join([f"**{title[0].upper()}{title[1:]} ({len(problems)})**", "", *lines]))

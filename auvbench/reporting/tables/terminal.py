@@ -33,6 +33,8 @@ class RankingTable:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         lead, chosen, left_out = self._fitting(console, options.max_width)
+        for line in self.ranking.notices:
+            yield Text(line, style="yellow")
         yield _table(self.ranking, lead, chosen)
         for line in notes(self.ranking):
             yield Text(line, style="dim")

@@ -154,19 +154,6 @@ def test_against_the_baseline():
     assert "points" in text
 
 
-def test_where_failures_come_from():
-    one = agent("sac", level=1, episodes=400)
-    z = one.metrics["waypoint_z_m"]
-    near = np.minimum(z + 60, -1 - z) < 5
-    outcome = np.where(near, 1, np.where(one.outcome == 1, 2, one.outcome)).astype(np.int8)
-    text = " ".join(told([replace(one, outcome=outcome)]))
-    assert "100.0 % of the episodes with a waypoint less than 5 m from a depth limit fail" in text
-    assert (
-        "no difference is resolved"
-        not in text.split("depth limit")[1].split(".  ")[0].split("elsewhere")[1][:20]
-    )
-
-
 def test_no_failures_at_all():
     agents = [agent("sac", level=40, seed_sd=0, seeds=1), agent("ppo", level=40, seed_sd=0, seeds=1)]
     text = told(agents)

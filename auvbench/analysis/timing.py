@@ -1,0 +1,95 @@
+"""What the agents of a table were given of time and of training, where it is not the same for all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from auvbench.analysis.effects import learns
+from auvbench.analysis.model import Agent, Finding, RunRecord
+from auvbench.analysis.prose import listed
+
+
+def limit_s(run: RunRecord) -> float:
+    """S that a training episode may last; NaN where the configuration does not say."""
+    if (limit := run.config.get("task.time_limit")) is not None:
+        return float(limit)
+    steps, f = run.config.get("task.max_steps"), run.config.get("step.frequency")
+    return float(steps) / float(f) if steps and f else math.nan
+
+
+def step_limit(run: RunRecord) -> float:
+    """Steps that a training episode may last; 1000 where the configuration does not say."""
+    limit, f = run.config.get("task.time_limit"), run.config.get("step.frequency")
+    if limit is not None and f:
+        return float(round(float(limit) * float(f)))
+    return float(run.config.get("task.max_steps") or 1000)
+
+
+def horizon_s(run: RunRecord) -> float:
+    """S ahead of which a reward weighs 1/e in training; NaN where the configuration does not say."""
+    if (horizon := run.config.get("algo.horizon_s")) is not None:
+        return float(horizon)
+    gamma, f = run.config.get("algo.gamma"), run.config.get("step.frequency")
+    if not gamma or not f or not 0 < float(gamma) < 1:
+        return math.nan
+    return -1.0 / (float(f) * math.log(float(gamma)))
+
+
+def confounded(agents: Sequence[Agent]) -> Finding | None:
+    """A finding where agents trained at several frequencies also had different times; None where not."""
+    runs = [run for agent in agents if learns(agent) for run in agent.runs]
+    by_frequency: dict[float, tuple[set[float], set[float]]] = {}
+    for run in runs:
+        f = run.config.get("step.frequency")
+        if f is not None:
+            limits, horizons = by_frequency.setdefault(float(f), (set(), set()))
+            _add(limits, limit_s(run))
+            _add(horizons, horizon_s(run))
+    if len(by_frequency) < 2:
+        return None
+    frequencies = sorted(by_frequency)
+    times = [[sorted(by_frequency[f][i]) for f in frequencies] for i in (0, 1)]
+    names = ("the time for an episode", "the discount's horizon in seconds")
+    differ = [
+        name for name, values in zip(names, times, strict=True) if len({tuple(v) for v in values if v}) > 1
+    ]
+    if not differ:
+        return None
+    cells = [
+        f"at {f:g} Hz {_several(a)} for an episode and a discount that looks {_several(b)} ahead"
+        for f, a, b in zip(frequencies, *times, strict=True)
+    ]
+    text = (
+        f"Frequency and time are confounded: with the frequency of training {listed(differ)} "
+        f"{'changes' if len(differ) == 1 else 'change'} too. What is said of a frequency here may be said of the time."
+    )
+    statistic = (
+        f"{'; '.join(cells)}. task.time_limit and algo.horizon_s set both in seconds; experiment=frequency_time "
+        "separates them."
+    )
+    return Finding(text, statistic=statistic[0].upper() + statistic[1:])
+
+
+def _add(known: set[float], x: float) -> None:
+    if not math.isnan(x):
+        known.add(float(f"{x:.3g}"))
+
+
+def _several(values: Sequence[float]) -> str:
+    return listed([f"{v:g} s" for v in values], word="or") if values else "an unknown time"
+
+
+def unequal_budgets(agents: Sequence[Agent]) -> str:
+    """A sentence where the learning agents of a table were trained for different numbers of steps; '' where not."""
+    budgets: dict[int, list[str]] = {}
+    for agent in agents:
+        if learns(agent):
+            for steps in {
+                int(run.manifest.get("total_steps") or run.manifest.get("steps") or 0) for run in agent.runs
+            }:
+                budgets.setdefault(steps, []).append(agent.label)
+    if len(budgets) < 2:
+        return ""
+    parts = [f"{listed(labels, 4)} {steps:,}" for steps, labels in sorted(budgets.items(), reverse=True)]
+    return f"Unequal budgets of training, in environment steps: {'; '.join(parts)}. Who had more may be ahead for that alone."

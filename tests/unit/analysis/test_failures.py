@@ -1,0 +1,107 @@
+"""Where failures lie: per agent, surface and floor apart, and never decided by who else is in the table."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_ind
+
+from auvbench.analysis.failures import failures, places
+from auvbench.analysis.model import NO_POLICY, Agent
+from tests.unit.analysis.agents import agent
+
+SURFACE, FLOOR = "below the upper depth limit", "above the lower depth limit"
+
+
+def told(agents: list[Agent]) -> list[str]:
+    return [finding.text for finding in failures(agents, 0.95)]
+
+
+def failing_where(one: Agent, bad: np.ndarray, code: int = 1) -> Agent:
+    """The agent with a failure wherever `bad` (E,), and its own outcomes elsewhere without collisions."""
+    return replace(
+        one, outcome=np.where(bad, code, np.where(one.outcome == 1, 0, one.outcome)).astype(np.int8)
+    )
+
+
+def depth(one: Agent) -> np.ndarray:
+    return one.metrics["waypoint_z_m"][0]
+
+
+def test_surface_and_floor_are_told_apart() -> None:
+    plain = agent("sac", level=3, episodes=400)
+    up = failing_where(plain, -1 - depth(plain) < 5)
+    down = failing_where(agent("ppo", level=3, episodes=400), depth(plain) + 60 < 5)
+    found = told([up, down])
+    (high,) = [text for text in found if SURFACE in text and "against" in text.split(";")[0]]
+    (low,) = [text for text in found if FLOOR in text and "against" in text.split(";")[0]]
+    assert f"{up.label} 100.0 % against" in high
+    assert down.label not in high
+    assert f"{down.label} 100.0 % against" in low
+    assert up.label not in low
+
+
+def test_what_is_said_of_an_agent_does_not_turn_with_its_company() -> None:
+    """Pooled, the sign of the effect of the depth limits depended on who else was in the table."""
+    plain = agent("sac", level=3, episodes=400)
+    up = failing_where(plain, -1 - depth(plain) < 5)
+    middle = failing_where(agent("ppo", level=3, episodes=400), (depth(plain) < -20) & (depth(plain) > -40))
+    alone = [text for text in told([up]) if f"{up.label} 100.0 % against" in text]
+    together = list(told([up, *[replace(middle, label=f"other {i}") for i in range(5)]]))
+    assert alone
+    assert any(f"{up.label} 100.0 % against" in text and SURFACE in text for text in together)
+    effects = {(p.label, p.where): p.difference.value for p in places([up], 0.95)}
+    for p in places([up, middle], 0.95):
+        if p.label == up.label:
+            assert p.difference.value == effects[p.label, p.where]
+
+
+def test_one_seed_is_welch_s_test() -> None:
+    one = agent("sac", level=1, seeds=1, episodes=300)
+    (place,) = [p for p in places([one], 0.95) if SURFACE in p.where]
+    z = depth(one)
+    failed = 1 - one.success[0]
+    near, between = -1 - z < 5, (-1 - z >= 5) & (z + 60 >= 5)
+    expected = ttest_ind(failed[near], failed[between], equal_var=False)
+    assert place.p_value == pytest.approx(expected.pvalue, rel=1e-5)
+    assert place.difference.value == pytest.approx(failed[near].mean() - failed[between].mean(), abs=1e-12)
+
+
+def test_without_a_difference_few_agents_are_said_to_have_one() -> None:
+    rng = np.random.default_rng(7)
+    tables = wrong = 0
+    for _ in range(60):
+        agents = []
+        for name in ("sac", "ppo", "ddpg"):
+            one = agent(name, level=1.5, episodes=200)
+            rates = 1 / (1 + np.exp(-(1.5 + 0.5 * rng.normal(size=(3, 1)) + rng.normal(size=200))))
+            agents.append(replace(one, outcome=np.where(rng.random((3, 200)) < rates, 0, 2).astype(np.int8)))
+        tables += 1
+        wrong += any(text.startswith("Failures with") for text in told(agents))
+    assert wrong / tables <= 0.12, "5 % of the tables, and what 60 of them may show by chance"
+
+
+def test_how_each_agent_fails() -> None:
+    one, other = agent("sac", level=1), agent("ppo", level=40, seed_sd=0)
+    text = told([one, other])[0]
+    collisions, timeouts = int((one.outcome == 1).sum()), int((one.outcome == 2).sum())
+    assert text == (
+        f"How the agents failed: {one.label}, {collisions} collisions and {timeouts} timeouts. "
+        f"{other.label} did not fail."
+    )
+
+
+def test_a_training_that_failed_is_no_place() -> None:
+    one = agent("sac", level=1, seeds=3, episodes=300)
+    outcome = one.outcome.copy()
+    outcome[2] = NO_POLICY
+    with_failed = replace(one, outcome=outcome)
+    two = replace(
+        one,
+        outcome=one.outcome[:2],
+        metrics={name: values[:2] for name, values in one.metrics.items()},
+        runs=one.runs[:2],
+    )
+    assert [p.difference for p in places([with_failed], 0.95)] == [p.difference for p in places([two], 0.95)]
