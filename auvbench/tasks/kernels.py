@@ -41,7 +41,8 @@ C_STEPS = 0
 C_EPISODE = 1
 C_ENVIRONMENT = 2
 C_OUTCOME = 3  # -1 under way, else an index into record.OUTCOMES
-N_INTEGERS = 4
+C_SEED = 4  # 0 .. 2^32 - 1, of every draw of the row
+N_INTEGERS = 5
 
 SUCCESS = 0
 COLLISION = 1
@@ -97,7 +98,6 @@ def draw_scenarios(
     F: Floats,
     C: Integers,
     P: Floats,
-    seed: int,
     test: int,
     pose: Floats,
 ) -> None:
@@ -107,7 +107,7 @@ def draw_scenarios(
     """
     for k in range(indices.shape[0]):
         i = indices[k]
-        u = uniform4(seed, SCENARIO | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        u = uniform4(C[i, C_SEED], SCENARIO | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
         yaw = wrap(_TWO_PI * u[0])
         squared = 0.0
         for axis in range(3):
@@ -140,7 +140,6 @@ def add_command_noise(
     C: Integers,
     P: Floats,
     scale: Floats,
-    seed: int,
     test: int,
     command: Floats,
 ) -> None:
@@ -153,7 +152,9 @@ def add_command_noise(
             if silent:
                 u = (0.0, 0.0, 0.0, 0.0)
             else:
-                u = uniform4(seed, COMMAND | test, block, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+                u = uniform4(
+                    C[i, C_SEED], COMMAND | test, block, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT]
+                )
             for entry in range(min(4, n_u - 4 * block)):
                 j = 4 * block + entry
                 value = action[i, j]
@@ -252,7 +253,6 @@ def observe_row(
     F: Floats,
     C: Integers,
     P: Floats,
-    seed: int,
     test: int,
     observation: NDArray[np.float32],
 ) -> None:
@@ -267,7 +267,7 @@ def observe_row(
     ez = F[i, F_WAYPOINT + 2] - pose[i, 2] - offset[i, 2]
     yaw_noise = offset[i, 3]
     if P[P_POSITION_HIGH] > 0.0 or P[P_YAW_HIGH] > 0.0:
-        u = uniform4(seed, SENSOR | test, 0, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        u = uniform4(C[i, C_SEED], SENSOR | test, 0, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT])
         ex -= noise(u[0], P[P_POSITION_LOW], P[P_POSITION_HIGH], both)
         ey -= noise(u[1], P[P_POSITION_LOW], P[P_POSITION_HIGH], both)
         ez -= noise(u[2], P[P_POSITION_LOW], P[P_POSITION_HIGH], both)
@@ -295,13 +295,12 @@ def observe(
     F: Floats,
     C: Integers,
     P: Floats,
-    seed: int,
     test: int,
     observation: NDArray[np.float32],
 ) -> None:
     """`observe_row` for the environments start .. stop - 1."""
     for i in range(start, stop):
-        observe_row(i, pose, offset, previous, F, C, P, seed, test, observation)
+        observe_row(i, pose, offset, previous, F, C, P, test, observation)
 
 
 @compiled("dynamics")
@@ -313,10 +312,9 @@ def observe_some(
     F: Floats,
     C: Integers,
     P: Floats,
-    seed: int,
     test: int,
     observation: NDArray[np.float32],
 ) -> None:
     """`observe_row` for the environments in `indices`."""
     for k in range(indices.shape[0]):
-        observe_row(indices[k], pose, offset, previous, F, C, P, seed, test, observation)
+        observe_row(indices[k], pose, offset, previous, F, C, P, test, observation)

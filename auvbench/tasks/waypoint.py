@@ -49,7 +49,6 @@ class WaypointTask:
     ) -> None:
         self.vehicle = vehicle
         self.n = n
-        self.seed = seed
         self.frequency = config.step.frequency
         self.parameters = _parameters(config)
         self.noise_scale = _command_noise_scale(config.noise, vehicle)
@@ -57,8 +56,8 @@ class WaypointTask:
         self.observation_size = 4 + n_u
         self.F: Floats = np.zeros((n, k.N_FLOATS))
         self.C: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
-        self.C[:, k.C_ENVIRONMENT] = first + np.arange(n)
-        self.C[:, k.C_EPISODE] = -1
+        self._first = first
+        self.reseed(seed)
         self.previous: Floats = np.zeros((n, n_u))
         self.offset: Floats = np.zeros((n, 4))
         """added to the position (m) and yaw (rad) readings: bias, drift, noise (see disturbances)"""
@@ -82,6 +81,19 @@ class WaypointTask:
         """(n,) -1 while an episode is under way, else an index into OUTCOMES."""
         return self.C[:, k.C_OUTCOME]
 
+    def reseed(self, seed: int) -> None:
+        """Puts every environment before episode 0 of one seed; environment i draws from (seed, i)."""
+        self.seed = int(seed)
+        self.C[:, k.C_SEED] = seed
+        self.C[:, k.C_ENVIRONMENT] = self._first + np.arange(self.n)
+        self.C[:, k.C_EPISODE] = -1
+
+    def reseed_each(self, indices: Integers, seeds: Integers) -> None:
+        """Puts environments `indices` (k,) before episode 0 of seeds (k,) of their own, as environment 0 of each."""
+        self.C[indices, k.C_SEED] = seeds
+        self.C[indices, k.C_ENVIRONMENT] = 0
+        self.C[indices, k.C_EPISODE] = -1
+
     def assign(self, episodes: Integers, environment: int = 0) -> None:
         """Makes row i the scenario of episode `episodes[i]` at its next reset (test protocols)."""
         self.C[:, k.C_EPISODE] = np.asarray(episodes) - 1
@@ -93,8 +105,20 @@ class WaypointTask:
         self.previous[indices] = 0.0
         self.offset[indices] = 0.0
         pose = np.empty((len(indices), 7))
-        k.draw_scenarios(indices, self.F, self.C, self.parameters, self.seed, self._test, pose)
+        k.draw_scenarios(indices, self.F, self.C, self.parameters, self._test, pose)
         return pose
+
+    def place(self, indices: Integers, pose: Floats, waypoint: Floats) -> None:
+        """Sets start poses (k, 7) and waypoints (k, 3) of environments that were just reset, instead of drawn ones."""
+        F, P = self.F, self.parameters
+        distance = np.linalg.norm(waypoint - pose[:, :3], axis=1)
+        w, x, y, z = pose[:, 3:].T
+        F[indices, k.F_START : k.F_START + 3] = F[indices, k.F_POSITION : k.F_POSITION + 3] = pose[:, :3]
+        F[indices, k.F_START_YAW] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        F[indices, k.F_WAYPOINT : k.F_WAYPOINT + 3] = waypoint
+        F[indices, k.F_DISTANCE] = F[indices, k.F_INITIAL_DISTANCE] = distance
+        depth = pose[:, 2]
+        F[indices, k.F_DEPTH_MARGIN] = np.minimum(P[k.P_DEPTH_HIGH] - depth, depth - P[k.P_DEPTH_LOW])
 
     def add_noise(self, action: Floats) -> Floats:
         """The command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
@@ -135,8 +159,7 @@ class WaypointTask:
 
     def noise_arguments(self, action: Floats, start: int, stop: int) -> tuple[Any, ...]:
         """Of `kernels.add_command_noise`."""
-        scale, seed, test = self.noise_scale, self.seed, self._test
-        return start, stop, action, self.C, self.parameters, scale, seed, test, self.command
+        return start, stop, action, self.C, self.parameters, self.noise_scale, self._test, self.command
 
     def advance_arguments(
         self, pose: Floats, action: Floats, force: Floats, power: Floats, start: int, stop: int
@@ -148,7 +171,7 @@ class WaypointTask:
     def observe_arguments(self, pose: Floats, start: int, stop: int) -> tuple[Any, ...]:
         """Of `kernels.observe`."""
         state = self.previous, self.F, self.C, self.parameters
-        return start, stop, pose, self.offset, *state, self.seed, self._test, self.observation
+        return start, stop, pose, self.offset, *state, self._test, self.observation
 
     def records(self, indices: Integers) -> list[Record]:
         """The rows of episodes that just ended, columns RECORD_COLUMNS."""
@@ -156,7 +179,7 @@ class WaypointTask:
 
     def _record(self, i: int) -> Record:
         f = self.F[i].tolist()
-        steps, episode, environment, outcome = self.C[i].tolist()
+        steps, episode, environment, outcome = self.C[i, : k.C_OUTCOME + 1].tolist()
         n = max(steps, 1)
         mean = f[k.F_DEVIATION] / n
         path = f[k.F_PATH]
@@ -193,8 +216,11 @@ class WaypointTask:
         }
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        for name in ("F", "C", "previous", "offset", "observation"):
+        for name in ("F", "previous", "offset", "observation"):
             np.copyto(getattr(self, name), state[name], casting="no")
+        # States saved before rows had seeds of their own lack that column: the batch's seed is theirs.
+        self.C[:, k.C_SEED] = self.seed
+        np.copyto(self.C[:, : state["C"].shape[1]], state["C"], casting="no")
 
 
 def _parameters(config: schema.TrainConfig) -> Floats:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import BIAS, CURRENT, DRIFT, FAULT, RANDOMISATION, SENSOR, normal4, uniform4
-from auvbench.tasks.kernels import C_ENVIRONMENT, C_EPISODE, C_STEPS
+from auvbench.tasks.kernels import C_ENVIRONMENT, C_EPISODE, C_SEED, C_STEPS
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -74,11 +74,11 @@ _GAUSSIAN = 1  # SENSOR: block 0 is the task's uniform noise
 
 
 @compiled("dynamics", "tasks")
-def draw_current(indices: Integers, C: Integers, Q: Floats, seed: int, test: int, D: Floats) -> None:
+def draw_current(indices: Integers, C: Integers, Q: Floats, test: int, D: Floats) -> None:
     """Mean current and stationary fluctuation of new episodes."""
     for k in range(indices.shape[0]):
         i = indices[k]
-        u = uniform4(seed, CURRENT | test, _MEAN, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        u = uniform4(C[i, C_SEED], CURRENT | test, _MEAN, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
         speed = Q[Q_SPEED] + (Q[Q_SPEED + 1] - Q[Q_SPEED]) * u[0]
         direction = Q[Q_DIRECTION] + (Q[Q_DIRECTION + 1] - Q[Q_DIRECTION]) * u[1]
         level = speed * math.cos(Q[Q_ELEVATION])
@@ -89,14 +89,14 @@ def draw_current(indices: Integers, C: Integers, Q: Floats, seed: int, test: int
         D[i, D_BOTTOM] = Q[Q_FACTOR] * level * math.cos(direction + Q[Q_TURN])
         D[i, D_BOTTOM + 1] = Q[Q_FACTOR] * level * math.sin(direction + Q[Q_TURN])
         D[i, D_BOTTOM + 2] = Q[Q_FACTOR] * rise
-        z = normal4(seed, CURRENT | test, _FLUCTUATION, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        z = normal4(C[i, C_SEED], CURRENT | test, _FLUCTUATION, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
         D[i, D_FLUCTUATION] = Q[Q_SIGMA] * z[0]
         D[i, D_FLUCTUATION + 1] = Q[Q_SIGMA + 1] * z[1]
         D[i, D_FLUCTUATION + 2] = Q[Q_SIGMA + 2] * z[2]
 
 
 @compiled("dynamics", "tasks")
-def advance_current(C: Integers, Q: Floats, seed: int, test: int, D: Floats) -> None:
+def advance_current(C: Integers, Q: Floats, test: int, D: Floats) -> None:
     """One agent step of the Gauss-Markov process, exactly discretised (Fossen 2021, section 10.3).
 
     V[k+1] = Vbar + (V[k] - Vbar) e^(-mu dt) + sigma sqrt(1 - e^(-2 mu dt)) N(0, 1); `D_FLUCTUATION` is V - Vbar.
@@ -106,7 +106,7 @@ def advance_current(C: Integers, Q: Floats, seed: int, test: int, D: Floats) -> 
         step = C[i, C_STEPS]
         if step == 0:
             continue  # the draw of the start is stationary already
-        z = normal4(seed, CURRENT | test, _FLUCTUATION, step, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        z = normal4(C[i, C_SEED], CURRENT | test, _FLUCTUATION, step, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
         for axis in range(3):
             D[i, D_FLUCTUATION + axis] = (
                 decay * D[i, D_FLUCTUATION + axis] + innovation * Q[Q_SIGMA + axis] * z[axis]
@@ -129,7 +129,6 @@ def draw_faults(
     C: Integers,
     Q: Floats,
     candidates: Integers,
-    seed: int,
     test: int,
     D: Floats,
     I: Integers,  # noqa: E741
@@ -137,8 +136,8 @@ def draw_faults(
     """Whether, what, which and when of new episodes; `candidates` are the actuators that may fail."""
     for k in range(indices.shape[0]):
         i = indices[k]
-        u = uniform4(seed, FAULT | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
-        v = uniform4(seed, FAULT | test, 1, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        u = uniform4(C[i, C_SEED], FAULT | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        v = uniform4(C[i, C_SEED], FAULT | test, 1, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
         mode = int(Q[Q_FAULT])
         if mode == ANY:
             mode = DEAD + int(3.0 * v[0])
@@ -184,7 +183,7 @@ def apply_faults(
 
 
 @compiled("dynamics", "tasks")
-def draw_scales(indices: Integers, C: Integers, Q: Floats, seed: int, test: int, scales: Floats) -> None:
+def draw_scales(indices: Integers, C: Integers, Q: Floats, test: int, scales: Floats) -> None:
     """Factors (len(indices), 6) on mass, buoyancy, inertia, added mass, damping and thrust of new episodes.
 
     With `Q_KEEP_TRIM` the factor on buoyancy is multiplied by (B + (s - 1) W) / B, where s is the factor on
@@ -192,8 +191,8 @@ def draw_scales(indices: Integers, C: Integers, Q: Floats, seed: int, test: int,
     """
     for k in range(indices.shape[0]):
         i = indices[k]
-        u = uniform4(seed, RANDOMISATION | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
-        v = uniform4(seed, RANDOMISATION | test, 1, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        u = uniform4(C[i, C_SEED], RANDOMISATION | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        v = uniform4(C[i, C_SEED], RANDOMISATION | test, 1, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
         for j in range(6):
             low, high = Q[Q_SCALE_LOW + j], Q[Q_SCALE_HIGH + j]
             fraction = u[j] if j < 4 else v[j - 4]
@@ -206,42 +205,42 @@ def draw_scales(indices: Integers, C: Integers, Q: Floats, seed: int, test: int,
 
 
 @compiled("dynamics", "tasks")
-def draw_bias(indices: Integers, C: Integers, Q: Floats, seed: int, test: int, D: Floats) -> None:
+def draw_bias(indices: Integers, C: Integers, Q: Floats, test: int, D: Floats) -> None:
     """Bias of the readings of new episodes; their drift begins at zero."""
     for k in range(indices.shape[0]):
         i = indices[k]
-        z = normal4(seed, BIAS | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        z = normal4(C[i, C_SEED], BIAS | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
         for channel in range(4):
             D[i, D_BIAS + channel] = Q[Q_BIAS + channel] * z[channel]
             D[i, D_DRIFT + channel] = 0.0
 
 
 @compiled("dynamics", "tasks")
-def advance_drift(C: Integers, Q: Floats, seed: int, test: int, D: Floats) -> None:
+def advance_drift(C: Integers, Q: Floats, test: int, D: Floats) -> None:
     """One agent step of the random walks: increments of variance drift^2 dt, so exact at any step."""
     for i in range(C.shape[0]):
-        z = normal4(seed, DRIFT | test, 0, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        z = normal4(C[i, C_SEED], DRIFT | test, 0, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT])
         for channel in range(4):
             D[i, D_DRIFT + channel] += Q[Q_STEP_DRIFT + channel] * z[channel]
 
 
 @njit(nogil=True)
-def _offset_row(
-    i: int, C: Integers, Q: Floats, seed: int, test: int, noisy: bool, D: Floats, offset: Floats
-) -> None:
+def _offset_row(i: int, C: Integers, Q: Floats, test: int, noisy: bool, D: Floats, offset: Floats) -> None:
     for channel in range(4):
         offset[i, channel] = D[i, D_BIAS + channel] + D[i, D_DRIFT + channel]
     if noisy:
-        z = normal4(seed, SENSOR | test, _GAUSSIAN, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        z = normal4(
+            C[i, C_SEED], SENSOR | test, _GAUSSIAN, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT]
+        )
         for channel in range(4):
             offset[i, channel] += Q[Q_GAUSSIAN + channel] * z[channel]
 
 
 @compiled("dynamics", "tasks")
-def offsets(C: Integers, Q: Floats, seed: int, test: int, noisy: bool, D: Floats, offset: Floats) -> None:
+def offsets(C: Integers, Q: Floats, test: int, noisy: bool, D: Floats, offset: Floats) -> None:
     """Errors (n, 4) of the position (m) and yaw (rad) readings of all environments."""
     for i in range(C.shape[0]):
-        _offset_row(i, C, Q, seed, test, noisy, D, offset)
+        _offset_row(i, C, Q, test, noisy, D, offset)
 
 
 @compiled("dynamics", "tasks")
@@ -249,7 +248,6 @@ def offsets_of(
     indices: Integers,
     C: Integers,
     Q: Floats,
-    seed: int,
     test: int,
     noisy: bool,
     D: Floats,
@@ -257,4 +255,4 @@ def offsets_of(
 ) -> None:
     """`offsets` of the environments in `indices`."""
     for k in range(indices.shape[0]):
-        _offset_row(indices[k], C, Q, seed, test, noisy, D, offset)
+        _offset_row(indices[k], C, Q, test, noisy, D, offset)

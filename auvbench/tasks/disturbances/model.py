@@ -40,7 +40,7 @@ class Disturbances:
     Args:
         config: the typed configuration (disturbance, step).
         vehicle: whose actuators fail and whose numbers are drawn.
-        task: its seed and its counters of episodes and steps address the draws.
+        task: its seeds and its counters of episodes and steps address the draws.
 
     Raises:
         ConfigError: a fault of an actuator that the vehicle does not have or that has no force to lose, or a
@@ -87,18 +87,17 @@ class Disturbances:
 
     def draw(self, indices: Integers) -> Floats | None:
         """Draws the disturbances of the episodes that begin; the scales (k, 6) of their vehicles, if any."""
-        key = (self.task.seed, self.task.stream)
-        C, Q = self.task.C, self.Q
+        C, Q, stream = self.task.C, self.Q, self.task.stream
         if self.flows:
-            k.draw_current(indices, C, Q, *key, self.D)
+            k.draw_current(indices, C, Q, stream, self.D)
         if self.fails:
-            k.draw_faults(indices, C, Q, self.candidates, *key, self.D, self.I)
+            k.draw_faults(indices, C, Q, self.candidates, stream, self.D, self.I)
         if self.misreads:
-            k.draw_bias(indices, C, Q, *key, self.D)
+            k.draw_bias(indices, C, Q, stream, self.D)
         if not self.randomises:
             return None
         scales = np.empty((len(indices), len(SCALES)))
-        k.draw_scales(indices, C, Q, *key, scales)
+        k.draw_scales(indices, C, Q, stream, scales)
         return scales
 
     def begin(self, indices: Integers, simulator: Simulator) -> None:
@@ -110,13 +109,13 @@ class Disturbances:
         self.measurements[:, indices] = simulator.pose[indices]
         self.power[indices] = 0.0
         if self.misreads:
-            k.offsets_of(indices, task.C, self.Q, task.seed, task.stream, self.noisy, self.D, task.offset)
+            k.offsets_of(indices, task.C, self.Q, task.stream, self.noisy, self.D, task.offset)
 
     def advance(self, simulator: Simulator, command: Floats) -> None:
         """One agent step of the simulator under `command` (n, n_u), which arrives late and meets faults."""
         task = self.task
         if self.fluctuates:
-            k.advance_current(task.C, self.Q, task.seed, task.stream, self.D)
+            k.advance_current(task.C, self.Q, task.stream, self.D)
             self._set_current(simulator)
         if not self.delayed:
             self._fail(simulator, command)
@@ -151,9 +150,9 @@ class Disturbances:
         """Renews the errors of the readings after an agent step."""
         task = self.task
         if self.drifts:
-            k.advance_drift(task.C, self.Q, task.seed, task.stream, self.D)
+            k.advance_drift(task.C, self.Q, task.stream, self.D)
         if self.noisy or self.drifts:
-            k.offsets(task.C, self.Q, task.seed, task.stream, self.noisy, self.D, task.offset)
+            k.offsets(task.C, self.Q, task.stream, self.noisy, self.D, task.offset)
 
     def measured(self, simulator: Simulator) -> Floats:
         """Poses (n, 7) that arrive now, before errors."""

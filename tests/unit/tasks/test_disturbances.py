@@ -203,9 +203,9 @@ def test_gauss_markov_keeps_its_spread_and_forgets_at_its_rate(frequency):
 
     begun, seconds = current(), 2.0
     for _ in range(int(seconds * frequency)):
-        k.advance_current(task.C, d.Q, task.seed, task.stream, d.D)  # nothing happens before the first step
+        k.advance_current(task.C, d.Q, task.stream, d.D)  # nothing happens before the first step
         task.C[:, C_STEPS] += 1
-    k.advance_current(task.C, d.Q, task.seed, task.stream, d.D)
+    k.advance_current(task.C, d.Q, task.stream, d.D)
     ended = current()
     mean = 0.2 * np.array([math.cos(0.5), math.sin(0.5), 0.0])
     spread = np.array([sigma, sigma, vertical])
@@ -454,7 +454,7 @@ def test_errors_of_the_readings(frequency):
         n=n,
     )
     task = d.task
-    k.offsets_of(np.arange(n), task.C, d.Q, task.seed, task.stream, True, d.D, task.offset)
+    k.offsets_of(np.arange(n), task.C, d.Q, task.stream, True, d.D, task.offset)
     bias = d.D[:, k.D_BIAS : k.D_BIAS + 4].copy()
     noise = [task.offset - bias]
     for _ in range(int(seconds * frequency)):
