@@ -3,7 +3,7 @@
 `import auvbench` registers the Gymnasium ids:
 
 >>> import gymnasium, auvbench
->>> env = gymnasium.make("auvbench/Waypoint-v0", overrides=["step.frequency=25"])
+>>> env = gymnasium.make("auvbench/Waypoint-v0", overrides=["vehicle=rexrov", "step.frequency=25"])
 """
 
 import os
@@ -12,17 +12,28 @@ import sys
 __version__ = "0.1.0"
 
 
+ID = "auvbench/Waypoint-v0"
+
+
 def register() -> None:
-    """Registers the Gymnasium ids (by entry-point strings, so that nothing else is imported)."""
+    """Registers the Gymnasium ids (by entry-point strings, so that nothing else is imported).
+
+    Besides `auvbench/Waypoint-v0`, one for each cell of the thesis: `auvbench/Waypoint-K40-25Hz-v0`.
+    """
     from gymnasium.envs.registration import register as add
     from gymnasium.envs.registration import registry
 
-    if "auvbench/Waypoint-v0" not in registry:
-        add(
-            id="auvbench/Waypoint-v0",
-            entry_point="auvbench.envs.gym_env:WaypointEnv",
-            vector_entry_point="auvbench.envs.vector_env:WaypointVectorEnv",
-        )
+    cells = {f"-K{k}-{hz}Hz": {"k": k, "frequency": hz} for k in (1, 40, 100) for hz in (10, 25, 55)}
+    for suffix, keywords in {"": {}, **cells}.items():
+        name = ID.replace("-v0", f"{suffix}-v0")
+        if name not in registry:
+            add(
+                id=name,
+                entry_point="auvbench.envs.gym_env:WaypointEnv",
+                vector_entry_point="auvbench.envs.vector_env:WaypointVectorEnv",
+                max_episode_steps=1000,
+                kwargs=keywords,
+            )
 
 
 # Gymnasium takes five times as long to import as `auvbench --help` takes to answer, and the command line makes

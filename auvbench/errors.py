@@ -44,6 +44,10 @@ class TrainingError(AuvbenchError):
     """A run stopped for a reason of its own (a NaN, a full disk); its manifest says which. Exit code 1."""
 
 
+class ActionError(AuvbenchError, ValueError):
+    """What was given as an action is none: a NaN, an infinity, or another shape than the environment takes."""
+
+
 class AuvbenchWarning(UserWarning):
     """Something is not as it should be and is dealt with; the message says how."""
 

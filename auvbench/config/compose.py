@@ -2,7 +2,7 @@
 
 `compose` is for commands and tests; `run` is Hydra's own command line (`--cfg`, `--help`, `-m`, completion)
 around a function. Both search `./conf` of the working directory first, so that somebody's own vehicle or preset
-needs no change to the package.
+needs no change to the package; `compose` can be told to search another folder, or none.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NoReturn
@@ -39,7 +40,7 @@ from omegaconf.errors import (
     ValidationError,
 )
 
-from auvbench.config import hints, launchers, schema, simulators
+from auvbench.config import hints, isolated, launchers, schema, simulators
 from auvbench.config import overrides as typing
 from auvbench.errors import ConfigError, closest
 from hydra_plugins import auvbench_launcher
@@ -74,6 +75,11 @@ class WorkingDirectory(SearchPathPlugin):
 WorkingDirectory.__module__ = "hydra_plugins.auvbench_search_path"
 
 
+def _store() -> None:
+    register_schemas()
+    auvbench_launcher.store()
+
+
 def _prepare() -> None:
     from hydra import version
 
@@ -85,16 +91,32 @@ def _prepare() -> None:
         plugins.register(WorkingDirectory)
 
 
-def compose(entry: str, overrides: Sequence[str] = ()) -> DictConfig:
+WORKING_DIRECTORY = Path("conf")
+"""of wherever the program runs at the time"""
+
+_folder: ContextVar[Path | None] = ContextVar("folder", default=WORKING_DIRECTORY)
+
+
+def compose(
+    entry: str, overrides: Sequence[str] = (), *, folder: Path | None = WORKING_DIRECTORY
+) -> DictConfig:
     """The configuration `conf/<entry>.yaml` with overrides applied, types checked.
+
+    Args:
+        entry: train or evaluate.
+        overrides: in Hydra's grammar, e.g. `["vehicle=rexrov", "reward.k=40"]`.
+        folder: searched before the package's own files if it exists; None searches the package alone.
 
     Raises:
         ConfigError: an unknown key, group or option, a value of the wrong type, or a grammar error.
     """
+    token = _folder.set(folder)
     try:
         return _compose(entry, overrides)
     except FAULTS as error:
         raise translate(error, entry, overrides) from error
+    finally:
+        _folder.reset(token)
 
 
 def typed(config: DictConfig) -> schema.TrainConfig:
@@ -143,14 +165,14 @@ def _option(group: str, choice: str) -> DictConfig:
 
 
 def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:
-    from hydra import compose as hydra_compose
-    from hydra import initialize_config_module
-    from hydra.core.global_hydra import GlobalHydra
-
-    _prepare()
-    GlobalHydra.instance().clear()
-    with initialize_config_module(config_module=CONFIG_MODULE, version_base="1.3"):
-        return hydra_compose(config_name=entry, overrides=typing.read(overrides))
+    folder = _folder.get()
+    return isolated.load(
+        CONFIG_MODULE,
+        entry,
+        typing.read(overrides),
+        folder=folder.absolute() if folder is not None and folder.is_dir() else None,
+        register=_store,
+    )
 
 
 def run(

@@ -9,6 +9,7 @@ plain `njit` does for it.
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -35,9 +36,33 @@ def compiled(*rooms: str) -> Callable[[Callable[..., Any]], Any]:
         # way to add to it; a cell in the function's closure would do, but takes a function around each function.
         index = dispatcher._cache._cache_file
         index._source_stamp = (index._source_stamp, *map(fingerprint, folders))
+        _tell_of_compiling(dispatcher)
         return dispatcher
 
     return decorate
+
+
+def _tell_of_compiling(dispatcher: Any) -> None:
+    """Has a line printed, once in a process, when a function is not in the cache and so must be compiled."""
+    stored = dispatcher._cache.load_overload
+
+    def load(*arguments: Any) -> Any:
+        found = stored(*arguments)
+        if found is None:
+            announce()
+        return found
+
+    dispatcher._cache.load_overload = load
+
+
+@cache
+def announce() -> None:
+    """Says on standard error what takes so long."""
+    print(
+        "auvbench: compiling the simulator for this machine; the first use takes up to half a minute, later ones do not",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 @cache

@@ -6,7 +6,7 @@ The three faces (`gym_env`, `vector_env`, `sb3`) only translate between this and
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema, simulators
 from auvbench.config.disturbance import SCALES
+from auvbench.envs.actions import admit
 from auvbench.errors import ConfigError, closest
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks import disturbances
-from auvbench.tasks.kernels import C_EPISODE, COLLISION, SUCCESS, TIMEOUT
+from auvbench.tasks.kernels import C_EPISODE, COLLISION, F_DISTANCE, F_WAYPOINT, SUCCESS, TIMEOUT
 from auvbench.tasks.record import Record
 from auvbench.tasks.waypoint import WaypointTask
 from auvbench.vehicles import sheet
@@ -29,8 +30,21 @@ from auvbench.vehicles.model import VehicleModel
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
-# Position errors stay far inside; a finite bound keeps Gymnasium's checker and normalisers quiet.
-POSITION_BOUND = 1e6
+
+@dataclass(slots=True)
+class State:
+    """Where k vehicles are and where they are to go, without noise; world axes, m."""
+
+    pose: Floats  # (k, 7) x, y, z, quaternion (w, x, y, z)
+    waypoint: Floats  # (k, 3)
+    distance: Floats  # (k,)
+    force: Floats  # (k, n_u) N, of the actuators in the last step
+
+    @classmethod
+    def joined(cls, parts: Sequence[State]) -> State:
+        """One state of all environments from those of parts of the batch."""
+        names = [field.name for field in dataclasses.fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 @dataclass(slots=True)
@@ -43,6 +57,7 @@ class Transition:
     truncated: Booleans  # (n,) timeout
     ended: NDArray[np.int64]  # indices of the episodes that ended
     final_observation: NDArray[np.float32]  # (len(ended), 4 + n_u) their last observations
+    final_state: State  # of len(ended) vehicles, at the end of their episodes
     records: list[Record]  # a row for each of them
 
 
@@ -91,6 +106,7 @@ class Batch:
         self._all = np.arange(self.n, dtype=np.int64)
         self._action: Floats = np.zeros((self.n, len(self.vehicle.actuators)))
         self._none: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        self._nowhere = self._state(self._none)
 
     @property
     def seed(self) -> int:
@@ -101,24 +117,74 @@ class Batch:
         """Whether `load_state_dict` returns to the very state, in mid-episode."""
         return self.simulator.capabilities.exact_resume
 
-    def reseed(self, seed: int) -> None:
-        """Starts again at episode 0 with another seed; `reset` must follow.
+    @property
+    def state(self) -> State:
+        """Poses, waypoints and distances of all n vehicles now. Arrays are the batch's own."""
+        F, simulator = self.task.F, self.simulator
+        to = F[:, F_WAYPOINT : F_WAYPOINT + 3]
+        return State(simulator.pose, to, F[:, F_DISTANCE], simulator.command_force)
+
+    def _state(self, indices: NDArray[np.int64]) -> State:
+        now = self.state
+        return State(now.pose[indices], now.waypoint[indices], now.distance[indices], now.force[indices])
+
+    def reseed(self, seed: int, indices: NDArray[np.int64] | None = None) -> None:
+        """Starts again at episode 0 with another seed, everywhere or in some environments; `reset` must follow.
 
         Raises:
             ConfigError: the seed is not in 0 .. 2^32 - 1.
         """
-        if not 0 <= seed < 1 << 32:
-            raise ConfigError(f"seed={seed}: must be at least 0 and at most {(1 << 32) - 1}")
-        self.task.seed = int(seed)
-        self.task.C[:, C_EPISODE] = -1
+        _check_seed(seed)
+        self.task.reseed(seed, indices)
 
-    def reset(self) -> NDArray[np.float32]:
-        """Begins the next episode everywhere; observations (n, 4 + n_u)."""
-        self._reset(self._all)
-        return self.task.observe(self._measured())
+    def reseed_each(self, indices: NDArray[np.int64], seeds: Sequence[int]) -> None:
+        """Gives environments `indices` (k,) seeds of their own; each then draws what one environment of that seed does.
 
-    def _reset(self, indices: NDArray[np.int64]) -> None:
-        pose = self.task.reset(indices)
+        Raises:
+            ConfigError: a seed is not in 0 .. 2^32 - 1.
+        """
+        for seed in seeds:
+            _check_seed(seed)
+        self.task.reseed_each(indices, np.asarray(seeds, dtype=np.int64))
+
+    def reset(
+        self,
+        indices: NDArray[np.int64] | None = None,
+        *,
+        pose: Floats | None = None,
+        waypoint: Floats | None = None,
+        distance: Floats | None = None,
+    ) -> NDArray[np.float32]:
+        """Begins the next episode everywhere, or in environments `indices` (k,).
+
+        Args:
+            indices: None for all n.
+            pose: (k, 7) x, y, z in m, unit quaternion (w, x, y, z), where the vehicles start; None draws.
+            waypoint: (k, 3) x, y, z in m, where they are to go; None draws.
+            distance: (k,) m, to which a drawn waypoint is moved along its direction from the start.
+
+        Returns:
+            The observations (n, 4 + n_u) of all environments; the batch's own array.
+        """
+        if indices is None:
+            self._reset(self._all, pose, waypoint, distance)
+            return self.task.observe(self._measured())
+        self._reset(indices, pose, waypoint, distance)
+        return self.task.observe(self._measured(), indices)
+
+    def _reset(
+        self,
+        indices: NDArray[np.int64],
+        pose: Floats | None = None,
+        waypoint: Floats | None = None,
+        distance: Floats | None = None,
+    ) -> None:
+        drawn = self.task.reset(indices)
+        if not (pose is None and waypoint is None and distance is None):
+            drawn = drawn if pose is None else pose
+            to = self.task.F[indices, F_WAYPOINT : F_WAYPOINT + 3] if waypoint is None else waypoint
+            self.task.place(indices, drawn, to if distance is None else _at(distance, drawn[:, :3], to))
+        pose = drawn
         scales = None if self.disturbances is None else self.disturbances.draw(indices)
         self.simulator.reset(indices, pose, np.zeros((len(indices), 6)), scales)
         if self.disturbances is not None:
@@ -129,13 +195,28 @@ class Batch:
             self.simulator.pose if self.disturbances is None else self.disturbances.measured(self.simulator)
         )
 
-    def step(self, action: NDArray[np.floating]) -> Transition:
-        """One agent step of 1/frequency seconds for actions (n, n_u), clipped to [-1, 1]."""
-        return self._conclude(self._compute(action))
+    def step(self, action: NDArray[np.floating], begin: NDArray[np.int64] | None = None) -> Transition:
+        """One agent step of 1/frequency seconds.
+
+        Args:
+            action: (n, n_u), clipped to [-1, 1].
+            begin: environments (k,) that begin their next episode instead: their actions do nothing, their rewards
+                are 0.
+
+        Raises:
+            ActionError: `action` has another shape, or holds a NaN or an infinity; nothing has moved.
+        """
+        count = self._compute(action)
+        if begin is not None and len(begin):
+            self._reset(begin)
+            self.task.observe(self._measured(), begin)
+            self.task.reward[begin] = 0.0
+            count = int(np.count_nonzero(self.task.outcome >= 0))
+        return self._conclude(count)
 
     def _compute(self, action: NDArray[np.floating]) -> int:
         """Everything up to the observation; returns how many episodes ended."""
-        np.clip(action, -1.0, 1.0, out=self._action)
+        admit(action, self._action)
         task, simulator = self.task, self.simulator
         command = task.add_noise(self._action)
         power = simulator.power
@@ -156,17 +237,20 @@ class Batch:
         observation = task.observation
         if not ended_count:
             none = np.zeros(self.n, dtype=np.bool_)
-            return Transition(observation, task.reward, none, none, self._none, observation[:0], [])
+            return Transition(
+                observation, task.reward, none, none, self._none, observation[:0], self._nowhere, []
+            )
         outcome = task.outcome
         terminated = (outcome == SUCCESS) | (outcome == COLLISION)
         truncated = outcome == TIMEOUT
         ended = np.flatnonzero(outcome >= 0)
         records = task.records(ended)
         final = observation[ended]
+        final_state = self._state(ended)
         if self.autoreset:
             self._reset(ended)
             task.observe(self._measured(), ended)
-        return Transition(observation, task.reward, terminated, truncated, ended, final, records)
+        return Transition(observation, task.reward, terminated, truncated, ended, final, final_state, records)
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that an exact resume needs, as plain arrays."""
@@ -192,6 +276,14 @@ class Batch:
         else:
             self.task.C[:, C_EPISODE] -= 1
             self.restarted = self.reset().copy()
+
+
+def _at(distance: Floats, start: Floats, waypoint: Floats) -> Floats:
+    """Waypoints (k, 3) moved to `distance` (k,) from `start` (k, 3); eastwards where they lay at the start."""
+    line = waypoint - start
+    length = np.linalg.norm(line, axis=1, keepdims=True)
+    direction = np.where(length > 0.0, line / np.maximum(length, 1e-300), np.array([1.0, 0.0, 0.0]))
+    return np.asarray(start + direction * distance[:, None])
 
 
 def _below(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
@@ -242,6 +334,6 @@ def at_frequency(config: schema.TrainConfig, frequency: float) -> schema.TrainCo
     return dataclasses.replace(config, step=dataclasses.replace(config.step, frequency=frequency))
 
 
-def observation_bounds(n_u: int) -> NDArray[np.float32]:
-    """Upper bounds (4 + n_u,) of the observation: yaw error, position error, previous action."""
-    return np.array([np.pi, *[POSITION_BOUND] * 3, *[1.0] * n_u], dtype=np.float32)
+def _check_seed(seed: int) -> None:
+    if not 0 <= seed < 1 << 32:
+        raise ConfigError(f"seed={seed}: must be at least 0 and at most {(1 << 32) - 1}")

@@ -2,65 +2,159 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.envs import spaces
+from auvbench.config.clock import step_limit
+from auvbench.envs import info, options, rendering, settings, spaces
 from auvbench.envs.batch import Batch
+from auvbench.errors import ActionError, AuvbenchWarning
+from auvbench.tasks.kernels import C_STEPS
 
 Observation = NDArray[np.float32]
+
+_FIRST = np.zeros(1, dtype=np.int64)
 
 
 class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """Track a waypoint with an underwater vehicle.
 
     Args:
-        overrides: as on the command line, e.g. `["reward.k=40", "step.frequency=25", "vehicle=rexrov"]`.
-        config: a typed configuration instead of overrides.
+        overrides: as on the command line, e.g. `["reward.k=40", "vehicle=rexrov"]`, or one string with spaces between.
+        config: a typed configuration instead of overrides and keywords.
+        render_mode: None, `rgb_array` (a picture (352, 832, 3) of the episode so far) or `ansi` (a line).
+        conf: a folder with configuration files of your own, searched first.
+        vehicle: short for the override `vehicle=...`.
+        k: for `reward.k=...`.
+        frequency: Hz, for `step.frequency=...`.
+        noise: for `noise=...`.
+        disturbance: for `disturbance=...`.
 
-    The same seed and actions give the same floats as environment 0 of the vectorised face.
+    The same seed and actions give the same floats as environment 0 of the vectorised face. What `info` holds is in
+    `auvbench.envs.info`.
+
+    Raises:
+        ConfigError: a setting is wrong.
 
     >>> import gymnasium
-    >>> env = gymnasium.make("auvbench/Waypoint-v0", overrides=["step.frequency=25"])
+    >>> env = gymnasium.make("auvbench/Waypoint-v0", frequency=25)
     >>> observation, info = env.reset(seed=1)
-    >>> observation.shape
-    (10,)
+    >>> observation.shape, info["waypoint"].round(1)
+    ((10,), array([-14.6, -12.9, -16.6]))
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012
+    metadata = {"render_modes": list(rendering.MODES), "render_fps": 10}  # noqa: RUF012
 
-    def __init__(self, overrides: Sequence[str] = (), config: schema.TrainConfig | None = None) -> None:
-        typed = spaces.configuration(config, overrides)
-        self.batch = Batch(typed, 1, autoreset=False)
+    def __init__(
+        self,
+        overrides: settings.Overrides = (),
+        config: schema.TrainConfig | None = None,
+        *,
+        render_mode: str | None = None,
+        conf: str | Path | None = None,
+        vehicle: str | None = None,
+        k: float | None = None,
+        frequency: float | None = None,
+        noise: str | None = None,
+        disturbance: str | None = None,
+    ) -> None:
+        self.config = settings.configuration(
+            config,
+            overrides,
+            conf,
+            vehicle=vehicle,
+            k=k,
+            frequency=frequency,
+            noise=noise,
+            disturbance=disturbance,
+        )
+        self.batch = Batch(self.config, 1, autoreset=False)
         self.observation_space, self.action_space = spaces.of(self.batch)  # type: ignore[assignment]
+        self.render_mode = render_mode
+        self.metadata = type(self).metadata | {"render_fps": rendering.speed(self.config.step.frequency)}
+        self._renderer = rendering.Renderer(render_mode, self.batch)
         self._seeded = False
+        self._under_way = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins an episode: episode 0 of `seed`, or the next one where no seed is given."""
+        """Begins an episode: episode 0 of `seed`, or the next one where no seed is given.
+
+        Args:
+            seed: of any size; seeds of 2^32 and more are hashed to 32 bits.
+            options: `pose`, and `waypoint` or `distance`, instead of drawn ones; see `auvbench.envs.options.places`.
+
+        Raises:
+            ConfigError: the seed or an option is wrong.
+        """
+        places = self._places(options)
+        number = None if seed is None else settings.folded(seed)
         super().reset(seed=seed)
-        if seed is not None or not self._seeded:
-            self.batch.reseed(seed if seed is not None else int(self.np_random.integers(1 << 32)))
+        self._warn_of_a_limit()
+        if number is not None or not self._seeded:
+            self.batch.reseed(number if number is not None else int(self.np_random.integers(1 << 32)))
             self._seeded = True
-        return self.batch.reset()[0].copy(), {}
+        observation = self.batch.reset(pose=places.pose, waypoint=places.waypoint, distance=places.distance)
+        self._under_way = True
+        self._renderer.begin(_FIRST)
+        return observation[0].copy(), info.single(self.batch.state, 0)
+
+    def _places(self, given: dict[str, Any] | None) -> options.Places:
+        bounds = self.observation_space.high[1:4]  # type: ignore[attr-defined]
+        return options.places(options.check_names(given), 1, self.config.task, bounds)
+
+    def _warn_of_a_limit(self) -> None:
+        """Of an episode that somebody else's limit cut short, which is Gymnasium's for the id unless it is told."""
+        steps = step_limit(self.config.task, self.config.step.frequency)
+        if self._under_way and self.batch.task.C[0, C_STEPS] == settings.STEPS < steps:
+            warnings.warn(
+                f"an episode was cut short after {settings.STEPS} steps, though the task allows {steps}: "
+                f"say gymnasium.make(..., max_episode_steps={steps})",
+                AuvbenchWarning,
+                stacklevel=3,
+            )
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One agent step; `info["record"]` holds the episode's row when it ends."""
-        result = self.batch.step(np.asarray(action)[None])
-        info: dict[str, Any] = {}
-        if result.records:
-            record = result.records[0]
-            info = {"record": record, "is_success": record["outcome"] == "success"}
+        """One agent step of 1/frequency seconds with an action (n_u,), clipped to [-1, 1].
+
+        Raises:
+            ResetNeeded: no episode is under way.
+            ActionError: the action has another shape, or holds a NaN or an infinity.
+        """
+        if not self._under_way:
+            raise ResetNeeded("no episode is under way: call reset() before step()")
+        given = np.asarray(action)
+        if given.shape != self.action_space.shape:
+            raise ActionError(f"an action of shape {given.shape}: must be {self.action_space.shape}")
+        result = self.batch.step(given[None])
+        record = result.records[0] if result.records else None
+        self._under_way = record is None
+        state = self.batch.state
+        if self.render_mode is not None:
+            outcome = rendering.outcome_name(int(self.batch.task.outcome[0]))
+            self._renderer.follow(0, state.pose[0], state.distance[0], state.force[0], outcome)
         return (
             result.observation[0].copy(),
             float(result.reward[0]),
             bool(result.terminated[0]),
             bool(result.truncated[0]),
-            info,
+            info.single(state, 0, record),
         )
+
+    def render(self) -> Any:
+        """The picture or the line of the episode as it is now; None without a `render_mode`.
+
+        Raises:
+            ResetNeeded: there has been no episode.
+        """
+        if not self._seeded:
+            raise ResetNeeded("there is nothing to show: call reset() before render()")
+        return self._renderer.show(0)

@@ -1,45 +1,115 @@
-"""The batch as a Stable-Baselines3 `VecEnv`: no Python per environment but where an episode ends."""
+"""The batch as a Stable-Baselines3 `VecEnv`."""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from auvbench.envs import spaces
-from auvbench.envs.batch import Batch
-from auvbench.envs.sharded import ShardedBatch
+from auvbench.config.clock import step_limit
+from auvbench.envs import info, options, rendering, settings, spaces
+from auvbench.envs.batch import Batch, Transition
+from auvbench.envs.sharded import ShardedBatch, make_batch
+from auvbench.errors import ConfigError
 from auvbench.tasks.record import Record
 
-# SB3 looks into the info of every environment at every step; those of running episodes are all this one.
-_NOTHING: dict[str, Any] = {}
+
+def make(
+    n_envs: int = 1, *, seed: int | None = None, render_mode: str | None = None, **kwargs: Any
+) -> WaypointVecEnv:
+    """N environments for Stable-Baselines3's learners.
+
+    Args:
+        n_envs: how many; one batch steps them all.
+        seed: of every draw; environment i draws from (seed, i). None takes the configuration's.
+        render_mode: as of `WaypointEnv`.
+        kwargs: overrides, config, conf, vehicle, k, frequency, noise, disturbance, as of `WaypointEnv`.
+
+    Raises:
+        ConfigError: a setting is wrong.
+
+    >>> from auvbench.envs import sb3
+    >>> env = sb3.make(8, k=40, frequency=25)
+    >>> env.reset().shape
+    (8, 10)
+    """
+    if n_envs < 1:
+        raise ConfigError(f"n_envs={n_envs}: must be at least 1")
+    config = settings.configuration(**kwargs)
+    number = None if seed is None else settings.folded(seed)
+    return WaypointVecEnv(make_batch(config, n_envs, seed=number), render_mode=render_mode)
 
 
 class WaypointVecEnv(VecEnv):
-    """Feeds SB3's learners from a `Batch`.
+    """Feeds SB3's learners from a `Batch`; an episode that ends begins anew in the same step, as they expect.
+
+    Args:
+        batch: with automatic reset.
+        detailed: fill the `info` of every environment at every step (`auvbench.envs.info`); without, only of those
+            whose episode ended, which is all that SB3's learners look at.
+        render_mode: as of `WaypointEnv`.
 
     `finished` holds the rows of the episodes that ended in the last step.
     """
 
-    def __init__(self, batch: Batch | ShardedBatch) -> None:
+    def __init__(
+        self, batch: Batch | ShardedBatch, *, detailed: bool = True, render_mode: str | None = None
+    ) -> None:
         self.batch = batch
         self.finished: list[Record] = []
+        self.render_mode = render_mode
+        self.metadata: dict[str, Any] = {
+            "render_modes": list(rendering.MODES),
+            "render_fps": rendering.speed(batch.config.step.frequency),
+        }
+        self._detailed = detailed
+        self._renderer = rendering.Renderer(render_mode, batch)
         self._actions: NDArray[np.float32] | None = None
+        self._begun = False
         observation_space, action_space = spaces.of(batch)
-        self.render_mode = None
         super().__init__(batch.n, observation_space, action_space)
 
+    @property
+    def spec(self) -> Any:
+        """The specification of the Gymnasium id, with this configuration's limit of steps."""
+        import auvbench
+
+        auvbench.register()
+        spec = copy.deepcopy(gymnasium.spec(auvbench.ID))
+        spec.max_episode_steps = step_limit(self.batch.config.task, self.batch.config.step.frequency)
+        return spec
+
     def reset(self) -> VecEnvObs:
+        places = self._places()
         if self._seeds[0] is not None:
-            self.batch.reseed(int(self._seeds[0]))
+            self.batch.reseed(settings.folded(self._seeds[0]))
         self._reset_seeds()
         self._reset_options()
-        return self.batch.reset().copy()
+        observation = self.batch.reset(
+            pose=places.pose, waypoint=places.waypoint, distance=places.distance
+        ).copy()
+        self._begun = True
+        self._renderer.begin(np.arange(self.num_envs))
+        if self._detailed:
+            state = self.batch.state
+            self.reset_infos = [info.single(state, i) for i in range(self.num_envs)]
+        return observation
+
+    def _places(self) -> options.Places:
+        given = [options.check_names(one) for one in self._options]
+        names = given[0].keys()
+        if any(one.keys() != names for one in given):
+            raise ConfigError("options: give the same ones to every environment")
+        rows = {name: [one[name] for one in given] for name in names}
+        bounds = self.observation_space.high[1:4]  # type: ignore[attr-defined]
+        return options.places(rows, self.num_envs, self.batch.config.task, bounds)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """One seed serves the batch: environment i draws from (seed, i)."""
@@ -51,21 +121,42 @@ class WaypointVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        assert self._actions is not None
+        if not self._begun:
+            raise ResetNeeded("no episode is under way: call reset() before step()")
+        if self._actions is None:
+            raise ResetNeeded("there are no actions: call step_async() before step_wait()")
         result = self.batch.step(self._actions)
         self.finished = result.records
-        infos = [_NOTHING] * self.num_envs
-        for i, observation, record in zip(
-            result.ended, result.final_observation, result.records, strict=True
+        if self.render_mode is not None:
+            self._follow(result)
+        done = result.terminated | result.truncated
+        return result.observation.copy(), result.reward.astype(np.float32), done, self._infos(result)
+
+    def _infos(self, result: Transition) -> list[dict[str, Any]]:
+        if self._detailed:
+            state = self.batch.state
+            infos = [info.single(state, i) for i in range(self.num_envs)]
+        else:
+            infos = [{} for _ in range(self.num_envs)]
+        for k, (i, observation, record) in enumerate(
+            zip(result.ended.tolist(), result.final_observation, result.records, strict=True)
         ):
-            infos[i] = {
+            infos[i] = info.single(result.final_state, k, record) | {
                 "terminal_observation": observation,
                 "TimeLimit.truncated": bool(result.truncated[i]),
-                "is_success": record["outcome"] == "success",
                 "episode": {"r": record["return"], "l": record["steps"]},
             }
-        done = result.terminated | result.truncated
-        return result.observation.copy(), result.reward.astype(np.float32), done, infos
+        return infos
+
+    def _follow(self, result: Transition) -> None:
+        state, last = self.batch.state, result.final_state
+        at = {i: k for k, i in enumerate(result.ended.tolist())}
+        for i in range(self.num_envs):
+            k = at.get(i)
+            shown, row = (state, i) if k is None else (last, k)
+            outcome = None if k is None else str(result.records[k]["outcome"])
+            self._renderer.follow(i, shown.pose[row], shown.distance[row], shown.force[row], outcome)
+        self._renderer.begin(result.ended)
 
     def close(self) -> None:
         pass
@@ -88,4 +179,6 @@ class WaypointVecEnv(VecEnv):
         return [False] * len(list(self._get_indices(indices)))
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        return [None] * self.num_envs
+        if self.render_mode != "rgb_array" or not self._begun:
+            return [None] * self.num_envs
+        return [self._renderer.show(i) for i in range(self.num_envs)]

@@ -23,6 +23,7 @@ from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.kernel import advance as advance_vehicles
 from auvbench.dynamics.layout import LANES
 from auvbench.envs import atomics
+from auvbench.envs.actions import admit
 from auvbench.envs.atomics import sched_yield
 from auvbench.envs.batch import Batch
 from auvbench.simulators.fossen import FossenSimulator
@@ -48,9 +49,6 @@ def take_part(
     member: int,
     members: int,
     patience: int,
-    start: int,
-    stop: int,
-    action: NDArray[np.float64],
     noise: tuple[Any, ...],
     physics: tuple[Any, ...],
     ends: tuple[Any, ...],
@@ -67,12 +65,6 @@ def take_part(
             sched_yield()
             continue
         looks = 0
-        for i in range(start, stop):
-            for j in range(action.shape[1]):
-                if action[i, j] > 1.0:
-                    action[i, j] = 1.0
-                elif action[i, j] < -1.0:
-                    action[i, j] = -1.0
         add_command_noise(*noise)
         advance_vehicles(*physics)
         signals[own + ENDED] = advance(*ends)
@@ -94,14 +86,15 @@ def ask(signals: NDArray[np.int64]) -> None:
 class TeamBatch(Batch):
     """An undisturbed `Batch` on `config.simulator.threads` threads, the caller's among them: the same bits."""
 
-    def __init__(self, config: schema.TrainConfig, n: int, *, seed: int | None = None) -> None:
-        super().__init__(config, n, seed=seed)
+    def __init__(
+        self, config: schema.TrainConfig, n: int, *, seed: int | None = None, autoreset: bool = True
+    ) -> None:
+        super().__init__(config, n, seed=seed, autoreset=autoreset)
         self._team: Team | None = None
 
-    def reseed(self, seed: int) -> None:
-        """As `Batch.reseed`."""
-        self._team = None  # it holds on to the seed
-        super().reseed(seed)
+    def __getstate__(self) -> dict[str, Any]:
+        # Threads do not travel; the copy makes its own when it is stepped.
+        return self.__dict__ | {"_team": None}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
         """As `Batch.load_state_dict`."""
@@ -109,9 +102,9 @@ class TeamBatch(Batch):
         super().load_state_dict(state)
 
     def _compute(self, action: NDArray[np.floating]) -> int:
+        admit(action, self._action)
         if self._team is None:
             self._team = Team([self._arguments(*bounds) for bounds in pairwise(self._bounds())])
-        self._action[...] = action
         counts = self._team.step()
         failed = [count for count in counts if count < 0]
         return self.task.checked(max(failed) if failed else sum(counts))  # of several, the first environment
@@ -127,9 +120,6 @@ class TeamBatch(Batch):
         physics = simulator.kernel_arguments(task.command, task.duration, start, stop)
         force, power = simulator.command_force, simulator.power
         return (
-            start,
-            stop,
-            action,
             task.noise_arguments(action, start, stop),
             physics,
             task.advance_arguments(simulator.pose, action, force, power, start, stop),

@@ -1,17 +1,22 @@
-"""`gymnasium.make_vec("auvbench/Waypoint-v0", vectorization_mode="vector_entry_point")`: the whole batch."""
+"""`gymnasium.make_vec("auvbench/Waypoint-v0", num_envs=1024)`: the whole batch, by Gymnasium's vector interface."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.envs import spaces
+from auvbench.envs import autoreset, info, rendering, settings, spaces
+from auvbench.envs import options as reset_options
+from auvbench.envs.autoreset import AutoresetMode
+from auvbench.envs.batch import Transition
 from auvbench.envs.sharded import make_batch
 from auvbench.errors import ConfigError
 
@@ -19,60 +24,218 @@ Arrays = NDArray[Any]
 
 
 class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
-    """N environments in one batch; an episode that ends begins anew in the same step.
+    """N environments in one batch.
+
+    Args:
+        num_envs: how many.
+        overrides: as of `WaypointEnv`, like all arguments that are not described here.
+        config: a typed configuration instead.
+        autoreset_mode: when the episode after one that ended begins. `NEXT_STEP`, as in Gymnasium's own vector
+            environments: with the next step, whose action is ignored and whose reward is 0. `SAME_STEP`: at once; the
+            last observation is then in `info["final_obs"]`, what else is known of the end in `info["final_info"]`.
+            `DISABLED`: when `reset(options={"reset_mask": ...})` asks for it.
+        max_episode_steps: of the task, instead of `task.max_steps`; 1000, which Gymnasium passes by itself, changes
+            nothing, and -1 takes the limit away.
+        render_mode: as of `WaypointEnv`; `render` gives one picture or line per environment.
+        conf: a folder with configuration files of your own.
+        vehicle: short for the override `vehicle=...`.
+        k: for `reward.k=...`.
+        frequency: Hz, for `step.frequency=...`.
+        noise: for `noise=...`.
+        disturbance: for `disturbance=...`.
 
     Environment i of a batch seeded s draws from (s, i), whatever N is.
+
+    Raises:
+        ConfigError: a setting is wrong.
+
+    >>> import gymnasium
+    >>> envs = gymnasium.make_vec("auvbench/Waypoint-v0", num_envs=3, k=40)
+    >>> observations, info = envs.reset(seed=1)
+    >>> observations.shape, info["distance"].shape
+    ((3, 10), (3,))
     """
 
-    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
+    metadata = {  # noqa: RUF012
+        "render_modes": list(rendering.MODES),
+        "render_fps": 10,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
         num_envs: int = 1,
-        overrides: Sequence[str] = (),
+        overrides: settings.Overrides = (),
         config: schema.TrainConfig | None = None,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        conf: str | Path | None = None,
+        vehicle: str | None = None,
+        k: float | None = None,
+        frequency: float | None = None,
+        noise: str | None = None,
+        disturbance: str | None = None,
     ) -> None:
-        typed = spaces.configuration(config, overrides)
-        self.batch = make_batch(typed, num_envs)
+        if num_envs < 1:
+            raise ConfigError(f"num_envs={num_envs}: must be at least 1")
+        typed = settings.configuration(
+            config,
+            overrides,
+            conf,
+            vehicle=vehicle,
+            k=k,
+            frequency=frequency,
+            noise=noise,
+            disturbance=disturbance,
+        )
+        self.config = settings.limited(typed, max_episode_steps)
+        self.autoreset_mode = autoreset.mode(autoreset_mode)
+        self.batch = make_batch(
+            self.config, num_envs, autoreset=self.autoreset_mode == AutoresetMode.SAME_STEP
+        )
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces.of(self.batch)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self.render_mode = render_mode
+        self.metadata = type(self).metadata | {
+            "render_fps": rendering.speed(self.config.step.frequency),
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self._renderer = rendering.Renderer(render_mode, self.batch)
         self._seeded = False
+        self._ended = np.ones(num_envs, dtype=np.bool_)  # no episode is under way
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Begins an episode everywhere.
+        """Begins an episode everywhere, or where `options["reset_mask"]` says so.
+
+        Args:
+            seed: one for all, environment i then draws from (seed, i); or one for each, which then draws what a
+                single environment with that seed does (None: its next episode). Of any size; seeds of 2^32 and more
+                are hashed to 32 bits.
+            options: `reset_mask` (n,) of booleans; `pose`, and `waypoint` or `distance`, instead of drawn ones, for
+                all or a row for each environment that is reset (`auvbench.envs.options.places`).
 
         Raises:
-            ConfigError: a list of seeds; one seed serves the batch, environments differ by their index.
+            ConfigError: a seed or an option is wrong.
+            ResetNeeded: a mask leaves out environments whose first episode has not begun.
         """
-        if isinstance(seed, list):
-            raise ConfigError("seed: give one number; environment i of the batch draws from (seed, i)")
-        super().reset(seed=seed)
-        if seed is not None or not self._seeded:
-            self.batch.reseed(int(seed) if seed is not None else int(self.np_random.integers(1 << 32)))
-            self._seeded = True
-        return self.batch.reset().copy(), {}
+        given = reset_options.check_names(options, "reset_mask")
+        mask = self._mask(given.get("reset_mask"))
+        indices = np.flatnonzero(mask)
+        bounds = self.single_observation_space.high[1:4]  # type: ignore[attr-defined]
+        places = reset_options.places(given, len(indices), self.config.task, bounds)
+        self._reseed(seed, indices)
+        observation = self.batch.reset(
+            indices, pose=places.pose, waypoint=places.waypoint, distance=places.distance
+        )
+        self._ended[indices] = False
+        self._renderer.begin(indices)
+        told = info.batch(self.batch.state, np.zeros(self.num_envs, dtype=np.bool_), mask)
+        return observation.copy(), told
+
+    def _mask(self, given: Any) -> NDArray[np.bool_]:
+        """Which environments (n,) are to be reset."""
+        if given is None:
+            return np.ones(self.num_envs, dtype=np.bool_)
+        mask = np.asarray(given)
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+            raise ConfigError(
+                f"options['reset_mask']: has shape {mask.shape} of {mask.dtype} with {np.count_nonzero(mask)} true; "
+                f"must be ({self.num_envs},) of bool with at least one true"
+            )
+        if not self._seeded and not mask.all():
+            raise ResetNeeded("the first reset() begins an episode in all environments: leave out reset_mask")
+        return mask.copy()
+
+    def _reseed(self, seed: int | Sequence[int | None] | None, indices: NDArray[np.int64]) -> None:
+        if isinstance(seed, Sequence | np.ndarray):
+            if len(seed) != self.num_envs:
+                raise ConfigError(f"seed: {len(seed)} for {self.num_envs} environments; give one for each")
+            each = [None if s is None else settings.folded(s) for s in seed]
+            super().reset(seed=None)
+            if not self._seeded:
+                self.batch.reseed(int(self.np_random.integers(1 << 32)))
+            own = np.array([i for i in indices.tolist() if each[i] is not None], dtype=np.int64)
+            self.batch.reseed_each(own, [s for i in own.tolist() if (s := each[i]) is not None])
+        elif seed is not None or not self._seeded:
+            number = None if seed is None else settings.folded(seed)
+            super().reset(seed=seed)
+            if number is None:
+                number = int(self.np_random.integers(1 << 32))
+            self.batch.reseed(number, indices)
+        self._seeded = True
 
     def step(self, actions: Arrays) -> tuple[Arrays, Arrays, Arrays, Arrays, dict[str, Any]]:
-        """One agent step of every environment; `info["final_obs"]`, `info["record"]` where one ended."""
-        result = self.batch.step(np.asarray(actions))
-        info: dict[str, Any] = {}
-        if result.records:
-            mask = result.terminated | result.truncated
-            final = np.full(self.num_envs, None, dtype=object)
-            records = np.full(self.num_envs, None, dtype=object)
-            for i, observation, record in zip(
-                result.ended, result.final_observation, result.records, strict=True
-            ):
-                final[i], records[i] = observation, record
-            info = {"final_obs": final, "_final_obs": mask, "record": records, "_record": mask.copy()}
+        """One agent step of every environment with actions (n, n_u), clipped to [-1, 1].
+
+        Raises:
+            ResetNeeded: before the first `reset`; and with `DISABLED`, after an episode's end.
+            ActionError: the actions have another shape, or hold a NaN or an infinity.
+        """
+        begin = np.flatnonzero(self._ended)
+        if len(begin) and not (self._seeded and self.autoreset_mode == AutoresetMode.NEXT_STEP):
+            raise ResetNeeded(
+                f"no episode is under way in environment {begin[0]}"
+                f"{f' and {len(begin) - 1} others' if len(begin) > 1 else ''}: call reset() before step()"
+            )
+        result = self.batch.step(np.asarray(actions), begin)
+        if self.autoreset_mode != AutoresetMode.SAME_STEP:
+            self._ended = result.terminated | result.truncated
+        if self.render_mode is not None:
+            self._follow(result, begin)
         return (
             result.observation.copy(),
             result.reward.copy(),
             result.terminated.copy(),
             result.truncated.copy(),
-            info,
+            self._info(result),
         )
+
+    def _info(self, result: Transition) -> dict[str, Any]:
+        n, state = self.num_envs, self.batch.state
+        told = info.batch(state, np.zeros(n, dtype=np.bool_), np.ones(n, dtype=np.bool_))
+        if not result.records:
+            return told
+        rows = result.terminated | result.truncated
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            # Gymnasium's own is an array of objects, which its conversion to tensors does not take.
+            last = np.zeros_like(result.observation)
+            last[result.ended] = result.final_observation
+            final = info.final(result.final_state, result.ended, result.records, rows)
+            told |= {"final_obs": last, "_final_obs": rows, "final_info": final, "_final_info": rows.copy()}
+        else:
+            told["is_success"][result.ended] = [r["outcome"] == "success" for r in result.records]
+            told |= {"record": info.table(result.ended, result.records, rows), "_record": rows}
+        return told
+
+    def _follow(self, result: Transition, begun: NDArray[np.int64]) -> None:
+        state, last = self.batch.state, result.final_state
+        at = {i: k for k, i in enumerate(result.ended.tolist())}
+        for i in np.setdiff1d(np.arange(self.num_envs), begun).tolist():
+            k = at.get(i)
+            shown, row = (state, i) if k is None else (last, k)
+            outcome = None if k is None else str(result.records[k]["outcome"])
+            self._renderer.follow(i, shown.pose[row], shown.distance[row], shown.force[row], outcome)
+        self._renderer.begin(begun)
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            self._renderer.begin(result.ended)
+
+    def render(self) -> Any:
+        """A tuple with the picture or the line of each environment; None without a `render_mode`.
+
+        Raises:
+            ResetNeeded: there has been no episode.
+        """
+        if not self._seeded:
+            raise ResetNeeded("there is nothing to show: call reset() before render()")
+        if self.render_mode is None:
+            return None
+        return tuple(self._renderer.show(i) for i in range(self.num_envs))

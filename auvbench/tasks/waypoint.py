@@ -57,6 +57,7 @@ class WaypointTask:
         self.F: Floats = np.zeros((n, k.N_FLOATS))
         self.C: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
         self._first = first
+        self.seed = int(seed)
         self.reseed(seed)
         self.previous: Floats = np.zeros((n, n_u))
         self.offset: Floats = np.zeros((n, 4))
@@ -81,12 +82,14 @@ class WaypointTask:
         """(n,) -1 while an episode is under way, else an index into OUTCOMES."""
         return self.C[:, k.C_OUTCOME]
 
-    def reseed(self, seed: int) -> None:
-        """Puts every environment before episode 0 of one seed; environment i draws from (seed, i)."""
-        self.seed = int(seed)
-        self.C[:, k.C_SEED] = seed
-        self.C[:, k.C_ENVIRONMENT] = self._first + np.arange(self.n)
-        self.C[:, k.C_EPISODE] = -1
+    def reseed(self, seed: int, indices: Integers | None = None) -> None:
+        """Puts environments, all or some, before episode 0 of a seed; environment i draws from (seed, i)."""
+        rows = np.arange(self.n) if indices is None else indices
+        if len(rows) == self.n:
+            self.seed = int(seed)
+        self.C[rows, k.C_SEED] = seed
+        self.C[rows, k.C_ENVIRONMENT] = self._first + rows
+        self.C[rows, k.C_EPISODE] = -1
 
     def reseed_each(self, indices: Integers, seeds: Integers) -> None:
         """Puts environments `indices` (k,) before episode 0 of seeds (k,) of their own, as environment 0 of each."""

@@ -84,7 +84,7 @@ def learn(
     )
     resumed = checkpointer.prepare()
     batch = make_batch(config)
-    environment = WaypointVecEnv(batch)
+    environment = WaypointVecEnv(batch, detailed=False)
     normaliser = VecNormalize(
         environment,
         norm_obs=train.normalise_observations,

@@ -137,10 +137,15 @@ class Grids(Sweeper):
         return grids.jobs(grids.narrow(union, typed))
 
 
+def store() -> None:
+    """Stores what `hydra/launcher=auvbench` and `hydra/sweeper=auvbench` name; enough to compose."""
+    repository = ConfigStore.instance()
+    repository.store(group="hydra/launcher", name="auvbench", node=ComposeConf, provider="auvbench")
+    repository.store(group="hydra/sweeper", name="auvbench", node=GridsConf, provider="auvbench")
+
+
 def register() -> None:
-    """Makes `hydra/launcher=auvbench` and `hydra/sweeper=auvbench` known to Hydra."""
-    store = ConfigStore.instance()
-    store.store(group="hydra/launcher", name="auvbench", node=ComposeConf, provider="auvbench")
-    store.store(group="hydra/sweeper", name="auvbench", node=GridsConf, provider="auvbench")
+    """Makes both known to Hydra, so that it can run them."""
+    store()
     for plugin in (Compose, Grids):
         Plugins.instance().register(plugin)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from auvbench.errors import AuvbenchError, TrainingError
+from auvbench.errors import ActionError, AuvbenchError, TrainingError
 
 
 def check_step(
@@ -66,9 +66,9 @@ def diagnosed(model: BaseAlgorithm) -> Iterator[None]:
     """
     try:
         yield
-    except AuvbenchError:
-        raise
     except Exception as error:
+        if isinstance(error, AuvbenchError) and not isinstance(error, ActionError):
+            raise
         try:
             check_parameters(model)
         except TrainingError as cause:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import gymnasium
 import numpy as np
 import pytest
@@ -103,10 +101,7 @@ def test_state_restores_to_the_same_bits():
 @pytest.mark.filterwarnings("error")
 def test_gymnasium_accepts_the_environment_without_warnings():
     env = gymnasium.make("auvbench/Waypoint-v0", overrides=["task.max_steps=20"])
-    with warnings.catch_warnings():
-        # It has no picture to render, and says so in its metadata.
-        warnings.filterwarnings("ignore", message=".*render.*")
-        gymnasium_check(env.unwrapped, skip_render_check=True)
+    gymnasium_check(env.unwrapped)
 
 
 @pytest.mark.filterwarnings("error")
@@ -126,7 +121,6 @@ def test_vector_environment_is_the_single_one_many_times():
         np.testing.assert_array_equal(observations[0], observation)
         assert rewards[0] == reward
     assert vector.observation_space.contains(observations)
-    assert vector.metadata["autoreset_mode"].name == "SAME_STEP"
 
 
 def test_episodes_end_and_begin_anew_in_the_same_step():

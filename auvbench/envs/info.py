@@ -1,0 +1,95 @@
+"""`info`: the same keys from every face of the batch, numbers and arrays of numbers alone.
+
+=============  ==================================================================================================
+`pose`         (7,) x, y, z in m, quaternion w, x, y, z: where the vehicle is, without noise; world axes (ENU)
+`waypoint`     (3,) x, y, z in m
+`distance`     m, from the one to the other
+`is_success`   whether the episode has ended at the waypoint
+`record`       when an episode ends: its row of the tables (`auvbench.tasks.record`), `outcome` as a code: 0 success,
+               1 collision, 2 timeout
+=============  ==================================================================================================
+
+A batch has an array of n rows under each key, and under the key with an underscore before it which rows count, as
+Gymnasium's vector environments do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.envs.batch import State
+from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
+
+WHOLE = ("episode", "environment", "outcome", "steps")
+"""columns of a record that are whole numbers"""
+
+
+def numbers(record: Record) -> dict[str, int | float]:
+    """The record with its outcome as a code, an index into OUTCOMES."""
+    return {
+        name: OUTCOMES.index(value) if isinstance(value, str) else value for name, value in record.items()
+    }
+
+
+def single(state: State, i: int, record: Record | None = None) -> dict[str, Any]:
+    """What one environment tells; row `i` of `state`, and the record where the episode ended."""
+    info: dict[str, Any] = {
+        "pose": state.pose[i].copy(),
+        "waypoint": state.waypoint[i].copy(),
+        "distance": float(state.distance[i]),
+        "is_success": record is not None and record["outcome"] == "success",
+    }
+    if record is not None:
+        info["record"] = numbers(record)
+    return info
+
+
+def batch(state: State, success: NDArray[np.bool_], rows: NDArray[np.bool_]) -> dict[str, Any]:
+    """What n environments tell, of which `rows` (n,) count; `success` (n,) says which episodes ended so."""
+    return {
+        "pose": state.pose.copy(),
+        "_pose": rows.copy(),
+        "waypoint": state.waypoint.copy(),
+        "_waypoint": rows.copy(),
+        "distance": state.distance.copy(),
+        "_distance": rows.copy(),
+        "is_success": success,
+        "_is_success": rows.copy(),
+    }
+
+
+def final(
+    state: State, ended: NDArray[np.int64], records: Sequence[Record], rows: NDArray[np.bool_]
+) -> dict[str, Any]:
+    """What the environments `ended` (k,) tell at their ends, as arrays of n rows of which `rows` (n,) count."""
+    n = len(rows)
+    spread = State(
+        pose=_spread(n, ended, state.pose),
+        waypoint=_spread(n, ended, state.waypoint),
+        distance=_spread(n, ended, state.distance),
+        force=_spread(n, ended, state.force),
+    )
+    success = np.zeros(n, dtype=np.bool_)
+    success[ended] = [record["outcome"] == "success" for record in records]
+    return batch(spread, success, rows) | {"record": table(ended, records, rows), "_record": rows.copy()}
+
+
+def table(ended: NDArray[np.int64], records: Sequence[Record], rows: NDArray[np.bool_]) -> dict[str, Any]:
+    """The records as arrays of n rows by column."""
+    values = np.zeros((len(RECORD_COLUMNS), len(rows)))
+    values[:, ended] = np.array([list(numbers(record).values()) for record in records]).T
+    columns: dict[str, Any] = {}
+    for name, column in zip(RECORD_COLUMNS, values, strict=True):
+        columns[name] = column.astype(np.int64) if name in WHOLE else column
+        columns[f"_{name}"] = rows.copy()
+    return columns
+
+
+def _spread(n: int, rows: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    whole = np.zeros((n, *values.shape[1:]))
+    whole[rows] = values
+    return whole

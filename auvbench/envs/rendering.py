@@ -1,0 +1,102 @@
+"""What an environment shows of an episode: a picture, or a line of text."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.envs.batch import Batch
+from auvbench.envs.sharded import ShardedBatch
+from auvbench.errors import ConfigError, closest
+from auvbench.tasks.record import OUTCOMES
+
+if TYPE_CHECKING:
+    from auvbench.envs.scene import Scene, Trail
+
+MODES = ("rgb_array", "ansi")
+"""of rendering, besides None"""
+
+
+def check_mode(mode: str | None) -> None:
+    """Raises ConfigError for a mode that there is not."""
+    if mode is not None and mode not in MODES:
+        raise ConfigError(f"render_mode={mode}: unknown; {closest(str(mode), [*MODES, 'None'])}")
+
+
+def speed(frequency: float) -> float | int:
+    """Pictures per second of a film in real time: one per agent step. Whole numbers as such, for writers of films."""
+    return int(frequency) if float(frequency).is_integer() else frequency
+
+
+class Renderer:
+    """Follows the episodes of a batch where `mode` asks for it, and shows them."""
+
+    def __init__(self, mode: str | None, batch: Batch | ShardedBatch) -> None:
+        check_mode(mode)
+        self.mode = mode
+        self._batch = batch
+        self._steps = np.zeros(batch.n, dtype=np.int64)
+        self._outcome: list[str | None] = [None] * batch.n
+        self._trails: list[Trail | None] = [None] * batch.n
+        self._scenes: list[Scene | None] = [None] * batch.n
+
+    def begin(self, indices: NDArray[np.int64]) -> None:
+        """To be called when episodes have begun."""
+        if self.mode is None:
+            return
+        self._steps[indices] = 0
+        for i in indices.tolist():
+            self._outcome[i] = None
+        if self.mode != "rgb_array":
+            return
+        from auvbench.envs.scene import Trail
+
+        state = self._batch.state
+        for i in indices.tolist():
+            self._scenes[i] = None
+            trail = self._trails[i] = Trail(state.waypoint[i].copy())
+            trail.add(state.pose[i], state.distance[i])
+
+    def follow(self, i: int, pose: Any, distance: float, force: Any, outcome: str | None = None) -> None:
+        """To be called with where environment `i` is after a step, and how its episode ended if it did."""
+        self._steps[i] += 1
+        self._outcome[i] = outcome
+        trail = self._trails[i]
+        if trail is not None:
+            trail.add(pose, distance, force)
+
+    def show(self, i: int) -> Any:
+        """A picture (352, 832, 3) of uint8, or a line of text, of environment `i`; None without a mode."""
+        if self.mode is None:
+            return None
+        return self._line(i) if self.mode == "ansi" else self._picture(i)
+
+    def _picture(self, i: int) -> NDArray[np.uint8]:
+        trail = self._trails[i]
+        assert trail is not None
+        scene = self._scenes[i]
+        if scene is None:
+            from auvbench.envs.scene import Scene
+
+            force = float(np.abs(self._batch.vehicle.force_limits).max(initial=0.0))
+            scene = self._scenes[i] = Scene(self._batch.config, force, trail)
+        time = self._steps[i] / self._batch.config.step.frequency
+        return scene.frame(f"{time:6.1f} s   {trail.distance[-1]:6.2f} m to go   {self._outcome[i] or ''}")
+
+    def _line(self, i: int) -> str:
+        state = self._batch.state
+        (x, y, z, qw, qx, qy, qz), (a, b, c) = state.pose[i], state.waypoint[i]
+        yaw = np.degrees(np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz)))
+        time = self._steps[i] / self._batch.config.step.frequency
+        return (
+            f"step {self._steps[i]} ({time:.1f} s): at ({x:.2f}, {y:.2f}, {z:.2f}) m, yaw {yaw:.0f} deg; "
+            f"waypoint ({a:.2f}, {b:.2f}, {c:.2f}) m, {state.distance[i]:.2f} m away; "
+            f"{self._outcome[i] or 'under way'}"
+        )
+
+
+def outcome_name(code: int) -> str | None:
+    """The name of an outcome's code; None for an episode that is under way."""
+    return OUTCOMES[code] if code >= 0 else None

@@ -1,0 +1,250 @@
+"""An episode as pictures: in space, from above, and over time, drawn while it happens.
+
+What does not move is drawn once and kept as pixels, and of what has moved each picture adds what is new since the
+last one, so that a picture takes milliseconds however long the episode is. Needs matplotlib, which is imported when
+the first picture is asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+
+Floats = NDArray[np.float64]
+
+SIZE = (10.4, 4.4)
+DPI = 80
+"""together 832 x 352 pixels, even as video codecs ask for"""
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#882255")
+PATH = "#0072B2"
+
+_RC: Any = {
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.7,
+    "lines.linewidth": 1.6,
+    "figure.autolayout": False,
+    "figure.constrained_layout.use": False,
+}
+
+
+@dataclass(slots=True)
+class Trail:
+    """What an episode left behind so far: T steps, T + 1 places."""
+
+    waypoint: Floats  # (3,) m
+    position: list[Floats] = field(default_factory=list)  # (3,) m
+    yaw: list[float] = field(default_factory=list)  # rad
+    distance: list[float] = field(default_factory=list)  # m
+    command: list[Floats] = field(default_factory=list)  # (n_u,) N
+
+    def add(self, pose: Floats, distance: float, command: Floats | None = None) -> None:
+        """A place (7,) with its distance to the waypoint, and the forces (n_u,) of the step that led to it."""
+        w, x, y, z = pose[3:]
+        self.position.append(pose[:3].copy())
+        self.yaw.append(float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))
+        self.distance.append(float(distance))
+        if command is not None:
+            self.command.append(command.copy())
+
+
+def panels(
+    figure: Any,
+    task: schema.Task,
+    waypoint: Floats,
+    start: Floats,
+    *,
+    low: Floats,
+    high: Floats,
+    end: float,
+    farthest: float,
+    force: float,
+) -> tuple[Any, Any, Any, Any]:
+    """Axes in space, from above, of the distance and of the commands over time, with all that does not move.
+
+    Args:
+        figure: of matplotlib.
+        task: its goal radius and depth limits are drawn.
+        waypoint: (3,) m.
+        start: (3,) m.
+        low: (3,) m, a corner of what must be seen; `high` is the opposite one.
+        high: (3,) m.
+        end: s, of the time axes.
+        farthest: m, of the axis of distances.
+        force: N, of the axis of commands.
+    """
+    from matplotlib.patches import Circle
+
+    grid = figure.add_gridspec(2, 3, width_ratios=[1.5, 1.2, 1.2])
+    space: Any = figure.add_subplot(grid[:, 0], projection="3d")
+    above, time, command = (figure.add_subplot(place) for place in (grid[:, 1], grid[0, 2], grid[1, 2]))
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 19), np.linspace(0, np.pi, 10))
+    ball = (np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v))
+    space.plot_wireframe(
+        *(task.goal_radius * b + c for b, c in zip(ball, waypoint, strict=True)),
+        color="#9a9a9a",
+        linewidth=0.4,
+    )
+    corners = np.vstack([low, high, waypoint - task.goal_radius, waypoint + task.goal_radius])
+    middle = (corners.max(0) + corners.min(0)) / 2
+    half = max(float(np.ptp(corners, axis=0).max()) / 2, 2.0) * 1.05
+    limits = np.stack([middle - half, middle + half], axis=1).tolist()
+    space.set(
+        xlim=limits[0],
+        ylim=limits[1],
+        zlim=limits[2],
+        xlabel="x (m)",
+        ylabel="y (m)",
+        zlabel="z (m)",
+        box_aspect=(1, 1, 1),
+    )
+    xs, ys = np.meshgrid(limits[0], limits[1])
+    for depth in (task.depth_low, task.depth_high):
+        if limits[2][0] <= depth <= limits[2][1]:
+            space.plot_surface(xs, ys, np.full_like(xs, depth), color="#D55E00", alpha=0.12)
+    x, y = (float(value) for value in waypoint[:2])
+    above.add_patch(Circle((x, y), task.goal_radius, fill=False, color="#9a9a9a"))
+    above.plot(start[0], start[1], "k+", markersize=9)
+    above.set(xlabel="x (m)", ylabel="y (m)", xlim=limits[0], ylim=limits[1], title="from above")
+    above.set_aspect("equal")
+    time.axhline(task.goal_radius, color="#9a9a9a", linewidth=0.8)
+    time.set(ylabel="distance (m)", xlim=(0, end), ylim=(0, farthest), title="over time")
+    command.set(ylabel="command (N)", xlabel="time (s)", xlim=(0, end), ylim=(-force, force))
+    return space, above, time, command
+
+
+class Scene:
+    """Draws one episode after each of its steps.
+
+    Args:
+        config: the task and the agent's step.
+        force: N, the largest force of an actuator.
+        trail: of the episode; the scene looks at what is added to it.
+    """
+
+    def __init__(self, config: schema.TrainConfig, force: float, trail: Trail) -> None:
+        self._task = config.task
+        self._duration = 1.0 / config.step.frequency
+        self._force = 1.05 * force or 1.0
+        self._trail = trail
+        self._drawn = 0  # places of the trail in the kept pixels
+        self._low = self._high = trail.position[0]
+        self._end = 10.0
+        self._farthest = 0.0
+        self._canvas: Any = None
+        self._pixels: Any = None
+
+    def frame(self, heading: str) -> NDArray[np.uint8]:
+        """The picture (352, 832, 3) of the trail as it is now."""
+        if not self._drawn or self._outgrown():
+            self._prepare()
+        canvas = self._canvas
+        canvas.restore_region(self._pixels)
+        self._ink()
+        self._pixels = canvas.copy_from_bbox(self._figure.bbox)
+        for artist in self._vehicle(heading):
+            artist.draw(canvas.get_renderer())
+        return np.array(np.asarray(canvas.buffer_rgba())[..., :3])
+
+    def _outgrown(self) -> bool:
+        """Whether something of the trail lies outside the axes."""
+        new = np.asarray(self._trail.position[self._drawn :])
+        if not len(new):
+            return False
+        time = (len(self._trail.position) - 1) * self._duration
+        inside = (new >= self._low).all() and (new <= self._high).all()
+        return not inside or time > self._end or max(self._trail.distance[self._drawn :]) > self._farthest
+
+    def _prepare(self) -> None:
+        """Axes that hold the trail and leave room to go on, as pixels."""
+        import matplotlib as mpl
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        trail, position = self._trail, np.asarray(self._trail.position)
+        seen = np.vstack([position, trail.waypoint[None]])
+        room = max(3.0, 0.25 * float(np.ptp(seen, axis=0).max()))
+        self._low, self._high = seen.min(0) - room, seen.max(0) + room
+        while self._end < (len(position) - 1) * self._duration:
+            self._end *= 2.0
+        self._farthest = 1.25 * max(*trail.distance, self._task.goal_radius)
+        with mpl.rc_context(_RC):
+            self._figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
+            self._figure.get_layout_engine().set(wspace=0.12)
+            self._canvas = FigureCanvasAgg(self._figure)  # typed Any: its stubs are not complete
+            self._axes = panels(
+                self._figure,
+                self._task,
+                trail.waypoint,
+                position[0],
+                low=self._low,
+                high=self._high,
+                end=self._end,
+                farthest=self._farthest,
+                force=self._force,
+            )
+            self._figure.suptitle(" ", fontsize=10)
+            self._canvas.draw()
+            self._figure.set_layout_engine("none")
+            space, above, time, command = self._axes
+            count = len(trail.command[0]) if trail.command else 0
+            self._lines = [space.plot([], [], [], color=PATH)[0], above.plot([], [], color=PATH)[0]]
+            self._lines += [time.plot([], [], color=PATH)[0]]
+            self._lines += [
+                command.step([], [], where="post", color=COLOURS[j % len(COLOURS)], linewidth=0.9)[0]
+                for j in range(count)
+            ]
+            self._noses = [space.plot([], [], [], color="black", linewidth=3)[0]]
+            self._noses += [above.plot([], [], color="black", linewidth=3)[0]]
+            self._text = self._figure.text(0.01, 0.98, "", ha="left", va="top", fontsize=10)
+        self._pixels = self._canvas.copy_from_bbox(self._figure.bbox)
+        self._drawn = 0
+
+    def _ink(self) -> None:
+        """Adds to the pixels what the trail has more than they show."""
+        trail, start = self._trail, max(self._drawn - 1, 0)
+        if len(trail.command) and len(self._lines) == 3:  # the first picture was of a start
+            self._prepare()
+            start = 0
+        place = np.asarray(trail.position[start:])
+        clock = self._duration * np.arange(start, len(trail.position))
+        space, above, time, *commands = self._lines
+        space.set_data_3d(*place.T)
+        above.set_data(place[:, 0], place[:, 1])
+        time.set_data(clock, trail.distance[start:])
+        before = max(start - 1, 0)  # the edge between two commands belongs to the later one
+        forces = np.asarray(trail.command[before:])
+        for j, line in enumerate(commands):
+            held = np.append(forces[:, j], forces[-1, j])
+            line.set_data(self._duration * np.arange(before, before + len(held)), held)
+        for line in self._lines:
+            line.axes.draw_artist(line)
+        self._drawn = len(trail.position)
+
+    def _vehicle(self, heading: str) -> list[Any]:
+        """What is drawn anew in each picture: the vehicle's nose, and a line of text."""
+        above = self._axes[1]
+        arm = 0.05 * (above.get_xlim()[1] - above.get_xlim()[0])
+        place, yaw = self._trail.position[-1], self._trail.yaw[-1]
+        tip = place + arm * np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        self._noses[0].set_data_3d(*np.stack([place, tip]).T)
+        self._noses[1].set_data([place[0], tip[0]], [place[1], tip[1]])
+        self._text.set_text(heading)
+        return [*self._noses, self._text]
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Canvases do not travel; the copy draws anew.
+        kept = ("_task", "_duration", "_force", "_trail", "_low", "_high", "_end", "_farthest")
+        return {name: getattr(self, name) for name in kept} | {"_drawn": 0, "_canvas": None, "_pixels": None}
