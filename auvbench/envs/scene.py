@@ -172,6 +172,7 @@ class Scene:
         import matplotlib as mpl
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
+        from matplotlib.layout_engine import ConstrainedLayoutEngine
 
         trail, position = self._trail, np.asarray(self._trail.position)
         seen = np.vstack([position, trail.waypoint[None]])
@@ -181,8 +182,7 @@ class Scene:
             self._end *= 2.0
         self._farthest = 1.25 * max(*trail.distance, self._task.goal_radius)
         with mpl.rc_context(_RC):
-            self._figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
-            self._figure.get_layout_engine().set(wspace=0.12)
+            self._figure = Figure(figsize=SIZE, dpi=DPI, layout=ConstrainedLayoutEngine(wspace=0.12))
             self._canvas = FigureCanvasAgg(self._figure)  # typed Any: its stubs are not complete
             self._axes = panels(
                 self._figure,
