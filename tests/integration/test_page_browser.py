@@ -12,8 +12,10 @@ from typing import Any
 
 import pytest
 
+from auvbench.commands.report import main
 from auvbench.reporting import page
 from tests import page_data
+from tests.synthetic import ROBUSTNESS, write_experiment
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 CHROMEDRIVER = shutil.which("chromedriver")
@@ -313,6 +315,68 @@ def test_nothing_hangs_over_the_side(
     background = browser.execute_script("return getComputedStyle(document.body).backgroundColor")
     assert (sum(int(part) for part in background.strip("rgb()").split(",")) > 384) == (scheme == "light")
     assert browser.get_log("browser") == []
+
+
+@pytest.fixture(scope="module")
+def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of nine agents under twenty conditions, with all its figures."""
+    folder = tmp_path_factory.mktemp("large") / "grid"
+    grid: dict[str, Any] = {"algorithms": ("ppo", "sac"), "reward_k": (1, 40), "frequencies": (10, 25)}
+    write_experiment(
+        folder, **grid, seeds=(0, 1), episodes=10, train_episodes=60, protocols={"robustness": ROBUSTNESS}
+    )
+    write_experiment(folder, algorithms=("pid",), episodes=10, protocols={"robustness": ROBUSTNESS})
+    assert main([str(folder), "--protocol", "robustness", "--baseline", "pid", "--format", "html"]) == 0
+    return folder / "report" / "index.html"
+
+
+def unfolded(browser: Driver, page: Path, width: int) -> None:
+    emulate(browser, width, 900, mobile=width < 768)
+    browser.get(page.as_uri())
+    browser.execute_script("for (const part of document.querySelectorAll('details.more')) part.open = true")
+    # What is observed is told after a frame.
+    browser.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
+
+
+@pytest.mark.parametrize("width", [1400, 1900])
+def test_a_wide_screen_shows_every_table_and_figure_whole(browser: Driver, large: Path, width: int) -> None:
+    unfolded(browser, large, width)
+    cut = """
+      return [...document.querySelectorAll('.scroll')].filter((part) => part.scrollWidth > part.clientWidth)
+        .map((part) => `${part.querySelector('table')?.id} ${part.scrollWidth} in ${part.clientWidth}`);
+    """
+    assert browser.execute_script(cut) == []
+
+
+def test_a_phone_shows_figures_large_enough_to_read_and_says_where_there_is_more(
+    browser: Driver, large: Path
+) -> None:
+    unfolded(browser, large, 390)
+    scale = "return [...document.querySelectorAll('figure img')].map((i) => i.clientWidth / i.width)"
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+    scales = browser.execute_script(scale.replace("i.width", "i.getAttribute('width')"))
+    assert len(scales) > 10
+    assert min(scales) >= 0.49  # nine-point text is then nine pixels high
+    clipped = (
+        "return document.getElementById('ranking-table').closest('.scroll').classList.contains('clipped')"
+    )
+    assert browser.execute_script(clipped)
+    browser.execute_script("document.getElementById('ranking-table').closest('.scroll').scrollLeft = 1e4")
+    browser.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
+    assert not browser.execute_script(clipped)
+
+
+def test_print_leaves_room_for_several_figures_on_a_page(browser: Driver, large: Path) -> None:
+    unfolded(browser, large, 703)  # px of an A4 page within its margins
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    heights = browser.execute_script(
+        "return [...document.querySelectorAll('figure img')].map((i) => i.getBoundingClientRect().height)"
+    )
+    breaks = browser.execute_script("return getComputedStyle(document.getElementById('runs')).breakBefore")
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+    millimetre = 96 / 25.4
+    assert max(heights) <= 75 * millimetre  # three of the tallest, with their captions
+    assert breaks == "auto"
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -11,7 +11,7 @@ from auvbench.analysis.labels import part
 from auvbench.analysis.model import Row
 from auvbench.analysis.rounding import rounded
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
+from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene
 
 MOST_IN_MATRIX = 15
 
@@ -64,10 +64,17 @@ def success_over_grid(scene: Scene) -> Drawing | None:
 
 def improvement(scene: Scene) -> Drawing | None:
     """Probability that the row's agent does better than the column's on a scenario."""
-    labels = [row.label for row in scene.ranking.rows][:MOST_IN_MATRIX]
-    matrix = np.asarray(scene.ranking.improvement, dtype=np.float64)[: len(labels), : len(labels)]
-    if len(labels) < 2 or matrix.shape != (len(labels), len(labels)):
+    whole = np.asarray(scene.ranking.improvement, dtype=np.float64)
+    if whole.shape != (len(scene.ranking.rows),) * 2:
         return None
+    # An agent that is compared with nobody has no value in its row.
+    apart = whole + np.where(np.eye(len(whole)), np.nan, 0.0)
+    compared = [i for i in range(len(whole)) if np.isfinite(apart[i]).any()]
+    chosen = compared[:MOST_IN_MATRIX]
+    if len(chosen) < 2:
+        return None
+    labels = [scene.ranking.rows[i].label for i in chosen]
+    matrix = whole[np.ix_(chosen, chosen)]
     values = 100 * matrix
     np.fill_diagonal(values, np.nan)
     side = 2.6 + 0.42 * len(labels)
@@ -81,9 +88,23 @@ def improvement(scene: Scene) -> Drawing | None:
     caption = (
         "Probability that the row's agent does better than the column's on a random test scenario "
         f"(by {scene.ranking.rank_by}, ties by {scene.ranking.then}); 50 % is no difference."
-        + shown(scene.agents[: len(labels)], scene.agents)
+        + (
+            f" Shown: {len(chosen)} of {len(compared)} agents, the best-ranked."
+            if len(chosen) < len(compared)
+            else ""
+        )
+        + _not_compared(len(whole) - len(compared))
     )
     return Drawing(figure, "Probability of improvement", caption)
+
+
+def _not_compared(n: int) -> str:
+    """'' or the sentence of a caption on agents that are compared with nobody."""
+    if not n:
+        return ""
+    return (
+        f" {n} agent{'' if n == 1 else 's'} with one training seed {'is' if n == 1 else 'are'} not compared."
+    )
 
 
 def _heat(

@@ -6,14 +6,15 @@ from collections.abc import Mapping
 
 from auvbench.analysis.model import Ranking
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.page.table import Heading, Table, table_of
-from auvbench.reporting.tables.conditions import by_condition
+from auvbench.reporting.page.table import Heading, Table, part_of, room_of, table_of, width_of
+from auvbench.reporting.tables.blocks import blocks
+from auvbench.reporting.tables.conditions import by_condition, factor
 
 
-def table(ranking: Ranking, colours: Mapping[str, str], links: Links) -> Table | None:
-    """None where the protocol has one condition."""
+def tables(ranking: Ranking, colours: Mapping[str, str], links: Links) -> list[Table]:
+    """As many tables as the page's width asks for; none where the protocol has one condition."""
     if not ranking.conditions:
-        return None
+        return []
     rows, columns = by_condition(ranking)
     headings = [
         Heading(
@@ -25,4 +26,8 @@ def table(ranking: Ranking, colours: Mapping[str, str], links: Links) -> Table |
         )
         for column in columns
     ]
-    return table_of(rows, headings, colours, links)
+    whole = table_of(rows, headings, colours, links)
+    parts = blocks(
+        range(len(headings)), lambda i: width_of(whole, i), room_of(whole), lambda i: factor(columns[i])
+    )
+    return [part_of(whole, part) for part in parts]

@@ -65,13 +65,14 @@ def write_overview(path: Path, parts: Sequence[Part], command: str = "") -> Path
     first = parts[0].ranking
     runs = [run for part in parts for run in part.runs]
     problems = tuple(dict.fromkeys(problem for part in parts for problem in part.ranking.problems))
+    facts = sources.facts(first, [agent for part in parts for agent in part.agents], runs)
     html = render(
         runs,
         first,
         title=title_of(runs),
         parts=shown,
         problems=grouped(problems),
-        facts=sources.facts(first, [agent for part in parts for agent in part.agents], runs),
+        facts=[fact for fact in facts if fact.name != "Scenarios"],  # each section has its own
         command=command,
     )
     return text(path, html)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from auvbench.analysis.model import Ranking, Row
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
+from auvbench.reporting.tables.blocks import blocks
 from auvbench.reporting.tables.columns import COLUMNS, letters
 from auvbench.reporting.tables.notes import remarks, resolution
 from auvbench.statistics.estimate import Estimate
@@ -160,19 +162,51 @@ def main_table(ranking: Ranking, colours: Mapping[str, str], links: Links) -> Ta
     return table_of(ranking, [heading_of(m) for m in metrics if m in held], colours, links, draw=True)
 
 
-def further_table(ranking: Ranking, shown: Table, colours: Mapping[str, str], links: Links) -> Table | None:
-    """Every metric that the main table leaves out, None where it shows all."""
+def further_tables(ranking: Ranking, shown: Table, colours: Mapping[str, str], links: Links) -> list[Table]:
+    """Every metric that the main table leaves out, in as many tables of like size as the page's width asks for."""
     there = {heading.metric for heading in shown.headings}
     rest = [metric for metric in _held(ranking) if metric not in there]
     order = {metric: place for place, metric in enumerate(DEFINITIONS)}
     rest.sort(key=lambda metric: (order.get(metric, len(order)), metric))
-    return table_of(ranking, [heading_of(m) for m in rest], colours, links) if rest else None
+    if not rest:
+        return []
+    whole = table_of(ranking, [heading_of(m) for m in rest], colours, links)
+    count = len(blocks(range(len(rest)), lambda i: width_of(whole, i), room_of(whole), lambda i: i))
+    ends = [round(i * len(rest) / count) for i in range(count + 1)]
+    return [part_of(whole, range(a, b)) for a, b in pairwise(ends)]
+
+
+PAGE = 1200
+"""px that the page is wide at most, without its margins"""
+
+
+def room_of(table: Table) -> float:
+    """Px that the columns of metrics may take beside rank and agent."""
+    longest = max((max(len(line.label), len(line.training)) for line in table.lines), default=0)
+    return PAGE - 70 - 8.4 * max(longest, 9)
+
+
+def width_of(table: Table, i: int) -> float:
+    """Px that column i takes, about: its heading in bold, or its longest number or interval, and the padding."""
+    heading, cells = table.headings[i], [line.cells[i] for line in table.lines]
+    title = 8.6 * len(heading.title) + (7.6 * (len(heading.unit) + 1) if heading.unit else 0)
+    numbers_ = max((max(8.6 * len(c.text), 7.2 * len(c.interval)) for c in cells), default=0.0)
+    return 22 + max(title, numbers_)
+
+
+def part_of(table: Table, columns: Sequence[int]) -> Table:
+    """The table with some of its columns."""
+    return replace(
+        table,
+        headings=tuple(table.headings[i] for i in columns),
+        lines=tuple(replace(line, cells=tuple(line.cells[i] for i in columns)) for line in table.lines),
+    )
 
 
 def order_in_words(ranking: Ranking) -> str:
-    """'success, then steps'."""
-    titles = [heading_of(metric).title.lower() for metric in (ranking.rank_by, ranking.then) if metric]
-    return ", then ".join(titles)
+    """'success, then PAR-1 steps'."""
+    titles = [heading_of(metric).title for metric in (ranking.rank_by, ranking.then) if metric]
+    return ", then ".join(t if t[1:2].isupper() else t[:1].lower() + t[1:] for t in titles)
 
 
 def _held(ranking: Ranking) -> list[str]:

@@ -6,12 +6,11 @@ it draws the ranking.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import groupby
 
 from auvbench.analysis.conditions import in_words, split
 from auvbench.analysis.model import Ranking
+from auvbench.reporting.tables.blocks import blocks
 from auvbench.reporting.tables.columns import DAGGER, Column, policies
 from auvbench.reporting.tables.latex import HEAD, escape, floats
 
@@ -38,20 +37,9 @@ def _column(name: str) -> Column:
     return Column(name, factor, level, tex, 100.0)
 
 
-def blocks(columns: Sequence[Column], width: Callable[[Column], float], room: float) -> list[list[Column]]:
-    """The columns in as few tables beside the room as keep the levels of a factor together where they can."""
-    result: list[list[Column]] = [[]]
-    left = room
-    for _, members in groupby(columns, key=lambda column: split(column.metric)[0]):
-        levels = list(members)
-        needed = sum(map(width, levels))
-        for column in levels:
-            if result[-1] and (width(column) > left or (column is levels[0] and left < needed <= room)):
-                result.append([])
-                left = room
-            result[-1].append(column)
-            left -= width(column)
-    return result
+def factor(column: Column) -> str:
+    """What the condition of a column is a level of."""
+    return split(column.metric)[0]
 
 
 def note(ranking: Ranking) -> str:
@@ -76,7 +64,7 @@ def conditions_latex(ranking: Ranking) -> str:
         return ""
     rows, columns = by_condition(ranking)
     tables = []
-    for i, shown in enumerate(blocks(columns, _heading, IN_PRINT)):
+    for i, shown in enumerate(blocks(columns, _heading, IN_PRINT, factor)):
         caption = escape(note(ranking)) if i == 0 else "Success by condition (continued)."
         tables += floats(rows, LEAD, shown, caption, f"conditions{i + 1}")
     return "\n\n".join([HEAD, *tables]) + "\n"

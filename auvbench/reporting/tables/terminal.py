@@ -14,7 +14,8 @@ from rich.text import Text
 from auvbench.analysis.model import Comparison, Finding, Ranking, Row
 from auvbench.analysis.rounding import rounded
 from auvbench.reporting.tables import columns as c
-from auvbench.reporting.tables.conditions import LEAD, blocks, by_condition, note
+from auvbench.reporting.tables.blocks import blocks
+from auvbench.reporting.tables.conditions import LEAD, by_condition, factor, note
 from auvbench.reporting.tables.notes import grouped, notes
 
 MOST_PROBLEMS = 6
@@ -78,7 +79,7 @@ class ConditionsTable:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         room = options.max_width - _fixed(console, self.rows, LEAD)
-        for shown in blocks(self.columns, lambda column: _width(self.rows, column), room):
+        for shown in blocks(self.columns, lambda column: _width(self.rows, column), room, factor):
             yield _table(self.rows, LEAD, shown)
             yield Text()
         yield Text(note(self.ranking), style="dim")

@@ -19,8 +19,9 @@ from auvbench.analysis.model import Ranking
 from auvbench.analysis.ranking import rank
 from auvbench.commands.report import main
 from auvbench.reporting import tables
+from auvbench.reporting.tables.blocks import blocks
 from auvbench.reporting.tables.columns import Column
-from auvbench.reporting.tables.conditions import blocks
+from auvbench.reporting.tables.conditions import factor as factor_of
 from auvbench.statistics import wilson
 from tests.paper import compile_article, needs_pdflatex
 from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, write_experiment
@@ -142,14 +143,14 @@ def test_the_page_shows_them_too(grid: Path, tmp_path: Path) -> None:
     for protocol, shown in (("robustness", True), ("test", False)):
         assert main([str(grid), "--protocol", protocol, *options]) == 0
         html = (tmp_path / "index.html").read_text(encoding="utf-8")
-        assert ('id="conditions-table"' in html) == shown
+        assert ('id="conditions-table-1"' in html) == shown
         assert ('href="#conditions"' in html) == shown
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(1, 30)), min_size=1), st.integers(10, 60))
 def test_blocks_keep_the_order_and_fit(found: Sequence[tuple[str, int]], room: int) -> None:
     columns = [Column(f"{factor}={i}", "", "", "", width) for i, (factor, width) in enumerate(found)]
-    result = blocks(columns, lambda column: column.scale, room)
+    result = blocks(columns, lambda column: column.scale, room, factor_of)
     assert [column for block in result for column in block] == columns
     assert all(block for block in result)
     assert all(sum(c.scale for c in block) <= room or len(block) == 1 for block in result)
@@ -157,6 +158,6 @@ def test_blocks_keep_the_order_and_fit(found: Sequence[tuple[str, int]], room: i
 
 def test_levels_of_a_factor_stay_together() -> None:
     columns = [Column(name, "", "", "") for name in ("n", "a=1", "a=2", "a=3", "b=1", "b=2")]
-    result = blocks(columns, lambda _: 1, 3)
+    result = blocks(columns, lambda _: 1, 3, factor_of)
     assert [[c.metric for c in block] for block in result] == [["n"], ["a=1", "a=2", "a=3"], ["b=1", "b=2"]]
-    assert np.max([len(block) for block in blocks(columns, lambda _: 1, 2)]) == 2
+    assert np.max([len(block) for block in blocks(columns, lambda _: 1, 2, factor_of)]) == 2

@@ -58,15 +58,21 @@
     });
   }
 
-  // Only what really scrolls is a stop for the keyboard.
-  const stops = new ResizeObserver((entries) => {
-    for (const { target } of entries) {
-      const scrolls = target.scrollWidth > target.clientWidth || target.scrollHeight > target.clientHeight;
-      if (scrolls) target.tabIndex = 0;
-      else target.removeAttribute("tabindex");
-    }
-  });
-  for (const part of document.querySelectorAll(".scroll")) stops.observe(part);
+  // Only what really scrolls is a stop for the keyboard, and shows that there is more at its side.
+  function mark(part) {
+    const more = part.scrollWidth - part.clientWidth;
+    part.classList.toggle("clipped", more > 1 && part.scrollLeft < more - 1);
+    part.classList.toggle("panned", part.scrollLeft > 0);
+    if (more > 0 || part.scrollHeight > part.clientHeight) part.tabIndex = 0;
+    else part.removeAttribute("tabindex");
+  }
+  const stops = new ResizeObserver((entries) => entries.forEach((entry) => mark(entry.target.closest(".scroll"))));
+  for (const part of document.querySelectorAll(".scroll")) {
+    stops.observe(part);
+    part.addEventListener("scroll", () => mark(part), { passive: true });
+    // What is folded has no width; an image has one when it is there.
+    for (const inside of part.children) stops.observe(inside);
+  }
 
   let opened = [];
   window.addEventListener("beforeprint", () => {
