@@ -31,8 +31,7 @@ def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
     name = re.compile(rf"position_{re.escape(condition)}_(\d+)")
     try:
         data = reading.content(file, archives.UNPACKED)
-        if wrong := agreement.of_neighbour(file, data):
-            raise Damage(wrong)
+        found: list[Path3] = []
         with archives.opened(data) as arrays:
             numbers = sorted(int(match[1]) for key in arrays.files if (match := name.fullmatch(key)))
             for episode in numbers[:episodes]:
@@ -49,6 +48,10 @@ def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
                 if not all(finite(values) for values in (position, time, waypoint)):
                     raise ValueError(f"episode {episode} holds numbers that are not finite")
                 x, y, z = waypoint.tolist()
-                yield episode, (x, y, z), position, time
+                found.append((episode, (x, y, z), position, time))
     except UNREADABLE as error:
         raise Damage(f"trajectories.npz cannot be read: {short(error)}") from error
+    # Last, for what can be said of the damage says more.
+    if wrong := agreement.of_neighbour(file, data):
+        raise Damage(wrong)
+    yield from found

@@ -168,9 +168,10 @@ def write(
     """
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
+    from auvbench.runs.durable import make_folder
 
     try:
-        out.mkdir(parents=True, exist_ok=True)
+        make_folder(out)
     except OSError as error:
         raise UserError(f"cannot write into {out}: {error.strerror}") from error
     ranking = report.ranking

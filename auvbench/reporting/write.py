@@ -13,14 +13,12 @@ from auvbench.analysis.study import Beside
 from auvbench.reporting import tables
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.tables.markdown import escape
+from auvbench.runs.files import write_atomic
 
 
 def text(path: Path, content: str) -> Path:
     """Writes a file whole or not at all, so that a report that was interrupted leaves the last one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    draft.write_text(content, encoding="utf-8")
-    draft.replace(path)
+    write_atomic(path, content.encode())
     return path
 
 

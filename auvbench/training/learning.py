@@ -154,11 +154,12 @@ def learn(
     trained = time.monotonic()
     with storage(f"cannot write {run.model}"):
         # On the disk before the manifest says so: a loss of power right after that leaves a whole run.
-        for name in (EPISODES, EVENTS):
+        written = [name for name in (EPISODES, EVENTS, VALIDATION) if (run.path / name).exists()]
+        for name in written:
             fsync_file(run.path / name)
         fsync_directory(run.train)
         files = run.write_model(learners.files(model, normaliser))
-        files[EPISODES] = integrity.entry_of(run.path / EPISODES)
+        files |= {name: integrity.entry_of(run.path / name) for name in written if name != EVENTS}
     return {**_reached(model.num_timesteps, reporter), "files": files, "phases": phases(trained)}
 
 

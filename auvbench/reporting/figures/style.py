@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,7 @@ from matplotlib.lines import Line2D
 
 from auvbench.analysis.model import Agent
 from auvbench.reporting.figures.colours import COLOURS, palette
+from auvbench.runs.files import write_atomic
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
 Linestyle = Literal["-", "--", "-.", ":"]
@@ -89,14 +91,21 @@ def canvas(width: float, height: float) -> Canvas:
 
 
 def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
-    """Writes `path`.png and `path`.svg; returns both. A dot in the name is part of it: current=0.5."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Writes `path`.png and `path`.svg; returns both. A dot in the name is part of it: current=0.5.
+
+    Each is there whole or not at all, and on the disk when this returns: a page that shows them comes after them.
+    """
     if engine := figure.get_layout_engine():
         engine.execute(figure)  # once for both formats
     figure.set_layout_engine(None)  # with any engine, "none" included, savefig draws everything a second time
     png, svg = (path.with_name(path.name + suffix) for suffix in (".png", ".svg"))
-    figure.savefig(png, metadata={"Software": None})
-    figure.savefig(svg, metadata={"Date": None, "Creator": None})
+    drawn: dict[str, bytes] = {}
+    for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
+        stream = io.BytesIO()
+        figure.savefig(stream, format=kind, metadata=metadata)
+        drawn[kind] = stream.getvalue()
+    write_atomic(png, drawn["png"], sync_folder=False)
+    write_atomic(svg, drawn["svg"])
     return png, svg
 
 

@@ -431,7 +431,7 @@ def test_returns_of_different_k_ask_for_another_axis() -> None:
         (
             "evaluations/test/trajectories.npz",
             b"PKxx",
-            "trajectories.npz cannot be read: it is no .npz file",
+            "trajectories.npz cannot be read: it is no archive of arrays",
             "trajectories",
             "trajectories of this episode",
         ),
