@@ -72,6 +72,12 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
     if isinstance(error, AuvbenchError):
         streams.say(f"auvbench: {plain(error)}")
         return error.exit_code
+    if type(error).__module__.partition(".")[0] in ("omegaconf", "hydra"):
+        # ${nope} in a value: it is resolved where the value is first asked for, which may be anywhere.
+        from auvbench.config.compose import translate
+
+        streams.say(f"auvbench: {plain(translate(error))}")
+        return 2
     if isinstance(error, MemoryError):
         streams.say("auvbench: there is not enough memory for this; nothing that was written before is lost")
         return 1

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from auvbench.commands.report_options import Options, parse
 from auvbench.errors import ReportError, UserError
+from auvbench.untrusted import inside
 
 if TYPE_CHECKING:
     from auvbench.analysis.model import Agent, Finding, Problem, Ranking, RunRecord
@@ -46,6 +47,9 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     reports = _each_of(parts, lambda i: _analyse(parts[i], found[i], condition, options, several))
     _has_baseline(reports, options)
     out = options.out or beside(runs)
+    if options.out is None:  # a folder that was typed may be a link; one that lies there may be anybody's
+        inside.check_output(out)
+    inside.check_output(out / "figures")
     if len(reports) == 1:
         report, written = write(reports[0], options, command, out)
         _show(report, options)
@@ -170,6 +174,11 @@ def write(
     from auvbench.reporting import write as files
     from auvbench.runs.durable import make_folder
 
+    if (
+        options.out is None or title
+    ):  # a folder that was typed may be a link; one that lies there may be anybody's
+        inside.check_output(out)
+    inside.check_output(out / "figures")
     try:
         make_folder(out)
     except OSError as error:

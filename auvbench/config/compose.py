@@ -35,12 +35,13 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import (
     ConfigAttributeError,
     ConfigKeyError,
+    InterpolationResolutionError,
     MissingMandatoryValue,
     OmegaConfBaseException,
     ValidationError,
 )
 
-from auvbench.config import hints, isolated, launchers, schema, simulators
+from auvbench.config import hints, isolated, launchers, schema, simulators, trust
 from auvbench.config import overrides as typing
 from auvbench.errors import ConfigError, closest
 from hydra_plugins import auvbench_launcher
@@ -68,7 +69,7 @@ class WorkingDirectory(SearchPathPlugin):
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         own = Path.cwd() / "conf"
         if own.is_dir():
-            search_path.prepend(provider="working-directory", path=f"file://{own}")
+            search_path.prepend(provider="working-directory", path=f"{trust.SCHEME}://{own}")
 
 
 # Hydra accepts plugin classes only from `hydra_plugins` or its own core package.
@@ -78,6 +79,7 @@ WorkingDirectory.__module__ = "hydra_plugins.auvbench_search_path"
 def _store() -> None:
     register_schemas()
     auvbench_launcher.store()
+    trust.register()
 
 
 def _prepare() -> None:
@@ -86,6 +88,7 @@ def _prepare() -> None:
     version.setbase("1.3")
     register_schemas()
     auvbench_launcher.register()
+    trust.register()
     plugins = Plugins.instance()
     if WorkingDirectory not in plugins.discover(SearchPathPlugin):
         plugins.register(WorkingDirectory)
@@ -212,13 +215,14 @@ def run(
         composed.append(config)
 
     try:
-        _run_hydra(
-            args=parsed,
-            args_parser=parser,
-            task_function=task,
-            config_path=f"pkg://{CONFIG_MODULE}",
-            config_name=entry,
-        )
+        with trust.checked():
+            _run_hydra(
+                args=parsed,
+                args_parser=parser,
+                task_function=task,
+                config_path=f"pkg://{CONFIG_MODULE}",
+                config_name=entry,
+            )
     except FAULTS as error:
         raise translate(error, entry, arguments) from error
     # Outside Hydra's job, which would print a line of its own before an error reaches us.
@@ -324,6 +328,10 @@ def translate(error: BaseException, entry: str = "train", overrides: Sequence[st
             key = getattr(link, "full_key", None) or "?"
             message = (getattr(link, "msg", None) or str(link)).splitlines()[0]
             return ConfigError(f"{key}: {_plain(message)}")
+        if isinstance(link, InterpolationResolutionError):
+            key = getattr(link, "full_key", None) or "?"
+            reason = (getattr(link, "msg", None) or str(link)).splitlines()[0]
+            return ConfigError(f"{'a group' if key == '_dummy_' else key}: {reason}")
         if isinstance(link, MissingMandatoryValue):
             return ConfigError(f"{getattr(link, 'full_key', '?')}: a value is missing")
     overridden = re.search(r"Could not override '([^']+)'", text)

@@ -20,6 +20,8 @@ from hydra.core.plugins import Plugins
 from hydra.types import RunMode
 from omegaconf import DictConfig, open_dict
 
+from auvbench.config import trust
+
 # What is borrowed below belongs to the process.
 _LOCK = threading.RLock()
 
@@ -46,7 +48,7 @@ def load(
     """
     path = ConfigSearchPathImpl()
     if folder is not None:
-        path.append("own", f"file://{folder}")
+        path.append("own", f"{trust.SCHEME}://{folder}")
     path.append("hydra", "pkg://hydra.conf")
     path.append("main", f"pkg://{module}")
     path.append("schema", "structured://")

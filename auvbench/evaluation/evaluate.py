@@ -25,7 +25,7 @@ from auvbench.runs.durable import fsync_directory, make_folder, storage, write_d
 from auvbench.runs.files import as_json
 from auvbench.runs.plan import load_config
 from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
-from auvbench.untrusted import documents, reading
+from auvbench.untrusted import documents, inside, reading
 from auvbench.vehicles import sheet
 
 SCHEMA_VERSION = 1
@@ -137,6 +137,7 @@ def evaluate(
     state = run.manifest()["state"]
     if state != "complete":
         raise RunError(f"{run.path}: {state}, not complete; auvbench train finishes it")
+    inside.check(run.path)
     with _locked(run, protocol.name):
         if unless_done and is_done(run, protocol):
             return None

@@ -13,6 +13,7 @@ from auvbench.reporting.figures import FIGURES
 from auvbench.reporting.page.overview import Part
 from auvbench.reporting.tables.markdown import escape
 from auvbench.reporting.write import finding_in_markdown, text
+from auvbench.untrusted.text import cell
 
 OF_ONE_SECTION = ("table.tex", "conditions.tex", "conditions.csv", "comparisons.csv")
 """files that a report of one section writes and the overview of several does not"""
@@ -37,7 +38,7 @@ def markdown(path: Path, parts: Sequence[Part]) -> Path:
 def csv(path: Path, sections: Sequence[tuple[str, Ranking]]) -> Path:
     """table.csv: the rows of all sections, the vehicle before them; a column that a section lacks is empty there."""
     rows = [
-        {"vehicle": vehicle, **row}
+        {"vehicle": cell(vehicle), **row}
         for vehicle, ranking in sections
         for row in csv_module.DictReader(io.StringIO(tables.csv(ranking)))
     ]

@@ -17,8 +17,12 @@ from auvbench.runs.files import write_atomic
 
 
 def text(path: Path, content: str) -> Path:
-    """Writes a file whole or not at all, so that a report that was interrupted leaves the last one."""
-    write_atomic(path, content.encode())
+    """Writes a file whole or not at all, so that a report that was interrupted leaves the last one.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    write_atomic(path, content.encode("utf-8", "replace"))
     return path
 
 

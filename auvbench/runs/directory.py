@@ -10,12 +10,12 @@ from typing import Any
 import yaml
 
 from auvbench.errors import RunError
-from auvbench.runs import identity, integrity, manifest_fields
+from auvbench.runs import identity, integrity, interpolations, manifest_fields
 from auvbench.runs.durable import FAULTS, make_folder, storage_error
 from auvbench.runs.files import as_json, create_atomic, write_atomic, write_json
 from auvbench.runs.identity import SCHEMA_VERSION
 from auvbench.runs.manifest_fields import STATES
-from auvbench.untrusted import documents, reading
+from auvbench.untrusted import documents, inside, reading
 
 __all__ = ["STATES", "RunDirectory", "find_runs", "freeze", "now", "place"]
 
@@ -88,6 +88,11 @@ class RunDirectory:
             raise self._unreadable(self.config_path, error) from error
         if not isinstance(loaded, dict):
             raise self._unreadable(self.config_path, "not a mapping")
+        if found := interpolations.first(loaded):
+            raise RunError(
+                f"{self.config_path}: {found}: the configuration of a run is resolved when it is made, "
+                "so this one was edited and is not resolved; restore it, or remove the run's folder"
+            )
         return loaded
 
     def write_config(self, config: Mapping[str, Any]) -> None:
@@ -149,8 +154,9 @@ class RunDirectory:
 
         Raises:
             RunError: `config.yaml` was changed since the run was made; the message says which value, as far as
-                the folder's name tells.
+                the folder's name tells. Or a link in the run leads out of it.
         """
+        inside.check(self.path)
         config = self.config()
         wrong = identity.mismatch(config, self.id)
         if wrong:
@@ -182,6 +188,7 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
         TrainingError: the disk is full or failing.
     """
     run = place(config)
+    inside.check(run.path)
     if run.exists():
         frozen = run.config()
         there, here = identity.relevant(frozen), identity.relevant(dict(config))

@@ -7,6 +7,8 @@ from omegaconf import DictConfig, OmegaConf
 from auvbench.config import schema
 from auvbench.config.compose import typed
 from auvbench.config.validate import train_config
+from auvbench.errors import ConfigError
+from auvbench.runs import interpolations
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.vehicles import sheet
 
@@ -44,6 +46,9 @@ def prepare(config: DictConfig, command: str = "") -> RunDirectory:
 
 
 def _plain(config: DictConfig) -> dict[str, object]:
-    plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-    assert isinstance(plain, dict)
-    return {str(key): value for key, value in plain.items()}
+    container = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    assert isinstance(container, dict)
+    plain = {str(key): value for key, value in container.items()}
+    if found := interpolations.first(plain):  # from a value with \${ in it
+        raise ConfigError(f"{found}: a run's configuration holds no ${{ }}")
+    return plain

@@ -54,6 +54,8 @@ class RayBackend:
     name = "ray"
 
     def __init__(self, options: Ray, *, target: str = TARGET) -> None:
+        # Before Ray is imported, which reads it: Ray would tell its makers, over the network, what is run here.
+        os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
         try:
             import ray
         except ImportError as error:

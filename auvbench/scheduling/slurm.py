@@ -31,7 +31,7 @@ from auvbench.config.launchers import Slurm
 from auvbench.errors import RunError, UserError
 from auvbench.scheduling.base import Phase, Status, SubmitError
 from auvbench.training.worker import LOG, TARGET
-from auvbench.untrusted import documents, reading
+from auvbench.untrusted import documents, inside, reading
 
 SCRIPTS = "slurm"
 """In the run directory: the batch scripts that submitit wrote for it."""
@@ -147,6 +147,7 @@ class SlurmBackend:
 
     def submit(self, run: Path) -> SlurmJob:
         run = run.absolute()
+        inside.check(run)
         (run / LOG).parent.mkdir(exist_ok=True)
         number = submit(self.executor(run), self.worker(run))
         (run / JOB_FILE).write_text(json.dumps({"job": number, "submitted": time.time()}), encoding="utf-8")

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from auvbench.analysis.model import Comparison, Ranking
+from auvbench.untrusted.text import cell
 
 
 def csv(ranking: Ranking) -> str:
@@ -68,7 +69,8 @@ def _text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     writer = csv_module.writer(buffer, lineterminator="\n")
     writer.writerow(header)
     for row in rows:
-        writer.writerow(["" if value is None or value != value else _plain(value) for value in row])
+        # A label that begins with = is no formula for whoever opens the table in a spreadsheet.
+        writer.writerow(["" if value is None or value != value else cell(_plain(value)) for value in row])
     return buffer.getvalue()
 
 

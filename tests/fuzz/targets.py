@@ -1,0 +1,342 @@
+"""What is made at random, and the commands that meet it."""
+
+from __future__ import annotations
+
+import copy
+import json
+import random
+import shutil
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+from hypothesis import strategies as st
+
+from auvbench.runs import integrity
+from tests import synthetic
+from tests.fuzz.harness import judge
+
+NASTY = (
+    "", " ", "null", "true", "nan", "inf", "-inf", "-1", "0", "1e999", "1e12", "1_0", "0x1f", "1.5", "9" * 30,
+    "[]", "{}", "[1,2]", "[[[[1]]]]", "{a: 1}", "[null]", "[nan,inf]", "${nope}", "${oc.env:NOPE}", "${seed}", "${",
+    "$", "${oc.decode:x}", "???", "???.x", "1,2", "choice(1,2)", "range(0,3)", "range(0,1e9)", "interval(0,1)",
+    "glob(*)", "sort(3,1)", "shuffle(1)", "int(x)", "'", '"', "\\", "a=b", "=", "~", "!", "@x", "a@b", "../../x",
+    "/dev/null", "/", ".", "ppo,sac", "bluerov2", "rexrov", "[/b]", "[red]x", "\x1b[31mred", "\u202eabc", "ä", "日本",
+    "x" * 3000, "[" * 300, "(" * 300, "\t", "a\nb", "$x^2$", "=1+1", "None", "!!python/object:os.system", "*", "&a",
+)  # fmt: skip
+"""texts that somewhere mean something"""
+
+FLAGS = (
+    "-m",
+    "--cfg",
+    "job",
+    "-cn",
+    "evaluate",
+    "-cp",
+    "/tmp",
+    "--info",
+    "--resolve",
+    "--package",
+    "x",
+    "-sc",
+    "--x",
+)
+
+EXTREMES: tuple[Any, ...] = (
+    None, True, False, 0, 1, -1, 2**63, -(2**63), 10**30, 0.0, -0.0, 1.5, 1e-300, 1e12, -1e12, 1e300, float("inf"),
+    float("-inf"), float("nan"), "", "x", [], {}, [1], [None], {"a": 1}, [[1, 2], [3]], [1e12] * 6,
+)  # fmt: skip
+
+
+def texts() -> st.SearchStrategy[str]:
+    plain = st.text(st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=30)
+    return st.one_of(st.sampled_from(NASTY), plain)
+
+
+def values() -> st.SearchStrategy[Any]:
+    leaf = st.one_of(st.sampled_from(EXTREMES), texts(), st.integers(), st.floats())
+    return st.one_of(leaf, st.lists(leaf, max_size=4), st.dictionaries(texts(), leaf, max_size=3))
+
+
+@cache
+def keys() -> tuple[str, ...]:
+    """Dotted keys of the configurations, and of Hydra's own."""
+    from omegaconf import OmegaConf
+
+    from auvbench.config.compose import _leaves, compose
+
+    found = [
+        *_leaves(OmegaConf.to_container(compose("train"))),
+        *_leaves(OmegaConf.to_container(compose("evaluate"))),
+    ]
+    vehicle = [key for key in found if key.startswith("vehicle.")]
+    rest = [key for key in found if not key.startswith("vehicle.")]
+    return (
+        *dict.fromkeys([*rest, *vehicle[::20]]),
+        "hydra.mode",
+        "hydra.sweeper.params.seed",
+        "hydra.verbose",
+        "nope",
+        "a.b",
+    )
+
+
+@st.composite
+def overrides(draw: st.DrawFn) -> list[str]:
+    """A command line's words after the command."""
+    found = []
+    for _ in range(draw(st.integers(1, 3))):
+        if draw(st.integers(0, 9)) == 0:
+            found.append(draw(st.sampled_from(FLAGS)))
+            continue
+        key = draw(st.one_of(st.sampled_from(keys()), st.sampled_from(keys()), texts()))
+        prefix = draw(st.sampled_from(("", "", "", "", "+", "++", "~")))
+        found.append(f"{prefix}{key}={draw(texts())}" if draw(st.integers(0, 19)) else f"{prefix}{key}")
+    return [word for word in found if "\0" not in word]
+
+
+def command_line(folder: Path, words: list[str], choice: int) -> None:
+    if any(
+        word in ("-sc", "--shell-completion", "--hydra-help", "--help", "-h", "--info", "-i")
+        for word in words
+    ):
+        words = [word for word in words if word not in ("-sc", "--shell-completion", "--info", "-i")]
+    command = (
+        ["train"],
+        ["train", "-m"],
+        ["simulate"],
+        ["evaluate", str(folder / "none")],
+        ["train", "--cfg", "job"],
+    )[choice % 5]
+    judge([*command, *words])
+
+
+@cache
+def _experiment(folder: str) -> Path:
+    root = Path(folder) / "experiment"
+    synthetic.write_experiment(root, algorithms=("pid", "ppo"), seeds=(0,), episodes=8, train_episodes=12)
+    return root
+
+
+@cache
+def _original(folder: str) -> Path:
+    return _experiment(folder)
+
+
+def fresh(folder: Path) -> Path:
+    """A copy of a small experiment, PPO's run first; returns the experiment."""
+    copy_ = folder / "x"
+    shutil.rmtree(copy_, ignore_errors=True)
+    shutil.copytree(_original(str(folder)), copy_)
+    return copy_
+
+
+def runs_of(experiment: Path) -> list[Path]:
+    return sorted((path.parent for path in experiment.glob("*/manifest.json")), reverse=True)
+
+
+def _paths(node: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    found = [at] if at else []
+    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for key, child in items:
+        found += _paths(child, (*at, key))
+    return found
+
+
+def mutated(node: Any, where: int, value: Any, how: int) -> Any:
+    """A copy with one entry replaced, removed or doubled."""
+    node = copy.deepcopy(node)
+    paths = _paths(node)
+    *above, last = paths[where % len(paths)]
+    holder = node
+    for key in above:
+        holder = holder[key]
+    if how % 8 == 0 and isinstance(holder, dict):
+        del holder[last]
+    elif how % 8 == 1 and isinstance(holder, dict):
+        holder[f"{last}x"] = value
+    else:
+        holder[last] = value
+    return node
+
+
+def damaged(data: bytes, seed: int, how: int) -> bytes:
+    """Some bytes changed, cut or doubled."""
+    rng = random.Random(seed)
+    changed = bytearray(data)
+    if how % 4 == 0:
+        return bytes(changed[: rng.randrange(len(changed) + 1)])
+    if how % 4 == 1:
+        at = rng.randrange(len(changed) + 1)
+        return bytes(changed[:at]) + rng.randbytes(rng.randrange(20)) + bytes(changed[at:])
+    for _ in range(rng.randrange(1, 6)):
+        if changed:
+            changed[rng.randrange(len(changed))] = rng.randrange(256)
+    return bytes(changed)
+
+
+def every_reader(experiment: Path, *, heavy: bool) -> None:
+    """All commands that read runs."""
+    run = runs_of(experiment)
+    judge(["runs", str(experiment)])
+    judge(["runs", str(experiment), "--json", "--sort", "created"])
+    judge(
+        [
+            "report",
+            str(experiment),
+            "--no-figures",
+            "--format",
+            "terminal,md,csv,tex" + (",html" if heavy else ""),
+        ]
+    )
+    for path in run[:1]:
+        judge(["evaluate", str(path), "workers=1"])
+        judge(["resume", str(path)])
+        if heavy:
+            judge(["replay", str(path)])
+
+
+def _dump(path: Path, value: Any, seal: int) -> None:
+    if seal % 3:
+        value = integrity.sealed(value) if isinstance(value, dict) and _sealable(value) else value
+    path.write_text(json.dumps(value), encoding="utf-8")
+
+
+def _sealable(value: Any) -> bool:
+    try:
+        integrity.sealed(value)
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+def manifest(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
+    experiment = fresh(folder)
+    path = runs_of(experiment)[0] / "manifest.json"
+    if how % 5 == 4:
+        path.write_bytes(damaged(path.read_bytes(), seed, how))
+    else:
+        _dump(path, mutated(json.loads(path.read_text()), where, value, how), seed)
+    every_reader(experiment, heavy=seed % 4 == 0)
+
+
+def summary(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
+    experiment = fresh(folder)
+    path = next(iter(sorted(runs_of(experiment)[0].glob("evaluations/*/summary.json"))))
+    if how % 5 == 4:
+        path.write_bytes(damaged(path.read_bytes(), seed, how))
+    else:
+        _dump(path, mutated(json.loads(path.read_text()), where, value, how), seed)
+    every_reader(experiment, heavy=seed % 4 == 0)
+
+
+def table(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
+    """episodes.csv of a test or of a training, and the paths, with digests that fit or do not."""
+    experiment = fresh(folder)
+    run = runs_of(experiment)[0]
+    path = sorted([*run.glob("evaluations/*/*.[cn][sp][vz]"), *run.glob("train/*.csv")])[where % 3]
+    if how % 2 and path.suffix == ".csv":
+        lines = path.read_text().split("\n")
+        line = where % max(1, len(lines) - 1)
+        cells = lines[line].split(",")
+        cells[seed % len(cells)] = str(value)
+        lines[line] = ",".join(cells)
+        path.write_text("\n".join(lines), encoding="utf-8", errors="replace")
+    else:
+        path.write_bytes(damaged(path.read_bytes(), seed, how))
+    holder = path.parent / "summary.json" if path.parent.name != "train" else run / "manifest.json"
+    if seed % 2:  # somebody who wants to deceive
+        held = json.loads(holder.read_text())
+        if isinstance(files := held.get("files"), dict):
+            name = path.name if holder.name == "summary.json" else "train/episodes.csv"
+            files[name] = integrity.entry(path.read_bytes())
+            held = integrity.sealed(held)
+        holder.write_text(json.dumps(held))
+    every_reader(experiment, heavy=seed % 3 == 0)
+
+
+def configuration(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
+    experiment = fresh(folder)
+    path = runs_of(experiment)[0] / "config.yaml"
+    if how % 5 == 4:
+        path.write_bytes(damaged(path.read_bytes(), seed, how))
+    else:
+        path.write_text(yaml.safe_dump(mutated(yaml.safe_load(path.read_text()), where, value, how)))
+    if seed % 2:  # the folder's name and the manifest's id agree with it
+        _agree(path.parent)
+    every_reader(experiment, heavy=seed % 4 == 0)
+
+
+def _agree(run: Path) -> None:
+    from auvbench.runs import identity
+
+    try:
+        name = identity.run_id(yaml.safe_load((run / "config.yaml").read_text()))
+        if not name.isprintable() or "/" in name or len(name.encode()) > 200:
+            return
+        held = {**json.loads((run / "manifest.json").read_text()), "id": name}
+        (run / "manifest.json").write_text(json.dumps(integrity.sealed(held)))
+        run.rename(run.with_name(name))
+    except Exception:  # it has no id
+        return
+
+
+@cache
+def _sheets() -> tuple[dict[str, Any], ...]:
+    from auvbench.vehicles.reader import read, sheet_names
+
+    return tuple(read(name).data for name in sheet_names())
+
+
+def sheet(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
+    path = folder / "conf" / "vehicle" / "fuzzed.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    originals = _sheets()
+    text = yaml.safe_dump(mutated(originals[seed % len(originals)], where, value, how))
+    path.write_bytes(damaged(text.encode(), seed, how) if how % 7 == 6 else text.encode())
+    judge(["vehicles", "fuzzed"])
+    judge(["vehicles", str(path), "--json"])
+    judge(["vehicles"])
+    judge(["simulate", "vehicle=fuzzed"])
+    judge(["train", "vehicle=fuzzed", f"output={folder}"])
+
+
+def preset(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
+    from importlib import resources
+
+    text = (resources.files("auvbench.conf") / "report.yaml").read_text(encoding="utf-8")
+    path = folder / "preset.yaml"
+    made = yaml.safe_dump(mutated(yaml.safe_load(text), where, value, how)).encode()
+    path.write_bytes(damaged(text.encode(), seed, how) if how % 5 == 4 else made)
+    experiment = folder / "for-presets"
+    if not experiment.exists():
+        shutil.copytree(_original(str(folder)), experiment)
+    judge(
+        [
+            "report",
+            str(experiment),
+            "--preset",
+            str(path),
+            "--no-figures",
+            "--out",
+            str(folder / "presets-out"),
+        ]
+    )
+
+
+FILES: dict[str, Callable[[Path, int, Any, int, int], None]] = {
+    "manifests": manifest,
+    "summaries": summary,
+    "tables": table,
+    "configurations": configuration,
+    "sheets": sheet,
+    "presets": preset,
+}
+
+FLOATS_ONLY = ("sheets",)
+
+
+def wholes() -> st.SearchStrategy[int]:
+    return st.integers(0, 10**6)
