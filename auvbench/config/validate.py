@@ -35,6 +35,8 @@ def check(config: Any, prefix: str = "") -> None:
             check(value, f"{key}.")
         elif value is not None:
             _check_value(key, value, dict(field.metadata))
+        elif not any(word in str(field.type) for word in ("None", "Any", "Optional")):
+            raise ConfigError(f"{key}=null: a value is missing")
 
 
 def _check_value(key: str, value: Any, rule: dict[str, Any]) -> None:
