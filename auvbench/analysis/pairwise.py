@@ -91,18 +91,20 @@ def all_pairs(
         confidence: of the intervals; all verdicts hold together with it.
         margin: smallest difference of interest, in the measure's unit.
     """
-    table = m.table(agents)
+    plain = m.table(agents)
+    # Only what is compared lends its variance: a policy among algorithms has none, and tells nothing of theirs.
+    table = st.pooled(plain)
     pairs = st.pairs(table, confidence)
     among = np.outer(compared, compared) & ~np.eye(len(agents), dtype=bool)
-    p = np.where(among, _p_values(agents, m, pairs), np.nan)
+    p = np.where(among, _p_values(agents, m, plain), np.nan)
     nothing = np.full_like(p, np.nan)
     raw = nothing if margin is None else np.where(among, st.equivalence(table, margin), np.nan)
     return Tests(m, confidence, table, pairs, p, _holm(p), _holm(raw), raw)
 
 
-def _p_values(agents: Sequence[Agent], m: Measure, pairs: st.Pairs) -> FloatArray:
-    """P (n, n) of no difference. Rates of two agents with one run each: McNemar's mid-p; else that of `pairs`."""
-    p = pairs.p_value.copy()
+def _p_values(agents: Sequence[Agent], m: Measure, table: st.Crossed) -> FloatArray:
+    """P (n, n) of no difference. Rates of two agents with one run each: McNemar's mid-p; else `st.resolution`."""
+    p = st.resolution(table)
     single = [i for i, agent in enumerate(agents) if len(agent.outcome) == 1]
     if m.rate and len(single) > 1:
         only = st.discordant(np.concatenate([m.values(agents[i]) for i in single]))

@@ -1,7 +1,7 @@
 """Statistics: pure functions on arrays (seeds, episodes); docs/statistics.md says why these.
 
-`intervals` has Wilson's interval, `crossed` means over seeds and scenarios, `differences` those of agents, `equivalence` whether
-they are small, `bootstrap` the resampling, `paired` tests and effect sizes between agents, `groups` the letters.
+`intervals` has Wilson's interval, `crossed` means over seeds and scenarios, `differences` those of agents, `resolution` tests
+of all pairs, `equivalence` whether differences are small, `bootstrap` the resampling, `paired` tests and effect sizes between agents, `groups` the letters.
 """
 
 from auvbench.statistics.bootstrap import (
@@ -28,7 +28,6 @@ from auvbench.statistics.equivalence import equivalence
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.groups import letter, letters, shared
 from auvbench.statistics.intervals import quantile, score_interval, wilson
-from auvbench.statistics.moderation import moderated
 from auvbench.statistics.paired import (
     Profile,
     discordant,
@@ -41,6 +40,7 @@ from auvbench.statistics.paired import (
     score,
     wins,
 )
+from auvbench.statistics.resolution import pooled, resolution
 
 __all__ = [
     "EPISODES_ONLY",
@@ -67,14 +67,15 @@ __all__ = [
     "mean",
     "means",
     "median",
-    "moderated",
     "multiplicities",
     "paired_means",
     "pairs",
     "percentile",
     "performance_profile",
+    "pooled",
     "probability_of_improvement",
     "quantile",
+    "resolution",
     "score",
     "score_interval",
     "seed_weights",

@@ -61,14 +61,18 @@ def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
 
 
 def pair_spread(table: Crossed) -> Spread:
-    """Variance of all differences (n, n)."""
-    cov, diagonal = table.between_scenarios, np.diagonal(table.between_scenarios)
-    noise = table.residual[:, None] + table.residual[None, :]
-    scenarios = np.maximum(diagonal[:, None] + diagonal[None, :] - 2 * cov - noise, 0.0)
-    between = table.between_seeds[:, None] + table.between_seeds[None, :]
-    own = squares(table)
-    fewer = np.minimum(table.episodes[:, None], table.episodes[None, :]) - 1
-    return Spread(between, welch(between, own[:, None] + own[None, :]), scenarios, fewer)
+    """Variance of all differences (n, n); the table's arrays may have leading axes."""
+    cov, diagonal = table.between_scenarios, np.diagonal(table.between_scenarios, axis1=-2, axis2=-1)
+    noise = _sums(table.residual)
+    scenarios = np.maximum(_sums(diagonal) - 2 * cov - noise, 0.0)
+    between = _sums(table.between_seeds)
+    fewer = np.minimum(table.episodes[..., :, None], table.episodes[..., None, :]) - 1
+    return Spread(between, welch(between, _sums(squares(table))), scenarios, fewer)
+
+
+def _sums(x: FloatArray) -> FloatArray:
+    """(n, n) x[i] + x[j]."""
+    return np.asarray(x[..., :, None] + x[..., None, :], dtype=np.float64)
 
 
 def _square_and_add(table: Crossed, q: FloatArray, difference: FloatArray) -> tuple[FloatArray, FloatArray]:
