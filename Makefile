@@ -13,7 +13,7 @@ MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 KILLS ?= 100
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check format lint type layers docs bench verification parity transfer soak test-cluster clean
+.PHONY: help install demo test check format lint type layers docs bench statistics verification parity transfer soak test-cluster clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -29,7 +29,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
-demo: $(STAMP) ## train PPO twice, PID and random; test them; rank them
+demo: $(STAMP) ## train PPO with K=1 and K=100, five seeds each; test them, PID and random; rank them
 	$(BIN)/auvbench train -m experiment=quickstart
 	$(BIN)/auvbench evaluate outputs/quickstart
 	$(BIN)/auvbench report outputs/quickstart
@@ -54,6 +54,9 @@ format: $(STAMP) ## rewrite the code in the house's format
 
 bench: $(STAMP) ## how fast everything is, as a table
 	$(BIN)/python -m benchmarks $(ARGS)
+
+statistics: $(STAMP) ## measure anew how often reports are right: the tables of docs/statistics.md (an hour of one core)
+	$(BIN)/python -m benchmarks.statistics $(ARGS)
 
 verification: $(STAMP) ## compute docs/verification.md anew
 	$(BIN)/python -m tests.verification.page

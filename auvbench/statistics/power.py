@@ -15,9 +15,9 @@ import numpy as np
 from scipy.special import expit, logit, ndtr, ndtri
 
 from auvbench.statistics.crossed import crossed
-from auvbench.statistics.differences import pairs
 from auvbench.statistics.intervals import FloatArray
 from auvbench.statistics.paired import holm
+from auvbench.statistics.resolution import resolution
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(60)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
@@ -177,7 +177,7 @@ def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, floa
 
 def p_values(data: Sequence[FloatArray], rate: bool) -> FloatArray:
     """(n, n) P-values of all pairs, as a report computes them."""
-    return pairs(crossed(data, rate=rate)).p_value
+    return resolution(crossed(data, rate=rate))
 
 
 def simulated_p(

@@ -18,6 +18,11 @@ KINDS = {
 """titles of the kinds of problems, in the order of a list"""
 
 
+NEAR_AN_END = 0.1
+"""a rate so close to 0 or 1, or closer: seeds that differ strongly are skewed there"""
+FEW_SEEDS = 10
+
+
 def notes(ranking: Ranking) -> list[str]:
     """The sentences of the note, without markup."""
     counts = sorted({row.episodes for row in ranking.rows})
@@ -39,7 +44,7 @@ def notes(ranking: Ranking) -> list[str]:
             if single
             else "The intervals cover training seeds and test episodes."
         )
-    lines += failed_trainings(ranking)
+    lines += (*failed_trainings(ranking), *cautions(ranking))
     if ranking.compare == "algorithms" and len(single) < len(trained) < len(ranking.rows):
         lines.append(
             f"Seeds {NOTHING}: does not learn; the interval covers test episodes, and there is nothing else."
@@ -50,7 +55,8 @@ def notes(ranking: Ranking) -> list[str]:
 def remarks(ranking: Ranking) -> tuple[str, ...]:
     """What must stand beside a table: what a row is, which rows are not compared, which trainings failed."""
     single = (one_training(ranking),) if policies(ranking) else ()
-    return tuple(filter(None, (units(ranking).strip(), *single, *failed_trainings(ranking))))
+    said = (units(ranking).strip(), *single, *failed_trainings(ranking), *cautions(ranking))
+    return tuple(filter(None, said))
 
 
 def units(ranking: Ranking) -> str:
@@ -82,6 +88,28 @@ def failed_trainings(ranking: Ranking) -> list[str]:
         for row in ranking.rows
         if row.failed_seeds
     ]
+
+
+def cautions(ranking: Ranking) -> list[str]:
+    """Where the numbers of this table are known to promise too much: docs/statistics.md has the measurements."""
+    several = [row for row in ranking.rows if row.trained and 1 < len(row.seeds) <= FEW_SEEDS]
+    rates = [row.estimates["success_rate"].value for row in several if "success_rate" in row.estimates]
+    found = []
+    if any(0 < rate < NEAR_AN_END or rate > 1 - NEAR_AN_END for rate in rates):
+        found.append(
+            "Rates beyond 90 % (or below 10 %) of few training seeds: where trainings differ as strongly as some do, their "
+            "95 % intervals held in 80 to 88 % of simulated experiments, and no interval contains a kind of training "
+            "that was not among the seeds."
+        )
+    equal = [c for c in ranking.comparisons if c.verdict == "equivalent"]
+    seeds = {row.label: len(row.seeds) for row in several}
+    fewest = min((seeds[x] for c in equal for x in (c.first, c.second) if x in seeds), default=0)
+    if fewest:
+        found.append(
+            f"Equivalent speaks of trainings of the kinds seen: what befalls 3 of 10 trainings is in none of {fewest} "
+            f"seeds with a probability of {100 * 0.7**fewest:.0f} %."
+        )
+    return found
 
 
 def _penalised(ranking: Ranking) -> str:

@@ -17,7 +17,8 @@ from auvbench.statistics import (
     quantile,
     wilson,
 )
-from auvbench.statistics.coverage import METHODS, World, coverage
+from benchmarks.statistics.coverage import METHODS, coverage
+from benchmarks.statistics.worlds import World
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import digamma
 
-from auvbench.statistics import crossed, moderated
-from auvbench.statistics.coverage import errors
-from auvbench.statistics.moderation import ENOUGH_AGENTS, prior
+from auvbench.statistics import crossed
+from benchmarks.statistics.moderation import ENOUGH_AGENTS, moderated, prior
 
 
 @pytest.mark.parametrize(("f0", "d0"), [(1.0, 4.0), (7.0, 20.0)])
@@ -68,12 +67,3 @@ def test_an_agent_without_failures_borrows_too():
     found = moderated(crossed(data, rate=True))
     assert found.between_seeds[-1] > 0
     assert found.seeds_df[-1] == found.seeds_df[0]
-
-
-def test_false_alarms_stay_rare_and_real_differences_are_found():
-    """150 tables of 12 agents with 3 seeds; 3.5 standard errors of 0.05 are 0.062 for Holm's any."""
-    found = errors([0.6] * 12, 3, 100, replications=150)
-    single, any_, power = found["moderated (used)"]
-    assert single < 0.06
-    assert any_ < 0.05 + 0.062
-    assert power > found["plain"][2] + 0.2
