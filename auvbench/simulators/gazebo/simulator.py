@@ -13,7 +13,7 @@ from auvbench.config.simulators import CAPABILITIES
 from auvbench.errors import ConfigError
 from auvbench.simulators.gazebo import bindings, sdf
 from auvbench.simulators.gazebo.thrust import Thrust
-from auvbench.simulators.gazebo.world import NAME, Newcomer, World
+from auvbench.simulators.gazebo.world import Drift, Newcomer, World
 from auvbench.vehicles.model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -134,7 +134,8 @@ class GazeboSimulator:
         self.power[...] = self.vehicle.power(action)
         forces = self._thrust.forces(action, steps, duration / steps)
         forces *= self.effectiveness * self.scales[:, 5:6]
-        wrench = forces @ self._allocation.T + self.external_wrench
+        # Not by a matrix product, whose last bits depend on how many vehicles there are.
+        wrench = np.einsum("sna,ca->snc", forces, self._allocation) + self.external_wrench
         newcomers = [self._newcomer(i) for i in sorted(self._fresh)]
         self._fresh.clear()
         world.advance(newcomers, wrench)
@@ -151,7 +152,10 @@ class GazeboSimulator:
     def _at(self, step: float) -> World:
         """The world with this physics step in s."""
         if self._world is None:
-            text = sdf.world([], self.vehicle, name=NAME, step=step, real_time_factor=0.0, scene=False)
+
+            def text(name: str) -> str:
+                return sdf.world([], self.vehicle, name=name, step=step, real_time_factor=0.0, scene=False)
+
             self._world = World(text, self.n, step)
         elif abs(self._world.step - step) > 1e-12:
             self._world.set_step(step)
@@ -161,14 +165,13 @@ class GazeboSimulator:
         vehicle = self.vehicle
         if np.any(self.scales[index] != 1.0):
             vehicle = scaled(vehicle, self.scales[index])
-        text = sdf.model(
-            vehicle,
-            self.hydrodynamics,
-            name="{name}",
-            thrusters=False,
-            current=self.current[index] if np.any(self.current[index]) else None,
-        )
-        return Newcomer(index, text, self.pose[index].copy())
+        current = self.current[index].copy() if np.any(self.current[index]) else None
+        drift = None
+        if current is not None and self.hydrodynamics == "corrected":
+            drift = Drift(current, vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
+            current = None
+        text = sdf.model(vehicle, self.hydrodynamics, name="{name}", thrusters=False, current=current)
+        return Newcomer(index, text, self.pose[index].copy(), drift)
 
 
 def scaled(vehicle: VehicleModel, scales: FloatArray) -> VehicleModel:

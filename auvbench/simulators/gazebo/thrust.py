@@ -53,9 +53,9 @@ class Thrust:
                 Ad, Bd = exact[a]
                 x = self.states[:, first : first + order]
                 for k in range(steps):
-                    x = x @ Ad.T + value[:, None] * Bd
-                    forces[k, :, a] = x @ unit.lag.C
-                    x = x @ Ad.T + value[:, None] * Bd
+                    x = _moved(x, Ad) + value[:, None] * Bd
+                    forces[k, :, a] = _moved(x, unit.lag.C[None])[:, 0]
+                    x = _moved(x, Ad) + value[:, None] * Bd
                 self.states[:, first : first + order] = x
             first += order
             if unit.rotor_constant:
@@ -70,3 +70,8 @@ class Thrust:
                 for unit in self.vehicle.units
             ]
         return self._exact[step]
+
+
+def _moved(x: FloatArray, A: FloatArray) -> FloatArray:
+    """A x for each row of `x` (n, order); the last bits of a matrix product would depend on n."""
+    return np.einsum("nj,ij->ni", x, A)

@@ -12,11 +12,12 @@ Read against gz-sim 8.14.0. What its Python bindings leave to do in another way 
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,19 +25,54 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.dynamics.frames import rotation
+from auvbench.dynamics.rigid_body import coriolis
 from auvbench.errors import AuvbenchError
 from auvbench.simulators.gazebo import bindings
 from auvbench.simulators.gazebo.sdf import LINK
 
 FloatArray = NDArray[np.float64]
 
-NAME = "auvbench"
+_NUMBERS = itertools.count()
+
 _PATIENCE = 1000
 """paused iterations within which bodies must have come; a handful is usual"""
 
 
 class GazeboError(AuvbenchError):
     """Gazebo did not do what it was asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """What a steady current v_c adds to the forces that Gazebo computes from the velocity over ground.
+
+    Damping and the inertia of added mass act on nu_r = nu - R^T v_c, whose derivative is nu' + omega x R^T v_c. With
+    `<fluid_added_mass>` DART computes M_A nu' + C_A(nu) nu, and the Hydrodynamics plugin D(nu) nu; the difference to
+    Fossen's M_A nu_r' + C_A(nu_r) nu_r + D(nu_r) nu_r is a force that is added to the thrusters'. (The plugin's own
+    `<default_current>` leaves out M_A (omega x R^T v_c).)
+    """
+
+    current: FloatArray
+    """(3,) m/s, world axes"""
+    M_A: FloatArray
+    """(6, 6)"""
+    linear: FloatArray
+    """(6,) N s/m, N m s"""
+    quadratic: FloatArray
+    """(6,) N s2/m2, N m s2"""
+
+    def wrench(self, R: FloatArray, nu: FloatArray) -> FloatArray:
+        """(6,) in body axes, for the rotation (3, 3) body to world and the velocity (6,) over ground, body axes."""
+        v_c = R.T @ self.current
+        nu_r = nu.copy()
+        nu_r[:3] -= v_c
+        swept = np.concatenate([np.cross(nu[3:], v_c), np.zeros(3)])
+        return np.asarray(self._resistance(nu) - self._resistance(nu_r) - self.M_A @ swept)
+
+    def _resistance(self, nu: FloatArray) -> FloatArray:
+        """C_A(nu) nu + D(nu) nu."""
+        return np.asarray(coriolis(self.M_A, nu) @ nu + (self.linear + self.quadratic * np.abs(nu)) * nu)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,18 +84,21 @@ class Newcomer:
     """a `<model>` element whose name `{name}` is filled in"""
     pose: FloatArray
     """(7,) x y z qw qx qy qz"""
+    drift: Drift | None = None
+    """the current around it, where the plugin is not told of one"""
 
 
 class World:
     """N places for bodies in one world.
 
     Args:
-        text: the SDF file of the empty world, named `NAME`.
+        text: gives the SDF file of the empty world for its name; no two in a process share one, since a request to
+            a service would reach either.
         n: number of places.
         step: s, the physics step that `text` states.
     """
 
-    def __init__(self, text: str, n: int, step: float) -> None:
+    def __init__(self, text: Callable[[str], str], n: int, step: float) -> None:
         self.gazebo = bindings.load()
         self.n = n
         self.step = step
@@ -68,14 +107,15 @@ class World:
         """(n, 6) of the body origin over ground, body axes"""
         self._names: list[str | None] = [None] * n
         self._links: list[Any] = [None] * n
+        self._drifts: list[Drift | None] = [None] * n
         self._born = 0
         self._arriving: set[int] = set()
         self._patience = 0
         self._wrench: FloatArray = np.zeros((0, n, 6))
-        self._drag: Any = None
         self._k = 0
         self._error: BaseException | None = None
-        self._fixture = self._start(text)
+        self._name = f"auvbench{next(_NUMBERS)}"
+        self._fixture = self._start(text(self._name))
         self._server = self._fixture.server()
         self._node = self.gazebo.transport.Node()
 
@@ -139,19 +179,22 @@ class World:
             turn.w, turn.x, turn.y, turn.z = newcomer.pose[3:].tolist()
             self._arriving.add(newcomer.index)
             self._links[newcomer.index] = None
+            self._drifts[newcomer.index] = newcomer.drift
         self._ask("create_multiple", create)
 
     def _ask(self, service: str, request: Any) -> None:
         done, answer = self._node.request(
-            f"/world/{NAME}/{service}", request, type(request), self.gazebo.boolean, 5000
+            f"/world/{self._name}/{service}", request, type(request), self.gazebo.boolean, 5000
         )
         if not (done and answer.data):
-            raise GazeboError(f"Gazebo refused a request to its service /world/{NAME}/{service}")
+            raise GazeboError(f"Gazebo refused a request to its service /world/{self._name}/{service}")
 
     # Gazebo calls these two in every iteration. What they raise would be lost in it: it is kept for `advance`.
 
     def _before(self, info: Any, ecm: Any) -> None:
         if self._error is not None:
+            if info.paused:
+                self._go()  # to the end of what was begun: only then does Gazebo give control back
             return
         try:
             if info.paused:
@@ -177,7 +220,6 @@ class World:
         self._patience += 1
         if self._patience > _PATIENCE:
             missing = sorted(i for i in self._arriving if i >= 0)
-            self._go()
             raise GazeboError(f"Gazebo did not create the bodies {missing}: its own messages say why")
         self._arriving.discard(-1)
         if not self._arriving:
@@ -200,8 +242,11 @@ class World:
 
     def _push(self, ecm: Any) -> None:
         vector = self.gazebo.math.Vector3d
-        for link, row in zip(self._links, self._wrench[self._k].tolist(), strict=True):
+        for i, row in enumerate(self._wrench[self._k].tolist()):
+            link, drift = self._links[i], self._drifts[i]
             turn = link.world_pose(ecm).rot()
+            if drift is not None:
+                row = (drift.wrench(rotation(_four(turn)), _twist(link, turn, ecm)) + row).tolist()
             force = turn.rotate_vector(vector(row[0], row[1], row[2]))
             torque = turn.rotate_vector(vector(row[3], row[4], row[5]))
             link.add_world_wrench(ecm, force, torque)
@@ -210,10 +255,21 @@ class World:
         for i, link in enumerate(self._links):
             pose = link.world_pose(ecm)
             at, turn = pose.pos(), pose.rot()
-            v = turn.rotate_vector_reverse(link.world_linear_velocity(ecm))
-            w = turn.rotate_vector_reverse(link.world_angular_velocity(ecm))
-            self.pose[i] = (at.x(), at.y(), at.z(), turn.w(), turn.x(), turn.y(), turn.z())
-            self.velocity[i] = (v.x(), v.y(), v.z(), w.x(), w.y(), w.z())
+            self.pose[i, :3] = at.x(), at.y(), at.z()
+            self.pose[i, 3:] = _four(turn)
+            self.velocity[i] = _twist(link, turn, ecm)
+
+
+def _four(turn: Any) -> FloatArray:
+    """Quaternion (4,) w x y z."""
+    return np.array([turn.w(), turn.x(), turn.y(), turn.z()])
+
+
+def _twist(link: Any, turn: Any, ecm: Any) -> FloatArray:
+    """Velocity (6,) over ground of the link's origin, body axes."""
+    v = turn.rotate_vector_reverse(link.world_linear_velocity(ecm))
+    w = turn.rotate_vector_reverse(link.world_angular_velocity(ecm))
+    return np.array([v.x(), v.y(), v.z(), w.x(), w.y(), w.z()])
 
 
 def _handlers() -> dict[int, Any]:
