@@ -17,6 +17,7 @@ import os
 import signal
 import tempfile
 import threading
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -125,8 +126,10 @@ class World:
             path.write_text(text, encoding="utf-8")
             handlers = _handlers()
             fixture = self.gazebo.sim.TestFixture(str(path))
-            fixture.on_pre_update(self._before)
-            fixture.on_post_update(self._after)
+            # Gazebo keeps what it calls: through a reference of its own the world would never go.
+            before, after = weakref.WeakMethod(self._before), weakref.WeakMethod(self._after)
+            fixture.on_pre_update(lambda info, ecm: before()(info, ecm))  # type: ignore[misc]
+            fixture.on_post_update(lambda info, ecm: after()(info, ecm))  # type: ignore[misc]
             fixture.finalize()
             # Gazebo's server stops on SIGINT and SIGTERM by itself; here it is the run that saves and stops.
             for number, handler in handlers.items():
