@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from auvbench.dynamics.layout import CORIOLIS, PARAMETERS
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
+from auvbench.simulators.gazebo import sdf
 from auvbench.simulators.gazebo.simulator import GazeboSimulator
+from auvbench.simulators.gazebo.world import Newcomer
 from auvbench.vehicles import sheet
 from auvbench.vehicles.model import VehicleModel
 
@@ -133,6 +135,21 @@ def embedded(case: Case, coriolis: float = 1.0) -> Path:
 def gazebo(case: Case, hydrodynamics: str, step: float) -> Path:
     """The motion by Gazebo with a physics step of `step` seconds."""
     return follow(GazeboSimulator(model(case), 1, max_step=step, hydrodynamics=hydrodynamics), case)
+
+
+class PluginsCurrent(GazeboSimulator):
+    """Corrected hydrodynamics in a current that is left to the Hydrodynamics plugin, as a user of the SDF has it."""
+
+    def _newcomer(self, index: int) -> Newcomer:
+        text = sdf.model(
+            self.vehicle, "corrected", name="{name}", thrusters=False, current=self.current[index]
+        )
+        return Newcomer(index, text, self.pose[index].copy())
+
+
+def with_the_plugins_current(case: Case, step: float) -> Path:
+    """The motion by Gazebo with `<fluid_added_mass>` and `<default_current>`."""
+    return follow(PluginsCurrent(model(case), 1, max_step=step), case)
 
 
 def model(case: Case) -> VehicleModel:

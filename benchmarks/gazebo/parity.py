@@ -14,7 +14,15 @@ import numpy as np
 
 from auvbench.runs.provenance import versions
 from auvbench.simulators.gazebo import bindings
-from benchmarks.gazebo.cases import Case, Path, embedded, gazebo, mixed, verification
+from benchmarks.gazebo.cases import (
+    Case,
+    Path,
+    embedded,
+    gazebo,
+    mixed,
+    verification,
+    with_the_plugins_current,
+)
 
 PAGE = File(__file__).parents[2] / "docs" / "gazebo.md"
 STEPS = (0.01, 0.005, 0.002, 0.001, 0.0005)
@@ -127,6 +135,21 @@ def signs_table(cases: Sequence[Case], compute: Callable[[str], None]) -> str:
     return table(head, rows)
 
 
+def current_table(cases: Sequence[Case], compute: Callable[[str], None]) -> str:
+    """A current by `simulator=gazebo` and by the plugin alone, both with `<fluid_added_mass>`."""
+    rows = []
+    for case in cases:
+        compute(f"{case.vehicle}: {case.name}, the plugin's current")
+        reference = embedded(case)
+        row = [f"{case.vehicle}: {case.name}", figure(reference.travelled[-1])]
+        for path in (gazebo(case, "corrected", DEFAULT), with_the_plugins_current(case, DEFAULT)):
+            metres, share, _ = apart(path, reference)
+            row += [figure(metres), f"{share:.3g} %"]
+        rows.append(row)
+    head = ("motion", "way, m", "simulator=gazebo, m", "of the way", "plugin alone, m", "of the way")
+    return table(head, rows)
+
+
 def environment() -> str:
     found = bindings.versions() | {name: versions()[name] for name in ("python", "numpy")}
     return ", ".join(f"{name} {version}" for name, version in found.items()) + f"; {platform.machine()}"
@@ -158,6 +181,7 @@ def main() -> int:
         "parity-corrected": cases_table([*checked, *moving], "corrected", compute),
         "parity-steps": steps_table([*checked, *moving[:7]], compute),
         "parity-published": signs_table(moving, compute),
+        "parity-current": current_table([case for case in moving if any(case.current)], compute),
     }
     sections["parity-versions"] = environment()
     if "--print" in sys.argv[1:]:

@@ -74,4 +74,4 @@ class Thrust:
 
 def _moved(x: FloatArray, A: FloatArray) -> FloatArray:
     """A x for each row of `x` (n, order); the last bits of a matrix product would depend on n."""
-    return np.einsum("nj,ij->ni", x, A)
+    return np.asarray(np.einsum("nj,ij->ni", x, A))
