@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from auvbench.runs.progress import telling
 from auvbench.scheduling.estimate import duration
 
 if TYPE_CHECKING:
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from auvbench.runs.progress import Progress, Watch
 
 _PLAIN_INTERVAL = 10.0  # s between lines where the output is no terminal
+SHORTEST_BAR = 8  # characters; a shorter one says nothing
+LONGEST_BAR = 40
 
 
 @contextmanager
@@ -32,22 +35,53 @@ def training_bar(total_steps: int, *, shown: bool = True) -> Iterator[Watch | No
 @contextmanager
 def _rich_bar(total_steps: int) -> Iterator[Watch]:
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as Bar
+    from rich.live import Live
+    from rich.text import Text
 
-    with Bar(
-        BarColumn(bar_width=None),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[line]}"),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-    ) as bar:
-        task = bar.add_task("", total=total_steps, line="compiling, first episodes")
+    console = Console(stderr=True)
+    begun = time.monotonic()
+    now: list[Progress] = []
 
-        def watch(progress: Progress) -> None:
-            bar.update(task, completed=min(progress.steps, total_steps), line=_line(progress))
+    def draw() -> Text:
+        elapsed = time.monotonic() - begun
+        if not now:
+            return Text(f"compiling, first episodes, {duration(elapsed)}", no_wrap=True)
+        return Text(bar_line(now[0], elapsed, console.width), no_wrap=True)
 
-        yield watch
+    # Drawn by itself twice a second: it shows that time passes where training reports nothing for a while.
+    with Live(console=console, get_renderable=draw, refresh_per_second=2):
+        yield lambda progress: now.__setitem__(slice(None), [progress])
+
+
+def bar_line(progress: Progress, elapsed: float, width: int) -> str:
+    """A bar and figures on one line; where that is too long, what matters least is left out.
+
+    Steps, success and remaining time stay whatever the width.
+    """
+    rate = telling(progress.success_rate, progress.episodes)
+    left = (
+        max(progress.total_steps - progress.steps, 0) / progress.steps_per_s
+        if progress.steps_per_s > 0
+        else None
+    )
+    parts = {
+        "steps": f"{progress.steps:,} of {progress.total_steps:,} steps",
+        "pace": f"{progress.steps_per_s:,.0f} steps/s" if progress.steps_per_s > 0 else "",
+        "left": "" if left is None else f"{duration(left)} left",
+        "success": "" if rate is None else f"success {100 * rate:.0f} %",
+        "return": "" if progress.mean_return is None else f"return {progress.mean_return:,.0f}",
+        "elapsed": duration(elapsed),
+    }
+    for dropped in ("", "elapsed", "return", "pace"):
+        parts.pop(dropped, None)
+        text = ", ".join(part for part in parts.values() if part)
+        if len(text) + SHORTEST_BAR + 1 <= width:
+            break
+    size = min(LONGEST_BAR, width - len(text) - 2)
+    if size < SHORTEST_BAR:
+        return text
+    done = min(1.0, progress.steps / progress.total_steps) if progress.total_steps > 0 else 0.0
+    return f"{'━' * round(size * done)}{'╌' * (size - round(size * done))} {text}"
 
 
 def _plain_lines() -> Callable[[Progress], None]:
@@ -70,8 +104,8 @@ def _line(progress: Progress) -> str:
     if progress.steps_per_s > 0:
         left = max(progress.total_steps - progress.steps, 0) / progress.steps_per_s
         parts.append(f"{duration(left)} left")
-    if progress.success_rate is not None:
-        parts.append(f"success {100 * progress.success_rate:.0f} %")
+    if (rate := telling(progress.success_rate, progress.episodes)) is not None:
+        parts.append(f"success {100 * rate:.0f} %")
     if progress.mean_return is not None:
         parts.append(f"return {progress.mean_return:,.0f}")
     return ", ".join(parts)
@@ -114,15 +148,22 @@ def counting_bar(total: int, title: str) -> Iterator[Teller]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
+    from rich.table import Column
 
     console = Console(stderr=True, highlight=False)
     with Bar(
         TextColumn(title, markup=False),
-        BarColumn(),
+        BarColumn(bar_width=20),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[now]}", markup=False),  # a run's id is no markup
+        # A run's id is no markup; and it is what gives way on a narrow terminal.
+        TextColumn(
+            "{task.fields[now]}",
+            markup=False,
+            table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
+        ),
         console=console,
+        expand=True,
     ) as bar:
         task = bar.add_task("", total=total, now="")
 
@@ -133,3 +174,26 @@ def counting_bar(total: int, title: str) -> Iterator[Teller]:
                 bar.advance(task)
 
         yield Teller(printed, lambda now: bar.update(task, now=now))
+
+
+@contextmanager
+def work_bar(title: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+    """Counts parts of one piece of work on a terminal, and is silent elsewhere: it takes seconds."""
+    if not sys.stderr.isatty():
+        yield lambda done, of: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    with Bar(
+        TextColumn(title, markup=False),
+        BarColumn(bar_width=20),
+        MofNCompleteColumn(),
+        TextColumn(unit),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    ) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, of: bar.update(task, completed=done, total=of)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from auvbench.commands.grammar import Parser
 from auvbench.errors import RunError
+
+if TYPE_CHECKING:
+    from auvbench.evaluation.replay import Replay
 
 
 def parser() -> Parser:
@@ -33,6 +37,10 @@ def parser() -> Parser:
 
 def main(arguments: Sequence[str]) -> int:
     options = parser().read(arguments)
+    if options.video not in (None, Path()):
+        from auvbench.reporting import film
+
+        film.check(options.video)  # before anything is computed
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
     from auvbench.evaluation.replay import replay
@@ -45,14 +53,23 @@ def main(arguments: Sequence[str]) -> int:
     condition = options.condition or protocol.conditions[0].name
     episode = replay(runs[0], protocol, condition, options.episode)
 
-    from auvbench.reporting.replay import draw, film, summary
+    from auvbench.reporting.replay import draw, summary
 
     print(summary(episode))
     folder = options.out or runs[0].path / "replays"
     stem = folder / f"{protocol.name}-{condition}-{options.episode}"  # may hold dots: current=0.5
     png, svg = draw(episode, stem)
-    print(f"\nwrote {png}\nwrote {svg}")
+    print(f"\nwrote {png}\nwrote {svg}", flush=True)
     if options.video is not None:
         target = options.video if options.video != Path() else stem.with_name(f"{stem.name}.gif")
-        print(f"wrote {film(episode, target)}")
+        _film(episode, target)
     return 0
+
+
+def _film(episode: Replay, target: Path) -> None:
+    from auvbench.commands.bars import work_bar
+    from auvbench.reporting.film import film
+
+    with work_bar(f"film {target.name}", "pictures") as tell:
+        film(episode, target, tell)
+    print(f"wrote {target}")

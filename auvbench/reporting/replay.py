@@ -1,25 +1,20 @@
-"""A replayed episode for people: a summary with sparklines, a figure, a film."""
+"""A replayed episode for people: a summary with sparklines and a figure; film.py makes a film of it."""
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from auvbench.errors import ReportError
 from auvbench.evaluation.replay import Replay
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.colours import COLOURS
 from auvbench.reporting.figures.style import OUTCOME_LOOK
 
 BARS = "▁▂▃▄▅▆▇█"
-FILM_RATE = 25  # pictures per second
-LONGEST_FILM = 150  # pictures; a longer episode is shown faster
 
 
 def sparkline(values: Any, width: int = 48, low: float | None = None, high: float | None = None) -> str:
@@ -68,7 +63,7 @@ def summary(episode: Replay) -> str:
     return "\n".join(lines)
 
 
-def _scene(figure: Canvas, episode: Replay) -> tuple[Any, Axes, Axes, Axes]:
+def scene(figure: Canvas, episode: Replay) -> tuple[Any, Axes, Axes, Axes]:
     """Axes in space, from above, distance and commands over time, with all that does not move."""
     grid = figure.add_gridspec(2, 3, width_ratios=[1.5, 1.2, 1.2])
     space: Any = figure.add_subplot(grid[:, 0], projection="3d")
@@ -130,7 +125,7 @@ def _circle(waypoint: Any, radius: float) -> Any:
     return Circle((float(waypoint[0]), float(waypoint[1])), radius, fill=False, color="#9a9a9a")
 
 
-def _heading(episode: Replay) -> str:
+def heading(episode: Replay) -> str:
     r = episode.record
     return f"{episode.run}   episode {r['episode']}: {r['outcome']} after {r['steps']} steps"
 
@@ -139,7 +134,7 @@ def draw(episode: Replay, path: Path) -> tuple[Path, Path]:
     """The figure of an episode, `path`.png and `path`.svg; returns both."""
     with style.styled():
         figure = style.canvas(11.0, 4.6)
-        space, above, time, command = _scene(figure, episode)
+        space, above, time, command = scene(figure, episode)
         colour = OUTCOME_LOOK[str(episode.record["outcome"])][0]
         x, y, z = episode.position.T
         space.plot(x, y, z, color=colour)
@@ -166,54 +161,5 @@ def draw(episode: Replay, path: Path) -> tuple[Path, Path]:
                 label=name,
             )
         command.legend(ncols=4, fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.3))
-        figure.suptitle(_heading(episode), x=0.01, ha="left", fontsize=10)
+        figure.suptitle(heading(episode), x=0.01, ha="left", fontsize=10)
         return style.save(figure, path)
-
-
-def film(episode: Replay, path: Path) -> Path:
-    """The episode as a film: MP4 where ffmpeg is installed, GIF by its suffix.
-
-    Raises:
-        ReportError: another suffix, or an MP4 without ffmpeg.
-    """
-    if path.suffix not in (".mp4", ".gif"):
-        raise ReportError(f"--video {path}: must end in .mp4 or .gif")
-    if path.suffix == ".mp4" and shutil.which("ffmpeg") is None:
-        raise ReportError(f"--video {path}: an MP4 needs ffmpeg, which is not installed; name a .gif instead")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    steps = len(episode.command)
-    frames = np.unique(np.linspace(0, steps, min(steps + 1, LONGEST_FILM)).astype(int))
-    with style.styled():
-        figure = style.canvas(10.4, 4.4)
-        space, above, time, command = _scene(figure, episode)
-        figure.suptitle(_heading(episode), x=0.01, ha="left", fontsize=10)
-        colour = OUTCOME_LOOK[str(episode.record["outcome"])][0]
-        (path3,) = space.plot([], [], [], color=colour)
-        (nose3,) = space.plot([], [], [], color="black", linewidth=3)
-        (path2,) = above.plot([], [], color=colour)
-        (nose2,) = above.plot([], [], color="black", linewidth=3)
-        (line,) = time.plot([], [], color=colour)
-        thrusters = [
-            command.step([], [], where="post", color=COLOURS[j % len(COLOURS)], linewidth=0.9)[0]
-            for j in range(episode.command.shape[1])
-        ]
-        arm = 0.05 * (above.get_xlim()[1] - above.get_xlim()[0])
-
-        def show(step: int) -> list[Any]:
-            p = episode.position[: step + 1]
-            path3.set_data_3d(*p.T)
-            path2.set_data(p[:, 0], p[:, 1])
-            tip = p[-1] + arm * np.array([np.cos(episode.yaw[step]), np.sin(episode.yaw[step]), 0.0])
-            nose3.set_data_3d(*np.stack([p[-1], tip]).T)
-            nose2.set_data([p[-1, 0], tip[0]], [p[-1, 1], tip[1]])
-            line.set_data(episode.time[: step + 1], episode.distance[: step + 1])
-            for j, thruster in enumerate(thrusters):
-                thruster.set_data(episode.time[:step], episode.command[:step, j])
-            return [path3, nose3, path2, nose2, line, *thrusters]
-
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")
-        animation = FuncAnimation(figure, show, frames=frames.tolist(), blit=False)
-        writer = FFMpegWriter(fps=FILM_RATE) if path.suffix == ".mp4" else PillowWriter(fps=FILM_RATE)
-        animation.save(str(path), writer=writer, dpi=80)
-    return path

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Mapping, Sequence
+from datetime import datetime, timedelta
 from statistics import fmean
 
 
@@ -27,6 +29,22 @@ def makespan(running: Sequence[float], waiting: Sequence[float], slots: int | No
     for seconds in waiting:
         heapq.heappush(free, heapq.heappop(free) + seconds)
     return max(free, default=0.0)
+
+
+def speed(shown: Sequence[tuple[float, float]]) -> float:
+    """How fast this machine is, compared with the one on which paces were measured.
+
+    Args:
+        shown: of each run that has shown its pace, that pace and the one expected of it, in the same unit.
+
+    Returns:
+        their mean ratio (geometric); 1 where nothing was shown.
+
+    >>> speed([(50.0, 100.0), (200.0, 400.0)]), speed([])
+    (0.5, 1.0)
+    """
+    ratios = [math.log(pace / expected) for pace, expected in shown if pace > 0 and expected > 0]
+    return math.exp(fmean(ratios)) if ratios else 1.0
 
 
 def pace(kind: str, paces: Mapping[str, Sequence[float]]) -> float | None:
@@ -56,3 +74,21 @@ def duration(seconds: float) -> str:
             rest = whole % size // part
             return f"{whole // size} {unit}" + (f" {rest} {below}" if rest else "")
     return f"{whole} s"
+
+
+def rough(seconds: float) -> float:
+    """To what an estimate from elsewhere is good for: whole units where there are ten of them.
+
+    >>> rough(47000.0), rough(59.4)
+    (46800, 59.4)
+    """
+    unit = next((size for size in (86400, 3600, 60) if seconds >= 10 * size), 1)
+    return round(seconds / unit) * unit if seconds >= 60 else seconds
+
+
+def clock_after(seconds: float) -> str:
+    """The time of day in so many seconds, with the day where it is not today."""
+    now = datetime.now().astimezone()
+    until = now + timedelta(seconds=seconds)
+    days = (until.date() - now.date()).days
+    return f"{until:%H:%M}" if days == 0 else f"{until:%a %H:%M}" if days < 7 else f"{until:%d %b}"

@@ -37,7 +37,10 @@ def sweep(
     todo = steps.todo
     result = Result()
     if todo:
-        result = Loop(todo, backend, views.view(todo, backend.limit, console)).drive()
+        view = views.view(todo, backend.limit, console)
+        if forecast := view.forecast():
+            console.print(forecast, highlight=False, markup=False, soft_wrap=True)
+        result = Loop(todo, backend, view).drive()
     else:
         backend.close()
     for step in steps.of(plan.Action.SKIP):

@@ -3,56 +3,26 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from pathlib import Path
 
 from rich.console import Console, Group
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
-from auvbench.agents.base import learns
-from auvbench.errors import RunError
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.progress import Progress
-from auvbench.scheduling import estimate, progress
+from auvbench.runs.progress import Progress, telling
+from auvbench.scheduling import live_table, progress
 from auvbench.scheduling.base import Job, Phase
-from auvbench.scheduling.estimate import duration
-from auvbench.scheduling.loop import Outcome, View
+from auvbench.scheduling.estimate import clock_after, duration, rough
+from auvbench.scheduling.loop import Outcome
+from auvbench.scheduling.rows import WAITING, Row, remaining, seconds_left, shown
 
 READ_EVERY = 1.0  # s between two looks at the runs' progress files
 LINES_EVERY = 60.0  # s between two plain lines about a run
-BAR = 20  # characters
-
-STYLES = {
-    "running": "cyan",
-    "queued": "yellow",
-    Outcome.COMPLETE: "green",
-    Outcome.FAILED: "red",
-    Outcome.INTERRUPTED: "yellow",
-    Outcome.HELD: "magenta",
-    Outcome.NOT_STARTED: "dim",
-}
-
-
-@dataclass(slots=True)
-class Row:
-    """What is known of one run."""
-
-    run: RunDirectory
-    kind: str  # the algorithm: runs of a kind are expected to go at the same pace
-    total_steps: int
-    steps: int  # before this sweep
-    state: str = "waiting"
-    job: Job | None = None
-    message: str = ""
-    progress: Progress | None = None
-
-    @property
-    def name(self) -> str:
-        return self.run.path.name
+LONG = 3600.0  # s; a sweep that takes longer says so when it starts
 
 
 class Watch:
@@ -63,9 +33,7 @@ class Watch:
         self.slots = slots
         self.rows: dict[Path, Row] = {}
         for run in runs:
-            manifest = run.manifest()
-            total = manifest["total_steps"] if _trains(run) else 0
-            self.rows[run.path] = Row(run, manifest["algo"], total, manifest["steps"])
+            self.rows[run.path] = Row.of(run)
         self._next_read = 0.0
 
     def begin(self) -> None:
@@ -99,28 +67,27 @@ class Watch:
                 row.progress = progress.read(row.run.path) or row.progress
         return True
 
+    def refresh(self) -> None:
+        self.read()
+
     def remaining(self) -> float | None:
-        """Seconds until the sweep's end; None while no run has shown its pace."""
-        paces: dict[str, list[float]] = {}
-        for row in self.rows.values():
-            if row.progress is not None and row.progress.steps_per_s:
-                paces.setdefault(row.kind, []).append(row.progress.steps_per_s)
-        running: list[float] = []
-        waiting: list[float] = []
-        for row in self.rows.values():
-            if row.state not in ("waiting", Phase.QUEUED, Phase.RUNNING):
-                continue
-            steps = row.progress.steps if row.progress is not None else row.steps
-            own = row.progress.steps_per_s if row.progress is not None else None
-            per_s = own or estimate.pace(row.kind, paces)
-            if per_s is None:
-                return None
-            seconds = max(0, row.total_steps - steps) / per_s
-            (running if row.state == Phase.RUNNING else waiting).append(seconds)
-        return estimate.makespan(running, waiting, self.slots)
+        """Seconds until the sweep's end; None where nobody knows."""
+        return remaining(list(self.rows.values()), self.slots)
+
+    def forecast(self) -> str:
+        """What a sweep of more than an hour says when it starts; empty of others."""
+        left = self.remaining()
+        if left is None or left < LONG:
+            return ""
+        count = sum(row.to_go > 0 for row in self.rows.values())
+        at_once = "all at once" if self.slots is None else f"{min(self.slots, count)} at a time"
+        return (
+            f"this takes some {duration(rough(left))}: {count} run{'s' if count != 1 else ''}, {at_once}, until about "
+            f"{clock_after(left)} (by speeds measured on another machine; better known when runs have shown theirs)"
+        )
 
     def counts(self) -> str:
-        """`12 of 45 complete, 2 failed, 2 running · 3 h 10 min to go, until 17:05`."""
+        """`12 of 45 complete, 2 failed, 2 running · 3 h 10 min to go, until 17:05`; about, before any has shown."""
         count: dict[str, int] = {}
         for row in self.rows.values():
             count[row.state] = count.get(row.state, 0) + 1
@@ -129,9 +96,9 @@ class Watch:
         left = self.remaining()
         if not left:  # unknown, or over
             return ", ".join(parts)
-        until = datetime.now().astimezone() + timedelta(seconds=left)
-        day = "" if until.date() == datetime.now().astimezone().date() else f"{until:%a} "
-        return f"{', '.join(parts)} · {duration(left)} to go, until {day}{until:%H:%M}"
+        known = shown(list(self.rows.values()))
+        time_left = f"{duration(left)} to go" if known else f"about {duration(rough(left))} to go"
+        return f"{', '.join(parts)} · {time_left}, until {clock_after(left)}"
 
 
 class PlainView(Watch):
@@ -161,7 +128,7 @@ class PlainView(Watch):
     def refresh(self) -> None:
         if not self.read():
             return
-        if not self._announced and self.remaining() is not None:
+        if not self._announced and shown(list(self.rows.values())) and self.remaining() is not None:
             self._announced = True
             self.say(f"{_clock()} {self.counts()}")
         if time.monotonic() < self._next_lines:
@@ -191,37 +158,25 @@ class TableView(Watch):
         if outcome in (Outcome.FAILED, Outcome.HELD):
             self.say(f"{run.path.name}: {outcome} ({message})")
 
-    def refresh(self) -> None:
-        self.read()
-
     def table(self) -> Group:
-        """Running runs first, then the queued, then as many of the others as fit."""
-        table = Table(box=None, pad_edge=False)
-        table.add_column("run", no_wrap=True)
-        table.add_column("state", no_wrap=True)
-        table.add_column("progress", no_wrap=True)
-        for heading in ("steps", "steps/s", "success", "to go"):
-            table.add_column(heading, justify="right", no_wrap=True)
-        order = {str(Phase.RUNNING): 0, str(Phase.QUEUED): 1, "waiting": 3}
-        rows = sorted(self.rows.values(), key=lambda row: order.get(row.state, 2))
-        room = max(3, self.console.height - 5)
-        for row in rows[:room]:
-            table.add_row(Text(row.name), Text(row.state, STYLES.get(row.state, "dim")), *_cells(row))
+        """Running runs first, then the queued and as many of the ended as fit; those that wait are one line."""
+        order = {str(Phase.RUNNING): 0, str(Phase.QUEUED): 1}
+        every = list(self.rows.values())
+        left = dict(zip([row.name for row in every], seconds_left(every), strict=True))
+        rows = sorted((row for row in every if row.state != WAITING), key=lambda row: order.get(row.state, 2))
+        room = max(3, self.console.height - 6)
         more = [Text(f"and {len(rows) - room} more", "dim")] if len(rows) > room else []
-        return Group(table, *more, Text(self.counts(), "bold"))
+        waiting = [row.kind for row in every if row.state == WAITING]
+        if waiting:
+            kinds = ", ".join(f"{number} {kind}" for kind, number in Counter(waiting).items())
+            more.append(Text(_fit(f"{len(waiting)} waiting: {kinds}", self.console.width), "dim"))
+        lines = live_table.lines(rows[:room], left, self.console.width)
+        return Group(*lines, *more, Text(self.counts(), "bold"))
 
 
-def view(runs: Sequence[RunDirectory], slots: int | None, console: Console) -> View:
+def view(runs: Sequence[RunDirectory], slots: int | None, console: Console) -> Watch:
     """The view that suits where the output goes."""
     return (TableView if console.is_terminal else PlainView)(runs, slots, console)
-
-
-def _trains(run: RunDirectory) -> bool:
-    """Whether the run's budget of steps is going to be used: PID and random have nothing to learn."""
-    try:
-        return learns(run.config()["algo"]["agent"])
-    except (RunError, KeyError, TypeError):  # the worker will say what is wrong with it
-        return True
 
 
 def sentence(at: Progress) -> str:
@@ -229,27 +184,16 @@ def sentence(at: Progress) -> str:
     parts = [f"{progress.fraction(at):.0%}"]
     if at.steps_per_s:
         parts.append(f"{at.steps_per_s:.0f} steps/s")
-    if at.success_rate is not None:
-        parts.append(f"success {at.success_rate:.0%}")
+    if (rate := telling(at.success_rate, at.episodes)) is not None:
+        parts.append(f"success {rate:.0%}")
     left = progress.remaining(at)
     if left is not None:
         parts.append(f"{duration(left)} to go")
     return ", ".join(parts)
 
 
-def _cells(row: Row) -> tuple[str, str, str, str, str]:
-    at = row.progress
-    if at is None:
-        return ("", f"{row.steps:,}" if row.steps else "", "", "", "")
-    left = progress.remaining(at)
-    full = round(BAR * progress.fraction(at))
-    return (
-        "━" * full + "╌" * (BAR - full),
-        f"{at.steps:,}",
-        f"{at.steps_per_s:,.0f}" if at.steps_per_s else "",
-        f"{at.success_rate:.0%}" if at.success_rate is not None else "",
-        duration(left) if left is not None and row.state == Phase.RUNNING else "",
-    )
+def _fit(text: str, width: int) -> str:
+    return text if len(text) <= width else f"{text[: width - 1]}…"
 
 
 def _clock() -> str:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from auvbench.cli import main
-from auvbench.reporting.replay import LONGEST_FILM
+from auvbench.errors import ReportError
+from auvbench.reporting import film as films
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +37,7 @@ def test_the_episode_is_the_one_of_the_table(run, tmp_path, capsys):
     with Image.open(tmp_path / "test-nominal-3.png") as figure:
         assert len(figure.convert("L").getcolors()) > 50, "the figure is blank"
     with Image.open(film) as pictures:
-        assert pictures.n_frames == min(int(row["steps"]) + 1, LONGEST_FILM)
+        assert pictures.n_frames == min(int(row["steps"]) + 1, films.LONGEST)
         first = pictures.convert("L").tobytes()
         pictures.seek(pictures.n_frames - 1)
         assert pictures.convert("L").tobytes() != first, "nothing moves"
@@ -56,13 +59,82 @@ def test_a_condition_with_a_decimal_point_keeps_its_whole_name(run, tmp_path):
         (["--condition", "nominl"], "did you mean 'nominal'?"),
         (["--protocol", "tst"], "did you mean 'test'?"),
         (["--video", "film.avi"], "must end in .mp4 or .gif"),
-        (["--frobnicate"], "--frobnicate: no such flag"),
+        (["--frobnicate"], "unknown option '--frobnicate' of replay"),
     ],
 )
 def test_mistakes_are_named(run, tmp_path, monkeypatch, capsys, arguments, message):
     monkeypatch.chdir(tmp_path)
     assert main(["replay", str(run), "--out", str(tmp_path), *arguments]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_the_film_is_checked_before_anything_is_computed(run, tmp_path, monkeypatch, capsys):
+    from auvbench.evaluation import replay
+
+    def never(*_):
+        raise AssertionError("replayed before the film's name was looked at")
+
+    monkeypatch.setattr(replay, "replay", never)
+    monkeypatch.setattr(films.shutil, "which", lambda _: None)
+    (tmp_path / "file").write_text("")
+    for name, message in (
+        ("film.avi", "must end in .mp4 or .gif"),
+        ("film.mp4", "needs ffmpeg"),
+        ("file/film.gif", "cannot write there"),
+    ):
+        assert main(["replay", str(run), "--video", str(tmp_path / name)]) == 2
+        assert message in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def an_episode(steps):
+    """A replayed episode that needs no simulation."""
+    from auvbench.config.compose import compose
+    from auvbench.config.validate import train_config
+    from auvbench.evaluation.replay import Replay
+
+    time = np.linspace(0, steps / 10, steps + 1, dtype=np.float32)
+    position = np.stack([time, np.sin(time), -20 + 0 * time], axis=1).astype(np.float32)
+    record = {"episode": 0, "outcome": "timeout", "steps": steps}
+    names = tuple(f"thruster{i}" for i in range(1, 7))
+    command = np.sin(np.arange(6 * steps, dtype=np.float32)).reshape(steps, 6)
+    waypoint = np.array([50, 1, -20], dtype=np.float32)
+    config = train_config(compose("train"))
+    return Replay(
+        "pid-k1", "test", "nominal", config, names, record, time, position, time % 3, command, waypoint
+    )
+
+
+def test_a_film_of_150_pictures_takes_seconds_and_tells_how_far_it_is(tmp_path):
+    told = []
+    begun = time.process_time()
+    films.film(an_episode(1000), tmp_path / "film.gif", lambda done, of: told.append((done, of)))
+    took = time.process_time() - begun
+    assert told == [(n, 150) for n in range(1, 151)]
+    assert took < 20.0, "5 s on an idle core; it took 40 when each picture was a figure of its own"
+    with Image.open(tmp_path / "film.gif") as pictures:
+        assert pictures.n_frames == 150
+        assert pictures.size == (832, 352)
+
+
+def test_a_picture_of_the_film_is_the_scene_drawn_anew():
+    """Drawing over a background must not leave traces of the pictures before."""
+    episode = an_episode(40)
+    *_, last = films.pictures(episode, [0, 10, 20, 40])
+    (alone,) = films.pictures(episode, [40])
+    assert np.array_equal(last, alone)
+
+
+def test_an_mp4_is_written_by_ffmpeg(tmp_path, monkeypatch):
+    """A stand-in that keeps what it is sent: the real one is not on every machine."""
+    (tmp_path / "ffmpeg").write_text('#!/bin/sh\nfor last; do :; done\ncat > "$last"\n')
+    (tmp_path / "ffmpeg").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    film = films.film(an_episode(3), tmp_path / "film.mp4")
+    assert film.stat().st_size == 4 * 352 * 832 * 3
+    (tmp_path / "ffmpeg").write_text("#!/bin/sh\necho no such codec >&2\nexit 1\n")
+    with pytest.raises(ReportError, match="ffmpeg failed: no such codec"):
+        films.film(an_episode(3), tmp_path / "film.mp4")
 
 
 def test_a_folder_of_runs_is_no_run(tmp_path, capsys):
