@@ -86,6 +86,21 @@ def of_tables(
     return tuple(_condition(name, rates, confidence) for name in names)
 
 
+def rates_by_condition(agent: Agent, protocol: str) -> dict[str, FloatArray]:
+    """(seeds, episodes) of 1.0 where an episode was a success, by condition of the protocol.
+
+    A condition that not all seeds of the agent met on as many scenarios is left out, as are seeds without a policy.
+    """
+    tables = [
+        _by_condition(run.evaluations[protocol].episodes) for run in agent.runs if protocol in run.evaluations
+    ]
+    if not tables:
+        return {}
+    shared = set.intersection(*(set(table) for table in tables))
+    rows = {name: [table[name] for table in tables] for name in tables[0] if name in shared}
+    return {name: np.array(found) for name, found in rows.items() if len({len(row) for row in found}) == 1}
+
+
 def _names(run: RunRecord, protocol: str) -> list[str]:
     return [str(c.get("name", "")) for c in run.evaluations[protocol].summary["conditions"]]
 

@@ -73,9 +73,10 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
     """The effects of each factor that varies among the agents that learn.
 
     Of up to three levels every pair; of more, the last (largest) with the first (smallest). An effect that cannot
-    be tested (no values, a single episode) is left out.
+    be tested (no values, a single episode) is left out, as are agents with one training seed: they are policies, and
+    what sets two of them apart is no effect of a factor.
     """
-    learners = [agent for agent in agents if learns(agent)]
+    learners = [agent for agent in agents if learns(agent) and len(agent.outcome) > 1]
     result = []
     for factor in learners[0].key if learners else ():
         levels = {agent.key.get(factor) for agent in learners} - {None}

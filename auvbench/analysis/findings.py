@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from auvbench.analysis.bearing import robustness
 from auvbench.analysis.effects import Effect, effects, learns
 from auvbench.analysis.failures import failures
+from auvbench.analysis.generalising import training_and_test
 from auvbench.analysis.labels import factor_name
 from auvbench.analysis.measures import Measure, measure
 from auvbench.analysis.model import Agent, Finding, Ranking, Row
@@ -41,8 +44,10 @@ def sentences(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
         _resolved(ranking),
         _against_baseline(ranking, m),
         advice(ranking, ordered, m),
-        *_effects(ordered, m, ranking.confidence),
+        *_effects(ranking, ordered, m),
+        *robustness(ranking, ordered),
         *failures(ordered, ranking.confidence),
+        *training_and_test(ranking, ordered),
         confounded(ordered),
         _seeds(ordered, m),
         _single_seeds(ranking, ordered),
@@ -143,9 +148,10 @@ def _against_baseline(ranking: Ranking, m: Measure) -> Finding | None:
     )
 
 
-def _effects(agents: Sequence[Agent], m: Measure, confidence: float) -> list[Finding]:
+def _effects(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> list[Finding]:
     """A sentence for each effect that is resolved, and one for all that are not."""
-    found = effects(agents, m, confidence)
+    confidence = ranking.confidence
+    found = [_as_in_the_table(effect, ranking) for effect in effects(agents, m, confidence)]
     adjusted = holm([effect.p_value for effect in found])
     family = f"Holm over {counted(len(found), 'effect')}"
     resolved = [(e, float(p)) for e, p in zip(found, adjusted, strict=True) if p < 1 - confidence]
@@ -170,6 +176,22 @@ def _effects(agents: Sequence[Agent], m: Measure, confidence: float) -> list[Fin
         statistic = f"{'; '.join(items)}. {family}, averaged over matched cells."
         result.append(Finding(text, statistic=statistic, run_ids=_runs(open_)))
     return result
+
+
+def _as_in_the_table(effect: Effect, ranking: Ranking) -> Effect:
+    """The effect with the interval and the p-value of the two agents' comparison, where it is of one pair alone.
+
+    A difference has one interval on a page. (Pairs are tested with what all agents' seeds tell of how much seeds
+    differ; an average over several pairs stands nowhere else.)
+    """
+    if len(effect.pairs) != 1:
+        return effect
+    first, second = (agent.label for agent in effect.pairs[0])
+    for c in ranking.comparisons:
+        if c.metric == ranking.rank_by and {c.first, c.second} == {first, second}:
+            seen = c.difference if c.first == first else turned(c.difference)
+            return replace(effect, difference=seen, p_value=c.p_value)
+    return effect
 
 
 def _open(effect: Effect, m: Measure, confidence: float) -> str:

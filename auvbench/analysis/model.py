@@ -177,6 +177,8 @@ class Ranking:
     """smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1)"""
     notices: tuple[str, ...] = ()
     """what must be read before the table: unequal budgets of training"""
+    agreement: str = ""
+    """whose few seeds agree, where that makes intervals look surer than they are; '' where it does not"""
     more_seeds: str = ""
     """the command that trains further seeds of the rows that are not compared; '' where there are none"""
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from auvbench import statistics as st
 from auvbench.analysis.conditions import successes
 from auvbench.analysis.effects import learns
+from auvbench.analysis.luck import agreement
 from auvbench.analysis.measures import Measure, all_measures, to_rank_by
 from auvbench.analysis.model import NO_POLICY, Agent, Comparison, Problem, Ranking, Row
 from auvbench.analysis.pairwise import BoolArray, Tests, all_pairs, letters, rank_intervals
@@ -121,6 +122,7 @@ def rank(
         ties=ties,
         margin=margin,
         notices=tuple(filter(None, (unequal_budgets(agents),))),
+        agreement=agreement(agents, by, confidence) if compare == "algorithms" else "",
         more_seeds=more_seeds(agents) if compare == "algorithms" else "",
     )
 

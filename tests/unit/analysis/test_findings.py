@@ -8,6 +8,7 @@ import pytest
 from auvbench.analysis.effects import effects, matched, mean_difference
 from auvbench.analysis.findings import sentences
 from auvbench.analysis.measures import measure
+from auvbench.analysis.prose import difference, turned
 from auvbench.analysis.ranking import rank
 from tests.unit.analysis.agents import agent
 
@@ -173,3 +174,29 @@ def test_training_seeds():
         "Every trained agent has one training seed: the intervals cover test episodes only"
     )
     assert told([wild, single[1]])[-1].startswith("PPO K=1 25 Hz has one training seed")
+
+
+def test_a_difference_of_two_agents_has_one_interval() -> None:
+    pair = [agent("sac", 1, level=3.0), agent("sac", 100, level=-1.0), agent("pid", seeds=1)]
+    ranking = rank(pair)
+    (comparison,) = (c for c in ranking.comparisons if "PID" not in c.first + c.second)
+    texts = [
+        finding.text for finding in sentences(ranking, pair) if "in the one matched cell" in finding.text
+    ]
+    m = measure("success_rate")
+    seen = (
+        comparison.difference if comparison.first.endswith("K=100 25 Hz") else turned(comparison.difference)
+    )
+    assert len(texts) == 1
+    assert difference(seen, m) in texts[0]
+
+
+def test_policies_of_one_seed_have_no_effect_of_a_factor() -> None:
+    pair = [
+        agent("sac", 1, level=3.0, seeds=1),
+        agent("sac", 100, level=-1.0, seeds=1),
+        agent("pid", seeds=1),
+    ]
+    texts = " ".join(finding.text for finding in sentences(rank(pair), pair))
+    assert "K=100 is" not in texts
+    assert "No effect" not in texts
