@@ -253,6 +253,7 @@ class CheckpointStore:
                 self._remove(self.folder / str(step))
             if self.replay_folder.is_dir():
                 self._prune_replay(steps[: self.keep])
+            self._remove_leftovers()  # of a checkpoint that could not be written, nor taken away at that time
         except (OSError, ValueError) as error:
             warnings.warn(f"cannot delete old checkpoints in {self.folder}: {error}", CheckpointWarning, 2)
 

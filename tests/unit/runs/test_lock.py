@@ -174,9 +174,20 @@ def test_a_damaged_lock_is_judged_by_its_touches(tmp_path: Path) -> None:
     (tmp_path / lock_files.FOLDER).mkdir()
     file = tmp_path / lock_files.FOLDER / "000004"
     file.write_text("{")
-    with pytest.raises(lock.RunHeldError):
+    with pytest.raises(lock.RunHeldError, match=r"its lock file is damaged.*rm .*000004 releases it"):
         lock.acquire(tmp_path, **QUICK)
     os.utime(file, (1.0, 1.0))
+    lock.acquire(tmp_path, **QUICK).release()
+
+
+def test_removing_a_damaged_lock_releases_the_run(tmp_path: Path) -> None:
+    (tmp_path / lock_files.FOLDER).mkdir()
+    file = tmp_path / lock_files.FOLDER / "000004"
+    file.write_bytes(b"\x00" * 200)
+    with pytest.raises(lock.RunHeldError, match=r"rm (\S+) releases it") as caught:
+        lock.acquire(tmp_path, **QUICK)
+    assert str(file) in str(caught.value)
+    file.unlink()
     lock.acquire(tmp_path, **QUICK).release()
 
 

@@ -1,11 +1,16 @@
 from __future__ import annotations
 
+import errno
+import io
 import json
 import os
 import subprocess
 import time
 import warnings
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -180,6 +185,50 @@ def test_a_read_only_disk_is_named(small_disk: Path) -> None:
     with pytest.raises(TrainingError, match=r"step 20.*read-only"):
         store.save(20, components(20))
     assert_is(store.latest_valid().components, 10)  # type: ignore[union-attr]
+
+
+FALLIBLE = ("fsync", "rename", "mkdir", "replace", "unlink", "rmdir")
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, first: int, last: int) -> list[int]:
+    """A disk whose operations from the `first` to the `last` fail; counts them."""
+    count = [0]
+
+    def faulty(ordinary: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            count[0] += 1
+            if first <= count[0] <= last:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return ordinary(*arguments, **options)
+
+        return call
+
+    for name in FALLIBLE:
+        monkeypatch.setattr(os, name, faulty(getattr(os, name)))
+    monkeypatch.setattr(io, "open", faulty(io.open))
+    return count
+
+
+@pytest.mark.parametrize("length", [1, 3])
+def test_a_checkpoint_that_could_not_be_written_leaves_nothing(tmp_path: Path, length: int) -> None:
+    """The disk fails at each operation in turn, also at those that clean up after the failure."""
+    for at in range(1, 100):
+        store = CheckpointStore(tmp_path / str(at))
+        store.save(1, components(1))
+        store.save(2, components(2))
+        with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            count = failing(patch, at, at + length - 1)
+            with suppress(TrainingError):
+                store.save(3, components(3))
+        store.prune()  # as the training does when it stops for that, and after each checkpoint
+        assert all(name.isdigit() for name in files_of(store.folder)), at
+        found = store.latest_valid()
+        assert found is not None
+        assert found.step in (2, 3)
+        if count[0] < at:
+            break
+    assert at > 15
 
 
 def test_a_log_is_followed_and_a_foreign_change_is_refused(tmp_path: Path) -> None:

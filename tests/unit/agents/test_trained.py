@@ -1,0 +1,114 @@
+"""A damaged model never steers a vehicle: each kind of damage is one line."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from auvbench.agents.learned.learners import LearnedPolicy, _policy
+from auvbench.config.compose import compose, typed
+from auvbench.errors import RunError
+
+N_U = 6
+Weights = dict[str, Any]
+Arrays = dict[str, Any]
+CONFIG = typed(OmegaConf.create(OmegaConf.to_container(compose("train", ["algo=ppo"]), resolve=True)))
+
+
+def written(folder: Path, weights: Weights | None = None, arrays: Arrays | None = None) -> Path:
+    sound = dict(_policy(CONFIG, N_U).state_dict())
+    torch.save(sound if weights is None else weights, folder / "policy.pt")
+    np.savez(folder / "normalisation.npz", **(statistics() if arrays is None else arrays))
+    return folder
+
+
+def statistics() -> Arrays:
+    return {
+        "observation_mean": np.zeros(4 + N_U),
+        "observation_variance": np.ones(4 + N_U),
+        "observation_count": np.asarray(10.0),
+        "epsilon": np.asarray(1e-8),
+        "clip_observations": np.asarray(10.0),
+    }
+
+
+def test_a_sound_model_acts(tmp_path: Path) -> None:
+    policy = LearnedPolicy(CONFIG, written(tmp_path), N_U)
+    assert policy.act(np.zeros((3, 4 + N_U), dtype=np.float32)).shape == (3, N_U)
+
+
+def changed(value: float) -> Callable[[Weights], None]:
+    def harm(weights: Weights) -> None:
+        weights["action_net.weight"].view(-1)[5] = value
+
+    return harm
+
+
+def put(name: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    return lambda holder: holder.update({name: value})
+
+
+WEIGHTS = [
+    (changed(float("inf")), "action_net.weight holds a number that is not finite"),
+    (changed(float("nan")), "action_net.weight holds a number that is not finite"),
+    (put("action_net.weight", torch.zeros(())), r"action_net.weight has shape \(\), expected \(6, "),
+    (put("action_net.bias", torch.zeros(7)), r"action_net.bias has shape \(7,\), expected \(6,\)"),
+    (put("action_net.bias", torch.zeros(6, dtype=torch.float64)), "has type torch.float64, expected"),
+    (put("action_net.bias", 3.0), "action_net.bias is a float, not a tensor"),
+    (lambda weights: weights.pop("log_std"), "log_std is missing"),
+    (put("more", torch.zeros(1)), "more is of no part of the network"),
+]
+
+
+@pytest.mark.parametrize(("harm", "message"), WEIGHTS)
+def test_weights(tmp_path: Path, harm: Callable[[Weights], object], message: str) -> None:
+    weights = dict(_policy(CONFIG, N_U).state_dict())
+    harm(weights)
+    with pytest.raises(RunError, match=message) as caught:
+        LearnedPolicy(CONFIG, written(tmp_path, weights), N_U)
+    assert "\n" not in str(caught.value)
+
+
+STATISTICS = [
+    (lambda arrays: arrays.pop("epsilon"), "epsilon is missing"),
+    (put("epsilon", np.asarray(0.0)), "epsilon is not positive"),
+    (put("epsilon", np.full(3, 1e-8)), r"epsilon has shape \(3,\), expected \(\)"),
+    (put("observation_mean", np.asarray(1.0)), r"observation_mean has shape \(\), expected \(10,\)"),
+    (put("observation_variance", np.ones(9)), r"observation_variance has shape \(9,\)"),
+    (put("observation_variance", -np.ones(10)), "observation_variance holds a negative number"),
+    (put("observation_mean", np.full(10, np.nan)), "observation_mean holds a number that is not finite"),
+    (put("observation_mean", np.zeros(10, dtype=np.int64)), "observation_mean has type int64"),
+    (put("clip_observations", np.asarray(np.inf)), "clip_observations holds a number that is not finite"),
+]
+
+
+@pytest.mark.parametrize(("harm", "message"), STATISTICS)
+def test_statistics(tmp_path: Path, harm: Callable[[Arrays], object], message: str) -> None:
+    arrays = statistics()
+    harm(arrays)
+    with pytest.raises(RunError, match=message) as caught:
+        LearnedPolicy(CONFIG, written(tmp_path, None, arrays), N_U)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["policy.pt", "normalisation.npz"])
+@pytest.mark.parametrize("content", [b"", b"PK", b"\x00" * 4096, b"text"])
+def test_files_that_are_no_archives_at_all(tmp_path: Path, name: str, content: bytes) -> None:
+    (written(tmp_path) / name).write_bytes(content)
+    with pytest.raises(RunError, match=f"{name}: the .* cannot be read") as caught:
+        LearnedPolicy(CONFIG, tmp_path, N_U)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_checked_is_what_is_loaded(tmp_path: Path) -> None:
+    seen: dict[str, bytes] = {}
+    LearnedPolicy(CONFIG, written(tmp_path), N_U, lambda name, data: seen.update({name: data}))
+    assert seen == {name: (tmp_path / name).read_bytes() for name in ("policy.pt", "normalisation.npz")}
+    assert torch.load(io.BytesIO(seen["policy.pt"]), weights_only=True).keys()
