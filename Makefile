@@ -9,8 +9,10 @@ JOBS ?= auto
 export OMP_NUM_THREADS ?= 1
 # Without the theme's announcement of its successor.
 MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
-# SIGKILLs per case of `make soak`.
+# SIGKILLs per case of `make soak`, power cuts of a training, flipped bits.
 KILLS ?= 100
+CUTS ?= 200
+FLIPS ?= 2000
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check format lint type layers docs bench statistics verification parity transfer soak test-cluster clean
@@ -68,7 +70,8 @@ transfer: $(STAMP) ## test the runs below RUNS=FOLDER in both, and write docs/ga
 	$(BIN)/auvbench evaluate $(RUNS) protocol=gazebo
 	$(BIN)/python -m benchmarks.gazebo.transfer $(RUNS)
 
-soak: $(STAMP) ## kill and resume runs for a long time
+soak: $(STAMP) ## kills, power cuts and flipped bits for a long time
+	$(BIN)/python -m tests.soak.results --cuts $(CUTS) --kills $(KILLS) --flips $(FLIPS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 	$(BIN)/python -m tests.soak.campaign --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 
 test-cluster: $(STAMP) ## SLURM and Ray backends against real ones (installs them: root, Debian)
