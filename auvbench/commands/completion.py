@@ -24,7 +24,15 @@ _auvbench() {
             choices=$(COMP_LINE="auvbench$rest" COMP_POINT=0 auvbench "${COMP_WORDS[1]}" -sc query=bash 2>/dev/null)
             COMPREPLY=($(compgen -o nospace -o default -W "$choices" -- "$word"))
             ;;
-        *) COMPREPLY=($(compgen -o default -- "$word")) ;;
+        *)
+            choices=$(auvbench completion query "${COMP_WORDS[@]:1:COMP_CWORD}" 2>/dev/null)
+            COMPREPLY=($(compgen -W "$choices" -- "$word"))
+            if [ "${#COMPREPLY[@]}" -eq 1 ] && [ "${COMPREPLY[0]: -1}" != "=" ]; then
+                COMPREPLY[0]="${COMPREPLY[0]} "
+            elif [ "${#COMPREPLY[@]}" -eq 0 ]; then
+                COMPREPLY=($(compgen -o default -- "$word"))
+            fi
+            ;;
     esac
 }
 COMP_WORDBREAKS=${COMP_WORDBREAKS//=}
@@ -40,7 +48,11 @@ function _auvbench_overrides
 end
 complete -c auvbench -f -n __fish_use_subcommand -a "@COMMANDS@"
 complete -c auvbench -f -n "__fish_seen_subcommand_from @HYDRA_WORDS@" -a "(_auvbench_overrides)"
-complete -c auvbench -F -n "not __fish_use_subcommand; and not __fish_seen_subcommand_from @HYDRA_WORDS@"
+function _auvbench_words
+    set -l words (commandline -opc) (commandline -ct)
+    auvbench completion query $words[2..-1] 2>/dev/null
+end
+complete -c auvbench -F -a "(_auvbench_words)" -n "not __fish_use_subcommand; and not __fish_seen_subcommand_from @HYDRA_WORDS@"
 """
 
 SCRIPTS = {"bash": _BASH, "zsh": _ZSH + _BASH, "fish": _FISH}
@@ -48,7 +60,8 @@ SCRIPTS = {"bash": _BASH, "zsh": _ZSH + _BASH, "fish": _FISH}
 USAGE = """\
 usage: auvbench completion {bash,zsh,fish}
 
-Prints a script that completes commands, overrides (algo=<TAB>, reward.<TAB>) and paths.
+Prints a script that completes commands, overrides (algo=<TAB>, reward.<TAB>, protocol=<TAB>), flags and their values
+(--rank-by <TAB>, --state <TAB>), vehicles and paths.
 
   bash   eval "$(auvbench completion bash)"      (in ~/.bashrc)
   zsh    eval "$(auvbench completion zsh)"       (in ~/.zshrc)
@@ -60,6 +73,11 @@ def main(arguments: Sequence[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help"):
         print(USAGE, end="")
         return 0 if arguments else 2
+    if arguments[0] == "query":  # asked by the scripts: the words of the line, the last being typed
+        from auvbench.commands.completing import candidates
+
+        print("\n".join(candidates(arguments[1:])))
+        return 0
     if len(arguments) > 1 or arguments[0] not in SCRIPTS:
         raise UserError(f"completion {' '.join(arguments)}: no such shell; {closest(arguments[0], SCRIPTS)}")
     script = SCRIPTS[arguments[0]]

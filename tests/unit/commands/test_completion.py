@@ -34,6 +34,9 @@ def complete(line: str) -> list[str]:
         ("auvbench train algo=sa", ["algo=sac", "algo=sac_thesis"]),
         ("auvbench train algo=sac algo.buf", ["algo.buffer_size="]),
         ("auvbench train reward.k", ["reward.k="]),
+        ("auvbench evaluate outputs protocol=f", ["protocol=frequency_sweep"]),
+        ("auvbench report outputs --rank-by mean_en", ["mean_energy_J"]),
+        ("auvbench vehicles rex", ["rexrov"]),
     ],
 )
 def test_bash_completes(line, expected):
@@ -51,3 +54,52 @@ def test_scripts_name_every_command(shell, capsys):
 def test_an_unknown_shell_is_named(capsys):
     assert main(["completion", "fsh"]) == 2
     assert "did you mean 'fish'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "some"),
+    [
+        (["evaluate", "outputs", "protocol="], ["protocol=robustness", "protocol=thesis"]),
+        (["evaluate", "outputs", "--where", "vehicle="], ["vehicle=lrauv", "vehicle=rexrov"]),
+        (["evaluate", "outputs", "--"], ["--where", "--cfg"]),
+        (["report", "outputs", "--"], ["--baseline", "--rank-by", "--where", "--no-figures"]),
+        (["report", "outputs", "--protocol", "t"], ["test", "thesis", "transfer"]),
+        (["report", "outputs", "--rank-by", ""], ["success_rate", "mean_steps", "mean_time_to_goal_s"]),
+        (["report", "outputs", "--format", "md,"], ["md,html", "md,tex"]),
+        (["report", "--study", ""], ["thesis"]),
+        (["runs", "outputs", "--state", ""], ["failed", "pending"]),
+        (["runs", "outputs", "--where", "seed=0", "state=failed,"], ["state=failed,pending"]),
+        (["runs", "--sort", "w"], ["wall"]),
+        (["replay", "outputs/x", "--protocol", ""], ["test", "long"]),
+        (["vehicles", ""], ["bluerov2", "rexrov"]),
+        (["vehicles", "--"], ["--json", "--sheet"]),
+        (["resume", "outputs", "train."], ["train.total_steps="]),
+    ],
+)
+def test_names_flags_and_values_are_known(words, some, capsys):
+    assert main(["completion", "query", *words]) == 0
+    offered = capsys.readouterr().out.split()
+    assert set(some) <= set(offered)
+    assert all(one.startswith(words[-1]) for one in offered)
+
+
+def test_what_is_offered_is_what_commands_accept():
+    from auvbench.analysis.measures import COLUMNS, measure
+    from auvbench.commands import completing
+    from auvbench.runs.standing import State
+    from auvbench.scheduling.listing import SORTS
+
+    for name in completing.measures():
+        measure(name)
+    assert {f"mean_{column}" for column in COLUMNS} <= set(completing.measures())
+    assert list(completing.STATES) == [str(state) for state in State]
+    assert set(completing.SORTS) == set(SORTS)
+
+
+def test_nobody_waits_for_heavy_imports():
+    code = (
+        "import sys; from auvbench.cli import main; main(['completion', 'query', 'report', '--rank-by', '']);"
+        "print([name for name in ('torch', 'pandas', 'hydra', 'numba', 'scipy') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"

@@ -1,0 +1,151 @@
+"""What the Tab key offers for commands whose words Hydra does not read: names, flags and their values.
+
+Imports nothing heavy, for somebody waits: a test holds what is listed here against what the commands accept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from auvbench.commands.grammar import WHERE, Parser
+from auvbench.config import answers
+
+STATES = ("pending", "running", "interrupted", "failed", "complete")
+SORTS = ("name", "id", "state", "algo", "seed", "progress", "success", "wall", "created")
+KEYS = ("algo", "vehicle", "reward.k", "step.frequency", "seed", "disturbance", "noise", "train.total_steps")
+"""of a configuration, that runs are told apart by"""
+
+
+def measures() -> list[str]:
+    """What agents can be ranked by."""
+    from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
+
+    first, end = RECORD_COLUMNS.index("steps"), RECORD_COLUMNS.index("waypoint_x_m")
+    columns = [name for name in RECORD_COLUMNS[first:end] if name != "initial_distance_m"]
+    return [f"{outcome}_rate" for outcome in OUTCOMES] + [f"mean_{c}" for c in (*columns, "time_to_goal_s")]
+
+
+def _protocols() -> list[str]:
+    return answers.names("protocol")
+
+
+def _algorithms() -> list[str]:
+    return answers.names("algo")
+
+
+def _formats() -> list[str]:
+    from auvbench.commands.report_options import FORMATS
+
+    return list(FORMATS)
+
+
+def _studies() -> list[str]:
+    from auvbench.commands.report_options import STUDIES
+
+    return list(STUDIES)
+
+
+VALUES: dict[str, Callable[[], Sequence[str]]] = {
+    "--protocol": _protocols,
+    "--rank-by": measures,
+    "--then": measures,
+    "--metric": measures,
+    "--format": _formats,
+    "--study": _studies,
+    "--group-by": lambda: KEYS,
+    "--columns": lambda: KEYS,
+    "--baseline": _algorithms,
+    "--algo": _algorithms,
+    "--state": lambda: STATES,
+    "--sort": lambda: SORTS,
+}
+"""Of flags, whatever the command."""
+
+OVERRIDES: dict[str, dict[str, Callable[[], Sequence[str]]]] = {
+    "evaluate": {
+        "protocol": _protocols,
+        "force": lambda: ("true",),
+        "workers": lambda: (),
+        "protocol.episodes": lambda: (),
+    },
+    "resume": {"train.total_steps": lambda: ()},
+}
+"""Of commands that take some `key=value`."""
+
+TERMS: dict[str, Callable[[], Sequence[str]]] = {
+    **{key: (lambda: ()) for key in KEYS},
+    "algo": _algorithms,
+    "vehicle": lambda: answers.names("vehicle"),
+    "disturbance": lambda: answers.names("disturbance"),
+    "noise": lambda: answers.names("noise"),
+    "state": lambda: STATES,
+    "id": lambda: (),
+    "experiment": lambda: (),
+}
+"""What `--where` asks for."""
+
+
+def candidates(words: Sequence[str]) -> list[str]:
+    """What the last word may become.
+
+    Args:
+        words: those typed after `auvbench`; the last is the one being typed, perhaps empty.
+
+    >>> candidates(["evaluate", "outputs", "protocol=th"])
+    ['protocol=thesis']
+    >>> candidates(["runs", "--state", "failed,pe"])
+    ['failed,pending']
+    """
+    if len(words) < 2:
+        return []
+    command, *before, word = words
+    parser = _parser(command)
+    offered = [name for name in parser.flags() if word.startswith("-")] if parser is not None else []
+    if command == "evaluate" and word.startswith("-"):
+        offered = [WHERE, "--cfg", "--help"]
+    flag = before[-1] if before else ""
+    known = parser.flags() if parser is not None else []
+    if flag in VALUES and flag in known:
+        offered = _listed(VALUES[flag](), word)
+    elif _in_where(before):
+        offered += _assignments(TERMS, word)
+    else:
+        offered += _assignments(OVERRIDES.get(command, {}), word)
+        if command == "vehicles":
+            offered += answers.names("vehicle")
+    return sorted({name for name in offered if name.startswith(word)})
+
+
+def _parser(command: str) -> Parser | None:
+    from importlib import import_module
+
+    modules = {"report": "report_options", "evaluate": ""}
+    name = modules.get(command, command)
+    made = getattr(import_module(f"auvbench.commands.{name}"), "parser", None) if name else None
+    found = made() if made is not None else None
+    return found if isinstance(found, Parser) else None
+
+
+def _in_where(before: Sequence[str]) -> bool:
+    """Whether the word being typed is a term: only terms stand between it and `--where`."""
+    for word in reversed(before):
+        if word == WHERE:
+            return True
+        if "=" not in word:
+            return False
+    return False
+
+
+def _assignments(keys: dict[str, Callable[[], Sequence[str]]], word: str) -> list[str]:
+    """`key=` while the key is typed, then `key=value`."""
+    key, separator, value = word.partition("=")
+    if not separator:
+        return [f"{name}=" for name in keys]
+    return [f"{key}={one}" for one in _listed(keys.get(key, lambda: ())(), value)]
+
+
+def _listed(values: Sequence[str], word: str) -> list[str]:
+    """The values behind those of a comma list that are typed already."""
+    done, comma, _ = word.rpartition(",")
+    taken = done.split(",")
+    return [f"{done}{comma}{value}" for value in values if value not in taken]
