@@ -216,7 +216,8 @@ def _renew(run: RunDirectory, frozen: Mapping[str, Any], config: Mapping[str, An
     """Takes over what may be typed anew for a run that goes on: it cannot change the result."""
     renewed = dict(frozen)
     for group, key in (("simulator", "threads"), ("train", "checkpoint"), ("train", "progress")):
-        renewed[group] = {**renewed[group], key: config[group][key]}
+        if key in config[group]:  # not every simulator has threads
+            renewed[group] = {**renewed[group], key: config[group][key]}
     if renewed != frozen and run.manifest()["state"] != "complete":
         try:
             run.write_config(renewed)

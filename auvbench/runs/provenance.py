@@ -22,9 +22,15 @@ PACKAGES = (
 )
 
 
-@cache
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that the result depends on."""
+    """Versions of Python, of the packages that the result depends on, and of Gazebo where this process runs it."""
+    from auvbench.simulators.gazebo import bindings
+
+    return _packages() | bindings.versions()
+
+
+@cache
+def _packages() -> dict[str, str]:
     found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:

@@ -57,7 +57,8 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
         try:
             result = _learn(run, config, watch, stop, note) if learns(config.algo.agent) else {"files": {}}
             with storage(f"cannot write {run.path}"):
-                manifest = close("complete", **result)
+                # With the simulator's versions, which are known by now.
+                manifest = close("complete", **result, versions=provenance.versions())
         except LockLostError:
             raise  # the run and its manifest are somebody else's by now
         except (KeyboardInterrupt, interruption.Interrupted):

@@ -78,6 +78,7 @@ def test_a_stopped_run_goes_on_and_says_how(tmp_path, monkeypatch):
     manifest = json.loads((run / "manifest.json").read_text())
     assert manifest["state"] == "complete"
     assert manifest["episodes_begun_again"] == [256]
+    assert manifest["versions"]["gz-sim8"].startswith("8.")
 
 
 def test_a_policy_meets_the_same_scenarios_in_both_simulators(tmp_path):
