@@ -40,6 +40,15 @@ class ReportError(UserError):
     """There is nothing to report on, or what was asked for is not in the runs."""
 
 
+class MissingExtraError(UserError):
+    """A part of auvbench needs packages that only come with one of its extras."""
+
+    def __init__(self, package: str, *, extra: str, purpose: str) -> None:
+        super().__init__(
+            f"{package} is not installed, which {purpose} need{'' if ' and ' in purpose else 's'}: pip install 'auvbench[{extra}]'"
+        )
+
+
 class TrainingError(AuvbenchError):
     """A run stopped for a reason of its own (a NaN, a full disk); its manifest says which. Exit code 1."""
 

@@ -20,6 +20,9 @@ LEARNERS: dict[str, str] = {
 }
 CONTROLLERS: dict[str, str] = {
     "pid": "auvbench.agents.classical.pid:controller",
+    "lqr": "auvbench.agents.classical.lqr:LQRController",
+    "smc": "auvbench.agents.classical.smc:SMCController",
+    "mpc": "auvbench.agents.classical.mpc:MPCController",
     "random": "auvbench.agents.classical.random:RandomAgent",
 }
 

@@ -12,7 +12,7 @@ class Algorithm:
     """What every `algo/*.yaml` has: which agent it is and how many environments it drives."""
 
     name: str = name()
-    agent: str = choice("ppo", "sac", "ddpg", "td3", "pid", "random")
+    agent: str = choice("ppo", "sac", "ddpg", "td3", "pid", "lqr", "smc", "mpc", "random")
     n_envs: int = number(1, 65_536)
 
 
@@ -72,14 +72,50 @@ class TD3(OffPolicy):
 
 
 @dataclass(kw_only=True)
-class PID(Algorithm):
+class Cascade(Algorithm):
+    """What the controllers that steer by velocity share."""
+
     cruise_speed: float = number(0.0, 100.0, open_low=True)  # m/s
     approach: float = number(0.0, 100.0, open_low=True)  # 1/s
+    filter_time: float = number(0.0, 1e3, open_low=True)  # s
+    effort: float = number(0.0, 1.0, open_low=True)
+
+
+@dataclass(kw_only=True)
+class PID(Cascade):
     bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
     heading_bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
     integral_time: float = number(0.0, 1e6, open_low=True)  # s
-    filter_time: float = number(0.0, 1e3, open_low=True)  # s
+
+
+@dataclass(kw_only=True)
+class LQR(Cascade):
+    velocity_error: float = number(0.0, 100.0, open_low=True)  # m/s
+    yaw_error: float = number(0.0, 100.0, open_low=True)  # rad
+    yaw_rate: float = number(0.0, 100.0, open_low=True)  # rad/s
+    integral_error: float = number(0.0, 1e6, open_low=True)  # m
+    effort_share: float = number(0.0, 1e3, open_low=True)
+
+
+@dataclass(kw_only=True)
+class SMC(Cascade):
+    surface: float = number(0.0, 100.0)  # 1/s
+    boundary_layer: float = number(0.0, 100.0, open_low=True)  # m/s, rad/s
+    switching_gain: float = number(0.0, 1e3)  # m/s2, rad/s2
+    largest_gain: float = number(0.0, 1e3, open_low=True)  # m/s2, rad/s2
+    adaptation: float = number(0.0, 1e3)  # 1/s2
+    heading_bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
+
+
+@dataclass(kw_only=True)
+class MPC(Algorithm):
+    horizon: float = number(0.0, 1e3, open_low=True)  # s
     effort: float = number(0.0, 1.0, open_low=True)
+    terminal_weight: float = number(0.0, 1e6)
+    effort_weight: float = number(0.0, 1e6)
+    change_weight: float = number(0.0, 1e6)
+    spin_weight: float = number(0.0, 1e6)
+    damping: float = number(0.0, 1e6)
 
 
 @dataclass(kw_only=True)

@@ -40,6 +40,9 @@ CLASSES = {
     "ddpg": algorithms.DDPG,
     "td3": algorithms.TD3,
     "pid": algorithms.PID,
+    "lqr": algorithms.LQR,
+    "smc": algorithms.SMC,
+    "mpc": algorithms.MPC,
     "random": algorithms.Random,
 }
 

@@ -87,6 +87,8 @@ def _one_batch(
     environments: Batch, agent: Agent, followed: list[int], paths: dict[int, Trajectory]
 ) -> list[Record]:
     observation = environments.reset()
+    # An agent that computes for long may leave out what nobody looks at any more.
+    spare = getattr(agent, "ended", None)
     rows: dict[int, Record] = {}
     task, simulator = environments.task, environments.simulator
     for i, episode in enumerate(followed):
@@ -102,6 +104,8 @@ def _one_batch(
         for i, record in zip(result.ended.tolist(), result.records, strict=True):
             # An episode that ended swims on unobserved until the last one has: only its first end counts.
             rows.setdefault(i, record)
+        if spare is not None and len(result.ended):
+            spare(result.ended)
     return [rows[i] for i in range(environments.n)]
 
 

@@ -12,6 +12,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from auvbench.agents.base import CONTROLLERS
+
 SCHEMA_VERSION = 1
 """Of the run directory's layout and of the meaning of its configuration; part of every hash."""
 
@@ -51,7 +53,7 @@ def relevant(config: Mapping[str, Any]) -> dict[str, Any]:
         elif key in REPLACED:
             node.pop(REPLACED[key].partition(".")[2], None)
     algo = kept.get("algo")
-    if isinstance(algo, dict) and algo.get("agent") in ("pid", "random"):
+    if isinstance(algo, dict) and algo.get("agent") in CONTROLLERS:
         kept.pop("train", None)  # nothing to learn: the budget changes nothing
     return kept
 

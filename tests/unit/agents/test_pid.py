@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from auvbench.agents.classical.pid import CRUISE_SHARE, PIDController
+from auvbench.agents.classical.cascade import CRUISE_SHARE
+from auvbench.agents.classical.pid import PIDController
 from auvbench.config.compose import compose, typed
 from auvbench.vehicles.sheet import load
 

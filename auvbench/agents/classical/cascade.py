@@ -1,0 +1,139 @@
+"""What the thruster controllers share: guidance, allocation, limits. The control law between them is their own.
+
+Guidance: a velocity towards the waypoint, `cruise_speed` when far and `approach` x distance when near, less where the
+thrusters could not hold it against the drag; the bow turns to the waypoint. The control law makes a wrench of what is
+missing. Allocation: the pseudo-inverse (Fossen 2021, section 11.2, unconstrained allocation), scaled down as a whole
+where a thruster would saturate, so that the wrench keeps its direction.
+
+No better sensors than the learners' (see `estimate.py`): roll and pitch are not observed. Where the thrusters span them,
+no moment is asked for; where thrust brings one along (the BlueROV2's thrusters lie below its origin), it is kept below a
+share of what the restoring moment can hold.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.agents.base import Actions, Integers, Observations
+from auvbench.agents.classical.estimate import Estimator, to_body
+from auvbench.config import algorithms, schema
+from auvbench.errors import ConfigError
+from auvbench.vehicles.model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+HEAVE, ROLL, PITCH, YAW = 2, 3, 4, 5
+
+# Share of the thrust that steady motion may take; the rest is for control.
+CRUISE_SHARE = 0.85
+# Share of the largest restoring moment that thrust may lean against: a heel of about 27 degrees.
+RIGHTING_SHARE = 0.45
+
+
+class Cascade:
+    """Guidance and allocation for vehicles whose thrusters span surge, sway, heave and yaw.
+
+    Args:
+        config: gains in `config.algo`, the step frequency, the frame of the observation.
+        vehicle: its masses, damping and allocation.
+
+    Raises:
+        ConfigError: the vehicle has actuators that are no thrusters.
+    """
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        gains = config.algo
+        assert isinstance(gains, algorithms.Cascade)
+        others = [unit.name for unit in vehicle.units if unit.kind != "thruster"]
+        if others:
+            raise ConfigError(
+                f"algo={gains.name} steers by thrusters alone and vehicle={vehicle.name} has {', '.join(others)}; algo=pid steers it"
+            )
+        self.vehicle = vehicle
+        self.cruise_speed, self.approach = gains.cruise_speed, gains.approach
+        self.dt = 1.0 / config.step.frequency
+        self.estimate = Estimator(self.dt, gains.filter_time, body_frame=config.task.position_frame == "body")
+        self.mass = np.diag(vehicle.M).copy()
+        self.inverse = np.linalg.pinv(_controlled(vehicle.allocation))
+        self.limits = gains.effort * vehicle.force_limits
+        self.lift = vehicle.buoyancy - vehicle.weight
+        # Moments per newton that thrust brings along uncontrolled, and what the restoring moment can hold.
+        self.tilting = vehicle.allocation[[ROLL, PITCH]]
+        stiffness = (
+            vehicle.buoyancy * vehicle.center_of_buoyancy[2] - vehicle.weight * vehicle.center_of_gravity[2]
+        )
+        self.tilt_limit = RIGHTING_SHARE * max(float(stiffness), 0.0)
+        self.reset(np.empty(0, dtype=np.int64))
+
+    def reset(self, episodes: Integers) -> None:
+        self.estimate.reset(len(episodes))
+
+    def act(self, observation: Observations) -> Actions:
+        now = self.estimate
+        now.update(observation.astype(np.float64))
+        distance = np.linalg.norm(now.error, axis=1, keepdims=True)
+        speed = np.minimum(self.cruise_speed, self.approach * distance)
+        wanted = self._feasible(to_body(speed * now.error / np.maximum(distance, 1e-9), now.yaw))
+        velocity = to_body(now.velocity, now.yaw)
+        wrench = self.law(wanted, velocity)
+        wrench[:, HEAVE] -= self.lift
+        thrust = self._allocate(wrench)
+        scale = self._scale(thrust)
+        self.after(wanted - velocity, scale >= 1.0)
+        return self.vehicle.action(thrust * scale[:, None])
+
+    def law(self, wanted: Floats, velocity: Floats) -> Floats:
+        """The wrench (n, 6) in N and N m for a wanted and a present velocity (n, 3) in m/s, body axes."""
+        raise NotImplementedError
+
+    def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
+        """What a law remembers of this step: velocities missed (n, 3), and whether (n,) no thruster saturated."""
+
+    def _drag(self, velocity: Floats) -> Floats:
+        """Drag (n, 3) in N at a velocity (n, 3) along the body's axes."""
+        vehicle = self.vehicle
+        return np.asarray(
+            (vehicle.linear_damping[:3] + vehicle.quadratic_damping[:3] * np.abs(velocity)) * velocity
+        )
+
+    def _feasible(self, velocity: Floats) -> Floats:
+        """The velocity, slowed where holding it would take more than CRUISE_SHARE of the thrust."""
+        for _ in range(3):
+            wrench = np.zeros((len(velocity), 6))
+            wrench[:, :3] = self._drag(velocity)
+            scale = self._scale(self._allocate(wrench) / CRUISE_SHARE)
+            # Drag grows with up to the square of the speed: the root does not slow down too much.
+            velocity = velocity * np.sqrt(scale)[:, None]
+        return velocity
+
+    def _allocate(self, wrench: Floats) -> Floats:
+        """Thrust (n, n_u) in N for wrenches (n, 6)."""
+        # Row by row: a matrix product may round differently in a batch of another size.
+        thrust = np.zeros((len(wrench), self.inverse.shape[0]))
+        for row in range(6):
+            thrust += wrench[:, row : row + 1] * self.inverse[:, row]
+        return thrust
+
+    def _scale(self, thrust: Floats) -> Floats:
+        """Factor (n,) <= 1 that keeps every thruster within its limits and the vehicle upright."""
+        bound = np.where(thrust >= 0.0, self.limits[:, 1], -self.limits[:, 0])
+        ratio = np.max(np.abs(thrust) / np.maximum(bound, 1e-9), axis=1)
+        if self.tilt_limit > 0.0:
+            for moment in self.tilting:
+                tilt = np.zeros(len(thrust))
+                for j, arm in enumerate(moment):
+                    tilt += arm * thrust[:, j]
+                ratio = np.maximum(ratio, np.abs(tilt) / self.tilt_limit)
+        return np.asarray(1.0 / np.maximum(ratio, 1.0))
+
+
+def _controlled(allocation: Floats) -> Floats:
+    """The rows of the allocation that are controlled: surge, sway, heave, yaw, and roll and pitch if spanned."""
+    rows = allocation.copy()
+    kept = [0, 1, 2, YAW]
+    for row in (ROLL, PITCH):
+        if np.linalg.matrix_rank(allocation[[*kept, row]], tol=1e-6) == len(kept) + 1:
+            kept.append(row)
+    rows[[row for row in range(6) if row not in kept]] = 0.0
+    return rows

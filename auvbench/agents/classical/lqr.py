@@ -1,0 +1,99 @@
+"""A linear-quadratic regulator about the cruise state, with integral action.
+
+The state is what is missing of the wanted velocity (u, v, w), the yaw error, the yaw rate and the integral of the
+velocity's miss; the input is the wrench (X, Y, Z, N) beyond the one that holds the wanted velocity. The plant is the
+sheet's M nu' + C(nu) nu + D(nu) nu = tau, linearised at `cruise_speed` ahead (Fossen 2021, chapter 16); the gain solves
+the discrete algebraic Riccati equation for the agent's step. Guidance, allocation and limits are those of `cascade.py`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm, solve_discrete_are
+
+from auvbench.agents.base import Integers
+from auvbench.agents.classical.cascade import YAW, Cascade
+from auvbench.config import algorithms, schema
+from auvbench.dynamics.rigid_body import coriolis
+from auvbench.vehicles.model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+CONTROLLED = [0, 1, 2, YAW]
+
+
+class LQRController(Cascade):
+    """Linear-quadratic regulator of velocity and heading."""
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        gains = config.algo
+        assert isinstance(gains, algorithms.LQR)
+        super().__init__(config, vehicle)
+        self.gain = lqr_gain(vehicle, gains, self.dt)
+
+    def reset(self, episodes: Integers) -> None:
+        super().reset(episodes)
+        self.integral: Floats = np.zeros((len(episodes), 3))
+
+    def law(self, wanted: Floats, velocity: Floats) -> Floats:
+        now = self.estimate
+        state = np.column_stack([velocity - wanted, -now.yaw_error, now.yaw_rate, self.integral])
+        wrench = np.zeros((len(wanted), 6))
+        wrench[:, :3] = self._drag(wanted)
+        # Row by row: a matrix product may round differently in a batch of another size.
+        for column, gains in enumerate(self.gain.T):
+            wrench[:, CONTROLLED] -= state[:, column : column + 1] * gains
+        return wrench
+
+    def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
+        # Conditional integration: no wind-up while the thrusters give all they may.
+        self.integral -= np.where(free[:, None], self.dt * miss, 0.0)
+
+
+def lqr_gain(vehicle: VehicleModel, gains: algorithms.LQR, dt: float) -> Floats:
+    """Gain (4, 8): wrench (X, Y, Z, N) in N, N m from (u, v, w miss; yaw error; yaw rate; integrals of the miss)."""
+    A, B = cruise_plant(vehicle, gains.cruise_speed)
+    n, m = B.shape
+    block = np.zeros((n + m, n + m))
+    block[:n, :n], block[:n, n:] = A * dt, B * dt
+    discrete = expm(block)
+    F, G = discrete[:n, :n], discrete[:n, n:]
+    # Bryson's rule: each weight is the inverse square of the deviation that costs 1.
+    Q = np.diag(
+        np.concatenate(
+            [
+                np.full(3, gains.velocity_error**-2.0),
+                [gains.yaw_error**-2.0, gains.yaw_rate**-2.0],
+                np.full(3, gains.integral_error**-2.0),
+            ]
+        )
+    )
+    most = np.abs(vehicle.allocation[CONTROLLED]) @ np.abs(vehicle.force_limits).max(axis=1)
+    R = np.diag((gains.effort_share * most) ** -2.0)
+    P = solve_discrete_are(F, G, Q, R)
+    return np.asarray(np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F))
+
+
+def cruise_plant(vehicle: VehicleModel, speed: float) -> tuple[Floats, Floats]:
+    """A (8, 8) and B (8, 4) of the deviations from cruising ahead at `speed` in m/s; roll and pitch are left out."""
+    nu = np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0])
+    damping = np.diag(vehicle.linear_damping + 2.0 * vehicle.quadratic_damping * np.abs(nu))
+    matrices = [vehicle.M_RB, vehicle.M_A] if vehicle.added_mass_coriolis else [vehicle.M_RB]
+    slopes = np.zeros((6, 6))
+    for column, step in enumerate(np.eye(6) * 1e-6):
+        # C(nu) nu is quadratic in nu: the central difference is exact up to rounding.
+        both = [
+            sum((coriolis(M, nu + s * step) @ (nu + s * step) for M in matrices), np.zeros(6))
+            for s in (1, -1)
+        ]
+        slopes[:, column] = (both[0] - both[1]) / 2e-6
+    reduced = np.ix_(CONTROLLED, CONTROLLED)
+    inverse = np.linalg.inv(vehicle.M[reduced])
+    A, B = np.zeros((8, 8)), np.zeros((8, 4))
+    velocity = [0, 1, 2, 4]
+    A[np.ix_(velocity, velocity)] = -inverse @ (damping + slopes)[reduced]
+    A[3, 4] = 1.0
+    A[5:, :3] = np.eye(3)
+    B[velocity] = inverse
+    return A, B

@@ -1,0 +1,174 @@
+"""What a model-based controller knows: a steady-state Kalman filter over the vehicle's own equations.
+
+The observation holds the noisy position error and yaw error and the previous action; the filter predicts with the
+sheet's equations and the forces that were commanded, and corrects with the two readings. It so estimates what no
+learner is told either: roll, pitch, velocities, and a current that is constant in the world (without which a
+prediction would be wrong for as long as the water moves). Its gain is that of the linearisation about rest
+(Kalman 1960; the discrete algebraic Riccati equation by `scipy.linalg.solve_discrete_are`), turned by the yaw.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.agents.classical.estimate import wrap
+from auvbench.config import schema
+from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require, symbolic
+
+Floats = NDArray[np.float64]
+
+# Standard deviation of the accelerations that the model does not know, and drift of the current's estimate.
+FORCE_NOISE = 0.15  # m/s2 and rad/s2, over one second
+CURRENT_DRIFT = 0.05  # m/s, over one second
+# The speed about which quadratic damping is made linear for the gain: without any damping a current is unobservable.
+TYPICAL_SPEED = 0.5  # m/s
+TYPICAL_RATE = 0.3  # rad/s
+# A reading is never trusted to less than this, even where the configuration has no noise.
+SMALLEST_NOISE = 0.01  # m, rad
+
+
+class Observer:
+    """Estimated states of N vehicles, each row by itself.
+
+    Args:
+        model: the vehicle's equations, driven by thrusts.
+        config: noise, step frequency, the frame of the observed position error.
+    """
+
+    def __init__(self, model: SymbolicModel, config: schema.TrainConfig) -> None:
+        self.model = model
+        self.vehicle = model.vehicle
+        self.dt = 1.0 / config.step.frequency
+        self.body_frame = config.task.position_frame == "body"
+        substeps = max(1, int(np.ceil(self.dt / min(0.1, model.longest_step) - 1e-9)))
+        self._step = model.step(self.dt, substeps)
+        self.gain = kalman_gain(
+            model, self.dt, _deviation(config.noise.position, config), _deviation(config.noise.yaw, config)
+        )
+        self.reset(0)
+
+    def reset(self, n: int) -> None:
+        """Forgets everything; rows at rest, level, in still water."""
+        self._first = True
+        self.state: Floats = np.zeros((n, self.model.n_x))
+        """(n, n_x) as the model's, with the waypoint at the origin of the world axes"""
+        self.state[:, 3] = 1.0
+        self.state[:, RIGID:] = self.model.rest
+        self.current: Floats = np.zeros((n, 3))
+        """(n, 3) m/s, world axes"""
+
+    def update(self, observation: Floats, rows: NDArray[np.intp]) -> None:
+        """Takes in observations (n, 4 + n_u); only `rows` (k,) are looked at."""
+        for i in rows:
+            self._update_row(int(i), observation[i])
+        self._first = False
+
+    def _update_row(self, i: int, observation: Floats) -> None:
+        yaw_error, error, previous = observation[0], observation[1:4], observation[4:]
+        x = self.state[i]
+        if not self._first:
+            x[:] = self._step(x, self.vehicle.force(previous), self.current[i]).full()[:, 0]
+        predicted = yaw_of(x[3:7])
+        if self.body_frame:
+            # The readings say nothing of the yaw in the world: it is only a name for the axes.
+            yaw, position = predicted, -turned(error, predicted)
+        else:
+            yaw, position = float(wrap(np.arctan2(error[1], error[0]) - yaw_error)), -error
+        if self._first:
+            x[:3] = position
+            x[3:7] = np.cos(yaw / 2.0), 0.0, 0.0, np.sin(yaw / 2.0)
+            return
+        # In the level axes that turn with the vehicle the linearisation is the same whatever the yaw.
+        innovation = np.empty(4)
+        innovation[:3] = turned(position - x[:3], -predicted)
+        innovation[3] = float(wrap(np.asarray(yaw - predicted)))
+        correction = self.gain @ innovation
+        x[:3] += turned(correction[:3], predicted)
+        x[3:7] = _rotated(x[3:7], correction[3:6])
+        x[7:13] += correction[6:12]
+        self.current[i] += turned(correction[12:15], predicted)
+
+
+def kalman_gain(model: SymbolicModel, dt: float, position_noise: float, yaw_noise: float) -> Floats:
+    """The steady gain (15, 4) from readings (x, y, z, yaw) to (position, attitude, velocity, current)."""
+    from scipy.linalg import expm, solve_discrete_are
+
+    vehicle = model.vehicle
+    damping = vehicle.linear_damping + vehicle.quadratic_damping * np.repeat([TYPICAL_SPEED, TYPICAL_RATE], 3)
+    about = replace(vehicle, linear_damping=damping, quadratic_damping=np.zeros(6))
+    A, _, E = linearised(symbolic(about, by_thrust=True), np.zeros(6), np.zeros(model.n_u))
+    n = A.shape[0]
+    full = np.zeros((n + 3, n + 3))
+    full[:n, :n] = A
+    full[:n, n:] = E
+    F = expm(full * dt)
+    C = np.zeros((4, n + 3))
+    C[[0, 1, 2, 3], [0, 1, 2, 5]] = 1.0
+    Q = np.zeros(n + 3)
+    Q[:6] = (1e-3**2) * dt
+    Q[6:12] = FORCE_NOISE**2 * dt
+    Q[12:] = CURRENT_DRIFT**2 * dt
+    R = np.diag([position_noise**2] * 3 + [yaw_noise**2])
+    P = solve_discrete_are(F.T, C.T, np.diag(Q), R)
+    return np.asarray(P @ C.T @ np.linalg.inv(C @ P @ C.T + R))
+
+
+def linearised(model: SymbolicModel, velocity: Floats, thrust: Floats) -> tuple[Floats, Floats, Floats]:
+    """Jacobians about level attitude, body velocity (6,) and thrust (n_u,), lags left out.
+
+    Returns:
+        A (12, 12), B (12, n_u) and E (12, 3) of e' = A e + B f + E c, where e is (position, small rotation,
+        velocity), f the thrusts in N and c the current in m/s.
+    """
+    ca = require()
+    x, f, c = ca.SX.sym("x", RIGID), ca.SX.sym("f", model.n_u), ca.SX.sym("c", 3)
+    rate = model.rigid(x, f, c)
+    jacobians = ca.Function("J", [x, f, c], [ca.jacobian(rate, v) for v in (x, f, c)])
+    point = np.concatenate([np.zeros(3), [1.0, 0.0, 0.0, 0.0], velocity])
+    J = [j.full() for j in jacobians(point, thrust, np.zeros(3))]
+    # A small rotation theta is the quaternion (1, theta / 2).
+    into = np.zeros((RIGID, 12))
+    into[:3, :3] = np.eye(3)
+    into[4:7, 3:6] = 0.5 * np.eye(3)
+    into[7:, 6:] = np.eye(6)
+    back = np.zeros((12, RIGID))
+    back[:3, :3] = np.eye(3)
+    back[3:6, 4:7] = 2.0 * np.eye(3)
+    back[6:, 7:] = np.eye(6)
+    return back @ J[0] @ into, back @ J[1], back @ J[2]
+
+
+def yaw_of(q: Floats) -> float:
+    """Yaw in rad of a quaternion (w, x, y, z)."""
+    w, x, y, z = q
+    return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
+def turned(vector: Floats, angle: float) -> Floats:
+    """A vector (3,) turned by an angle about z."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])
+
+
+def _rotated(q: Floats, rotation: Floats) -> Floats:
+    """A quaternion (4,) after a small rotation (3,) in body axes."""
+    w, x, y, z = q
+    a, b, c = 0.5 * rotation
+    result = np.array(
+        [
+            w - x * a - y * b - z * c,
+            x + w * a + y * c - z * b,
+            y + w * b + z * a - x * c,
+            z + w * c + x * b - y * a,
+        ]
+    )
+    return np.asarray(result / np.linalg.norm(result))
+
+
+def _deviation(span: schema.Range, config: schema.TrainConfig) -> float:
+    """Standard deviation of uniform noise with magnitudes in [low, high] and either sign."""
+    low, high = span.low * config.noise.scale, span.high * config.noise.scale
+    return max(float(np.sqrt((low * low + low * high + high * high) / 3.0)), SMALLEST_NOISE)

@@ -1,0 +1,61 @@
+"""Adaptive integral sliding-mode control of velocity and heading.
+
+After X. Wang, Z. Sha and F. Zhang, "Adaptive integral sliding mode control for attitude tracking of underwater robots with
+large range pitch variations in confined space", arXiv:2405.00269 (2024), whose law for the attitude of an ROV is applied
+here to what this task tracks: an integral sliding surface, the model's wrench as equivalent control, and a switching gain
+that grows while the state is off the surface. The sign function is replaced by a saturation within a boundary layer
+(Slotine and Li 1991, section 7.2), and the gain leaks back inside it, so that noise does not raise it for good.
+
+    s = e + lambda * integral of e,   tau = M (lambda e + k sat(s / phi)) + D(v) v,   k' = gamma (|s| - phi) , k >= k_0
+
+Guidance, allocation and limits are those of `cascade.py`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.agents.base import Integers
+from auvbench.agents.classical.cascade import YAW, Cascade
+from auvbench.config import algorithms, schema
+from auvbench.vehicles.model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+
+class SMCController(Cascade):
+    """Adaptive integral sliding-mode control."""
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        gains = config.algo
+        assert isinstance(gains, algorithms.SMC)
+        self.gains = gains
+        super().__init__(config, vehicle)
+
+    def reset(self, episodes: Integers) -> None:
+        super().reset(episodes)
+        n = len(episodes)
+        self.integral: Floats = np.zeros((n, 4))
+        self.switching: Floats = np.full((n, 4), self.gains.switching_gain)
+        self._errors: Floats = np.zeros((n, 4))
+
+    def law(self, wanted: Floats, velocity: Floats) -> Floats:
+        g, now = self.gains, self.estimate
+        # The heading has a velocity of its own to follow: turning towards the waypoint.
+        turn = g.heading_bandwidth * now.yaw_error - now.yaw_rate
+        self._errors = np.column_stack([wanted - velocity, turn])
+        surface = self._errors + g.surface * self.integral
+        push = g.surface * self._errors + self.switching * np.clip(surface / g.boundary_layer, -1.0, 1.0)
+        self._off = np.abs(surface) - g.boundary_layer
+        wrench = np.zeros((len(wanted), 6))
+        wrench[:, :3] = self.mass[:3] * push[:, :3] + self._drag(wanted)
+        wrench[:, YAW] = self.mass[YAW] * push[:, 3]
+        return wrench
+
+    def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
+        g, still = self.gains, free[:, None]
+        # Nothing winds up while the thrusters give all they may.
+        self.integral += np.where(still, self.dt * self._errors, 0.0)
+        grown = np.clip(self.switching + self.dt * g.adaptation * self._off, g.switching_gain, g.largest_gain)
+        self.switching = np.where(still, grown, self.switching)

@@ -1,0 +1,190 @@
+"""The equations of `dynamics/equations.py` once more, as CasADi expressions made from a vehicle's sheet.
+
+For those who need derivatives of the motion: model predictive control and time-optimal bounds. The unit tests
+compare a step of these equations with the compiled kernel's for every vehicle that has thrusters alone.
+
+State (13 + n_a): x y z (m, world ENU), qw qx qy qz (body to world), u v w p q r (m/s, rad/s, body FLU), then the
+states of the thrusters' lags in the order of the actuators. Input (n_u): what each static curve makes of its command,
+in N or rad/s (`VehicleModel.command_limits`). The current is constant in the world, (3,) m/s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.errors import ConfigError, MissingExtraError
+from auvbench.vehicles.actuators import Lag
+from auvbench.vehicles.inspect import shortest_time_constant
+from auvbench.vehicles.model import VehicleModel
+
+FloatArray = NDArray[np.float64]
+
+RIGID = 13
+"""States before those of the actuators."""
+
+
+def require() -> Any:
+    """CasADi.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        import casadi
+    except ImportError as error:
+        raise MissingExtraError(
+            "casadi", extra="mpc", purpose="model predictive control and time-optimal bounds"
+        ) from error
+    return casadi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SymbolicModel:
+    """A vehicle's equations of motion as CasADi functions."""
+
+    vehicle: VehicleModel
+    n_x: int
+    n_u: int
+    derivative: Any
+    """Function (state (n_x), input (n_u), current (3)) -> d state / dt (n_x)"""
+    force: Any
+    """Function (state (n_x), input (n_u)) -> thrust (n_u) in N"""
+    rigid: Any
+    """Function (rigid state (13), thrust (n_u) in N, current (3)) -> d rigid state / dt (13)"""
+    input_limits: FloatArray
+    """(n_u, 2) of the inputs, N or rad/s"""
+    rest: FloatArray
+    """(n_x - 13,) states of the actuators when their commands have been 0 for long"""
+    longest_step: float
+    """s: twice the shortest time constant of the body (`vehicles.inspect`) and of the lags; RK4 is stable up to 2.8"""
+
+    def step(self, duration: float, substeps: int) -> Any:
+        """Function (state, input, current) -> state after `duration` s by RK4, the quaternion renormalised after
+        each substep.
+        """
+        ca = require()
+        x0, u, c = ca.SX.sym("x", self.n_x), ca.SX.sym("u", self.n_u), ca.SX.sym("c", 3)
+        h = duration / substeps
+        x = x0
+        for _ in range(substeps):
+            k1 = self.derivative(x, u, c)
+            k2 = self.derivative(x + h / 2 * k1, u, c)
+            k3 = self.derivative(x + h / 2 * k2, u, c)
+            k4 = self.derivative(x + h * k3, u, c)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            q = x[3:7]
+            x = ca.vertcat(x[:3], q / ca.norm_2(q), x[7:])
+        return ca.Function("step", [x0, u, c], [x])
+
+
+def symbolic(vehicle: VehicleModel, *, by_thrust: bool = False) -> SymbolicModel:
+    """The symbolic model of a vehicle.
+
+    Args:
+        vehicle: its sheet's numbers.
+        by_thrust: what optimisers want. The inputs are steady thrusts in N also where a rotor stands between, since thrust
+            over the speed of rotation has no slope at rest; and a lag of higher order is replaced by one of the
+            first order with the same mean delay, which acts on the thrust.
+
+    Raises:
+        ConfigError: the vehicle has actuators that are no thrusters, or rate-limited ones.
+    """
+    ca = require()
+    lags = [_first_order(unit.lag) if by_thrust else unit.lag for unit in vehicle.units]
+    others = [unit.name for unit in vehicle.units if unit.kind != "thruster" or unit.rate > 0.0]
+    if others:
+        raise ConfigError(
+            f"vehicle={vehicle.name}: the symbolic equations cover thrusters with linear lags, not {', '.join(others)}"
+        )
+    n_u = len(vehicle.units)
+    n_a = sum(lag.order for lag in lags)
+    x, u, current = ca.SX.sym("x", RIGID + n_a), ca.SX.sym("u", n_u), ca.SX.sym("c", 3)
+    states = x[RIGID:]
+
+    outputs, rates, first = [], [], 0
+    for j, lag in enumerate(lags):
+        order = lag.order
+        if order == 0:
+            outputs.append(u[j])
+            continue
+        own = states[first : first + order]
+        first += order
+        rates.append(ca.DM(lag.A) @ own + ca.DM(lag.B) * u[j])
+        outputs.append(ca.dot(ca.DM(lag.C), own))
+    force = ca.vertcat(
+        *(
+            out if by_thrust or unit.rotor_constant == 0.0 else unit.rotor_constant * out * ca.fabs(out)
+            for out, unit in zip(outputs, vehicle.units, strict=True)
+        )
+    )
+    rigid = _rigid(ca, vehicle, n_u)
+    x_dot = ca.vertcat(rigid(x[:RIGID], force, current), *rates)
+    rest = np.zeros(n_a) if by_thrust or n_a == 0 else np.concatenate([unit.rest for unit in vehicle.units])
+    poles = [pole for lag in lags for pole in np.linalg.eigvals(lag.A)]
+    return SymbolicModel(
+        vehicle,
+        RIGID + n_a,
+        n_u,
+        ca.Function("derivative", [x, u, current], [x_dot]),
+        ca.Function("force", [x, u], [force]),
+        rigid,
+        vehicle.force_limits if by_thrust else vehicle.command_limits,
+        rest,
+        2.0 * min(shortest_time_constant(vehicle), *(1.0 / abs(pole) for pole in poles), np.inf),
+    )
+
+
+def _first_order(lag: Lag) -> Lag:
+    """The lag of first order with the same mean delay, -G'(0) / G(0) of G(s) = C (s - A)^-1 B."""
+    if lag.order <= 1:
+        return lag
+    once = np.linalg.solve(lag.A, lag.B)
+    return Lag.first_order(float(lag.C @ np.linalg.solve(lag.A, once)) / -float(lag.C @ once))
+
+
+def _rigid(ca: Any, vehicle: VehicleModel, n_u: int) -> Any:
+    """The rigid body's equations, driven by thrusts."""
+    x, f, current = ca.SX.sym("x", RIGID), ca.SX.sym("f", n_u), ca.SX.sym("c", 3)
+    q, nu = x[3:7], x[7:13]
+    nu_dot, R = _acceleration(ca, vehicle, q, nu, ca.DM(vehicle.allocation) @ f, current)
+    w, e, omega = q[0], q[1:4], nu[3:6]
+    q_dot = 0.5 * ca.vertcat(-ca.dot(e, omega), w * omega + ca.cross(e, omega))
+    return ca.Function("rigid", [x, f, current], [ca.vertcat(R @ nu[:3], q_dot, nu_dot)])
+
+
+def _acceleration(ca: Any, vehicle: VehicleModel, q: Any, nu: Any, tau: Any, current: Any) -> tuple[Any, Any]:
+    """Acceleration nu' (6) and R(q) (3, 3): M_RB nu' + C_RB nu + M_A (nu' - nu_c') + C_A nu_r + D nu_r + g = tau."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    # Fossen 2011, eq. 2.65; not of a unit quaternion's norm, so as the kernel has it.
+    R = ca.vertcat(
+        ca.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        ca.horzcat(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        ca.horzcat(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    v_c = R.T @ current
+    omega = nu[3:6]
+    nu_r = nu - ca.vertcat(v_c, 0, 0, 0)
+    # A current that is constant in the world turns in the body (Fossen 2011, section 8.3).
+    nu_c_dot = ca.vertcat(-ca.cross(omega, v_c), 0, 0, 0)
+    M_RB, M_A = ca.DM(vehicle.M_RB), ca.DM(vehicle.M_A)
+    coriolis = _momentum_term(ca, M_RB, nu)
+    if vehicle.added_mass_coriolis:
+        coriolis += _momentum_term(ca, M_A, nu_r)
+    damping = (ca.DM(vehicle.linear_damping) + ca.DM(vehicle.quadratic_damping) * ca.fabs(nu_r)) * nu_r
+    up = R[2, :].T  # the world's z axis in body axes
+    lever = ca.DM(vehicle.buoyancy * vehicle.center_of_buoyancy - vehicle.weight * vehicle.center_of_gravity)
+    restoring = ca.vertcat((vehicle.buoyancy - vehicle.weight) * up, ca.cross(lever, up))
+    total = tau + restoring - coriolis - damping + M_A @ nu_c_dot
+    return ca.DM(vehicle.M_inverse) @ total, R
+
+
+def _momentum_term(ca: Any, M: Any, nu: Any) -> Any:
+    """C(nu) nu = [omega x p; v x p + omega x h] with momenta [p; h] = M nu (Fossen 2011, theorem 3.2)."""
+    momentum = M @ nu
+    p, h = momentum[:3], momentum[3:6]
+    v, omega = nu[:3], nu[3:6]
+    return ca.vertcat(ca.cross(omega, p), ca.cross(v, p) + ca.cross(omega, h))

@@ -1,0 +1,56 @@
+"""The symbolic equations against the compiled kernel."""
+
+import numpy as np
+import pytest
+
+from auvbench.errors import ConfigError
+from auvbench.simulators.fossen import FossenSimulator
+from auvbench.vehicles import sheet
+from auvbench.vehicles.symbolic import RIGID, symbolic
+
+pytest.importorskip("casadi")
+
+THRUSTERS_ALONE = ("bluerov2", "bluerov2_heavy", "bluerov2_heavy_wu2018", "bluerov2_realistic_inertia", "bluerov2_wu2018", "rexrov")  # fmt: skip
+
+
+def states(vehicle, n, seed):
+    """Poses (n, 7), velocities (n, 6), actions (n, n_u) all over the place."""
+    rng = np.random.default_rng(seed)
+    q = rng.normal(size=(n, 4))
+    pose = np.hstack([rng.normal(0.0, 20.0, (n, 3)), q / np.linalg.norm(q, axis=1, keepdims=True)])
+    return pose, rng.normal(0.0, 1.0, (n, 6)), rng.uniform(-1.0, 1.0, (n, len(vehicle.units)))
+
+
+@pytest.mark.parametrize("name", THRUSTERS_ALONE)
+def test_accelerations_are_those_of_the_compiled_kernel(name):
+    vehicle = sheet.load(name)
+    model, n, h = symbolic(vehicle), 64, 1e-3
+    pose, velocity, action = states(vehicle, n, 1)
+    current = np.array([0.3, -0.2, 0.1])
+    simulator = FossenSimulator(vehicle, n, max_step=h)
+    simulator.reset(np.arange(n), pose, velocity)
+    simulator.set_current(current)
+    simulator.step(action, h)
+    values = np.array([unit.curve(action[:, j]) for j, unit in enumerate(vehicle.units)]).T
+    step = model.step(h, 1)
+    found = np.array(
+        [
+            step(np.concatenate([pose[i], velocity[i], model.rest]), values[i], current).full().ravel()
+            for i in range(n)
+        ]
+    )
+    lagless = model.n_x == RIGID
+    # Where there is a lag the kernel integrates it exactly and the symbolic model by RK4.
+    tolerance = 1e-12 if lagless else 1e-7
+    moved = np.abs(simulator.velocity - velocity).max()
+    assert np.abs(found[:, 7:13] - simulator.velocity).max() < tolerance * max(1.0, moved / h)
+    assert np.abs(found[:, :7] - simulator.pose).max() < 1e-10
+    assert (
+        np.abs(found[:, 13:] - simulator.actuators).max(initial=0.0)
+        < 1e-6 * np.abs(vehicle.command_limits).max()
+    )
+
+
+def test_a_vehicle_with_fins_is_refused():
+    with pytest.raises(ConfigError, match=r"lrauv.*rudder"):
+        symbolic(sheet.load("lrauv"))
