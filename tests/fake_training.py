@@ -95,3 +95,8 @@ def report_threads(run: RunDirectory) -> None:
 def dawdle(_run: RunDirectory) -> None:
     """What the server of the workers spends a long time with before it starts any."""
     time.sleep(60)
+
+
+def linger(run: RunDirectory) -> None:
+    """What a process that prepares itself may be busy with for half a minute."""
+    time.sleep(60.0)

@@ -17,6 +17,7 @@ import gc
 import importlib
 import json
 import os
+import select
 import selectors
 import signal
 import socket
@@ -26,6 +27,9 @@ from typing import Any
 from auvbench.runs import processes
 from auvbench.runs.directory import RunDirectory
 from auvbench.training import worker
+
+LOOK = 0.25
+"""s between two looks, while it prepares itself, at whether anybody is still there"""
 
 
 class Zygote:
@@ -38,14 +42,28 @@ class Zygote:
 
     def preload(self, items: list[str], run: RunDirectory) -> None:
         """Imports each `module`, and calls each `module:function` with the run."""
+        # Takes seconds, or half a minute where it compiles: whoever asked for it may be gone by then.
+        signal.signal(signal.SIGALRM, self.leave_if_alone)
+        signal.setitimer(signal.ITIMER_REAL, LOOK, LOOK)
         for item in items:
             # What fails here is reported by the worker that needs it, in its run's manifest.
             with contextlib.suppress(Exception):
                 worker.load(item)(run) if ":" in item else importlib.import_module(item)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
         worker.limit_torch()
         # Collections in the workers then leave these objects, and with them the shared pages, alone.
         gc.collect()
         gc.freeze()
+
+    def leave_if_alone(self, *_: object) -> None:
+        """Ends this process when the other end of the connection is gone."""
+        # Reading would not tell: the first commands lie before the end.
+        hung_up = select.POLLHUP | select.POLLERR
+        poll = select.poll()
+        poll.register(self.connection, 0)
+        if any(event & hung_up for _, event in poll.poll(0)):
+            os._exit(0)
 
     def serve(self) -> None:
         """Until the other end of the connection closes."""

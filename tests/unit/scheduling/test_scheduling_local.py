@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 from rich.console import Console
 
@@ -263,3 +264,23 @@ def test_whoever_leaves_while_runs_are_queued_does_not_wait_for_imports(folder: 
     assert time.monotonic() - begun < 5.0
     assert found == [(Outcome.INTERRUPTED, "stopped before it started")] * 2
     assert [run.manifest()["state"] for run in runs] == ["pending"] * 3
+
+
+LINGERING = SWEEP.replace("preload=()", 'preload=("tests.fake_training:linger",)')
+
+
+def test_a_killed_sweep_leaves_nothing_that_still_prepares_itself(folder: Path) -> None:
+    """The process that forks the workers imports for seconds before it looks at its connection."""
+    fake_training.make(folder / "ppo-a")
+    process = subprocess.Popen([sys.executable, "-c", LINGERING, str(folder)], start_new_session=True)
+    until(lambda: psutil.Process(process.pid).children())
+    (server,) = psutil.Process(process.pid).children()
+    until(lambda: "zygote" in " ".join(server.cmdline()))
+    time.sleep(1.5)  # into its preparation
+    process.kill()
+    process.wait()
+    try:
+        until(lambda: not server.is_running() or server.status() == psutil.STATUS_ZOMBIE, 5.0)
+    finally:
+        if server.is_running():
+            server.kill()
