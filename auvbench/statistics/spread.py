@@ -48,14 +48,14 @@ class Spread:
 
 
 def _invert(size: FloatArray, spread: Spread) -> FloatArray:
-    """Two-sided p at which the half width is `size` (k,), by bisection in log p, to 1e-7 of p or better.
+    """Two-sided p at which the half width is `size` (k,), by bisection in log p, to 1e-13 of p.
 
     It lies between those of the two sources alone, were each all of the variance.
     """
     reach = -size / np.sqrt(spread.seeds + spread.scenarios)
     ends = [np.log(np.maximum(2 * stdtr(df, reach), 1e-300)) for df in (spread.seeds_df, spread.scenarios_df)]
     low, high = np.minimum(*ends), np.maximum(*ends)
-    for _ in range(30):
+    for _ in range(54):
         middle = (low + high) / 2
         tail = np.exp(middle) / 2
         seeds = spread.seeds * stdtrit(spread.seeds_df, tail) ** 2
