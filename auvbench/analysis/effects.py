@@ -13,7 +13,7 @@ from auvbench.agents.base import learns as is_learner
 from auvbench.analysis.labels import part, sort_key
 from auvbench.analysis.measures import Measure
 from auvbench.analysis.model import Agent, RunRecord
-from auvbench.statistics import contrast
+from auvbench.statistics import contrast, pooled, resolution
 from auvbench.statistics.estimate import Estimate
 
 
@@ -54,15 +54,18 @@ def mean_difference(
 ) -> tuple[Estimate, float]:
     """Mean over the pairs of first - second, with its interval, and the p-value of none.
 
-    The pairs are taken as they are (the cells of this grid); what varies is seeds and scenarios.
+    The pairs are taken as they are (the cells of this grid); what varies is seeds and scenarios. Variances between
+    seeds are pooled upwards as in the tests of pairs, and of one pair the p-value is that of those tests.
     """
     agents = list({id(agent): agent for pair in pairs for agent in pair}.values())
     weights = np.zeros(len(agents))
     for first, second in pairs:
         weights[_index(agents, first)] += 1 / len(pairs)
         weights[_index(agents, second)] -= 1 / len(pairs)
-    found = contrast(m.table(agents), weights, confidence)
-    return found.estimate, found.p_value
+    plain = m.table(agents)
+    found = contrast(pooled(plain), weights, confidence)
+    p = float(resolution(plain)[0, 1]) if len(pairs) == 1 else found.p_value
+    return found.estimate, p
 
 
 def _index(agents: Sequence[Agent], wanted: Agent) -> int:
@@ -70,7 +73,9 @@ def _index(agents: Sequence[Agent], wanted: Agent) -> int:
 
 
 def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> list[Effect]:
-    """The effects of each factor that varies among the agents that learn.
+    """The effects of each factor that varies among the agents with several training seeds.
+
+    An agent with one seed is one policy: what it lacks may be its seed's luck and not the factor's doing.
 
     Of up to three levels every pair; of more, the last (largest) with the first (smallest). An effect that cannot
     be tested (no values, a single episode) is left out, as are agents with one training seed: they are policies, and

@@ -15,6 +15,7 @@ from auvbench.analysis.generalising import training_and_test
 from auvbench.analysis.labels import factor_name
 from auvbench.analysis.measures import Measure, measure
 from auvbench.analysis.model import Agent, Finding, Ranking, Row
+from auvbench.analysis.pairwise import BETTER, EQUIVALENT, WORSE
 from auvbench.analysis.planning import advice
 from auvbench.analysis.prose import (
     amount,
@@ -30,6 +31,8 @@ from auvbench.analysis.timing import confounded
 from auvbench.statistics import EPISODES_ONLY, holm
 from auvbench.statistics.estimate import Estimate
 
+MOST_TIES = 4
+"""pairs named of those that the second measure resolves"""
 MOST_EFFECTS = 8
 """that are not resolved and yet listed, the sharpest first"""
 
@@ -43,6 +46,7 @@ def sentences(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
         _best(ranking, m),
         _resolved(ranking),
         _against_baseline(ranking, m),
+        _ties(ranking),
         advice(ranking, ordered, m),
         *_effects(ranking, ordered, m),
         *robustness(ranking, ordered),
@@ -109,20 +113,22 @@ def _resolved(ranking: Ranking) -> Finding | None:
 def _against_baseline(ranking: Ranking, m: Measure) -> Finding | None:
     if ranking.baseline is None or len(ranking.rows) < 2:
         return None
-    better, worse, open_ = [], [], []
+    better, worse, small, open_ = [], [], [], []
     for c in ranking.comparisons:
         if ranking.baseline not in (c.first, c.second):
             continue
         other = c.second if c.first == ranking.baseline else c.first
         of_other = turned(c.difference) if c.first == ranking.baseline else c.difference
         entry = (other, of_other)
-        if not c.p_adjusted < 1 - ranking.confidence:
+        if c.verdict == EQUIVALENT:
+            small.append(entry)
+        elif not c.p_adjusted < 1 - ranking.confidence:
             open_.append(entry)
         elif of_other.value * m.sign > 0:
             better.append(entry)
         else:
             worse.append(entry)
-    if not (better or worse or open_):
+    if not (better or worse or small or open_):
         return None
     parts = []
     for verb, entries in (("better", better), ("worse", worse)):
@@ -136,16 +142,41 @@ def _against_baseline(ranking: Ranking, m: Measure) -> Finding | None:
             parts.append(
                 f"{counted(len(entries), 'agent')} {verb} ({listed([e[0] for e in entries], 3)}{far})"
             )
+    if small:
+        parts.append(f"{len(small)} equivalent ({listed([e[0] for e in small], 3)})")
     if open_:
         parts.append(f"{len(open_)} not resolved ({listed([e[0] for e in open_], 3)})")
     text = f"Against the baseline {ranking.baseline}, in {name(m)}: {'; '.join(parts)}."
-    n = len(better) + len(worse) + len(open_)
+    n = len(better) + len(worse) + len(small) + len(open_)
     statistic = f"Holm over {counted(n, 'comparison')} with the baseline."
     return Finding(
         text,
         statistic=statistic,
         run_ids=next(r.run_ids for r in ranking.rows if r.label == ranking.baseline),
     )
+
+
+def _ties(ranking: Ranking) -> Finding | None:
+    """What the second measure says of the pairs that the first does not resolve."""
+    if not ranking.ties:
+        return None
+    m = measure(ranking.then)
+    apart = [c for c in ranking.ties if c.verdict in (BETTER, WORSE)]
+    first = name(measure(ranking.rank_by))
+    n = len(ranking.ties)
+    pairs = "the one pair" if n == 1 else f"the {n} pairs"
+    if not apart:
+        text = f"{name(m)} does not resolve {pairs} that {first} leaves open."
+        return Finding(f"{text[0].upper()}{text[1:]}", statistic="Holm over all pairs.")
+    shown = []
+    for c in apart[:MOST_TIES]:
+        change, one, other = c.difference, c.first, c.second
+        if c.verdict == WORSE:
+            change, one, other = turned(c.difference), c.second, c.first
+        shown.append(f"{one} is better than {other} ({difference(change, m)}, {p_value(c.p_adjusted)})")
+    more = f"; and {len(apart) - MOST_TIES} more" if len(apart) > MOST_TIES else ""
+    text = f"Of {pairs} that {first} does not resolve, {name(m)} resolves {len(apart)}: {'; '.join(shown)}{more}."
+    return Finding(text, statistic="Holm over all pairs, a family of its own.")
 
 
 def _effects(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> list[Finding]:
@@ -242,6 +273,8 @@ def _seeds(agents: Sequence[Agent], m: Measure) -> Finding | None:
 
 def _single_seeds(ranking: Ranking, agents: Sequence[Agent]) -> Finding | None:
     single = [agent.label for agent in agents if len(agent.outcome) == 1 and learns(agent)]
+    if ranking.compare == "policies":
+        return Finding("Rows are single policies: nothing here speaks of the algorithms that trained them.")
     if not single:
         return None
     who = (
@@ -251,5 +284,8 @@ def _single_seeds(ranking: Ranking, agents: Sequence[Agent]) -> Finding | None:
     )
     if len(single) == 1:
         who = f"{single[0]} has"
-    text = f"{who} one training seed: the intervals cover test episodes only, and another seed may rank otherwise."
-    return Finding(text)
+    text = (
+        f"{who} one training seed: a row of one seed describes that policy, and is not compared with others."
+    )
+    more = f"More seeds: {ranking.more_seeds}" if ranking.more_seeds else ""
+    return Finding(text, statistic=more)

@@ -19,6 +19,8 @@ def name(m: Measure) -> str:
     >>> name(measure("success_rate")), name(measure("mean_deviation_mean_m")), name(measure("mean_smoothness_per_s"))
     ('success rate', 'deviation mean', 'smoothness')
     """
+    if m.penalty:
+        return f"PAR-{m.penalty:.0f} of the {'steps' if m.column == 'steps' else 'time'}"
     words = m.name.split("_") if m.rate else m.column.split("_")
     while len(words) > 1 and (words[-1] in _UNITS or words[-1] == "per"):
         words.pop()

@@ -58,6 +58,10 @@ def spread() -> list[Design]:
         ):
             worlds = tuple(World(float(level), sd) for level, sd in zip(levels, sds, strict=True))
             designs.append(Design(f"{n} agents, sd {name}", worlds, S))
+    for S in (3, 5):
+        for sd in (0.3, 0.6):
+            worlds = tuple(World(level, sd) for level in (-4.0, -0.5, 1.5, 3.0, 5.0, 7.0))
+            designs.append(Design(f"6 agents, sd {sd}, rates 3 to 99.8 %", worlds, S))
     return designs
 
 

@@ -106,8 +106,8 @@ def test_the_interval_of_an_effect_covers_its_truth():
 def test_effects_say_better_or_worse_by_the_direction_of_the_measure():
     agents = [agent(a, k, steps=s, level=3) for a, s in (("sac", 200), ("ppo", 600)) for k in (1, 40)]
     text = " ".join(told(agents, rank_by="mean_steps"))
-    assert "SAC is better than PPO in steps: -" in text
-    assert "No other effect of K on steps is resolved." in text
+    assert "SAC is better than PPO in PAR-1 of the steps: -" in text
+    assert "No other effect of K on PAR-1 of the steps is resolved." in text
 
 
 def test_effects_that_are_not_resolved_share_a_sentence():
@@ -148,11 +148,42 @@ def test_of_many_open_effects_the_sharpest_are_listed():
 
 
 def test_against_the_baseline():
-    agents = [*grid(sac=6.0, ppo=-1.0, seed_sd=0.1), agent("pid", 1, 10, level=1.5, seeds=1)]
+    agents = [*grid(sac=3.0, ppo=-2.0, seed_sd=0.0), agent("pid", 1, 10, level=0.0, seeds=1)]
     text = next(t for t in told(agents, baseline="pid") if t.startswith("Against"))
     assert text.startswith("Against the baseline PID K=1 10 Hz, in success rate: 4 agents better (SAC ")
     assert "4 agents worse (PPO" in text
     assert "points" in text
+
+
+def test_a_factor_has_no_effect_that_single_seeds_could_show():
+    """What is said of K=100 by one training of each: nothing, however far the two policies are apart."""
+    agents = [agent("ppo", 1, level=5, seeds=1), agent("ppo", 100, level=-2, seeds=1)]
+    text = " ".join(f"{f.text} {f.statistic}" for f in sentences(rank(agents), agents))
+    for word in ("better", "worse", "p <", "p =", "effect"):
+        assert word not in text, word
+    several = [agent("ppo", k, level=level, seeds=5, seed_sd=0.1) for k, level in ((1, 3), (100, -2))]
+    assert any("worse" in t or "better" in t for t in told(several))
+
+
+def test_what_the_second_measure_resolves():
+    agents = [
+        agent("pid", level=30, steps=200, seeds=1),
+        agent("sac", level=30, steps=400, seed_sd=0, seeds=5),
+    ]
+    text = next(t for t in told(agents) if "does not resolve" in t)
+    assert text.startswith(
+        "Of the one pair that success rate does not resolve, PAR-1 of the steps resolves 1: "
+        "PID K=1 25 Hz is better than SAC K=1 25 Hz (-2"
+    )
+    alike = [agent(name, level=2, seeds=5, seed_sd=1.0) for name in ("sac", "ppo")]
+    assert "PAR-1 of the steps does not resolve the one pair that success rate leaves open." in told(alike)
+
+
+def test_equivalence_with_the_baseline_is_told():
+    agents = [agent(a, level=6, seed_sd=0, seeds=5, episodes=500) for a in ("sac", "ppo")]
+    ranking = rank(agents, baseline="ppo", margin=0.05)
+    text = next(f.text for f in sentences(ranking, agents) if f.text.startswith("Against"))
+    assert "1 equivalent (SAC K=1 25 Hz)" in text
 
 
 def test_no_failures_at_all():
@@ -171,7 +202,7 @@ def test_training_seeds():
     assert f"most in {wild.label}, {means.min():.1f} to {means.max():.1f} %." in finding.text
     single = [agent("sac", seeds=1), agent("ppo", seeds=1)]
     assert told(single)[-1].startswith(
-        "Every trained agent has one training seed: the intervals cover test episodes only"
+        "Every trained agent has one training seed: a row of one seed describes that policy, and is not compared"
     )
     assert told([wild, single[1]])[-1].startswith("PPO K=1 25 Hz has one training seed")
 
