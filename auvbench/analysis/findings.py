@@ -64,7 +64,8 @@ def _best(ranking: Ranking, m: Measure) -> Finding:
     value = f"{name(m)} {amount(row.estimates[m.name], m)}"
     basis = counted(row.episodes, "test episode")
     if row.trained:
-        basis = f"{counted(len(row.seeds), 'training seed')} x {basis}"
+        runs = f"{len(row.seeds)} pooled runs" if row.pooled else counted(len(row.seeds), "training seed")
+        basis = f"{runs} x {basis}"
     if len(ranking.rows) == 1:
         return Finding(f"{row.label} is the only agent: {value}.", statistic=basis, run_ids=row.run_ids)
     near = [other.label for other in ranking.rows[1:] if not ranking.resolved(row, other)]

@@ -121,6 +121,17 @@ class Row:
     failed_seeds: tuple[int, ...] = ()
     """those of `seeds` whose training failed and counts as success 0"""
 
+    @property
+    def pooled(self) -> bool:
+        """Whether its runs are no seeds of one configuration: some differ in what --group-by left out."""
+        return len(set(self.seeds)) < len(self.seeds)
+
+    @property
+    def runs_in_words(self) -> str:
+        """'3 seeds', or '8 runs' where they are not seeds of one configuration."""
+        n = len(self.seeds)
+        return f"{n} runs" if self.pooled else f"{n} seed{'' if n == 1 else 's'}"
+
 
 @dataclass(frozen=True, slots=True)
 class Comparison:

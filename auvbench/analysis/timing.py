@@ -9,6 +9,9 @@ from auvbench.analysis.effects import learns
 from auvbench.analysis.model import Agent, Finding, RunRecord
 from auvbench.analysis.prose import listed
 
+MOST_BUDGETS = 4
+"""budgets that a sentence lists; of more, the largest and the smallest"""
+
 
 def limit_s(run: RunRecord) -> float:
     """S that a training episode may last; NaN where the configuration does not say."""
@@ -91,5 +94,8 @@ def unequal_budgets(agents: Sequence[Agent]) -> str:
                 budgets.setdefault(steps, []).append(agent.label)
     if len(budgets) < 2:
         return ""
-    parts = [f"{listed(labels, 4)} {steps:,}" for steps, labels in sorted(budgets.items(), reverse=True)]
+    order = sorted(budgets.items(), reverse=True)
+    parts = [f"{listed(labels, 4)} {steps:,}" for steps, labels in order]
+    if len(parts) > MOST_BUDGETS:
+        parts = [f"from {parts[0]} to {parts[-1]}, {len(parts) - 2} others between"]
     return f"Unequal budgets of training, in environment steps: {'; '.join(parts)}. Who had more may be ahead for that alone."

@@ -48,7 +48,7 @@ def success(scene: Scene) -> Drawing | None:
             ax.set_xlabel("environment steps")
     caption = (
         f"Share of the training episodes that reached the goal, in up to {SPANS} equal spans of environment steps. "
-        "Training explores: these episodes are not the test."
+        "Training explores: these episodes are not the test. In the first spans only short episodes have ended."
         + multiples.lines_sentence(chosen, dots=True)
         + multiples.grey_sentence(len(chosen))
         + shown(wanted, learners)

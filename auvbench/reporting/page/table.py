@@ -189,9 +189,9 @@ def room_of(table: Table) -> float:
 def width_of(table: Table, i: int) -> float:
     """Px that column i takes, about: its heading in bold, or its longest number or interval, and the padding."""
     heading, cells = table.headings[i], [line.cells[i] for line in table.lines]
-    title = 8.6 * len(heading.title) + (7.6 * (len(heading.unit) + 1) if heading.unit else 0)
-    numbers_ = max((max(8.6 * len(c.text), 7.2 * len(c.interval)) for c in cells), default=0.0)
-    return 22 + max(title, numbers_)
+    title = 8.2 * len(heading.title) + (7.4 * (len(heading.unit) + 1) if heading.unit else 0)
+    numbers_ = max((max(8.6 * len(c.text), 6.7 * len(c.interval)) for c in cells), default=0.0)
+    return 20 + max(title, numbers_)
 
 
 def part_of(table: Table, columns: Sequence[int]) -> Table:
@@ -251,7 +251,7 @@ def _line(
     row: Row, headings: Sequence[Heading], axis: Axis | None, colours: Mapping[str, str], links: Links
 ) -> Line:
     href = links.of_runs(row.label, row.run_ids)
-    seeds, learns = len(row.seeds), row.label in links.learners
+    learns = row.label in links.learners
     low, high = row.rank_interval
     return Line(
         index=links.index_of(row.label),
@@ -261,7 +261,7 @@ def _line(
         rank_interval=f"{low}" if low == high else f"{low} {numbers.NOTHING} {high}",
         rank_sort=row.rank + (low + high) / 1e6,
         group=row.group if row.compared else numbers.NOTHING,
-        training=f"{seeds} seed{'' if seeds == 1 else 's'}" if learns else "not trained",
+        training=row.runs_in_words if learns else "not trained",
         one_seed=not row.compared,
         href=href,
         cells=tuple(

@@ -106,7 +106,7 @@ def lead_cells(row: Row, lead: Sequence[str], marked: frozenset[str]) -> list[st
         "rank": rank(row),
         "group": row.group if row.compared else NOTHING,
         "agent": label,
-        "seeds": str(len(row.seeds)) if row.trained else NOTHING,
+        "seeds": NOTHING if not row.trained else row.runs_in_words if row.pooled else str(len(row.seeds)),
     }
     return [texts[heading] for heading in lead]
 

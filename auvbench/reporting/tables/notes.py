@@ -133,6 +133,11 @@ def resolution(ranking: Ranking) -> str:
 def _seeds(ranking: Ranking) -> str:
     if ranking.compare == "policies":
         return "one per row"
+    pooled = [row.label for row in ranking.rows if row.trained and row.pooled]
+    if pooled:
+        return (
+            f"see the table; a row of so many runs ({', '.join(pooled[:4])}) pools what --group-by left out"
+        )
     sets = {row.seeds for row in ranking.rows if row.trained}
     if not sets:
         return "none, no agent learns"

@@ -158,14 +158,21 @@ def comparisons_terminal(comparisons: Sequence[Comparison]) -> RenderableType:
     if not comparisons:
         return Group()
     table = Table(box=None, header_style="bold", pad_edge=False, title_justify="left")
-    table.title = Text("paired differences", style="bold")
-    for heading in ("agent", "against", "metric"):
-        table.add_column(heading)
+    others, metrics = ({getattr(c, name) for c in comparisons} for name in ("second", "metric"))
+    title = "paired differences"
+    title += f" in {next(iter(metrics))}" if len(metrics) == 1 else ""
+    title += f" from {next(iter(others))}" if len(others) == 1 else ""
+    table.title = Text(title, style="bold")
+    # What is the same in all rows stands in the title: a narrow terminal has no room to say it again.
+    named = [("agent", "first")] + [("against", "second")] * (len(others) > 1)
+    named += [("metric", "metric")] * (len(metrics) > 1)
+    for heading, _ in named:
+        table.add_column(heading, overflow="fold")
     for heading in ("difference", "p (Holm)", "verdict", "does better"):
         table.add_column(heading, justify="right", no_wrap=True)
     for comparison in comparisons:
         # As Text: a label with brackets is no markup.
-        names = map(Text, (comparison.first, comparison.second, comparison.metric))
+        names = (Text(getattr(comparison, field)) for _, field in named)
         table.add_row(*names, *difference(comparison))
     return table
 

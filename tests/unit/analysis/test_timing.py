@@ -85,3 +85,11 @@ def test_the_seeds_that_would_resolve_are_named() -> None:
     assert not any("would show it" in f.text for f in sentences(rank(far), far))
     single = [agent("sac", seeds=1), agent("ppo", seeds=1)]
     assert not any("would show it" in f.text for f in sentences(rank(single), single))
+
+
+def test_many_budgets_are_a_range() -> None:
+    agents = [budget(agent(label=f"A{i}"), 1000 * (i + 1)) for i in range(7)]
+    assert unequal_budgets(agents) == (
+        "Unequal budgets of training, in environment steps: from A6 7,000 to A0 1,000, 5 others between. "
+        "Who had more may be ahead for that alone."
+    )

@@ -132,6 +132,16 @@ def test_a_controller_that_does_not_learn_has_no_seeds_to_be_unsure_of(ranking: 
     assert "Seeds –: does not learn" in text
 
 
+def test_runs_that_are_pooled_are_not_called_seeds(ranking: Ranking) -> None:
+    rows = tuple(replace(row, seeds=(0, 0, 1, 1)) if row.label == "PPO" else row for row in ranking.rows)
+    pooled = replace(ranking, rows=rows)
+    text = on_screen(pooled, 140)
+    assert "4 runs" in text
+    assert "0, 0, 1, 1" not in text
+    assert "(PPO) pools what --group-by left out" in text
+    assert "| 4 runs |" in tables.markdown(pooled)
+
+
 def test_letters_that_nobody_can_read_give_way_to_the_rank_intervals(ranking: Ranking) -> None:
     rows = tuple(replace(row, group="abcdefghi"[i:]) for i, row in enumerate(ranking.rows))
     many = replace(ranking, rows=rows)
@@ -179,6 +189,22 @@ def test_comparisons(ranking: Ranking) -> None:
     line = tables.comparisons_markdown(ranking.comparisons).splitlines()[2]
     assert "+1.3 points [-0.4, 3.1] | 0.060 | undecided | 51.0 %" in line
     assert tables.comparisons_markdown(()) == ""
+
+
+@pytest.mark.parametrize("width", [80, 140])
+def test_comparisons_fit_a_terminal_without_a_cut_word(ranking: Ranking, width: int) -> None:
+    labels = ["SAC K=100 disturbance=moderate", "PPO K=1 25 Hz"]
+    console = Console(width=width, file=io.StringIO(), record=True)
+    against = [replace(ranking.comparisons[0], first=label, second="PID") for label in labels]
+    console.print(tables.comparisons_terminal(against))
+    console.print(tables.comparisons_terminal([against[0], replace(against[0], second="random")]))
+    text = console.export_text()
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= width
+    metric = against[0].metric
+    assert text.startswith(f"paired differences in {metric} from PID")
+    assert f"paired differences in {metric} \n" in re.sub(" +", " ", text)  # then the column says from whom
+    assert "random" in text
 
 
 def test_latex_is_balanced_and_escaped(ranking: Ranking) -> None:
