@@ -7,7 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from auvbench.analysis.model import Agent, RunRecord
+from auvbench.analysis.study.collected import collected
 from auvbench.analysis.study.learning import Learning, learning
+from auvbench.statistics.intervals import FloatArray
 
 FACTORS = {"algo": "algo.name", "reward.k": "reward.k", "step.frequency": "step.frequency"}
 
@@ -44,6 +46,10 @@ class Evidence:
             found = (learning(run) for run in sorted(mine, key=lambda run: run.id))
             self._trained[name] = [one for one in found if one is not None]
         return self._trained[name]
+
+    def collected(self, agent: Agent, k: float) -> FloatArray | None:
+        """Returns (seeds, episodes) of the agent's kept test paths, paid with K = k; None where there are none."""
+        return collected(agent, k)
 
 
 def _with_factors(agent: Agent) -> Agent:

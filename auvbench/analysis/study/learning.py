@@ -9,6 +9,7 @@ import pandas as pd
 
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import RunRecord
+from auvbench.analysis.timing import step_limit
 from auvbench.analysis.training import training
 
 WINDOW = 100
@@ -52,7 +53,7 @@ def learning(run: RunRecord) -> Learning | None:
     if frame is None or len(frame) < WINDOW:
         return None
     frame = frame.sort_values("step", kind="stable")
-    limit = float(run.config.get("task.max_steps") or 1000)
+    limit = step_limit(run)
     success = (frame["outcome"] == "success").astype(float)
     length = frame["steps"].rolling(WINDOW).mean()
     good = ((length < SHORT * limit) & (success.rolling(WINDOW).mean() >= HALF)).to_numpy()

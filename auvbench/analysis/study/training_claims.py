@@ -1,4 +1,4 @@
-"""The claims of the thesis that training records decide: 1, 2 and 5."""
+"""The claims of the thesis that training records decide: 1, 2 and 5. Each function returns the claim's parts."""
 
 from __future__ import annotations
 
@@ -7,99 +7,102 @@ from collections.abc import Sequence
 import numpy as np
 
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Finding
 from auvbench.analysis.prose import amount, counted, listed
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence, cell_of_run
 from auvbench.analysis.study.learning import Learning
-from auvbench.analysis.study.trend import trend
-from auvbench.analysis.study.verdict import (
-    FAILS,
-    HOLDS,
-    OPEN,
-    Part,
-    by_trend,
-    together,
-)
-from auvbench.statistics import wilson
+from auvbench.analysis.study.shares import limits, p_more_than_half, superiority
+from auvbench.analysis.study.trend import Point, trend
+from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Levels, Part, by_trend
 from auvbench.statistics.estimate import Estimate
 
+KS = (1.0, 40.0, 100.0)
+"""the thesis's values of K"""
 GENERALISES = 0.8
-"""claim 5: success rate whose lower limit makes an agent one that generalises"""
+"""claim 5: success rate whose lower limit makes a training one that generalises"""
 PREDICTS = 0.75
 """claim 5: the probability that a converged run tests better, below which convergence does not predict"""
 FEW = 3
 """claim 5: runs of either kind that are needed"""
 
 
-def no_convergence_at_55_hz(e: Evidence) -> Finding:
-    """1: for every K, of the SAC runs trained at 55 Hz for the thesis's 1,000,000 steps none converges.
+def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
+    """1: for every K, fewer than half of the SAC trainings at 55 Hz converge within the thesis's 1,000,000 steps.
 
-    It fails where, for some K, more than half of the runs do.
+    The thesis saw one training of each K. What it says of K is said here of the probability that a training converges:
+    it holds if for each K the upper limit is below one half, it fails if for some K, or over all of them, more than
+    half do; each with an error of 1 - confidence (exact binomial limits; the four tests of "fails" by Bonferroni).
     """
-    text = "In training at 55 Hz the agent (SAC) does not converge, whatever K."
+    alpha = 1 - e.confidence
     here = [run for run in e.learnings("sac") if cell_of_run(run.run)[1] == thesis.HIGH_FREQUENCY]
     if not here:
-        return together(text, [Part(OPEN, missing="training records of SAC at 55 Hz")])
-    # A run that converged counts whatever its length; one that did not only if it had as long as the thesis's.
+        return [Part(OPEN, missing="training records of SAC at 55 Hz")]
+    # One that converged counts whatever its length; one that did not only if it had as long as the thesis's.
     known = [run for run in here if run.converged or run.steps >= thesis.STEPS]
+    # Of a mixture of lengths the short ones could only be counted where they converged: then none of them is.
+    if any(run.steps < thesis.STEPS and not run.converged for run in here):
+        known = [run for run in here if run.steps >= thesis.STEPS]
     ids = tuple(run.run.id for run in here)
-    shares, counts = [], []
+    counts = {}
     for k in sorted({cell_of_run(run.run)[0] for run in known}):
         mine = [run.converged for run in known if cell_of_run(run.run)[0] == k]
-        shares.append(float(np.mean(mine)))
-        counts.append(f"K={k:g}: {sum(mine)} of {len(mine)}")
-    converged = sum(run.converged for run in known)
+        counts[k] = (sum(mine), len(mine))
     missing = []
     if short := len(here) - len(known):
-        missing.append(
-            f"{thesis.STEPS:,} training steps in {counted(short, 'run')} that did not converge in fewer"
-        )
-    ks = {cell_of_run(run.run)[0] for run in known}
-    if absent := sorted({1.0, 40.0, 100.0} - ks):
-        missing.append(f"runs of that length with K={listed([f'{k:g}' for k in absent])}")
+        missing.append(f"{thesis.STEPS:,} training steps in {counted(short, 'run')} of fewer")
     if not known:
-        return together(text, [Part(OPEN, missing="; ".join(missing), run_ids=ids)])
-    low, high = wilson(converged, len(known), e.confidence)
-    share = Estimate(converged / len(known), float(low), float(high), e.confidence)
-    statistic = f"converged: {amount(share, measure('success_rate'))} of the runs ({', '.join(counts)})"
-    if any(s > 0.5 for s in shares):
-        return together(text, [Part(FAILS, statistic, run_ids=ids)])
-    verdict = HOLDS if not missing and not converged else OPEN
-    if converged and not missing:
-        missing.append("agreement between training seeds: some runs converged")
-    return together(text, [Part(verdict, statistic, "; ".join(missing), ids)])
+        return [Part(OPEN, missing="; ".join(missing), run_ids=ids)]
+    if absent := sorted(set(KS) - counts.keys()):
+        missing.append(f"runs of that length with K={listed([f'{k:g}' for k in absent])}")
+    upper = {k: limits(x, n, alpha)[1] for k, (x, n) in counts.items()}
+    shown = ", ".join(f"K={k:g}: {x} of {n} (at most {100 * upper[k]:.0f} %)" for k, (x, n) in counts.items())
+    tests = [*counts.values(), (sum(x for x, _ in counts.values()), sum(n for _, n in counts.values()))]
+    statistic = f"converged: {shown}, with {100 * e.confidence:g} % confidence each"
+    if any(p_more_than_half(x, n) < alpha / len(tests) for x, n in tests):
+        return [Part(FAILS, statistic, run_ids=ids)]
+    if not missing and all(limit < 0.5 for limit in upper.values()):
+        return [Part(HOLDS, statistic, run_ids=ids)]
+    if few := [k for k, limit in upper.items() if limit >= 0.5]:
+        missing.append(
+            f"more training seeds with K={listed([f'{k:g}' for k in few])} (five of which none converges would do)"
+        )
+    return [Part(OPEN, statistic, "; ".join(missing), ids)]
 
 
-def lower_frequency_converges_sooner(e: Evidence) -> Finding:
-    """2: at equal K, of two SAC runs the one of the lower frequency converges in fewer steps; permutation test."""
-    text = "At equal K, a lower training frequency converges in fewer training steps (SAC)."
+def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
+    """2: at equal K, of two SAC runs the one of the lower frequency converges in fewer steps; permutation test.
+
+    Of a K at which no run converged nothing is said.
+    """
     runs = e.learnings("sac")
     strata: dict[float, list[Learning]] = {}
     for run in runs:
         strata.setdefault(cell_of_run(run.run)[0], []).append(run)
-    points = []
+    points: list[Point] = []
     for k, members in strata.items():
         # Equal budgets: what converged after the shortest training of the stratum ended counts as not converged.
         budget = min(run.steps for run in members)
-        for run in members:
-            at = run.converged_at if run.converged_at <= budget else np.inf
-            points.append((f"{k:g}", -cell_of_run(run.run)[1], -at))
-    found = trend(points, e.confidence, e.seed)
+        when = [run.converged_at if run.converged_at <= budget else np.inf for run in members]
+        if np.isfinite(when).any():
+            points += [
+                (f"{k:g}", -cell_of_run(run.run)[1], -at) for run, at in zip(members, when, strict=True)
+            ]
     ids = tuple(run.run.id for run in runs)
+    found = trend(points, e.confidence, e.seed)
     if found is None:
-        return together(
-            text, [Part(OPEN, missing="SAC runs that differ in frequency at equal K", run_ids=ids)]
-        )
-    if not any(np.isfinite(point[2]) for point in points):
-        return together(text, [Part(OPEN, "no run converged", "runs that converge", ids)])
-    part = by_trend(found, "the lower frequency converges sooner in", e.confidence, ids)
-    return together(text, [part])
+        alone = "SAC runs that differ in frequency at equal K"
+        if runs and not points and trend(_levels(strata), e.confidence, e.seed) is not None:
+            return [Part(OPEN, "no run converged", "runs that converge", ids)]
+        return [Part(OPEN, missing=alone, run_ids=ids)]
+    return [by_trend(found, "the lower frequency converges sooner in", Levels.of(e.confidence, 1), ids)]
 
 
-def convergence_does_not_predict(e: Evidence) -> Finding:
+def _levels(strata: dict[float, list[Learning]]) -> list[Point]:
+    return [(f"{k:g}", -cell_of_run(run.run)[1], 0.0) for k, members in strata.items() for run in members]
+
+
+def convergence_does_not_predict(e: Evidence) -> list[Part]:
     """5: some run that did not converge tests well, and a converged run is hardly more likely to test better."""
-    text = "Agents that did not converge in training can generalise: convergence does not predict test success (SAC)."
     tested = {
         run.id: (float(agent.success[i].mean()), agent.outcome.shape[1])
         for agent in e.of("sac")
@@ -109,36 +112,52 @@ def convergence_does_not_predict(e: Evidence) -> Finding:
     yes = [tested[run.run.id] for run in runs if run.converged]
     no = [tested[run.run.id] for run in runs if not run.converged and run.steps >= thesis.STEPS]
     ids = tuple(run.run.id for run in runs)
-    missing_no = f"evaluated SAC runs that did not converge in {thesis.STEPS:,} steps"
-    if no:
-        m = measure("success_rate")
-        best, n = max(no)
-        # The best of several is optimistic: Bonferroni over the runs it was chosen from.
-        low, high = wilson(round(best * n), n, 1 - (1 - e.confidence) / len(no))
-        generalises = float(low) > GENERALISES
-        verdict = HOLDS if generalises else FAILS if float(high) < GENERALISES and len(no) >= FEW else OPEN
-        estimate = Estimate(best, float(low), float(high), e.confidence)
-        statistic = (
-            f"the best of {counted(len(no), 'run')} that did not converge succeeds in {amount(estimate, m)}"
-        )
-        first = Part(verdict, statistic, "" if verdict != OPEN else missing_no, ids)
-    else:
-        first = Part(OPEN, missing=missing_no, run_ids=ids)
-    return together(text, [first, _prediction([x for x, _ in yes], [x for x, _ in no], e, ids)])
+    levels = Levels.of(e.confidence, 2)
+    better = [x for x, _ in yes], [x for x, _ in no]
+    return [_some_generalises(no, levels, ids), _prediction(*better, levels, ids)]
 
 
-def _prediction(yes: Sequence[float], no: Sequence[float], e: Evidence, ids: tuple[str, ...]) -> Part:
+def _some_generalises(no: Sequence[tuple[float, int]], levels: Levels, ids: tuple[str, ...]) -> Part:
+    """Some run that did not converge tests above 80 %; not, if fewer than half of such trainings would."""
+    missing = f"evaluated SAC runs that did not converge in {thesis.STEPS:,} steps"
+    if not no:
+        return Part(OPEN, missing=missing, run_ids=ids)
+    best, n = max(no)
+    # The best of several is optimistic: Bonferroni over the runs it was chosen from.
+    low, high = limits(best * n, n, (1 - levels.holds) / 2 / len(no))
+    estimate = Estimate(best, low, high, levels.holds)
+    reach = sum(x > GENERALISES for x, _ in no)
+    share = limits(reach, len(no), (1 - levels.fails) / 2)[1]
+    verdict = HOLDS if low > GENERALISES else FAILS if reach == 0 and share < 0.5 else OPEN
+    text = amount(estimate, measure("success_rate"))
+    statistic = (
+        f"the best of {counted(len(no), 'run')} that did not converge succeeds in {text}; {reach} of them above "
+        f"{100 * GENERALISES:g} %, so at most {100 * share:.0f} % of such trainings"
+    )
+    return Part(verdict, statistic, "" if verdict != OPEN else f"more {missing}", ids)
+
+
+def _prediction(yes: Sequence[float], no: Sequence[float], levels: Levels, ids: tuple[str, ...]) -> Part:
+    """How likely a converged run tests better than one that did not.
+
+    The variance of that share is at most p (1 - p) over the smaller number of runs, whatever their distributions (van
+    Dantzig 1951; Birnbaum & Klose 1957, Ann. Math. Stat. 28:933): the limits are those of so many binomial trials.
+    """
     if min(len(yes), len(no)) < FEW:
         return Part(
             OPEN,
             missing=f"{FEW} evaluated runs that converged (here {len(yes)}) and {FEW} that did not ({len(no)})",
         )
-    points = [("all", 1.0, x) for x in yes] + [("all", 0.0, x) for x in no]
-    found = trend(points, e.confidence, e.seed)
-    assert found is not None  # both levels are there
-    estimate = found.estimate
-    verdict = FAILS if estimate.low > 0.5 else HOLDS if estimate.high < PREDICTS else OPEN
+    n = min(len(yes), len(no))
+    value = superiority(np.array(yes), np.array(no))
+
+    def at(confidence: float) -> Estimate:
+        low, high = limits(value * n, n, (1 - confidence) / 2)
+        return Estimate(value, min(low, value), max(high, value), confidence)
+
+    yes_at, no_at = at(levels.holds), at(levels.fails)
+    verdict = FAILS if no_at.low > 0.5 else HOLDS if yes_at.high < PREDICTS else OPEN
     statistic = (
-        f"a converged run tests better than one that did not with {amount(estimate, measure('success_rate'))}"
+        f"a converged run tests better than one that did not with {amount(yes_at, measure('success_rate'))}"
     )
     return Part(verdict, statistic, "" if verdict != OPEN else "more runs of either kind", ids)

@@ -1,14 +1,19 @@
-"""How a claim is judged: parts that hold, do not hold or cannot be said, and what they make together."""
+"""How a claim is judged: parts that hold, do not hold or cannot be said, and what they make together.
+
+Of every claim, "holds" and "does not hold" are wrong with at most (1 - confidence)/2 each (claim 1: 1 - confidence),
+where the sample is as its test supposes: a claim holds if *all* of its m parts do, so each part is tested at that level
+(an intersection-union test: Berger 1982, Technometrics 24:295), and it fails if *one* part does, so each is tested at
+that level over m. docs/statistics.md has the rates measured.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from auvbench.analysis.effects import mean_difference
 from auvbench.analysis.measures import measure
 from auvbench.analysis.model import Agent, Finding
-from auvbench.analysis.prose import amount, counted, difference, p_value
+from auvbench.analysis.prose import amount, counted, p_value
 from auvbench.analysis.study.trend import Trend
 from auvbench.statistics.estimate import Estimate
 
@@ -23,6 +28,21 @@ class Part:
     statistic: str = ""
     missing: str = ""
     run_ids: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Levels:
+    """How sure a part must be of either answer."""
+
+    holds: float
+    """confidence of the two-sided interval that says "holds" """
+    fails: float
+    """confidence of the one that says "does not hold", corrected for the parts of the claim"""
+
+    @classmethod
+    def of(cls, confidence: float, parts: int) -> Levels:
+        """Of a claim with several parts."""
+        return cls(confidence, 1 - (1 - confidence) / parts)
 
 
 def together(text: str, parts: Sequence[Part]) -> Finding:
@@ -48,28 +68,21 @@ def _sentence(parts: Sequence[str]) -> str:
     return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
-def by_interval(estimate: Estimate, above: float, *, less: bool = False) -> str:
-    """Holds if the whole interval lies above a bound (`less`: below it), fails if it lies on the other side."""
-    low, high = estimate.low, estimate.high
-    if low > above:
-        return FAILS if less else HOLDS
-    if high < above:
-        return HOLDS if less else FAILS
+def by_interval(at: Callable[[float], Estimate], levels: Levels, above: float, *, less: bool = False) -> str:
+    """Holds if the whole interval lies above a bound (`less`: below it), fails if it lies on the other side.
+
+    Args:
+        at: the estimate with its interval, by confidence.
+        levels: the confidence of either answer.
+        above: the bound.
+        less: the part claims a value below the bound.
+    """
+    yes, no = at(levels.holds), at(levels.fails)
+    if (yes.high < above) if less else (yes.low > above):
+        return HOLDS
+    if (no.low > above) if less else (no.high < above):
+        return FAILS
     return OPEN
-
-
-def averaged(
-    pairs: Sequence[tuple[Agent, Agent]], metric: str, what: str, confidence: float, absent: str
-) -> Part:
-    """A part that claims first > second in a measure, averaged over matched cells."""
-    if not pairs:
-        return Part(OPEN, missing=absent)
-    m = measure(metric)
-    estimate, _ = mean_difference(pairs, m, confidence)
-    cells = counted(len(pairs), "matched cell")
-    verdict = by_interval(estimate, 0.0)
-    missing = more_seeds([agent for pair in pairs for agent in pair]) if verdict == OPEN else ""
-    return Part(verdict, f"{what} {difference(estimate, m)} over {cells}", missing, runs_of(pairs))
 
 
 def runs_of(pairs: Sequence[tuple[Agent, ...]]) -> tuple[str, ...]:
@@ -83,11 +96,12 @@ def more_seeds(agents: Sequence[Agent]) -> str:
     return f"an interval that excludes the bound; the fewest seeds of a cell are {fewest}"
 
 
-def by_trend(found: Trend, what: str, confidence: float, ids: tuple[str, ...]) -> Part:
+def by_trend(found: Trend, what: str, levels: Levels, ids: tuple[str, ...]) -> Part:
     """A part that claims a rising trend; two one-sided permutation tests."""
-    alpha = (1 - confidence) / 2
-    verdict = HOLDS if found.p_up < alpha else FAILS if found.p_down < alpha else OPEN
+    rises, falls = found.p_up < (1 - levels.holds) / 2, found.p_down < (1 - levels.fails) / 2
+    verdict = HOLDS if rises else FAILS if falls else OPEN
     interval = amount(found.estimate, measure("success_rate"))
-    statistic = f"{what} {interval} of {counted(found.pairs, 'pair')} of runs, {p_value(min(1, 2 * min(found.p_up, found.p_down)))}"
+    p = p_value(min(1, 2 * min(found.p_up, found.p_down)))
+    statistic = f"{what} {interval} of {counted(found.pairs, 'pair')} of runs, {p}"
     missing = "more training seeds per cell" if verdict == OPEN else ""
     return Part(verdict, statistic, missing, ids)

@@ -1,0 +1,73 @@
+"""What an agent collects where K is set equal: its kept test paths, paid once more.
+
+The return of an episode is paid with the K that the agent was trained with: of two agents that move alike the one with
+K = 100 collects more than the one with K = 1, and "a larger K raises the reward" would be true by definition. Here both
+are paid with the same K.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.model import Agent
+from auvbench.analysis.paths import paths
+from auvbench.statistics.intervals import FloatArray
+
+EPISODES = 1000
+"""more than any protocol keeps"""
+
+
+def collected(agent: Agent, k: float) -> FloatArray | None:
+    """Returns (seeds, kept episodes) of the agent's test paths, paid with K = k; None where paths are missing.
+
+    Eq. 2.1 of the thesis (docs/task.md) on the positions as kept (float32), with the coefficients of the first run but
+    for K; all runs must have kept the same episodes.
+    """
+    rows: list[FloatArray] = []
+    episodes: list[int] | None = None
+    for run in agent.runs:
+        found = _paid(run.evaluations, agent.fingerprint, run.config, k)
+        if found is None or (episodes is not None and found[0] != episodes):
+            return None
+        episodes = found[0]
+        rows.append(found[1])
+    return np.array(rows) if rows and episodes else None
+
+
+def _paid(
+    evaluations: Mapping[str, Any], fingerprint: str, config: Mapping[str, Any], k: float
+) -> tuple[list[int], FloatArray] | None:
+    for evaluation in evaluations.values():
+        if evaluation.fingerprint != fingerprint:
+            continue
+        file = evaluation.directory / "trajectories.npz"
+        if not file.is_file():
+            return None
+        names = [str(c["name"]) for c in evaluation.summary["conditions"]]
+        condition = "nominal" if "nominal" in names else names[0]
+        try:
+            kept = [(e, pay(p, np.array(w), config, k)) for e, w, p, _ in paths(file, condition, EPISODES)]
+        except Damage:  # the figures name it
+            return None
+        return [e for e, _ in kept], np.array([value for _, value in kept])
+    return None
+
+
+def pay(position: FloatArray, waypoint: FloatArray, config: Mapping[str, Any], k: float) -> float:
+    """Return of a path (T + 1, 3) m to a waypoint (3,) m with K = k, by the reward of a flattened configuration."""
+    distance = np.linalg.norm(position - waypoint, axis=1)
+    z = position[:, 2]
+    low, high = float(config.get("task.depth_low", -60.0)), float(config.get("task.depth_high", -1.0))
+    nearer: NDArray[np.bool_] = distance[1:] < distance[:-1]
+    approach = k * np.exp(-distance[1:] / float(config.get("reward.length", 20.0)))
+    reward = np.where(nearer, approach, float(config.get("reward.regress", -10.0)))
+    if z[-1] < low or z[-1] > high:
+        reward[-1] = float(config.get("reward.collision", -550.0))
+    elif distance[-1] < float(config.get("task.goal_radius", 3.0)):
+        reward[-1] = float(config.get("reward.success", 500.0))
+    return float(reward.sum())
