@@ -1,4 +1,4 @@
-"""The seven claims of the thesis, each a test fixed here and in docs/statistics.md before any data are seen."""
+"""The seven claims of the thesis, each a test fixed here and in docs/claims.md before any data are seen."""
 
 from __future__ import annotations
 
