@@ -243,7 +243,12 @@ def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_
 
 
 def seeds_by_formula(
-    difference: float, per_seed: float, fixed: float, alpha: float = 0.05, target: float = 0.8
+    difference: float,
+    per_seed: float,
+    fixed: float,
+    alpha: float = 0.05,
+    target: float = 0.8,
+    sharing: int = 2,
 ) -> int | None:
     """Seeds of each agent that resolve a difference, by the t-test's approximate power; None beyond `MOST_SEEDS`.
 
@@ -253,14 +258,15 @@ def seeds_by_formula(
         fixed: variance that stays however many seeds there are, that of the scenarios.
         alpha: two-sided level, after whatever correction.
         target: power.
+        sharing: agents whose seeds tell the variance together.
 
     A difference is resolved with that power where it is t(1 - alpha/2) + t(power) standard errors long, t with
-    2 (S - 1) degrees of freedom. Against the simulation: docs/statistics.md.
+    `sharing` (S - 1) degrees of freedom.
     """
     from scipy.special import stdtrit
 
     for S in range(2, MOST_SEEDS + 1):
-        df = 2 * (S - 1)
+        df = sharing * (S - 1)
         need = float(stdtrit(df, 1 - alpha / 2) + stdtrit(df, target))
         if abs(difference) >= need * np.sqrt(per_seed / S + fixed):
             return S
