@@ -15,6 +15,7 @@ from auvbench.analysis.rounding import significant
 from auvbench.errors import ReportError
 from auvbench.statistics import power as st
 from auvbench.statistics.differences import pair_spread
+from auvbench.statistics.resolution import pooled
 
 LEAST, MOST = 0.005, 0.995
 """rates that are planned for"""
@@ -81,7 +82,7 @@ class Need:
     alone: dict[float, int | None]
     """by power: the two agents are the whole table"""
     among: dict[float, int | None]
-    """in a table of several, each pair tested at what Holm's correction asks of the clearest"""
+    """in a table of several, with Holm's correction over all its pairs"""
 
 
 def needs(
@@ -105,7 +106,8 @@ def needs(
         agents: in the table; its pairs are n (n - 1) / 2.
         targets: powers.
         alpha: of the table.
-        replications: simulated pairs for each number of seeds; their error is 2 points at 80 % with 500.
+        replications: simulated pairs for each number of seeds (error at 80 %: 2 points with 500), and four times
+            as many as there are simulated tables.
         seed: of the simulation.
         note: called with the episodes and the number of seeds that is tried next.
     """
@@ -117,18 +119,33 @@ def needs(
             tried[S] = st.simulated_p(model, values, S, episodes, replications=replications, seed=seed)
         return float((tried[S] < level).mean())
 
-    one = alpha / (agents * (agents - 1) / 2)
+    found: dict[int, float] = {}
+
+    def in_table(S: int) -> float:
+        if S not in found:
+            note(episodes, S)
+            found[S] = st.power(
+                model,
+                values,
+                S,
+                episodes,
+                agents=agents,
+                alpha=alpha,
+                replications=replications // 4,
+                seed=seed,
+            )
+        return found[S]
+
     alone = {target: st.seeds_needed(lambda S: at(S, alpha), target) for target in targets}
-    among = (
-        {target: st.seeds_needed(lambda S: at(S, one), target) for target in targets} if agents > 2 else {}
-    )
+    among = {target: st.seeds_needed(in_table, target) for target in targets} if agents > 2 else {}
     return Need(episodes, alone, among)
 
 
 def advice(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> Finding | None:
     """How many seeds would resolve the first agent from the next that is not; None where nothing is to be said.
 
-    By the power of the t-test with the variances of these two, at what Holm's correction asks of the clearest pair.
+    By the power of the t-test with the variances that the report tests them by, at what Holm's correction asks of the
+    clearest pair.
     It takes the difference seen for the true one, which it may not be: it says what that would take, no more.
     """
     if ranking.compare != "algorithms" or len(ranking.rows) < 2 or not ranking.rows[0].compared:
@@ -138,7 +155,9 @@ def advice(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> Finding | N
     pair = [agent for agent in agents if other is not None and agent.label in (first.label, other.label)]
     if other is None or len(pair) != 2:
         return None
-    table = m.table(pair)
+    compared = {row.label for row in ranking.rows if row.compared}
+    others = [agent for agent in agents if agent.label in compared and agent not in pair]
+    table = pooled(m.table([*pair, *others]))
     apart = float(abs(table.mean[0] - table.mean[1]))
     learning = [i for i, agent in enumerate(pair) if learns(agent)]
     if not np.isfinite(apart) or apart == 0 or not learning:
@@ -147,7 +166,8 @@ def advice(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> Finding | N
     per_seed = float((table.between_seeds * table.seeds)[learning].sum())
     tested = sum(row.compared for row in ranking.rows)
     alpha = (1 - ranking.confidence) / max(tested * (tested - 1) / 2, 1)
-    n = st.seeds_by_formula(apart, per_seed, float(spread.scenarios[0, 1]), alpha)
+    sharing = max(int((table.seeds > 1).sum()), 1)
+    n = st.seeds_by_formula(apart, per_seed, float(spread.scenarios[0, 1]), alpha, sharing=sharing)
     seen = f"{100 * apart:.1f} points" if m.rate else f"{significant(apart, 3)}{unit(m)}"
     have = max(int(table.seeds[i]) for i in learning)
     subject = f"{first.label} and {other.label} are not resolved in {name(m)}"

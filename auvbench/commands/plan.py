@@ -297,8 +297,8 @@ def _text(found: Sequence[tuple[str, Need]], basis: Basis, agents: int, m: Measu
     )
     of = f"Training seeds of each agent that resolve {_what(basis, m)}"
     holm = (
-        f" In the table of {agents} each pair must pass what Holm's correction asks of the clearest of "
-        f"{agents * (agents - 1) // 2} pairs."
+        f" In the table of {agents} the other agents are worth what the first is, and Holm's correction is over all "
+        f"{agents * (agents - 1) // 2} pairs ({options.replications // 4} tables)."
         if agents > 2
         else ""
     )
