@@ -119,8 +119,9 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     with counting_bar(len(ready), f"protocol {config.protocol.name}") as tell:
 
         def leaving(under_way: int) -> None:
-            still = f", {under_way} under way may end within a second" if under_way else ""
-            tell.note(f"interrupted: {tested + there} of {len(ready)} runs are tested and kept{still}")
+            if under_way:
+                what = "1 test under way has" if under_way == 1 else f"{under_way} tests under way have"
+                tell.note(f"interrupted: {what} a second to end")
 
         results = evaluate_all(
             ready,
@@ -158,8 +159,7 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
 
 
 def _how_far(done: int, of: int) -> str:
-    what = "1 run is" if done == 1 else f"{done} of {of} runs are"
-    return f"interrupted: {what} tested and kept; the same command goes on from here"
+    return f"interrupted: {done} of {of} runs tested and kept; the same command goes on"
 
 
 def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[Standing]]:

@@ -77,13 +77,14 @@ def duration(seconds: float) -> str:
 
 
 def rough(seconds: float) -> float:
-    """To what an estimate from elsewhere is good for: whole units where there are ten of them.
+    """To what an estimate from elsewhere is good for.
 
-    >>> rough(47000.0), rough(59.4)
-    (46800, 59.4)
+    >>> [duration(rough(seconds)) for seconds in (59.4, 700.0, 5000.0, 29176.0, 900000.0)]
+    ['59 s', '12 min', '1 h 20 min', '8 h', '10 d']
     """
-    unit = next((size for size in (86400, 3600, 60) if seconds >= 10 * size), 1)
-    return round(seconds / unit) * unit if seconds >= 60 else seconds
+    units = ((10 * 86400, 86400), (3 * 3600, 3600), (3600, 600), (600, 60), (0, 1))
+    unit = next(unit for least, unit in units if seconds >= least)
+    return round(seconds / unit) * unit
 
 
 def clock_after(seconds: float) -> str:

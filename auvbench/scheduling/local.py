@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -65,8 +66,12 @@ class _Server:
     def __init__(self, run: Path, preload: Sequence[str]) -> None:
         self.connection, theirs = socket.socketpair()
         arguments = [sys.executable, "-P", "-m", "auvbench.scheduling.zygote", str(theirs.fileno())]
+        # Not to the terminal: what the server prints there would tear the live table apart.
+        self.said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the server
         self.process = subprocess.Popen(
             [*arguments, str(run), *preload],
+            stdout=self.said,
+            stderr=self.said,
             pass_fds=[theirs.fileno()],
             # Its own session: the terminal's Ctrl-C comes to us alone, and we tell the workers.
             start_new_session=True,
@@ -111,10 +116,16 @@ class _Server:
     def _died(self) -> None:
         self.alive = False
         code = self.process.wait()
-        reason = f"the process that starts the workers ended ({Status(Phase.ENDED, code).describe()})"
+        how = ": ".join(filter(None, [Status(Phase.ENDED, code).describe(), self._last_words()]))
+        reason = f"the process that starts the workers ended ({how})"
         for job in self.jobs.values():
             job.status = Status(Phase.ENDED, reason=reason, lost=True)
         self.jobs.clear()
+
+    def _last_words(self) -> str:
+        self.said.seek(0)
+        lines = self.said.read().decode(errors="replace").split("\n")
+        return next((line.strip() for line in reversed(lines) if line.strip()), "")
 
     def abandoned(self, *, force: bool) -> bool:
         """Ends the server where it has not started any worker yet: whoever leaves need not wait for its imports."""
@@ -138,6 +149,7 @@ class _Server:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
+        self.said.close()
 
 
 class LocalBackend:

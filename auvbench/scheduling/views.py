@@ -82,7 +82,7 @@ class Watch:
         count = sum(row.to_go > 0 for row in self.rows.values())
         at_once = "all at once" if self.slots is None else f"{min(self.slots, count)} at a time"
         return (
-            f"this takes some {duration(rough(left))}: {count} run{'s' if count != 1 else ''}, {at_once}, until about "
+            f"this takes some {duration(rough(left))}: {count} {'run that learns' if count == 1 else 'runs that learn'}, {at_once}, until about "
             f"{clock_after(left)} (by speeds measured on another machine; better known when runs have shown theirs)"
         )
 

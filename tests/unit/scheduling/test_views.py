@@ -202,7 +202,7 @@ def test_a_grid_of_more_than_an_hour_says_so(tmp_path: Path) -> None:
     said = views.PlainView(long, 2, Console(file=io.StringIO())).forecast()
     assert said.startswith("this takes some ")
     assert " h" in said
-    assert "60 runs, 2 at a time" in said
+    assert "60 runs that learn, 2 at a time" in said
     assert "another machine" in said
     short = [configured(tmp_path / f"short{n}", "ppo", 1000) for n in range(4)]
     assert views.PlainView(short, 2, Console(file=io.StringIO())).forecast() == ""

@@ -1,0 +1,78 @@
+"""What is said of the ready-made grids where they are advertised."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from auvbench.analysis.study import thesis
+from auvbench.analysis.study.testing_claims import WEAK, rank_correlation
+from auvbench.analysis.study.trend import trend
+from auvbench.scheduling import estimate, paces
+
+ROOT = Path(__file__).parents[3]
+
+
+def grid(algo: str) -> dict[str, Any]:
+    text = (ROOT / "conf" / "experiment" / "thesis_small.yaml").read_text(encoding="utf-8")
+    (found,) = [one for one in yaml.safe_load(text)["hydra"]["sweeper"]["grids"] if one["algo"] == algo]
+    assert isinstance(found, dict)
+    return found
+
+
+def values(algo: str, key: str) -> list[float]:
+    return [float(value) for value in grid(algo)[key].split(",")]
+
+
+def test_what_thesis_small_cannot_answer_is_said() -> None:
+    for file in ("README.md", "conf/experiment/thesis_small.yaml"):
+        text = " ".join((ROOT / file).read_text(encoding="utf-8").replace("#", " ").split())
+        assert "can answer the 7th and refute the 3rd, 4th and 6th" in text, file
+        assert "the 1st, 2nd and 5th stay open" in text, file
+
+
+def test_it_is_true() -> None:
+    # 1: no SAC at 55 Hz, and too few steps to say that a run does not converge. 5: the same.
+    assert thesis.HIGH_FREQUENCY not in values("sac", "step.frequency")
+    assert float(grid("sac")["train.total_steps"]) < thesis.STEPS
+    # 2, and a part of 3: with one seed in two strata no trend can be resolved, however clear.
+    assert len(grid("sac")["seed"].split(",")) == 1
+    points = [(str(k), f, f) for k in values("sac", "reward.k") for f in values("sac", "step.frequency")]
+    clear = trend(points)
+    assert clear is not None
+    assert clear.p_up > 0.2
+    # 4: most of the thesis's cells are absent. 6: with so few agents even a correlation of 0 is not within the margin.
+    assert len(points) < len(thesis.CELLS)
+    agents = len(points) + 9
+    none = rank_correlation(np.arange(agents, dtype=float), _uncorrelated(agents), 0.95)
+    assert none.value == pytest.approx(0.0, abs=0.05)
+    assert none.high > WEAK
+    # 7: its three parts have their cells.
+    assert {10.0, 25.0} <= set(values("sac", "step.frequency")) & set(values("ppo", "step.frequency"))
+
+
+def _uncorrelated(n: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """A permutation of 0 to n - 1 whose rank correlation with their order is nearly none."""
+    rng = np.random.default_rng(0)
+    every = (rng.permutation(n).astype(float) for _ in range(2000))
+    return min(every, key=lambda order: abs(np.corrcoef(np.arange(n), order)[0, 1]))
+
+
+def test_the_times_of_the_readme_are_those_of_the_estimate() -> None:
+    from auvbench.config.compose import compose
+
+    seconds = {
+        algo: 1e6 / (paces.prior(compose("train", [f"algo={algo}"]).algo) or 0.0)
+        for algo in ("sac", "ppo", "ddpg")
+    }
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    own = estimate.makespan([], [seconds[algo] for algo in ("sac", "ppo") for _ in range(27)], 2)
+    assert "54 runs: some 3 h on 2 cores" in text
+    assert own / 3600 == pytest.approx(3.0, abs=0.5)
+    whole = estimate.makespan([], [seconds[algo] for algo in seconds for _ in range(45)], 2)
+    assert "some eight hours on two cores" in " ".join(text.split())
+    assert whole / 3600 == pytest.approx(8.0, abs=0.7)
