@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -40,5 +41,7 @@ def test_it_says_what_is_kept_and_ends_at_once(runs: Path, seconds: float) -> No
     assert "interrupted" in said.splitlines()[-1]
     whole = list(runs.glob("*/*/evaluations/robustness/summary.json"))
     assert len(list(runs.glob("*/*/evaluations/robustness"))) == len(whole)
-    if " of 8 runs" in said:  # else it had not yet looked at them
-        assert f"{len(whole)} of 8 runs tested and kept" in said.splitlines()[-1]
+    told = re.search(r"(\d+) of 8 runs tested and kept", said.splitlines()[-1])
+    if told is not None:  # else it had not yet looked at them
+        # A worker may have put its last result in place between our last look and its end.
+        assert int(told[1]) <= len(whole) <= int(told[1]) + 2
