@@ -44,11 +44,9 @@ def of_evaluation(manifest: Mapping[str, Any], summary: Mapping[str, Any], proto
         return f"it is of the run {summary['run']}"
     if summary.get("protocol", protocol) != protocol:
         return f"it is by the protocol {summary['protocol']}"
-    tested, files = summary.get("model"), integrity.table(manifest)
-    if isinstance(tested, Mapping) and files is not None:
-        there = {name: entry for name, entry in files.items() if name.startswith("model/")}
-        if dict(tested) != {n: e.get("sha256") if isinstance(e, Mapping) else None for n, e in there.items()}:
-            return "another model was tested than the run has now: evaluate again"
+    tested, there = summary.get("model"), integrity.digests(manifest, "model/")
+    if isinstance(tested, Mapping) and there is not None and dict(tested) != there:
+        return "another model was tested than the run has now: evaluate again"
     return ""
 
 

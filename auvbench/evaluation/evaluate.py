@@ -82,10 +82,9 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
     return ""
 
 
-def _model(manifest: dict[str, Any]) -> dict[str, str]:
+def _model(manifest: dict[str, Any]) -> dict[str, Any]:
     """The digests of the model's files, which tie a test to the weights that were tested."""
-    files = integrity.table(manifest) or {}
-    return {name: entry["sha256"] for name, entry in files.items() if name.startswith("model/")}
+    return integrity.digests(manifest, "model/") or {}
 
 
 def make_agent(run: RunDirectory, frequency: float) -> Agent:

@@ -73,6 +73,15 @@ def table(holder: Mapping[str, Any]) -> dict[str, Any] | None:
     return dict(files) if isinstance(files, Mapping) else None
 
 
+def digests(holder: Mapping[str, Any], prefix: str) -> dict[str, Any] | None:
+    """The SHA-256 of the files whose names begin so; None where it was written before digests were kept."""
+    files = table(holder)
+    if files is None:
+        return None
+    chosen = {name: item for name, item in files.items() if name.startswith(prefix)}
+    return {n: item.get("sha256") if isinstance(item, Mapping) else None for n, item in chosen.items()}
+
+
 def check(holder: Mapping[str, Any], name: str, data: bytes, where: Path) -> None:
     """Checks the content of one file against the manifest or summary that vouches for it.
 
