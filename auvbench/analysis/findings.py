@@ -81,7 +81,7 @@ def _best(ranking: Ranking, m: Measure) -> Finding:
     elif len(near) == len(ranking.rows) - 1:
         text += ", but is not resolved from any other agent: the data do not say who is best."
     else:
-        text += f", but is not resolved from {listed(near)}: the best is one of these."
+        text += f", but is not resolved from {listed(near)}: the data leave open which of these is best."
     statistic = f"Rank {_range(row)}; {basis}."
     return Finding(text, statistic=statistic, run_ids=row.run_ids)
 

@@ -40,7 +40,7 @@ def test_an_unclear_one_is_not():
     assert "not resolved from any other agent: the data do not say who is best" in told(agents)[0]
     three = [*agents, agent("ddpg", level=-4, seed_sd=0)]
     first, steps = told(three)[:2]
-    assert first.endswith("K=1 25 Hz: the best is one of these.")
+    assert first.endswith("K=1 25 Hz: the data leave open which of these is best.")
     assert "1 is resolved" in steps
 
 
