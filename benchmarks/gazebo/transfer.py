@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from auvbench.statistics import mcnemar, quantile, wilson
-from benchmarks.gazebo.parity import environment, table, write
+from benchmarks.gazebo.parity import table, write
 
 CONDITIONS = {
     "nominal": "embedded",
@@ -82,13 +83,19 @@ def main() -> int:
         "McNemar p",
         "steps, paired",
     )
-    write(
-        {
-            "transfer": table(head, [row for file in files for row in rows_of(file)]),
-            "transfer-versions": environment(),
-        }
-    )
+    rows = [row for file in files for row in rows_of(file)]
+    write({"transfer": table(head, rows, texts=2), "transfer-versions": versions(files)})
     return 0
+
+
+def versions(files: list[Path]) -> str:
+    """Of the programs with which the tests were made, as their summaries have them."""
+    found: dict[str, set[str]] = {}
+    for file in files:
+        summary = json.loads(file.with_name("summary.json").read_text(encoding="utf-8"))
+        for name, version in summary["versions"].items():
+            found.setdefault(name, set()).add(version)
+    return ", ".join(f"{name} {' and '.join(sorted(values))}" for name, values in sorted(found.items()))
 
 
 if __name__ == "__main__":
