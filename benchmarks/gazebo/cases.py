@@ -140,11 +140,11 @@ def gazebo(case: Case, hydrodynamics: str, step: float) -> Path:
 class PluginsCurrent(GazeboSimulator):
     """Corrected hydrodynamics in a current that is left to the Hydrodynamics plugin, as a user of the SDF has it."""
 
-    def _newcomer(self, index: int) -> Newcomer:
+    def _newcomer(self, index: int, place: int) -> Newcomer:
         text = sdf.model(
             self.vehicle, "corrected", name="{name}", thrusters=False, current=self.current[index]
         )
-        return Newcomer(index, text, self.pose[index].copy())
+        return Newcomer(place, text, self.pose[index].copy())
 
 
 def with_the_plugins_current(case: Case, step: float) -> Path:

@@ -21,9 +21,12 @@ IntArray = NDArray[np.integer[Any]]
 
 N_SCALES = 6
 
+CROWD = 25
+"""The most vehicles in one world: what Gazebo does in a step grows faster than their number (docs/gazebo.md)."""
+
 
 class GazeboSimulator:
-    """N copies of a vehicle in one Gazebo world, which do not touch each other.
+    """N copies of a vehicle in Gazebo, which do not touch each other; up to `CROWD` share a world.
 
     Gazebo has the rigid body, added mass, damping, weight and buoyancy; thrusters are the sheet's and act as forces
     on the body. Vehicles start at rest: Gazebo's bindings cannot give a body a velocity and let go of it.
@@ -72,7 +75,7 @@ class GazeboSimulator:
         self._thrust = Thrust(vehicle, n)
         self.actuators = self._thrust.states
         self._allocation = vehicle.allocation
-        self._world: World | None = None
+        self._worlds: list[World] = []
         self._fresh = set(range(n))  # vehicles whose body is yet to be made
 
     def reset(
@@ -129,18 +132,21 @@ class GazeboSimulator:
         if action.shape != self.command_force.shape:
             raise ValueError(f"command has shape {action.shape}, expected {self.command_force.shape}")
         steps = self.substeps(duration)
-        world = self._at(duration / steps)
+        self._set_step(duration / steps)
         self.command_force[...] = self.vehicle.force(action)
         self.power[...] = self.vehicle.power(action)
         forces = self._thrust.forces(action, steps, duration / steps)
         forces *= self.effectiveness * self.scales[:, 5:6]
         # Not by a matrix product, whose last bits depend on how many vehicles there are.
         wrench = np.einsum("sna,ca->snc", forces, self._allocation) + self.external_wrench
-        newcomers = [self._newcomer(i) for i in sorted(self._fresh)]
+        fresh = sorted(self._fresh)
         self._fresh.clear()
-        world.advance(newcomers, wrench)
-        self.pose[...] = world.pose
-        self.velocity[...] = world.velocity
+        for k, world in enumerate(self._worlds):
+            part = slice(k * CROWD, k * CROWD + world.n)
+            newcomers = [self._newcomer(i, i - part.start) for i in fresh if part.start <= i < part.stop]
+            world.advance(newcomers, wrench[:, part])
+            self.pose[part] = world.pose
+            self.velocity[part] = world.velocity
 
     def state_dict(self) -> dict[str, FloatArray]:
         """Nothing: Gazebo cannot bring a state back (`capabilities.exact_resume`)."""
@@ -149,19 +155,21 @@ class GazeboSimulator:
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
         """Does nothing: whoever resumes begins the episodes in flight again."""
 
-    def _at(self, step: float) -> World:
-        """The world with this physics step in s."""
-        if self._world is None:
+    def _set_step(self, step: float) -> None:
+        """Worlds with this physics step in s."""
 
-            def text(name: str) -> str:
-                return sdf.world([], self.vehicle, name=name, step=step, real_time_factor=0.0, scene=False)
+        def text(name: str) -> str:
+            return sdf.world([], self.vehicle, name=name, step=step, real_time_factor=0.0, scene=False)
 
-            self._world = World(text, self.n, step)
-        elif abs(self._world.step - step) > 1e-12:
-            self._world.set_step(step)
-        return self._world
+        if not self._worlds:
+            sizes = [min(CROWD, self.n - first) for first in range(0, self.n, CROWD)]
+            self._worlds = [World(text, size, step) for size in sizes]
+        for world in self._worlds:
+            if abs(world.step - step) > 1e-12:
+                world.set_step(step)
 
-    def _newcomer(self, index: int) -> Newcomer:
+    def _newcomer(self, index: int, place: int) -> Newcomer:
+        """The body of vehicle `index` for a place in its world."""
         vehicle = self.vehicle
         if np.any(self.scales[index] != 1.0):
             vehicle = scaled(vehicle, self.scales[index])
@@ -171,7 +179,7 @@ class GazeboSimulator:
             drift = Drift(current, vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
             current = None
         text = sdf.model(vehicle, self.hydrodynamics, name="{name}", thrusters=False, current=current)
-        return Newcomer(index, text, self.pose[index].copy(), drift)
+        return Newcomer(place, text, self.pose[index].copy(), drift)
 
 
 def scaled(vehicle: VehicleModel, scales: FloatArray) -> VehicleModel:

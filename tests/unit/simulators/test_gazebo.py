@@ -105,6 +105,14 @@ def test_reset_resets_everything_and_leaves_the_others_alone(bluerov2, hydrodyna
     assert np.array_equal(np.column_stack([simulator.pose, simulator.velocity])[1:], undisturbed[1:])
 
 
+def test_more_vehicles_than_a_world_holds_do_as_they_would_alone(bluerov2, monkeypatch):
+    monkeypatch.setattr("auvbench.simulators.gazebo.simulator.CROWD", 2)
+    pose, actions = start(5), commands(4, 5, 6)
+    spread = flown(GazeboSimulator(bluerov2, 5), pose, actions)
+    monkeypatch.undo()
+    assert np.array_equal(spread, flown(GazeboSimulator(bluerov2, 5), pose, actions))
+
+
 def test_vehicles_in_one_place_do_not_touch(bluerov2):
     pose = np.repeat(start(1), 2, axis=0)
     actions = commands(6, 1, 6)
