@@ -1,0 +1,34 @@
+"""rl-zoo3 from its command line: train with keyword arguments for the environment, look at it, film it."""
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import rl_zoo3
+
+ID = "auvbench/Waypoint-v0"
+HYPERPARAMETERS = f"""
+{ID}:
+  n_envs: 2
+  n_timesteps: !!float 512
+  policy: MlpPolicy
+  n_steps: 64
+  batch_size: 64
+  normalize: true
+"""
+
+
+def run(program: str, *arguments: str) -> None:
+    common = ["--algo", "ppo", "--env", ID, "--gym-packages", "auvbench", "-f", "logs"]
+    subprocess.run([sys.executable, "-m", f"rl_zoo3.{program}", *common, *arguments], cwd=folder, check=True)
+
+
+with tempfile.TemporaryDirectory() as folder:
+    (Path(folder) / "mine.yml").write_text(HYPERPARAMETERS)
+    run("train", "--conf-file", "mine.yml", "-n", "512", "--eval-freq", "-1", "--env-kwargs", "k:40", "frequency:25")
+    run("enjoy", "-n", "60", "--no-render")
+    run("record_video", "-n", "40")
+    films = list(Path(folder).glob("logs/**/*.mp4"))
+    assert films and films[0].stat().st_size > 1000
+print("trained 512 steps; rl-zoo3", rl_zoo3.__version__)
