@@ -15,7 +15,7 @@ CUTS ?= 200
 FLIPS ?= 2000
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check format lint type layers docs bench statistics verification parity transfer soak test-cluster clean
+.PHONY: help install demo test check format lint type layers docs bench statistics verification parity transfer soak test-cluster test-programs clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -76,6 +76,9 @@ soak: $(STAMP) ## kills, power cuts and flipped bits for a long time
 
 test-cluster: $(STAMP) ## SLURM and Ray backends against real ones (installs them: root, Debian)
 	tests/cluster/run.sh
+
+test-programs: $(STAMP) ## other people's programs on the environments (installs some 20 GB; PROGRAMS=FOLDER keeps them)
+	$(if $(PROGRAMS),AUVBENCH_PROGRAMS=$(abspath $(PROGRAMS))) $(BIN)/python -m pytest -q -m programs tests/programs
 
 clean: ## remove the environment and caches, keep outputs
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis build site *.egg-info

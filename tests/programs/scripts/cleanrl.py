@@ -83,7 +83,8 @@ with tempfile.TemporaryDirectory() as folder:
     assert np.isfinite(float(loss.detach()))
     assert episodes > 0
     films = list(Path(folder).glob("*.mp4"))
-    assert films and films[0].stat().st_size > 1000, "the film of the first episode"
+    assert films
+    assert films[0].stat().st_size > 1000, "the film of the first episode"
 
 # The batch itself, in the way that later scripts of CleanRL step it.
 envs = gym.make_vec("auvbench:auvbench/Waypoint-v0", num_envs=4, max_episode_steps=20)

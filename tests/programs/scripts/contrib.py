@@ -1,4 +1,4 @@
-"""sb3-contrib: TQC on the batch, TRPO on Gymnasium's single environment; a film by SB3's recorder."""
+"""sb3-contrib: TQC on the batch, TRPO on Gymnasium's single environments, saved and loaded."""
 
 import tempfile
 from pathlib import Path

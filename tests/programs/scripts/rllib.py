@@ -14,7 +14,9 @@ assert auvbench.__version__
 ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
 config = (
     PPOConfig()
-    .environment("auvbench/Waypoint-v0", env_config={"k": 40, "overrides": "task.max_steps=40 task.goal_radius=0.01"})
+    .environment(
+        "auvbench/Waypoint-v0", env_config={"k": 40, "overrides": "task.max_steps=40 task.goal_radius=0.01"}
+    )
     .env_runners(
         num_env_runners=0,
         num_envs_per_env_runner=4,
@@ -27,9 +29,12 @@ try:
     for _ in range(2):
         result = algorithm.train()
     # Its statistics count a step too many, of any environment; the episodes themselves are whole.
-    episodes = [e for _ in range(2) for e in algorithm.env_runner.sample(num_timesteps=400, random_actions=True)]
+    episodes = [
+        e for _ in range(2) for e in algorithm.env_runner.sample(num_timesteps=400, random_actions=True)
+    ]
     ended = [e.t_started + len(e) for e in episodes if e.is_done]
-    assert ended and set(ended) == {40}, ended
+    assert ended
+    assert set(ended) == {40}, ended
 finally:
     algorithm.stop()
     ray.shutdown()

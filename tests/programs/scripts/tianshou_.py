@@ -25,7 +25,10 @@ if __name__ == "__main__":
     one = make()
     shape, n_u = one.observation_space.shape, one.action_space.shape
     actor = ContinuousActorProbabilistic(
-        preprocess_net=Net(state_shape=shape, hidden_sizes=[32]), action_shape=n_u, unbounded=True, conditioned_sigma=True
+        preprocess_net=Net(state_shape=shape, hidden_sizes=[32]),
+        action_shape=n_u,
+        unbounded=True,
+        conditioned_sigma=True,
     )
 
     def critic():

@@ -1,4 +1,4 @@
-"""TorchRL: specs, a collector with workers' batches, and some updates of a policy; the batch through its own vector face."""
+"""TorchRL: specs, a collector and some updates of a policy; then the vector environment."""
 
 import gymnasium as gym
 import torch

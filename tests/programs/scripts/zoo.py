@@ -20,15 +20,33 @@ HYPERPARAMETERS = f"""
 
 
 def run(program: str, *arguments: str) -> None:
-    common = ["--algo", "ppo", "--env", ID, "--gym-packages", "auvbench", "-f", "logs"]
-    subprocess.run([sys.executable, "-m", f"rl_zoo3.{program}", *common, *arguments], cwd=folder, check=True)
+    # `train` and `enjoy` have --gym-packages for this, `record_video` does not.
+    start = (
+        f"import auvbench, runpy; runpy.run_module('rl_zoo3.{program}', run_name='__main__', alter_sys=True)"
+    )
+    common = ["--algo", "ppo", "--env", ID, "-f", "logs"]
+    subprocess.run([sys.executable, "-c", start, *common, *arguments], cwd=folder, check=True)
 
 
 with tempfile.TemporaryDirectory() as folder:
     (Path(folder) / "mine.yml").write_text(HYPERPARAMETERS)
-    run("train", "--conf-file", "mine.yml", "-n", "512", "--eval-freq", "-1", "--env-kwargs", "k:40", "frequency:25")
-    run("enjoy", "-n", "60", "--no-render")
+    run(
+        "train",
+        "--gym-packages",
+        "auvbench",
+        "--conf-file",
+        "mine.yml",
+        "-n",
+        "512",
+        "--eval-freq",
+        "-1",
+        "--env-kwargs",
+        "k:40",
+        "frequency:25",
+    )
+    run("enjoy", "--gym-packages", "auvbench", "-n", "60", "--no-render")
     run("record_video", "-n", "40")
     films = list(Path(folder).glob("logs/**/*.mp4"))
-    assert films and films[0].stat().st_size > 1000
+    assert films
+    assert films[0].stat().st_size > 1000
 print("trained 512 steps; rl-zoo3", rl_zoo3.__version__)
