@@ -186,6 +186,8 @@ class Ranking:
     """tests on `then` of the pairs that `rank_by` does not resolve; a family of their own"""
     margin: float | None = None
     """smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1)"""
+    columns: tuple[str, ...] = ()
+    """further columns that were asked for, as names of `further.COLUMNS`"""
     notices: tuple[str, ...] = ()
     """what must be read before the table: unequal budgets of training"""
     agreement: str = ""

@@ -32,12 +32,14 @@ def main(argv: Sequence[str]) -> int:
 
 def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     from auvbench.analysis.conditions import default
+    from auvbench.analysis.further import check as check_columns
     from auvbench.analysis.load import load, require
     from auvbench.analysis.measures import to_rank_by
     from auvbench.analysis.sections import sections, split_problems
 
     to_rank_by(options.rank_by)  # a wrong name is said before anything is read
     to_rank_by(options.then, "--then")
+    check_columns(options.columns)
     runs, problems = load(paths, options.protocol, options.where)
     require(runs, problems, options.protocol)
     parts = sections(runs, options.protocol)
@@ -100,6 +102,7 @@ def _analyse(
 ) -> Report:
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
     from auvbench.analysis.findings import sentences
+    from auvbench.analysis.further import with_columns
     from auvbench.analysis.load import agents
     from auvbench.analysis.measures import in_unit
     from auvbench.analysis.model import Problem
@@ -126,6 +129,8 @@ def _analyse(
         condition=condition,
         problems=(*problems, *part.problems, *more),
     )
+    if options.columns:
+        ranking = with_columns(ranking, grouped, options.columns, options.seed)
     by_label = {agent.label: agent for agent in grouped}
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
     claims, numbers = _study(part.runs, ordered, options)

@@ -26,6 +26,7 @@ class Options:
     rank_by: str
     then: str
     group_by: tuple[str, ...]
+    columns: tuple[str, ...]
     baseline: str | None
     protocol: str
     condition: str | None
@@ -69,6 +70,7 @@ def parser() -> Parser:
     add("--rank-by", metavar="METRIC", help="success_rate, collision_rate, timeout_rate or mean_<column>")
     add("--then", metavar="METRIC", help="decides between equals")
     add("--group-by", metavar="KEY,...", help="configuration keys whose values make a row: algo,reward.k")
+    add("--columns", metavar="NAME,...", help="further columns: iqm_success, next_training, auc_steps, ...")
     add(
         "--baseline",
         metavar="AGENT",
@@ -124,6 +126,7 @@ def _options(settings: Mapping[str, Any]) -> Options:
         rank_by=str(settings["rank_by"]),
         then=str(settings["then"]),
         group_by=_names(settings["group_by"]),
+        columns=() if settings["columns"] is None else _names(settings["columns"]),
         baseline=None if settings["baseline"] is None else str(settings["baseline"]),
         protocol=str(settings["protocol"]),
         condition=None if settings["condition"] is None else str(settings["condition"]),

@@ -24,13 +24,21 @@ FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     "frequency_sweep": conditions.frequency_sweep,
     "transfer": conditions.transfer,
     "training_success": learning.success,
+    "validation_success": learning.validation,
     "training_curves": training.curves,
     "training_outcomes": training.reward_by_outcome,
     "training_logs": training.logs,
 }
 """by file name; one that has nothing to show returns None"""
 
-SECOND_PROCESS = ("training_success", "training_curves", "training_outcomes", "training_logs", "trajectories")
+SECOND_PROCESS = (
+    "training_success",
+    "validation_success",
+    "training_curves",
+    "training_outcomes",
+    "training_logs",
+    "trajectories",
+)
 """About half of the work; those that read the training records stand together, so that they are read once."""
 
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from auvbench.analysis.model import Agent
+import numpy as np
+
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.model import Agent, Problem
+from auvbench.analysis.watched import Watched, watched
 from auvbench.reporting.figures import multiples, style
 from auvbench.reporting.figures.scene import Drawing, Scene, shown, without
 from auvbench.reporting.figures.training import RECORDS, binned
 
 SPANS = 30
 """of steps, at most: a dot per seed in each"""
+MOST_WATCHED = 6
+"""agents in the panels of the validation curves"""
 
 
 def success(scene: Scene) -> Drawing | None:
@@ -59,3 +65,52 @@ def success(scene: Scene) -> Drawing | None:
 
 def _share(scene: Scene, agent: Agent) -> multiples.Curve:
     return binned(scene, agent, "success", SPANS)
+
+
+def validation(scene: Scene) -> Drawing | None:
+    """Success on the validation scenarios against environment steps, wall time and simulated time."""
+    curves: dict[str, list[Watched]] = {}
+    for agent in scene.learners():
+        for run in agent.runs:
+            try:
+                found = watched(run)
+            except Damage as damage:
+                scene.problems.append(Problem(run.id, "damaged", str(damage)))
+                continue
+            if found is not None:
+                curves.setdefault(agent.label, []).append(found)
+    wanted = [agent for agent in scene.learners() if agent.label in curves]
+    if not wanted:
+        return None
+    chosen = scene.top(MOST_WATCHED, wanted)
+    figure = style.canvas(7.4, 2.9)
+    panels = figure.subplots(1, 3, sharey=True)
+    axes = (("step", 1.0, "environment steps"), ("wall_s", 1 / 60, "wall time of training (min)"))
+    for ax, (axis, scale, label) in zip(
+        panels, (*axes, ("simulated_s", 1 / 3600, "simulated time (h)")), strict=True
+    ):
+        for agent in chosen:
+            mine = curves[agent.label]
+            end = min(float(getattr(curve, axis)[-1]) for curve in mine)
+            grid = np.linspace(0, end, 60)
+            y = np.array(
+                [
+                    np.interp(grid, [0.0, *getattr(curve, axis)], [0.0, *(100 * curve.success)])
+                    for curve in mine
+                ]
+            )
+            multiples.band(ax, scene, agent, (scale * grid, y))
+        ax.set_ylim(-2, 102)
+        ax.set_xlabel(label)
+        if axis == "step":
+            style.engineering(ax.xaxis)
+    panels[0].set_ylabel("success (%)")
+    style.legend(figure, scene.looks_of(chosen), markers=False)
+    caption = (
+        "Success on the scenarios of protocol validation, which no test shares, at fixed steps of the training "
+        "(train.evaluate_every); wall time without these tests, simulated time of all environments together. Lines "
+        "begin at 0, where nothing was tested, and end where the first seed does."
+        + multiples.lines_sentence(chosen)
+        + shown(chosen, wanted)
+    )
+    return Drawing(figure, "Training: success on validation scenarios", caption)

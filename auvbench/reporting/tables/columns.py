@@ -53,6 +53,21 @@ COLUMNS = OUTCOMES + MOTION
 BY_WEIGHT = (0, 3, 1, 2, 7, 4, 5, 11, 8, 6, 9, 10)
 """which columns a narrow terminal keeps first, as indices into `COLUMNS`"""
 
+FURTHER = {
+    "iqm_success": Column("iqm_success", "IQM of success", "%", r"IQM of success (\%)", 100.0),
+    "optimality_gap": Column("optimality_gap", "optimality gap", "%", r"optimality gap (\%)", 100.0),
+    "success_over_conditions": Column(
+        "success_over_conditions", "success over conditions", "%", r"success over conditions (\%)", 100.0
+    ),
+    "next_training": Column("next_training", "next training", "%", r"next training (\%)", 100.0),
+    "auc_steps": Column("auc_steps", "AUC over steps", "%", r"AUC over steps (\%)", 100.0),
+    "auc_wall_time": Column("auc_wall_time", "AUC over wall time", "%", r"AUC over wall time (\%)", 100.0),
+    "auc_simulated_time": Column(
+        "auc_simulated_time", "AUC over simulated time", "%", r"AUC over simulated time (\%)", 100.0
+    ),
+}
+"""columns on request, by their name in --columns"""
+
 DAGGER = "†"
 
 MOST_LETTERS = 8
@@ -69,9 +84,10 @@ def extra(ranking: Ranking) -> tuple[Column, ...]:
     """Columns for what the table is ranked by, where it is none of the usual ones."""
     usual = {c.metric for c in COLUMNS}
     wanted = dict.fromkeys((ranking.rank_by, ranking.then))
-    return tuple(
+    ranked_by = tuple(
         Column(m, m.replace("_", " "), "", m.replace("_", r"\_")) for m in wanted if m and m not in usual
     )
+    return ranked_by + tuple(FURTHER[name] for name in ranking.columns if name in FURTHER)
 
 
 def cell(row: Row, column: Column) -> tuple[str, str]:

@@ -49,6 +49,26 @@ def notes(ranking: Ranking) -> list[str]:
         lines.append(
             f"Seeds {NOTHING}: does not learn; the interval covers test episodes, and there is nothing else."
         )
+    return lines + further(ranking, percent)
+
+
+def further(ranking: Ranking, percent: str) -> list[str]:
+    """What the columns on request are."""
+    lines = []
+    if "next_training" in ranking.columns:
+        lines.append(
+            f"Next training: its bracket holds at least 90 % of all trainings, with {percent} confidence, if they are "
+            "normal on the log-odds; where some fail altogether they are not."
+        )
+    if {"iqm_success", "optimality_gap"} & set(ranking.columns):
+        lines.append(
+            "IQM, optimality gap: over training seeds and the conditions of the protocol; brackets are stratified "
+            "bootstrap intervals, too short with few seeds."
+        )
+    if any(name.startswith("auc_") for name in ranking.columns):
+        lines.append(
+            "AUC: area under success on the validation scenarios during training, as a share of success throughout."
+        )
     return lines
 
 

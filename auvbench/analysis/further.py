@@ -1,0 +1,135 @@
+"""Columns on request: over conditions and seeds at once, of the next training, and of how fast was learned."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from auvbench.analysis.effects import learns
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.model import NO_POLICY, Agent, Problem, Ranking
+from auvbench.analysis.watched import watched
+from auvbench.errors import ReportError, closest
+from auvbench.statistics import aggregate as st
+from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import FloatArray, quantile
+
+
+def of_conditions(agent: Agent, protocol: str) -> FloatArray | None:
+    """Success (seeds, conditions) under every condition of the protocol; None where runs met different ones."""
+    rows: list[list[float]] = []
+    names: list[str] | None = None
+    for run, outcome in zip(agent.runs, agent.outcome, strict=True):
+        if (outcome == NO_POLICY).all():
+            rows.append([])
+            continue
+        if (evaluation := run.evaluations.get(protocol)) is None:
+            return None
+        frame = evaluation.episodes
+        rates = (frame["outcome"] == "success").groupby(frame["condition"].astype(str)).mean()
+        if names is not None and list(rates.index) != names:
+            return None
+        names = list(rates.index)
+        rows.append([float(rate) for rate in rates.to_numpy(dtype=np.float64)])
+    if names is None:
+        return None
+    return np.array([row or [0.0] * len(names) for row in rows])  # a training that failed succeeds nowhere
+
+
+def _aggregated(aggregate: st.Aggregate) -> Callable[[Agent, str, float, int], Estimate | None]:
+    def column(agent: Agent, protocol: str, confidence: float, seed: int) -> Estimate | None:
+        scores = of_conditions(agent, protocol)
+        if scores is None:
+            return None
+        rng = np.random.default_rng([seed, zlib.crc32(agent.label.encode())])
+        return st.stratified(scores, aggregate, confidence=confidence, rng=rng)
+
+    return column
+
+
+def _over_conditions(agent: Agent, protocol: str, confidence: float, seed: int) -> Estimate | None:
+    """Mean over the conditions as they are, seeds by Student's t."""
+    scores = of_conditions(agent, protocol)
+    if scores is None:
+        return None
+    per_seed = scores.mean(axis=1)
+    if len(per_seed) < 2:
+        return Estimate(float(per_seed.mean()), np.nan, np.nan, confidence)
+    half = _half(per_seed, confidence)
+    value = float(per_seed.mean())
+    return Estimate(value, max(value - half, 0.0), min(value + half, 1.0), confidence, "training seeds")
+
+
+def _half(values: FloatArray, confidence: float) -> float:
+    n = len(values)
+    return float(quantile(confidence, n - 1)) * float(values.std(ddof=1)) / float(np.sqrt(n))
+
+
+def _next_training(agent: Agent, protocol: str, confidence: float, seed: int) -> Estimate | None:
+    if not learns(agent):
+        return None
+    return st.tolerance(agent.success.mean(axis=1), episodes=agent.outcome.shape[1], confidence=confidence)
+
+
+def _learned(axis: str) -> Callable[[Agent, str, float, int], Estimate | None]:
+    def column(agent: Agent, protocol: str, confidence: float, seed: int) -> Estimate | None:
+        curves = [watched(run) for run in agent.runs]
+        found = [curve for curve in curves if curve is not None]
+        if len(found) < len(curves) or not found or len({curve.fingerprint for curve in found}) > 1:
+            return None
+        areas = np.array([curve.area(axis) for curve in found])
+        value = float(areas.mean())
+        if len(areas) < 2:
+            return Estimate(value, np.nan, np.nan, confidence)
+        half = _half(areas, confidence)
+        return Estimate(value, max(value - half, 0.0), min(value + half, 1.0), confidence, "training seeds")
+
+    return column
+
+
+COLUMNS: Mapping[str, Callable[[Agent, str, float, int], Estimate | None]] = {
+    "iqm_success": _aggregated(st.interquartile),
+    "optimality_gap": _aggregated(st.optimality_gap),
+    "success_over_conditions": _over_conditions,
+    "next_training": _next_training,
+    "auc_steps": _learned("step"),
+    "auc_wall_time": _learned("wall_s"),
+    "auc_simulated_time": _learned("simulated_s"),
+}
+"""by name of --columns; docs/report.md defines them. All are shares of 1."""
+
+
+def check(names: Sequence[str]) -> None:
+    """
+    Raises:
+        ReportError: there is no column of that name.
+    """
+    for name in names:
+        if name not in COLUMNS:
+            raise ReportError(f"--columns {name!r} is not a column; {closest(name, COLUMNS)}")
+
+
+def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str], seed: int = 0) -> Ranking:
+    """The ranking with further columns; an agent that has no value of one gets none.
+
+    Raises:
+        ReportError: there is no column of that name.
+    """
+    check(names)
+    by_label = {agent.label: agent for agent in agents}
+    rows, problems = [], list(ranking.problems)
+    for row in ranking.rows:
+        added = {}
+        for name in names:
+            try:
+                found = COLUMNS[name](by_label[row.label], ranking.protocol, ranking.confidence, seed)
+            except Damage as damage:
+                problems.append(Problem(row.label, "damaged", f"{name}: {damage}"))
+                continue
+            if found is not None:
+                added[name] = found
+        rows.append(replace(row, estimates={**row.estimates, **added}))
+    return replace(ranking, rows=tuple(rows), columns=tuple(names), problems=tuple(dict.fromkeys(problems)))

@@ -1,0 +1,64 @@
+"""Tests on validation scenarios during training: success against steps, wall time and simulated time."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+
+import numpy as np
+
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.model import RunRecord
+from auvbench.statistics.intervals import FloatArray
+from auvbench.untrusted import reading
+
+NAME = "train/validation.csv"
+AXES = ("step", "wall_s", "simulated_s")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Watched:
+    """Success of one training on the validation scenarios, at rising steps."""
+
+    fingerprint: str
+    step: FloatArray
+    wall_s: FloatArray
+    simulated_s: FloatArray
+    success: FloatArray
+    """(n,) from 0 to 1"""
+
+    def area(self, axis: str = "step") -> float:
+        """Area under the curve of success over the whole training, as a share of what success throughout would be.
+
+        By trapezoids, from no success at 0. A training that is good from the start has 1, one that becomes good at
+        the very end nearly 0: it is how much is learned how early, in one number.
+        """
+        x = np.concatenate([[0.0], getattr(self, axis)])
+        y = np.concatenate([[0.0], self.success])
+        return float(np.trapezoid(y, x) / x[-1]) if x[-1] > 0 else float("nan")
+
+
+def watched(run: RunRecord) -> Watched | None:
+    """The run's train/validation.csv; None where there is none, or nothing in it.
+
+    Raises:
+        Damage: it cannot be read, or holds what it cannot.
+    """
+    path = run.directory / NAME
+    if not path.is_file():
+        return None
+    try:
+        rows = list(csv.DictReader(io.StringIO(reading.content(path).decode("utf-8"))))
+        if not rows:
+            return None
+        columns = {name: np.array([float(row[name]) for row in rows]) for name in (*AXES, "success_rate")}
+        fingerprints = {str(row["fingerprint"]) for row in rows}
+    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
+        raise Damage(f"{NAME} cannot be read ({type(error).__name__}: {error})") from error
+    success = columns["success_rate"]
+    rising = all((np.diff(columns[axis]) >= 0).all() for axis in AXES)
+    whole = all(np.isfinite(values).all() for values in columns.values())
+    if len(fingerprints) > 1 or not whole or not rising or (success < 0).any() or (success > 1).any():
+        raise Damage(f"{NAME} holds rows that do not belong together, or numbers that cannot be")
+    return Watched(fingerprints.pop(), columns["step"], columns["wall_s"], columns["simulated_s"], success)
