@@ -13,9 +13,11 @@ MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 KILLS ?= 100
 CUTS ?= 200
 FLIPS ?= 2000
+# Of `make fuzz`.
+MINUTES ?= 60
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check format lint type layers docs bench statistics verification parity transfer soak test-cluster test-programs clean
+.PHONY: help install demo test check format lint type layers docs bench statistics verification parity transfer soak fuzz test-cluster test-programs clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -73,6 +75,9 @@ transfer: $(STAMP) ## test the runs below RUNS=FOLDER in both, and write docs/ga
 soak: $(STAMP) ## kills, power cuts and flipped bits for a long time
 	$(BIN)/python -m tests.soak.results --cuts $(CUTS) --kills $(KILLS) --flips $(FLIPS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 	$(BIN)/python -m tests.soak.campaign --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
+
+fuzz: $(STAMP) ## random command lines, files and sheets for a long time (MINUTES=60)
+	$(BIN)/python -m tests.fuzz.campaign --minutes $(MINUTES)
 
 test-cluster: $(STAMP) ## SLURM and Ray backends against real ones (installs them: root, Debian)
 	tests/cluster/run.sh

@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 import traceback
+import uuid
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -106,7 +107,7 @@ def _text(error: BaseException) -> str:
 def _save(error: BaseException, arguments: Sequence[str]) -> Path | None:
     """Writes versions, command and traceback into a new file; None where no folder takes it."""
     content = _details(error, arguments)
-    name = f"error-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.txt"
+    name = f"error-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}-{uuid.uuid4().hex[:6]}.txt"
     state = os.environ.get("XDG_STATE_HOME") or os.path.join(os.path.expanduser("~"), ".local", "state")
     for folder in (Path(state, "auvbench"), Path(tempfile.gettempdir())):
         path = folder / name

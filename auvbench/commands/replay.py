@@ -45,6 +45,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.config.validate import evaluate_config
     from auvbench.evaluation.replay import replay
     from auvbench.runs.directory import find_runs
+    from auvbench.runs.durable import storage
 
     runs = find_runs([options.run])
     if len(runs) != 1:
@@ -58,11 +59,13 @@ def main(arguments: Sequence[str]) -> int:
     print(summary(episode))
     folder = options.out or runs[0].path / "replays"
     stem = folder / f"{protocol.name}-{condition}-{options.episode}"  # may hold dots: current=0.5
-    png, svg = draw(episode, stem)
+    with storage(f"cannot write into {folder}"):
+        png, svg = draw(episode, stem)
     print(f"\nwrote {png}\nwrote {svg}", flush=True)
     if options.video is not None:
         target = options.video if options.video != Path() else stem.with_name(f"{stem.name}.gif")
-        _film(episode, target)
+        with storage(f"cannot write {target}"):
+            _film(episode, target)
     return 0
 
 

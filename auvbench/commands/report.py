@@ -36,6 +36,7 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     from auvbench.analysis.load import load, require
     from auvbench.analysis.measures import to_rank_by
     from auvbench.analysis.sections import sections, split_problems
+    from auvbench.runs.durable import storage
 
     to_rank_by(options.rank_by)  # a wrong name is said before anything is read
     to_rank_by(options.then, "--then")
@@ -53,12 +54,14 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
         inside.check_output(out)
     inside.check_output(out / "figures")
     if len(reports) == 1:
-        report, written = write(reports[0], options, command, out)
+        with storage(f"cannot write the report into {out}"):
+            report, written = write(reports[0], options, command, out)
         _show(report, options)
     else:
         from auvbench.commands.report_sections import write_sections
 
-        reports, written = write_sections(reports, options, command, out)
+        with storage(f"cannot write the report into {out}"):
+            reports, written = write_sections(reports, options, command, out)
         for report in reports:
             _heading(report.section.title)
             _show(report, options)

@@ -23,7 +23,7 @@ from auvbench.tasks import disturbances
 from auvbench.tasks.kernels import C_EPISODE, COLLISION, F_DISTANCE, F_WAYPOINT, SUCCESS, TIMEOUT
 from auvbench.tasks.record import Record
 from auvbench.tasks.waypoint import WaypointTask
-from auvbench.vehicles import sheet
+from auvbench.vehicles import pace, sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
 from auvbench.vehicles.model import VehicleModel
 
@@ -309,6 +309,7 @@ def make_simulator(
         drawn: the ranges from which vehicles are drawn; None where all are the sheet's.
     """
     limit = _shortest_time_constant(vehicle, drawn)
+    pace.check(vehicle.name, limit)
     if isinstance(config, simulators.Fossen):
         return FossenSimulator(vehicle, n, max_step=min(config.max_step, limit))
     if isinstance(config, simulators.Gazebo):

@@ -10,7 +10,8 @@ from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
 from auvbench.runs import interpolations
 from auvbench.runs.directory import RunDirectory, freeze, place
-from auvbench.vehicles import sheet
+from auvbench.vehicles import pace, sheet
+from auvbench.vehicles.inspect import shortest_time_constant
 
 
 def load_config(run: RunDirectory) -> schema.TrainConfig:
@@ -30,7 +31,8 @@ def check(config: DictConfig) -> RunDirectory:
         ConfigError: a value is wrong.
         VehicleError: the sheet breaks a rule.
     """
-    sheet.load(train_config(config).vehicle)
+    vehicle = sheet.load(train_config(config).vehicle)
+    pace.check(vehicle.name, shortest_time_constant(vehicle))
     return place(_plain(config))
 
 

@@ -11,6 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import VehicleError, closest
+from auvbench.untrusted.text import short
+
+LARGEST = 1e15
+"""in any unit of a sheet; products of such numbers are still finite"""
 
 FloatArray = NDArray[np.float64]
 Keys = tuple[str, ...]
@@ -139,6 +143,10 @@ class Document:
             self.fail(path, f"{value!r} has the wrong shape: expected {wanted}")
         if not np.all(np.isfinite(array)):
             self.fail(path, f"{value!r} holds a number that is not finite")
+        if np.any(np.abs(array) > LARGEST):
+            self.fail(
+                path, f"{short(repr(value))} holds a number beyond ±{LARGEST:g}, which nothing measures"
+            )
         return array
 
 

@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from tests.fuzz import targets
 from tests.fuzz.harness import nothing_long
 
-ROUND = 40  # examples of a target before the next has its turn
+ROUND = 15  # examples of a target before the next has its turn
 
 
 def main() -> int:

@@ -1,0 +1,119 @@
+"""A disk that fails at the n-th write of a report, a replay or an evaluation: one line, and what was there stays."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from auvbench import cli
+from auvbench.runs import durable
+from tests import synthetic
+from tests.unit.runs.test_damage import frozen
+
+KINDS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EACCES)
+
+
+class Disk:
+    """Counts what would reach a disk, and fails from the n-th time on."""
+
+    def __init__(self, fails_at: int, number: int) -> None:
+        self.left = fails_at
+        self.number = number
+        self.failed = False
+
+    def wrap(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        def checked(*arguments: Any, **named: Any) -> Any:
+            self.left -= 1
+            if self.left <= 0:
+                self.failed = True
+                raise OSError(self.number, os.strerror(self.number))
+            return function(*arguments, **named)
+
+        return checked
+
+
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, int], Disk]:
+    def install(fails_at: int, number: int) -> Disk:
+        disk = Disk(fails_at, number)
+        monkeypatch.undo()
+        monkeypatch.setattr(tempfile, "mkstemp", disk.wrap(tempfile.mkstemp))
+        for name in ("replace", "fsync", "link"):
+            monkeypatch.setattr(os, name, disk.wrap(getattr(os, name)))
+        monkeypatch.setattr(Path, "mkdir", disk.wrap(Path.mkdir))
+        monkeypatch.setattr(durable, "write_durable", disk.wrap(durable.write_durable))
+        return disk
+
+    return install
+
+
+def judge(code: int, error: str, disk: Disk) -> None:
+    assert code in ((1, 2) if disk.failed else (0,)), error
+    if disk.failed:
+        (line,) = [line for line in error.splitlines() if line]
+        assert line.startswith("auvbench: ")
+        assert "defect" not in line
+        assert any(
+            word in line for word in ("disk", "read-only", "permission", "Permission", "Read-only", "quota")
+        )
+
+
+@pytest.mark.parametrize("flags", [["--no-figures"], ["--format", "csv,tex"]])
+def test_a_report(
+    flags: list[str], failing: Callable[[int, int], Disk], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    experiment = tmp_path / "x"
+    synthetic.write_experiment(experiment, algorithms=("pid", "random"), episodes=6)
+    for n in range(1, 40):
+        disk = failing(n, KINDS[n % len(KINDS)])
+        out = [] if n % 2 else ["--out", str(tmp_path / f"out{n}")]
+        code = cli.main(["report", str(experiment), *flags, *out])
+        judge(code, capsys.readouterr().err, disk)
+        if not disk.failed:
+            break
+    else:
+        pytest.fail("forty writes were not enough")
+    left = [path.name for path in (experiment / "report").iterdir() if path.name.startswith(".")]
+    assert not [name for name in left if name.endswith(".tmp")]
+
+
+@pytest.mark.slow
+def test_an_evaluation_and_a_replay(
+    failing: Callable[[int, int], Disk], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = frozen(tmp_path, "algo=random")
+    commands = (
+        ["evaluate", str(run.path), "protocol.episodes=2", "workers=1", "force=true"],
+        ["replay", str(run.path)],
+    )
+    for command in commands:
+        for n in range(1, 60, 3):
+            disk = failing(n, KINDS[n % len(KINDS)])
+            code = cli.main(command)
+            error = capsys.readouterr().err
+            if disk.failed:
+                assert code in (1, 2)
+                assert "defect" not in error
+                assert all(line.startswith("auvbench: ") for line in error.splitlines() if line)
+            else:
+                assert code == 0
+                break
+        else:
+            pytest.fail("sixty writes were not enough")
+
+
+def test_a_folder_that_takes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A file where a folder should be, which stands root's way too."""
+    experiment = tmp_path / "x"
+    synthetic.write_experiment(experiment, algorithms=("pid", "random"), episodes=6)
+    (experiment / "report").write_text("")
+    assert cli.main(["report", str(experiment), "--no-figures"]) in (1, 2)
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "defect" not in error
