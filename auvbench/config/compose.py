@@ -48,7 +48,18 @@ from hydra_plugins import auvbench_launcher
 
 CONFIG_MODULE = "auvbench.conf"
 
-FAULTS = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError, RecursionError)
+_INNER = (AssertionError, AttributeError, IndexError, KeyError, TypeError)
+"""Hydra's own where an override leads through what is no mapping, `hydra.sweeper.params.seed=1` for example."""
+
+FAULTS = (
+    HydraException,
+    OmegaConfBaseException,
+    yaml.YAMLError,
+    ValueError,
+    OSError,
+    RecursionError,
+    *_INNER,
+)
 """What Hydra lets out for a mistake in what was typed, or in a file of `./conf`."""
 
 ALGORITHM_SCHEMAS = {f"{name}_schema": schema for name, schema in hints.CLASSES.items()}
@@ -356,6 +367,9 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         mark = error.problem_mark
         return f"{mark.name} line {mark.line + 1}: no YAML: {error.problem}"
+    if isinstance(error, _INNER):
+        given = " ".join(overrides) or "what was typed"
+        return f"{given}: cannot be composed ({' '.join(str(error).split())})"
     if isinstance(error, RecursionError):
         return "the defaults lists of the files in conf/ name each other in a circle"
     if isinstance(error, UnicodeDecodeError):
