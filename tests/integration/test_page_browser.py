@@ -15,7 +15,7 @@ import pytest
 from auvbench.commands.report import main
 from auvbench.reporting import page
 from tests import page_data
-from tests.synthetic import ROBUSTNESS, write_experiment
+from tests.synthetic import ROBUSTNESS, reconfigure, write_experiment
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 CHROMEDRIVER = shutil.which("chromedriver")
@@ -326,6 +326,8 @@ def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
         folder, **grid, seeds=(0, 1), episodes=10, train_episodes=60, protocols={"robustness": ROBUSTNESS}
     )
     write_experiment(folder, algorithms=("pid",), episodes=10, protocols={"robustness": ROBUSTNESS})
+    for run in list(folder.glob("sac-k1-*")):  # labels as long as varied configurations make them
+        reconfigure(run, disturbance__name="moderate", train__total_steps=300_000)
     assert main([str(folder), "--protocol", "robustness", "--baseline", "pid", "--format", "html"]) == 0
     return folder / "report" / "index.html"
 

@@ -22,6 +22,8 @@ MOST_PROBLEMS = 6
 """per kind on screen; the files list all"""
 NEEDLESS = ("seeds", "group")
 """columns before the metrics that a terminal too narrow for all does without, in this order"""
+LABEL = 26
+"""characters of a label beside each other"""
 MOST_ROWS = 20
 """of success by condition, which takes several tables on a narrow screen"""
 
@@ -104,7 +106,8 @@ def _table(ranking: Ranking, lead: Sequence[str], shown: Sequence[c.Column]) -> 
     widest = max((len(word) for row in ranking.rows for word in row.label.split()), default=5)
     for heading in lead:
         if heading == "agent":
-            table.add_column(heading, overflow="fold", min_width=max(widest, 5))
+            # Of two lines, as the numbers are: a long label leaves room for them.
+            table.add_column(heading, overflow="fold", min_width=max(widest, 5), max_width=max(widest, LABEL))
         else:
             table.add_column(heading, justify="right" if heading == "seeds" else "left", no_wrap=True)
     for column in shown:

@@ -132,6 +132,14 @@ def test_a_controller_that_does_not_learn_has_no_seeds_to_be_unsure_of(ranking: 
     assert "Seeds –: does not learn" in text
 
 
+def test_a_long_label_leaves_room_for_what_is_ranked(ranking: Ranking) -> None:
+    rows = tuple(
+        replace(row, label=f"{row.label} K=40 25 Hz disturbance=moderate 300k steps") for row in ranking.rows
+    )
+    text = on_screen(replace(ranking, rows=rows), 80)
+    assert text.splitlines()[0].split() == ["success", "collision"]
+
+
 def test_runs_that_are_pooled_are_not_called_seeds(ranking: Ranking) -> None:
     rows = tuple(replace(row, seeds=(0, 0, 1, 1)) if row.label == "PPO" else row for row in ranking.rows)
     pooled = replace(ranking, rows=rows)
