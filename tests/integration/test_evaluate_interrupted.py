@@ -35,7 +35,9 @@ def test_it_says_what_is_kept_and_ends_at_once(runs: Path, seconds: float) -> No
     code = process.wait(timeout=30)
     took = time.monotonic() - begun
     said = process.communicate()[0]
-    assert code == 130, said
+    # A shell says 130 of either. Python dies of the signal itself where it came in the midst of an exec(), of which
+    # imports are full (dataclasses), even if somebody has dealt with the exception since.
+    assert code in (130, -signal.SIGINT), said
     assert took < 5.0, "2 s on a machine that is not busy with other tests"
     assert "Traceback" not in said
     assert "interrupted" in said.splitlines()[-1]
