@@ -24,6 +24,8 @@ def test_thruster_messages_move_it_as_the_embedded_simulator(tmp_path, hydrodyna
     assert main(["vehicles", "bluerov2", "--sdf", str(tmp_path), "--hydrodynamics", hydrodynamics]) == 0
     gazebo = bindings.load()
     from gz.msgs10.double_pb2 import Double
+    from gz.msgs10.odometry_pb2 import Odometry
+    from gz.msgs10.pose_pb2 import Pose
 
     world = (
         (tmp_path / "bluerov2.world.sdf").read_text().replace("<real_time_factor>1<", "<real_time_factor>0<")
@@ -45,11 +47,17 @@ def test_thruster_messages_move_it_as_the_embedded_simulator(tmp_path, hydrodyna
     publishers = [node.advertise(f"/bluerov2/thruster{i + 1}/cmd", Double) for i in range(6)]
     for publisher, newtons in zip(publishers, NEWTONS, strict=True):
         publisher.publish(Double(data=newtons))
+    heard = {"/model/bluerov2/pose": [], "/model/bluerov2/odometry": []}
+    node.subscribe(Pose, "/model/bluerov2/pose", heard["/model/bluerov2/pose"].append)
+    node.subscribe(Odometry, "/model/bluerov2/odometry", heard["/model/bluerov2/odometry"].append)
     time.sleep(1.0)  # messages come by threads of their own
     fixture.server().run(True, 6000, False)
-    topics = node.topic_list()
-    assert "/model/bluerov2/odometry" in topics
-    assert "/model/bluerov2/pose" in topics
+    time.sleep(1.0)
+    last = heard["/model/bluerov2/pose"][-1]
+    assert last.name == "bluerov2"
+    at = heard["/model/bluerov2/odometry"][-1].pose.position
+    for position in (last.position, at):
+        assert np.linalg.norm(np.array([position.x, position.y, position.z]) - seen[0]) < 0.05
 
     vehicle = load("bluerov2")
     simulator = FossenSimulator(vehicle, 1, max_step=0.001)

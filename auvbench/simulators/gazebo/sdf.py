@@ -377,6 +377,8 @@ def _publishers(space: str) -> list[str]:
             f"<odom_topic>/model/{escape(space)}/odometry</odom_topic>",
             "<odom_frame>world</odom_frame>",
             f"<robot_base_frame>{LINK}</robot_base_frame>",
+            # Not on the topic of the poses, which by default it shares with another type of message.
+            f"<tf_topic>/model/{escape(space)}/tf</tf_topic>",
             "<dimensions>3</dimensions>",
             "<odom_publish_frequency>100</odom_publish_frequency>",
         ),
