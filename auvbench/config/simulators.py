@@ -5,7 +5,7 @@ What a simulator cannot is refused here, while the configuration is checked and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from auvbench.config.schema import Current, Disturbance, Scale, choice, number
@@ -31,7 +31,7 @@ class Capabilities:
 
 CAPABILITIES: dict[str, Capabilities] = {
     "fossen": Capabilities(exact_resume=True, deterministic=True, scales=True, currents="sheared"),
-    "gazebo": Capabilities(exact_resume=False, deterministic=True, scales=True, currents="steady"),
+    "gazebo": Capabilities(exact_resume=False, deterministic=True, scales=True, currents="sheared"),
 }
 
 
@@ -69,6 +69,14 @@ def schema_of(name: str) -> type | None:
     return SCHEMAS.get(f"simulator_{name}_schema")
 
 
+def capabilities(simulator: Simulator) -> Capabilities:
+    """What a simulator can with its present options."""
+    can = CAPABILITIES[simulator.name]
+    if isinstance(simulator, Gazebo) and simulator.hydrodynamics == "published":
+        return replace(can, currents="steady")  # the plugin is told of a current when a vehicle is made
+    return can
+
+
 def threads(simulator: Any) -> int:
     """Threads that a batch on this simulator may use; only the embedded one uses more than one."""
     return simulator.threads if isinstance(simulator, Fossen) else 1
@@ -80,16 +88,17 @@ def check(simulator: Simulator, disturbance: Disturbance) -> None:
     Raises:
         ConfigError: names the key that asks too much, and simulators that could.
     """
-    can = CAPABILITIES[simulator.name]
+    can = capabilities(simulator)
     key, needed = _current(disturbance.current)
     if CURRENTS.index(needed) > CURRENTS.index(can.currents):
         others = _others(
             lambda c: CURRENTS.index(c.currents) >= CURRENTS.index(needed),
         )
         at_most = "has no current" if can.currents == "none" else f"takes a {can.currents} current at most"
-        raise ConfigError(
-            f"{key}: asks for a {needed} current, and simulator={simulator.name} {at_most}; {others}"
-        )
+        who = f"simulator={simulator.name}"
+        if can != CAPABILITIES[simulator.name]:
+            who += f" with simulator.hydrodynamics={getattr(simulator, 'hydrodynamics', '')}"
+        raise ConfigError(f"{key}: asks for a {needed} current, and {who} {at_most}; {others}")
     drawn = disturbance.randomisation
     if not can.scales:
         for name in ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust"):

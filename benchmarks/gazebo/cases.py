@@ -142,7 +142,7 @@ class PluginsCurrent(GazeboSimulator):
 
     def _newcomer(self, index: int, place: int) -> Newcomer:
         text = sdf.model(
-            self.vehicle, "corrected", name="{name}", thrusters=False, current=self.current[index]
+            self.vehicle, "corrected", name="{name}", thrusters=False, current=self.current[index, :3]
         )
         return Newcomer(place, text, self.pose[index].copy())
 

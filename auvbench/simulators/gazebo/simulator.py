@@ -21,6 +21,8 @@ IntArray = NDArray[np.integer[Any]]
 
 N_SCALES = 6
 
+_PUBLISHED = "simulator=gazebo with simulator.hydrodynamics=published"
+
 CROWD = 25
 """The most vehicles in one world: what Gazebo does in a step grows faster than their number (docs/gazebo.md)."""
 
@@ -42,7 +44,8 @@ class GazeboSimulator:
         VehicleError: Gazebo's plugins cannot be this vehicle; see `sdf.check`.
 
     Attributes beyond `Simulator`'s:
-        current: (n, 3) m/s, world axes; steady in an episode.
+        current: (n, 8) velocity of the current at the top (3), difference to the bottom (3), z of the top,
+            1 / thickness, as in the embedded simulator.
         external_wrench: (n, 6) N and N m in body axes at the body origin, kept until changed.
 
     """
@@ -69,7 +72,7 @@ class GazeboSimulator:
         self.command_force = np.zeros((n, n_u))
         self.power = np.zeros(n)
         self.effectiveness = np.ones((n, n_u))
-        self.current = np.zeros((n, 3))
+        self.current = np.zeros((n, 8))
         self.external_wrench = np.zeros((n, 6))
         self.scales = np.ones((n, N_SCALES))
         self._thrust = Thrust(vehicle, n)
@@ -107,19 +110,29 @@ class GazeboSimulator:
         bottom: ArrayLike | None = None,
         depths: tuple[ArrayLike, ArrayLike] = (0.0, 1.0),
     ) -> None:
-        """Set the current of the vehicles whose episode is about to begin, and leave that of the others.
+        """Set the current of all vehicles; see `Simulator.set_current`.
 
         Raises:
-            ConfigError: it changes within an episode, or with depth.
+            ConfigError: the second depth is not below the first; or, with the published hydrodynamics, the current
+                changes within an episode or with depth, of which the plugin cannot be told in time.
         """
-        wanted = np.broadcast_to(np.asarray(velocity, dtype=np.float64), (self.n, 3))
-        if bottom is not None and np.any(np.asarray(bottom) != np.asarray(velocity)):
-            raise ConfigError("simulator=gazebo: the current is the same at all depths")
-        changed = np.flatnonzero(np.any(wanted != self.current, axis=1)).tolist()
-        if not self._fresh.issuperset(changed):
-            raise ConfigError(
-                "simulator=gazebo: a current is steady in an episode; reset the vehicle to change it"
-            )
+        top = np.asarray(depths[0], dtype=np.float64)
+        thickness = np.asarray(depths[1], dtype=np.float64) - top
+        if not np.all(thickness > 0.0):
+            raise ConfigError(f"current from depth {depths[0]} to {depths[1]} m: the second must be deeper")
+        wanted = np.zeros((self.n, 8))
+        wanted[:, :3] = velocity
+        wanted[:, 3:6] = 0.0 if bottom is None else np.asarray(bottom) - np.asarray(velocity)
+        wanted[:, 6] = -top
+        wanted[:, 7] = 1.0 / thickness
+        if self.hydrodynamics == "published":
+            if wanted[:, 3:6].any():
+                raise ConfigError(f"{_PUBLISHED}: the current is the same at all depths")
+            changed = np.flatnonzero(np.any(wanted[:, :3] != self.current[:, :3], axis=1)).tolist()
+            if not self._fresh.issuperset(changed):
+                raise ConfigError(
+                    f"{_PUBLISHED}: a current is steady in an episode; reset the vehicle to change it"
+                )
         self.current[...] = wanted
 
     def substeps(self, duration: float) -> int:
@@ -144,6 +157,7 @@ class GazeboSimulator:
         for k, world in enumerate(self._worlds):
             part = slice(k * CROWD, k * CROWD + world.n)
             newcomers = [self._newcomer(i, i - part.start) for i in fresh if part.start <= i < part.stop]
+            world.current[...] = self.current[part]
             world.advance(newcomers, wrench[:, part])
             self.pose[part] = world.pose
             self.velocity[part] = world.velocity
@@ -173,11 +187,11 @@ class GazeboSimulator:
         vehicle = self.vehicle
         if np.any(self.scales[index] != 1.0):
             vehicle = scaled(vehicle, self.scales[index])
-        current = self.current[index].copy() if np.any(self.current[index]) else None
-        drift = None
-        if current is not None and self.hydrodynamics == "corrected":
-            drift = Drift(current, vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
-            current = None
+        drift, current = None, None
+        if self.hydrodynamics == "corrected":
+            drift = Drift(vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
+        elif self.current[index, :3].any():
+            current = self.current[index, :3].copy()
         text = sdf.model(vehicle, self.hydrodynamics, name="{name}", thrusters=False, current=current)
         return Newcomer(place, text, self.pose[index].copy(), drift)
 

@@ -46,7 +46,7 @@ class GazeboError(AuvbenchError):
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """What a steady current v_c adds to the forces that Gazebo computes from the velocity over ground.
+    """What a current v_c adds to the forces that Gazebo computes from the velocity over ground.
 
     Damping and the inertia of added mass act on nu_r = nu - R^T v_c, whose derivative is nu' + omega x R^T v_c. With
     `<fluid_added_mass>` DART computes M_A nu' + C_A(nu) nu, and the Hydrodynamics plugin D(nu) nu; the difference to
@@ -54,8 +54,6 @@ class Drift:
     `<default_current>` leaves out M_A (omega x R^T v_c).)
     """
 
-    current: FloatArray
-    """(3,) m/s, world axes"""
     M_A: FloatArray
     """(6, 6)"""
     linear: FloatArray
@@ -63,9 +61,15 @@ class Drift:
     quadratic: FloatArray
     """(6,) N s2/m2, N m s2"""
 
-    def wrench(self, R: FloatArray, nu: FloatArray) -> FloatArray:
-        """(6,) in body axes, for the rotation (3, 3) body to world and the velocity (6,) over ground, body axes."""
-        v_c = R.T @ self.current
+    def wrench(self, current: FloatArray, R: FloatArray, nu: FloatArray) -> FloatArray:
+        """(6,) in body axes.
+
+        Args:
+            current: (3,) m/s, world axes.
+            R: (3, 3) rotation body to world.
+            nu: (6,) velocity over ground, body axes.
+        """
+        v_c = R.T @ current
         nu_r = nu.copy()
         nu_r[:3] -= v_c
         swept = np.concatenate([np.cross(nu[3:], v_c), np.zeros(3)])
@@ -86,7 +90,7 @@ class Newcomer:
     pose: FloatArray
     """(7,) x y z qw qx qy qz"""
     drift: Drift | None = None
-    """the current around it, where the plugin is not told of one"""
+    """what a current does to it, where the plugin is not told of one"""
 
 
 class World:
@@ -106,6 +110,8 @@ class World:
         self.pose: FloatArray = np.zeros((n, 7))
         self.velocity: FloatArray = np.zeros((n, 6))
         """(n, 6) of the body origin over ground, body axes"""
+        self.current: FloatArray = np.zeros((n, 8))
+        """(n, 8) velocity at the top (3) in m/s, difference to the bottom (3), z of the top in m, 1 / thickness"""
         self._names: list[str | None] = [None] * n
         self._links: list[Any] = [None] * n
         self._drifts: list[Drift | None] = [None] * n
@@ -247,9 +253,13 @@ class World:
         vector = self.gazebo.math.Vector3d
         for i, row in enumerate(self._wrench[self._k].tolist()):
             link, drift = self._links[i], self._drifts[i]
-            turn = link.world_pose(ecm).rot()
-            if drift is not None:
-                row = (drift.wrench(rotation(_four(turn)), _twist(link, turn, ecm)) + row).tolist()
+            pose = link.world_pose(ecm)
+            turn = pose.rot()
+            if drift is not None and self.current[i, :6].any():
+                current = self.current[i]
+                share = min(max((current[6] - pose.pos().z()) * current[7], 0.0), 1.0)
+                water = current[:3] + share * current[3:6]
+                row = (drift.wrench(water, rotation(_four(turn)), _twist(link, turn, ecm)) + row).tolist()
             force = turn.rotate_vector(vector(row[0], row[1], row[2]))
             torque = turn.rotate_vector(vector(row[3], row[4], row[5]))
             link.add_world_wrench(ecm, force, torque)

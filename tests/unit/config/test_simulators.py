@@ -52,7 +52,7 @@ def test_what_it_cannot_is_refused_with_the_key_and_a_way_out(plain, overrides, 
     assert message.startswith(f"{key}: ")
     assert word in message
     assert "simulator=fossen" in message
-    assert message.endswith("use simulator=able")
+    assert message.endswith("simulator=able")
 
 
 def test_a_steady_current_passes_where_one_is_taken_and_not_where_there_is_none(plain):

@@ -121,21 +121,33 @@ def test_vehicles_in_one_place_do_not_touch(bluerov2):
     assert np.array_equal(together[:1], flown(GazeboSimulator(bluerov2, 1), pose[:1], actions))
 
 
-def test_steady_currents_carry_the_vehicles(bluerov2):
+def test_currents_that_change_with_time_and_depth(bluerov2):
     n = 2
     pose, actions = start(n), commands(20, n, 6)
-    current = np.array([[0.3, -0.2, 0.0], [0.0, 0.4, 0.1]])
+    currents = np.random.default_rng(5).uniform(-0.3, 0.3, (20, n, 3))
     states = []
     for simulator in (
         FossenSimulator(bluerov2, n, max_step=0.001),
         GazeboSimulator(bluerov2, n, max_step=0.001),
     ):
         simulator.reset(np.arange(n), pose, np.zeros((n, 6)))
-        simulator.set_current(current)
-        for action in actions:
+        for action, current in zip(actions, currents, strict=True):
+            simulator.set_current(current, -current, (0.0, 4.0))
             simulator.step(action, 0.1)
         states.append(same_attitude(np.column_stack([simulator.pose, simulator.velocity])))
     assert np.abs(states[0] - states[1]).max() < 0.01
+    with pytest.raises(ConfigError, match="the second must be deeper"):
+        simulator.set_current([0.1, 0.0, 0.0], [0.0, 0.0, 0.0], (3.0, 2.0))
+
+
+def test_the_published_plugin_takes_a_steady_current(bluerov2):
+    simulator = GazeboSimulator(bluerov2, 2, hydrodynamics="published")
+    pose, current = start(2), np.array([[0.3, -0.2, 0.0], [0.0, 0.4, 0.1]])
+    simulator.reset(np.arange(2), pose, np.zeros((2, 6)))
+    simulator.set_current(current)
+    simulator.step(np.zeros((2, 6)), 2.0)
+    still = flown(GazeboSimulator(bluerov2, 2, hydrodynamics="published"), pose, np.zeros((1, 2, 6)), 2.0)
+    assert np.all(np.sum((simulator.pose[:, :3] - still[:, :3]) * current, axis=1) > 0.0)
     with pytest.raises(ConfigError, match="steady in an episode"):
         simulator.set_current(2.0 * current)
     simulator.reset(np.array([0]), pose[:1], np.zeros((1, 6)))

@@ -27,17 +27,17 @@ def test_it_is_the_change_of_force_that_the_embedded_simulator_feels(name):
         return (simulator.velocity[0] - nu) / 1e-6
 
     felt = vehicle.M @ (acceleration(current) - acceleration(np.zeros(3)))
-    drift = Drift(current, vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
-    np.testing.assert_allclose(drift.wrench(rotation(pose[3:]), nu), felt, rtol=1e-4, atol=1e-3)
+    drift = Drift(vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
+    np.testing.assert_allclose(drift.wrench(current, rotation(pose[3:]), nu), felt, rtol=1e-4, atol=1e-3)
 
 
 def test_a_vehicle_that_drifts_along_feels_no_resistance():
     vehicle = load("bluerov2")
     current = np.array([0.3, -0.2, 0.1])
-    drift = Drift(current, vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
+    drift = Drift(vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
     nu = np.concatenate([current, np.zeros(3)])
     resistance = (
         coriolis(vehicle.M_A, nu) @ nu
         + (vehicle.linear_damping + vehicle.quadratic_damping * np.abs(nu)) * nu
     )
-    np.testing.assert_allclose(drift.wrench(np.eye(3), nu), resistance)
+    np.testing.assert_allclose(drift.wrench(current, np.eye(3), nu), resistance)
