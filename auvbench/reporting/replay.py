@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
+from auvbench.envs.scene import panels
 from auvbench.evaluation.replay import Replay
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.colours import COLOURS
@@ -65,64 +66,17 @@ def summary(episode: Replay) -> str:
 
 def scene(figure: Canvas, episode: Replay) -> tuple[Any, Axes, Axes, Axes]:
     """Axes in space, from above, distance and commands over time, with all that does not move."""
-    grid = figure.add_gridspec(2, 3, width_ratios=[1.5, 1.2, 1.2])
-    space: Any = figure.add_subplot(grid[:, 0], projection="3d")
-    above, time, command = (
-        figure.add_subplot(grid[:, 1]),
-        figure.add_subplot(grid[0, 2]),
-        figure.add_subplot(grid[1, 2]),
+    return panels(
+        figure,
+        episode.config.task,
+        np.asarray(episode.waypoint, dtype=np.float64),
+        episode.position[0],
+        low=episode.position.min(0),
+        high=episode.position.max(0),
+        end=float(episode.time[-1]),
+        farthest=float(episode.distance.max()) * 1.05,
+        force=float(np.abs(episode.command).max()) * 1.05 or 1.0,
     )
-    task, w = episode.config.task, episode.waypoint
-    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 19), np.linspace(0, np.pi, 10))
-    ball = (np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v))
-    space.plot_wireframe(
-        *(task.goal_radius * b + c for b, c in zip(ball, w, strict=True)), color="#9a9a9a", linewidth=0.4
-    )
-    corners = np.vstack([episode.position, w - task.goal_radius, w + task.goal_radius])
-    middle, half = (
-        (corners.max(0) + corners.min(0)) / 2,
-        max(float(np.ptp(corners, axis=0).max()) / 2, 2.0) * 1.05,
-    )
-    space.set(
-        xlim=(middle[0] - half, middle[0] + half),
-        ylim=(middle[1] - half, middle[1] + half),
-        zlim=(middle[2] - half, middle[2] + half),
-        xlabel="x (m)",
-        ylabel="y (m)",
-        zlabel="z (m)",
-        box_aspect=(1, 1, 1),
-    )
-    xs, ys = np.meshgrid([middle[0] - half, middle[0] + half], [middle[1] - half, middle[1] + half])
-    for depth in (task.depth_low, task.depth_high):
-        if middle[2] - half <= depth <= middle[2] + half:
-            space.plot_surface(xs, ys, np.full_like(xs, depth), color="#D55E00", alpha=0.12)
-    above.add_patch(_circle(w, task.goal_radius))
-    above.plot(*episode.position[0, :2], "k+", markersize=9)
-    above.set(
-        xlabel="x (m)",
-        ylabel="y (m)",
-        xlim=(middle[0] - half, middle[0] + half),
-        ylim=(middle[1] - half, middle[1] + half),
-        title="from above",
-    )
-    above.set_aspect("equal")
-    time.axhline(task.goal_radius, color="#9a9a9a", linewidth=0.8)
-    end = float(episode.time[-1])
-    time.set(
-        ylabel="distance (m)",
-        xlim=(0, end),
-        ylim=(0, float(episode.distance.max()) * 1.05),
-        title="over time",
-    )
-    bound = float(np.abs(episode.command).max()) * 1.05 or 1.0
-    command.set(ylabel="command (N)", xlabel="time (s)", xlim=(0, end), ylim=(-bound, bound))
-    return space, above, time, command
-
-
-def _circle(waypoint: Any, radius: float) -> Any:
-    from matplotlib.patches import Circle
-
-    return Circle((float(waypoint[0]), float(waypoint[1])), radius, fill=False, color="#9a9a9a")
 
 
 def heading(episode: Replay) -> str:
