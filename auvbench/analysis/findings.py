@@ -68,14 +68,19 @@ def _best(ranking: Ranking, m: Measure) -> Finding:
         basis = f"{runs} x {basis}"
     if len(ranking.rows) == 1:
         return Finding(f"{row.label} is the only agent: {value}.", statistic=basis, run_ids=row.run_ids)
-    near = [other.label for other in ranking.rows[1:] if not ranking.resolved(row, other)]
+    near = [r.label for r in ranking.rows[1:] if r.compared and not ranking.resolved(row, r)]
+    alone = [r.label for r in ranking.rows[1:] if not r.compared]
     text = f"{row.label} is first, with {value}"
     if not row.compared:
         text += (
             ": one training, which says nothing of what another would give. The data do not say who is best."
         )
         return Finding(text, statistic=f"{basis}.", run_ids=row.run_ids)
-    if not near:
+    if alone:
+        text += f", and is not resolved from {listed(near)}" if near else ""
+        have = "has one training seed and is" if len(alone) == 1 else "have one training seed each and are"
+        text += f". {listed(alone)} {have} not compared with it: the data do not say who is best."
+    elif not near:
         others = "the only other agent" if len(ranking.rows) == 2 else f"all {len(ranking.rows) - 1} others"
         text += f", and is resolved from {others}."
     elif len(near) == len(ranking.rows) - 1:
@@ -107,7 +112,8 @@ def _resolved(ranking: Ranking) -> Finding | None:
     percent = f"{100 * ranking.confidence:g} %"
     tested = sum(row.compared for row in ranking.rows)
     of = "agents" if tested == n else "agents with several training seeds or nothing to train"
-    pairs = f"all {tested * (tested - 1) // 2} pairs of {of}"
+    n_pairs = tested * (tested - 1) // 2
+    pairs = f"all {n_pairs} pairs of {of}" if n_pairs != 1 else f"the one pair of {of}"
     return Finding(text, statistic=f"Tests of {pairs}, Holm-corrected, {percent} together.")
 
 

@@ -165,6 +165,19 @@ def test_a_factor_has_no_effect_that_single_seeds_could_show():
     assert any("worse" in t or "better" in t for t in told(several))
 
 
+def test_the_first_is_not_called_best_of_agents_that_were_not_compared_with_it():
+    pid, single = agent("pid", level=8, seeds=1), agent("ppo", level=2, seeds=1)
+    low = agent("sac", level=-3, seeds=5, seed_sd=0)
+    first = told([pid, single])[0]
+    assert first.endswith(
+        ". PPO K=1 25 Hz has one training seed and is not compared with it: the data do not say who is best."
+    )
+    several = told([pid, single, low, agent("td3", level=8, seeds=5, seed_sd=0)])
+    assert "not resolved from" in several[0]
+    assert "PPO K=1 25 Hz has one training seed" in several[0]
+    assert "SAC" not in several[0]
+
+
 def test_what_the_second_measure_resolves():
     agents = [
         agent("pid", level=30, steps=200, seeds=1),
