@@ -9,7 +9,12 @@ import numpy as np
 from auvbench.statistics.bootstrap import multiplicities, paired_means, seed_weights
 from auvbench.statistics.crossed import crossed, means
 from auvbench.statistics.differences import pairs
-from benchmarks.statistics.worlds import FloatArray, World, of_rate
+from benchmarks.statistics import tables
+from benchmarks.statistics.alternatives import one_by_one
+from benchmarks.statistics.worlds import FloatArray, World, drawn, of_rate
+
+BATCH = 100
+"""experiments at once"""
 
 METHODS = ("t-type (used)", "bootstrap", "bootstrap, rescaled")
 
@@ -37,6 +42,8 @@ def coverage(
     Of the success rate, the mean steps, and the differences of both to a second agent of the same world (truth 0).
     Without resamples, or with one seed, the t-type interval alone.
     """
+    if S > 1 and not resamples:
+        return {METHODS[0]: _together(world, S, E, replications, confidence, seed)}
     rng = np.random.default_rng(seed)
     rate, steps = world.truth()
     truth = np.array([rate, steps, 0.0, 0.0])
@@ -58,6 +65,22 @@ def coverage(
             low, high = np.quantile(r, [tail, 1 - tail], axis=0)
             inside[method] += (low <= truth) & (truth <= high)
     return {method: count / replications for method, count in inside.items()}
+
+
+def _together(world: World, S: int, E: int, replications: int, confidence: float, seed: int) -> FloatArray:
+    """The same for the t-type interval alone, many experiments at once."""
+    rng = np.random.default_rng(seed)
+    inside, truth = np.zeros(4), world.truth()
+    for start in range(0, replications, BATCH):
+        scenarios = rng.normal(size=(min(BATCH, replications - start), E))
+        for metric, values in enumerate(drawn([world] * 2, S, scenarios, rng)):
+            table = tables.crossed(values, rate=metric == 0)
+            for one in one_by_one(table):
+                first = means(one, confidence)[0]
+                both = pairs(one, confidence)
+                inside[metric] += first.low <= truth[metric] <= first.high
+                inside[2 + metric] += both.low[0, 1] <= 0 <= both.high[0, 1]
+    return inside / replications
 
 
 def _t_type(

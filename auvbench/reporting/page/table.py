@@ -24,7 +24,11 @@ DEFINITIONS = {
     "success_rate": "episodes that reach the waypoint",
     "collision_rate": "episodes that leave the depth limits",
     "timeout_rate": "episodes that use up their steps",
-    "mean_steps": "agent steps of an episode",
+    "par1_steps": "agent steps of an episode; a failure counts as the step limit (PAR-1)",
+    "par2_steps": "agent steps of an episode; a failure counts as twice the step limit (PAR-2)",
+    "par1_time_s": "simulated time of an episode; a failure counts as the time limit (PAR-1)",
+    "par2_time_s": "simulated time of an episode; a failure counts as twice the time limit (PAR-2)",
+    "mean_steps": "agent steps of an episode, however it ended",
     "mean_time_to_goal_s": "simulated time of the successful episodes",
     "mean_duration_s": "simulated time of an episode",
     "mean_return": "sum of the rewards of an episode",
@@ -43,6 +47,7 @@ DEFINITIONS = {
 
 MAIN = (
     "success_rate",
+    "par1_steps",
     "mean_steps",
     "collision_rate",
     "timeout_rate",
