@@ -52,7 +52,8 @@ def draw(name: str, drawn_from: Scene) -> style.Canvas | None:
 def test_every_figure_is_written_twice_with_title_and_caption(small: Scene, tmp_path: Path) -> None:
     figures, problems = draw_all([], small.agents, small.ranking, tmp_path)
     assert problems == []
-    assert [figure.name for figure in figures] == list(FIGURES)
+    watched = "validation_success"  # needs trainings that were tested on their way
+    assert [figure.name for figure in figures] == [name for name in FIGURES if name != watched]
     for figure in figures:
         assert figure.title
         assert len(figure.caption) > 40
