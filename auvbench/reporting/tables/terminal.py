@@ -48,6 +48,7 @@ class RankingTable:
     def _fitting(self, console: Console, width: int) -> tuple[list[str], list[c.Column], list[str]]:
         """Headings of the first columns, the metrics that fit, what it is ranked by first, and what does not fit."""
         usual = c.present(c.COLUMNS, self.ranking)
+        asked = [column for column in c.extra(self.ranking) if column.metric in self.ranking.columns]
         by_weight = [c.COLUMNS[i] for i in c.BY_WEIGHT if c.COLUMNS[i] in usual]
         order = [*c.extra(self.ranking), *by_weight]
         order.sort(key=lambda column: column.metric != self.ranking.rank_by)
@@ -67,7 +68,9 @@ class RankingTable:
             kept.append(column)
         shown = [column for column in (order[0], *usual, *order) if column in kept]
         left_out = [heading for heading in c.lead(self.ranking) if heading not in lead]
-        left_out += [column.title for column in (*order[:1], *usual) if column not in shown]
+        left_out += [
+            column.title for column in dict.fromkeys((*order[:1], *asked, *usual)) if column not in shown
+        ]
         return lead, list(dict.fromkeys(shown)), left_out
 
 
