@@ -1,6 +1,6 @@
 """Looking more than once, planned: bounds of group-sequential tests.
 
-Who adds seeds until a difference is resolved at 5 % finds one in up to a fifth of the tables where there is none. A
+Who adds seeds until a difference is resolved at 5 % finds one far more often where there is none. A
 planned design fixes beforehand after how many seeds one looks, and asks for more at each look, so that all looks
 together err as often as one test does: Pocock (1977, Biometrika 64:191) asks for the same at each, O'Brien & Fleming
 (1979, Biometrics 35:549) for much at first and for hardly more than a single test at last.
