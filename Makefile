@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+PIP = $(BIN)/python -m pip install -qq --disable-pip-version-check
 # One torch thread per process; tests run side by side on the cores there are.
 JOBS ?= auto
 export OMP_NUM_THREADS ?= 1
@@ -17,20 +18,22 @@ FLIPS ?= 2000
 MINUTES ?= 60
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check format lint type layers docs bench statistics verification parity transfer soak fuzz test-cluster test-programs clean
+.PHONY: help install demo test check format lint type layers docs bench statistics verification parity transfer soak fuzz lock test-cluster test-programs clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
 
 install: $(STAMP) ## the virtual environment .venv with auvbench and its tools
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml constraints.txt requirements.lock requirements-build.lock
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if (3, 11) <= v < (3, 14) else \
 	  f"auvbench needs Python 3.11 to 3.13, this is {v[0]}.{v[1]}; name another one: make $(MAKECMDGOALS) PYTHON=python3.12")'
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing into $(VENV) (torch and its friends: some minutes the first time)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@# Everything but PyTorch by the hashes of its files; the last line installs PyTorch, ourselves, and checks the rest.
+	@$(PIP) --require-hashes --no-deps -r requirements-build.lock
+	@$(PIP) --require-hashes --no-deps --no-build-isolation -r requirements.lock
+	@$(PIP) --no-build-isolation -c constraints.txt -e '.[dev]'
 	@touch $@
 
 demo: $(STAMP) ## train PPO with K=1 and K=100, five seeds each; test them, PID and random; rank them
@@ -75,6 +78,10 @@ transfer: $(STAMP) ## test the runs below RUNS=FOLDER in both, and write docs/ga
 soak: $(STAMP) ## kills, power cuts and flipped bits for a long time
 	$(BIN)/python -m tests.soak.results --cuts $(CUTS) --kills $(KILLS) --flips $(FLIPS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 	$(BIN)/python -m tests.soak.campaign --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
+
+lock: $(STAMP) ## the hashes of all files that an installation may take
+	$(PIP) uv
+	$(BIN)/python .ci/lock
 
 fuzz: $(STAMP) ## random command lines, files and sheets for a long time (MINUTES=60)
 	$(BIN)/python -m tests.fuzz.campaign --minutes $(MINUTES)
