@@ -121,6 +121,11 @@ def cautions(ranking: Ranking) -> list[str]:
             "95 % intervals held in 80 to 88 % of simulated experiments, and no interval contains a kind of training "
             "that was not among the seeds."
         )
+    if ranking.rank_by.startswith("mean_") and ranking.rank_by != "mean_return":
+        found.append(
+            f"{ranking.rank_by} is over all test episodes, however they ended: what a failure saves makes it look good. "
+            "Read it beside the success rate."
+        )
     equal = [c for c in ranking.comparisons if c.verdict == "equivalent"]
     seeds = {row.label: len(row.seeds) for row in several}
     fewest = min((seeds[x] for c in equal for x in (c.first, c.second) if x in seeds), default=0)

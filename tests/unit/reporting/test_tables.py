@@ -10,10 +10,11 @@ import pytest
 from rich.console import Console
 
 from auvbench.analysis.load import agents, load
-from auvbench.analysis.model import Problem, Ranking
+from auvbench.analysis.model import Problem, Ranking, Row
 from auvbench.reporting import tables
 from auvbench.reporting.tables import columns as columns_of_tables
 from auvbench.reporting.tables.latex import fitting
+from auvbench.reporting.tables.notes import cautions
 from auvbench.statistics.estimate import Estimate
 from tests.paper import compile_article, needs_pdflatex
 from tests.plain_ranking import plain_ranking
@@ -113,6 +114,25 @@ def test_notes_say_what_the_numbers_cover(ranking: Ranking) -> None:
     assert "More seeds: auvbench train -m algo=sac seed=0,1,2,3,4" in text
     assert re.search(r"\| – \| SAC † \| 1 \|", text)
     assert "PID †" not in text
+
+
+def test_cautions_stand_where_the_numbers_do(ranking: Ranking) -> None:
+    def told(**changes: object) -> str:
+        return " ".join(cautions(replace(ranking, **changes)))
+
+    def rated(value: float) -> tuple[Row, ...]:
+        e = Estimate(value, value - 0.01, min(value + 0.01, 1.0))
+        return tuple(replace(row, estimates={"success_rate": e}) for row in ranking.rows)
+
+    assert told(rows=rated(0.5)) == ""
+    for near in (0.98, 1.0, 0.03):
+        assert "held in 80 to 88 % of simulated experiments" in told(rows=rated(near))
+    assert told(rows=tuple(replace(row, seeds=tuple(range(20))) for row in rated(0.98))) == ""
+    pair = replace(ranking.comparisons[0], first="SAC", second="PPO", verdict="equivalent")
+    said = told(rows=rated(0.5), comparisons=(pair,))
+    assert "what befalls 3 of 10 trainings is in none of 2 seeds with a probability of 49 %" in said
+    assert "however they ended" in told(rows=rated(0.5), rank_by="mean_energy_J")
+    assert told(rows=rated(0.5), rank_by="par1_steps") == ""
 
 
 def test_a_controller_that_does_not_learn_has_no_seeds_to_be_unsure_of(ranking: Ranking) -> None:
