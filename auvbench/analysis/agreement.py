@@ -70,15 +70,15 @@ def of_neighbour(file: Path, data: bytes) -> str:
 
 def of_rows(summary: Mapping[str, Any], frame: pd.DataFrame) -> str:
     """Whether rates, means and frequencies of a summary are those of the rows, condition by condition."""
-    columns = [name for name in _MEASURED if name in frame.columns]
-    numbers = frame[columns].to_numpy(dtype=np.float64)
-    outcomes = frame["outcome"].to_numpy()
-    names = frame["condition"].astype(str).to_numpy()
+    # Column by column: to bring whole numbers and others into one table takes longer than all the rest.
+    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in _MEASURED if name in frame.columns}
+    outcomes = frame["outcome"].to_numpy(dtype=object)
+    alone = len(summary["conditions"]) == 1
+    names = None if alone else frame["condition"].astype(str).to_numpy(dtype=object)
     for condition in summary["conditions"]:
-        mine = names == condition["name"]
+        mine = np.ones(len(frame), dtype=np.bool_) if names is None else names == condition["name"]
         found = {f"{outcome}_rate": float(np.mean(outcomes[mine] == outcome)) for outcome in OUTCOMES}
-        means = numbers[mine].mean(axis=0)
-        found |= {f"mean_{name}": float(mean) for name, mean in zip(columns, means, strict=True)}
+        found |= {f"mean_{name}": float(values[mine].mean()) for name, values in columns.items()}
         for key, value in found.items():
             if key in condition and not _same(condition[key], value):
                 return (
