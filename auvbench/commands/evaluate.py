@@ -59,6 +59,7 @@ def main(arguments: Sequence[str]) -> int:
     _refuse_flags(rest)
     paths = [word for word in rest if "=" not in word or Path(word).exists()]
     overrides = [word for word in rest if word not in paths]
+    _refuse_keys_of_runs(overrides)
     composed = compose("evaluate", overrides)
     if shows:
         from omegaconf import OmegaConf
@@ -98,6 +99,18 @@ def _refuse_flags(words: Sequence[str]) -> None:
 
 KEYS = ("protocol", "workers", "force", *(f"protocol.{key}" for key in ("episodes", "batch", "trajectories")))
 """what is typed key=value"""
+
+
+def _refuse_keys_of_runs(overrides: Sequence[str]) -> None:
+    """`evaluate outputs reward.k=1`: a test has no such key, but the runs have."""
+    from auvbench.config.hints import RUN_KEYS
+
+    for word in overrides:
+        group = word.partition("=")[0].partition(".")[0]
+        if group in RUN_KEYS:
+            raise UserError(
+                f"{word}: a key of runs, not of a test; to test only such runs type --where {word}"
+            )
 
 
 def _refuse_own(terms: Sequence[str]) -> None:

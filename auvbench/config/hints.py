@@ -34,6 +34,21 @@ ELSEWHERE = {
 }
 """Keys that other programs have, and what stands for them here."""
 
+RUN_KEYS = (
+    "algo",
+    "vehicle",
+    "reward",
+    "step",
+    "noise",
+    "disturbance",
+    "task",
+    "simulator",
+    "train",
+    "seed",
+    "name",
+)
+"""The questions whose answers tell runs apart."""
+
 CLASSES = {
     "ppo": algorithms.PPO,
     "sac": algorithms.SAC,
@@ -115,7 +130,9 @@ def unknown_key(key: str, known: Collection[str], chosen: Mapping[str, str], pro
     """
     hint = f"{program} --cfg job shows all keys"
     having = owners(key)
-    if having and key not in known:
+    if having and key in known:  # of the first of several: the others lack it
+        return f"{_and(having)}, not every algorithm of the grid"
+    if having:
         return f"{chosen.get('algo', 'ppo')} has none; {_and(having)} (algo={having[0]})"
     if key in ELSEWHERE:
         return f"{ELSEWHERE[key]} ({hint})"

@@ -87,9 +87,10 @@ def panels(
     """
     from matplotlib.patches import Circle
 
-    grid = figure.add_gridspec(2, 3, width_ratios=[1.5, 1.2, 1.2])
+    # The layout engine does not see the labels of axes in space: the second column keeps them off the next.
+    grid = figure.add_gridspec(2, 4, width_ratios=[1.5, 0.15, 1.2, 1.2])
     space: Any = figure.add_subplot(grid[:, 0], projection="3d")
-    above, time, command = (figure.add_subplot(place) for place in (grid[:, 1], grid[0, 2], grid[1, 2]))
+    above, time, command = (figure.add_subplot(place) for place in (grid[:, 2], grid[0, 3], grid[1, 3]))
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 19), np.linspace(0, np.pi, 10))
     ball = (np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v))
     space.plot_wireframe(

@@ -52,6 +52,8 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         (["report", "outputs", "baseline=pid"], "--baseline pid"),
         (["report", "outputs", "rank_by=mean_steps"], "--rank-by mean_steps"),
         (["report", "outputs", "reward.k=1"], "--where reward.k=1"),
+        (["evaluate", "outputs", "reward.k=40"], "--where reward.k=40"),
+        (["evaluate", "outputs", "vehicle=rexrov"], "--where vehicle=rexrov"),
         (["runs", "outputs", "state=failed"], "--state failed"),
         (["runs", "outputs", "reward.k=40"], "--where reward.k=40"),
         (["replay", "outputs", "episode=3"], "--episode 3"),
