@@ -14,6 +14,7 @@ from auvbench.config import answers, hints, overrides
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
+from auvbench.runs.plan import prepare
 from tests import fake_training
 
 
@@ -169,7 +170,6 @@ def test_a_file_is_no_run(folder: Path, capsys: pytest.CaptureFixture[str], comm
 def test_a_protocol_nobody_was_tested_by_is_told_from_a_misspelt_one(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run = folder / "outputs" / "a" / "ppo-1"
-    (run / "config.yaml").write_text("algo: {name: ppo}\nseed: 0\n")
+    prepare(compose("train", ["algo=pid", "output=trained"]))
     message = "--protocol tset: no such protocol; did you mean 'test'?"
-    assert message in told(capsys, "report", "outputs", "--protocol", "tset")
+    assert message in told(capsys, "report", "trained", "--protocol", "tset")

@@ -58,7 +58,10 @@ def test_jobs_do_not_share_what_they_may_change() -> None:
         (["seed=1,two"], "seed: 'two' is not a whole number"),
         (["algo=ppo,pppo"], "algo=pppo: no such option; did you mean 'ppo'"),
         (["reward.kk=1,2"], "reward.kk: unknown key; did you mean reward.k"),
-        (["algo=ppo,sac", "algo.n_epochs=3"], "algo.n_epochs: unknown key; ppo has it, not every algorithm of the grid"),
+        (
+            ["algo=ppo,sac", "algo.n_epochs=3"],
+            "algo.n_epochs: unknown key; ppo has it, not every algorithm of the grid",
+        ),
     ],
 )
 def test_a_mistake_in_any_job_is_one_line(arguments: list[str], message: str) -> None:
