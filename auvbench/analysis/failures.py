@@ -71,7 +71,7 @@ def failures(agents: Sequence[Agent], confidence: float) -> list[Finding]:
         kinds = listed(list(dict.fromkeys(place.where for place in found)), word="or")
         result.append(
             Finding(
-                f"Whether {_names(none)} {'fails' if len(none) == 1 else 'fail'} more with a waypoint {kinds} is not resolved.",
+                f"Whether {_names(none)} fails more with a waypoint {kinds} is not resolved.",
                 statistic=_family(len(found)),
             )
         )

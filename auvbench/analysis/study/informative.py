@@ -25,8 +25,11 @@ def learned(agent: Agent) -> bool:
 
 
 def budget(agent: Agent) -> int | None:
-    """Training steps of an agent's runs; None where they differ."""
-    steps = {int(run.manifest.get("steps") or 0) for run in agent.runs}
+    """Training steps that an agent's runs were given; None where they differ.
+
+    Not those that were taken: PPO finishes the rollout in which its budget ends.
+    """
+    steps = {int(run.manifest.get("total_steps") or run.manifest.get("steps") or 0) for run in agent.runs}
     return steps.pop() if len(steps) == 1 else None
 
 

@@ -459,12 +459,28 @@ def test_one_seed_and_unequal_budgets_are_no_evidence():
 
     several = [agent("sac", k, f, level=3 - 3 * (k > 50), episodes=500) for k, f in GRID]
     mixed = [
-        replace(a, runs=tuple(replace(r, manifest={**r.manifest, "steps": 500_000}) for r in a.runs))
+        replace(
+            a,
+            runs=tuple(
+                replace(r, manifest={**r.manifest, "steps": 500_000, "total_steps": 500_000}) for r in a.runs
+            ),
+        )
         if a.key["reward.k"] > 50
         else a
         for a in several
     ]
     assert "3 cells left out: unequal training budgets" in claim(4, (), mixed).missing
+
+
+def test_a_rollout_that_ends_after_the_budget_is_no_other_budget():
+    from dataclasses import replace
+
+    def overshot(one):
+        runs = (replace(r, manifest={**r.manifest, "steps": 1_000_000 + 64 * r.seed}) for r in one.runs)
+        return replace(one, runs=tuple(runs))
+
+    agents = [agent("sac", k, f, level=3 - 3 * (k > 50), episodes=500) for k, f in GRID]
+    assert claim(4, (), [overshot(one) for one in agents]).statistic == claim(4, (), agents).statistic
 
 
 # How often the verdicts are wrong
