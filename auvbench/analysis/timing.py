@@ -83,14 +83,21 @@ def _several(values: Sequence[float]) -> str:
     return listed([f"{v:g} s" for v in values], word="or") if values else "an unknown time"
 
 
+def budget_of(run: RunRecord) -> int:
+    """Environment steps that a training was given, 0 where nobody says.
+
+    Not those that were taken: PPO finishes the rollout in which its budget ends.
+    """
+    given = run.config.get("train.total_steps") or run.manifest.get("total_steps")
+    return int(given or run.manifest.get("steps") or 0)
+
+
 def unequal_budgets(agents: Sequence[Agent]) -> str:
     """A sentence where the learning agents of a table were trained for different numbers of steps; '' where not."""
     budgets: dict[int, list[str]] = {}
     for agent in agents:
         if learns(agent):
-            for steps in {
-                int(run.manifest.get("total_steps") or run.manifest.get("steps") or 0) for run in agent.runs
-            }:
+            for steps in {budget_of(run) for run in agent.runs}:
                 budgets.setdefault(steps, []).append(agent.label)
     if len(budgets) < 2:
         return ""

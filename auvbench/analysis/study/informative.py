@@ -12,6 +12,7 @@ from auvbench.analysis.model import Agent
 from auvbench.analysis.prose import counted, difference
 from auvbench.analysis.study.evidence import cell
 from auvbench.analysis.study.verdict import OPEN, Levels, Part, by_interval, more_seeds, runs_of
+from auvbench.analysis.timing import budget_of
 
 LEARNED = 0.15
 """test success above which a run learned something: ten runs of 3000 and 5000 steps reached 0.2 to 8.4 %"""
@@ -25,11 +26,8 @@ def learned(agent: Agent) -> bool:
 
 
 def budget(agent: Agent) -> int | None:
-    """Training steps that an agent's runs were given; None where they differ.
-
-    Not those that were taken: PPO finishes the rollout in which its budget ends.
-    """
-    steps = {int(run.manifest.get("total_steps") or run.manifest.get("steps") or 0) for run in agent.runs}
+    """Training steps that an agent's runs were given; None where they differ."""
+    steps = {budget_of(run) for run in agent.runs}
     return steps.pop() if len(steps) == 1 else None
 
 
