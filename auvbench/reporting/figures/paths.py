@@ -24,7 +24,7 @@ EPISODES = 10
 
 
 def trajectories(scene: Scene) -> Drawing | None:
-    """Paths of the first seed of each agent in one test episode (thesis, figure 3.6)."""
+    """Paths of the first tested seed of each agent in one test episode (thesis, figure 3.6)."""
     protocol, condition = scene.ranking.protocol, scene.ranking.condition
     wanted = scene.top(MOST)
     tracks: dict[str, dict[int, FloatArray]] = {}
@@ -32,7 +32,7 @@ def trajectories(scene: Scene) -> Drawing | None:
         if found := _positions(scene, agent):
             tracks[agent.label] = found
     chosen = [agent for agent in scene.agents if agent.label in tracks]
-    episode = _telling_episode(chosen, tracks)
+    episode = _telling_episode(chosen, tracks, protocol)
     if episode is None:
         return None
     figure = style.canvas(10.6, 4.6)
@@ -57,11 +57,12 @@ def trajectories(scene: Scene) -> Drawing | None:
         for ax, axes in ((space, (0, 1, 2)), (above, (0, 1)), (side, (0, 2))):
             ax.plot(*(position[:, i] for i in axes), **line)
             ax.plot(*(position[-1:, i] for i in axes), **end)
-        ends.append(f"{agent.label} {OUTCOMES[int(agent.outcome[0, episode])]}")
+        outcome = int(agent.outcome[_tested(agent, protocol), episode])
+        ends.append(f"{agent.label} {OUTCOMES[outcome]}")
     style.legend(figure, scene.looks_of(chosen))
     number = _episode_ids(chosen[0], protocol, condition)[episode]
     caption = (
-        f"Test episode {number} (first training seed of each agent), in space, from above and from the side. + "
+        f"Test episode {number} (first tested seed of each agent), in space, from above and from the side. + "
         f"start; grey: the waypoint with its {goal_radius(chosen):g} m sphere; dashed: the depth limits. "
         f"It ended in: {', '.join(ends)}."
         + shown(wanted, scene.agents)
@@ -70,15 +71,22 @@ def trajectories(scene: Scene) -> Drawing | None:
     return Drawing(figure, "Test: trajectories of one episode", caption)
 
 
+def _tested(agent: Agent, protocol: str) -> int:
+    """Place of the first seed that has a policy that was tested: a training that failed has none."""
+    return next(i for i, run in enumerate(agent.runs) if protocol in run.evaluations)
+
+
 def _episode_ids(agent: Agent, protocol: str, condition: str) -> list[int]:
-    frame = agent.runs[0].evaluations[protocol].episodes
+    frame = agent.runs[_tested(agent, protocol)].evaluations[protocol].episodes
     return sorted(int(e) for e in frame.loc[frame["condition"] == condition, "episode"])
 
 
 def _positions(scene: Scene, agent: Agent) -> dict[int, FloatArray]:
     """Paths (T+1, 3) of the first seed, by column of the agent's metrics; a damaged file becomes a problem."""
     protocol, condition = scene.ranking.protocol, scene.ranking.condition
-    run = agent.runs[0]
+    if all(protocol not in run.evaluations for run in agent.runs):
+        return {}
+    run = agent.runs[_tested(agent, protocol)]
     file = run.directory / "evaluations" / protocol / "trajectories.npz"
     if not file.is_file():
         return {}
@@ -91,14 +99,16 @@ def _positions(scene: Scene, agent: Agent) -> dict[int, FloatArray]:
     return {ids[episode]: position for episode, _, position, _ in found if episode in ids}
 
 
-def _telling_episode(agents: list[Agent], tracks: Mapping[str, Mapping[int, FloatArray]]) -> int | None:
+def _telling_episode(
+    agents: list[Agent], tracks: Mapping[str, Mapping[int, FloatArray]], protocol: str
+) -> int | None:
     """The episode all agents have that ended most differently; among equals, the one furthest away."""
     if not agents:
         return None
     common = set.intersection(*(set(tracks[agent.label]) for agent in agents))
 
     def telling(episode: int) -> tuple[int, float, int]:
-        outcomes = {int(agent.outcome[0, episode]) for agent in agents}
+        outcomes = {int(agent.outcome[_tested(agent, protocol), episode]) for agent in agents}
         return len(outcomes), float(agents[0].metrics["initial_distance_m"][0, episode]), -episode
 
     return max(common, key=telling, default=None)
