@@ -145,6 +145,10 @@ class RunDirectory:
         Raises:
             OSError: the disk does not take them.
         """
+        for draft in self.model.glob(
+            ".*"
+        ):  # of an attempt that was killed, or lost its power, in this moment
+            draft.unlink(missing_ok=True)
         for name, data in files.items():
             write_atomic(self.model / name, data)
         return {f"{self.model.name}/{name}": integrity.entry(data) for name, data in files.items()}

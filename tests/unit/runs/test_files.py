@@ -34,3 +34,14 @@ def test_creates_without_hard_links_too(tmp_path: Path, monkeypatch: pytest.Monk
     assert files.create_atomic(tmp_path / "file.txt", b"text")
     assert (tmp_path / "file.txt").read_text() == "text"
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_model_is_written_without_the_drafts_of_a_killed_attempt(tmp_path: Path) -> None:
+    from auvbench.runs.directory import RunDirectory
+
+    run = RunDirectory(tmp_path)
+    run.model.mkdir()
+    (run.model / ".policy.pt.abc").write_bytes(b"half")
+    table = run.write_model({"policy.pt": b"whole"})
+    assert [path.name for path in run.model.iterdir()] == ["policy.pt"]
+    assert table["model/policy.pt"]["bytes"] == 5
