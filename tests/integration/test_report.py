@@ -157,7 +157,7 @@ def test_a_preset_holds_options_and_the_command_line_beats_it(grid: list[Path], 
     assert report(grid[0].parent, "--preset", preset, "--out", tmp_path / "a") == 0
     table = rows(tmp_path / "a")
     assert {row["agent"] for row in table} == {"PID", "PPO", "SAC"}
-    steps = [float(row["mean_steps"]) for row in table]
+    steps = [float(row["par1_steps"]) for row in table]
     assert steps == sorted(steps)
     assert (
         report(
