@@ -75,7 +75,7 @@ HARMS = [
     (lambda path: path.write_bytes(b"\x80\x00\xff"), "config.yaml: damaged"),
     (Path.unlink, "config.yaml: missing; restore it"),
     (a_folder, "config.yaml: damaged: Is a directory"),
-    (a_dangling_link, "config.yaml: missing; restore it"),
+    (a_dangling_link, "remove the link, or put the files themselves there"),
 ]
 
 
