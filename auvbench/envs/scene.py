@@ -23,7 +23,7 @@ DPI = 80
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#882255")
 PATH = "#0072B2"
 
-_RC: Any = {
+LOOK: Any = {
     "font.size": 9,
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",
@@ -38,6 +38,7 @@ _RC: Any = {
     "figure.autolayout": False,
     "figure.constrained_layout.use": False,
 }
+"""what pictures of an environment and figures of a report have in common, whatever a user's matplotlibrc says"""
 
 
 @dataclass(slots=True)
@@ -182,7 +183,7 @@ class Scene:
         while self._end < (len(position) - 1) * self._duration:
             self._end *= 2.0
         self._farthest = 1.25 * max(*trail.distance, self._task.goal_radius)
-        with mpl.rc_context(_RC):
+        with mpl.rc_context(LOOK):
             self._figure = Figure(figsize=SIZE, dpi=DPI, layout=ConstrainedLayoutEngine(wspace=0.12))
             self._canvas = FigureCanvasAgg(self._figure)  # typed Any: its stubs are not complete
             self._axes = panels(

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 
 from auvbench.analysis.model import Agent
+from auvbench.envs import scene
 from auvbench.reporting.figures.colours import COLOURS, palette
 from auvbench.runs.files import write_atomic
 
@@ -27,26 +28,13 @@ OUTCOME_LOOK = {"success": ("#009E73", "o"), "collision": ("#D55E00", "X"), "tim
 
 DPI = 150
 
-_RC: Any = {
-    "font.size": 9,
-    "axes.titlesize": 9.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e4e4e4",
-    "grid.linewidth": 0.7,
+_RC: Any = scene.LOOK | {
     "legend.frameon": False,
-    "lines.linewidth": 1.6,
     "lines.markersize": 5,
     "svg.fonttype": "none",  # text stays text: smaller, searchable
     "svg.hashsalt": "auvbench",  # the same figure has the same bytes
     "path.simplify": True,
     "text.parse_math": False,  # a label with dollar signs is a label, not a formula
-    "figure.autolayout": False,  # whatever a user's matplotlibrc says: figures have the layout they ask for
-    "figure.constrained_layout.use": False,
 }
 
 
