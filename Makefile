@@ -16,6 +16,9 @@ CUTS ?= 200
 FLIPS ?= 2000
 # Of `make fuzz`.
 MINUTES ?= 60
+# Simulated tables and experiments, and studies of the thesis, per row of `make statistics`.
+REPLICATIONS ?= 500
+STUDIES ?= 500
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check format lint type layers docs bench statistics verification parity transfer soak fuzz lock test-cluster test-programs clean
@@ -62,8 +65,8 @@ format: $(STAMP) ## rewrite the code in the house's format
 bench: $(STAMP) ## how fast everything is, as a table
 	$(BIN)/python -m benchmarks $(ARGS)
 
-statistics: $(STAMP) ## measure anew how often reports are right: the tables of docs/statistics.md (an hour of one core)
-	$(BIN)/python -m benchmarks.statistics $(ARGS)
+statistics: $(STAMP) ## measure anew how often reports are right: tables of docs/ (an hour of one core; a look: REPLICATIONS=20 STUDIES=10)
+	$(BIN)/python -m benchmarks.statistics --replications $(REPLICATIONS) --studies $(STUDIES) $(ARGS)
 
 verification: $(STAMP) ## compute docs/verification.md anew
 	$(BIN)/python -m tests.verification.page

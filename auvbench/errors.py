@@ -57,6 +57,10 @@ class ActionError(AuvbenchError, ValueError):
     """What was given as an action is none: a NaN, an infinity, or another shape than the environment takes."""
 
 
+class AgentError(AuvbenchError):
+    """An agent or a simulator of an installed package does not do what it must; the message names both."""
+
+
 class AuvbenchWarning(UserWarning):
     """Something is not as it should be and is dealt with; the message says how."""
 

@@ -22,11 +22,17 @@ CASES = {
     "sac": (["algo.gradient_steps=2"], [], 3_200, 9_600),
     "ddpg": (["algo.gradient_steps=2"], [], 3_200, 9_600),
     "td3": (["algo.gradient_steps=2"], [], 3_200, 9_600),
+    "tqc": (["algo.gradient_steps=2"], [], 3_200, 9_600),
+    "crossq": (["algo.gradient_steps=2"], [], 3_200, 9_600),
+    "trpo": (["algo.n_critic_updates=2"], [], 40_960, 163_840),
+    "recurrent_ppo": (["algo.n_epochs=2"], [], 12_288, 40_960),
+    "ppo_residual": (["algo.n_epochs=2"], [], 40_960, 163_840),
+    "sac_residual": (["algo.gradient_steps=2"], [], 3_200, 9_600),
     "ppo_thesis": (["algo.n_epochs=2"], [], 4_096, 16_384),
     "sac_thesis": (["algo.train_freq=4"], [], 400, 1_600),
     "ddpg_thesis": (["algo.train_freq=4"], [], 400, 1_600),
 }
-SHORT_START = {"sac", "ddpg", "td3", "sac_thesis", "ddpg_thesis"}
+SHORT_START = {"sac", "ddpg", "td3", "tqc", "crossq", "sac_residual", "sac_thesis", "ddpg_thesis"}
 
 
 def seconds(algo: str, overrides: list[str], steps: int) -> float:

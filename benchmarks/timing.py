@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -25,12 +26,17 @@ def best(function: Callable[[], object], *, seconds: float = 0.3, repetitions: i
     return fastest
 
 
-def command(*arguments: str, repetitions: int = 5) -> float:
-    """Seconds of a whole `auvbench` command, interpreter and imports included; the fastest of several."""
+def command(*arguments: str, repetitions: int = 5, fresh: bool = False) -> float:
+    """Seconds of a whole `auvbench` command, interpreter and imports included; the fastest of several.
+
+    With `fresh`, each in an empty folder: what a command has written the next one would find done.
+    """
     script = str(Path(sys.executable).with_name("auvbench"))
     fastest = float("inf")
     for _ in range(repetitions):
-        begun = time.perf_counter()
-        subprocess.run([script, *arguments], stdout=subprocess.DEVNULL, check=True)
-        fastest = min(fastest, time.perf_counter() - begun)
+        with tempfile.TemporaryDirectory() as folder:
+            begun = time.perf_counter()
+            where = folder if fresh else None
+            subprocess.run([script, *arguments], stdout=subprocess.DEVNULL, check=True, cwd=where)
+            fastest = min(fastest, time.perf_counter() - begun)
     return fastest

@@ -181,6 +181,71 @@ def resolution(agents: list[Plain], measure: str, least: float, most: float) -> 
     return found
 
 
+def spread_of(first: Pieces, second: Pieces) -> tuple[float, float, float, int]:
+    """Of a difference: variance between seeds with Welch's degrees of freedom, that of scenarios with its own."""
+    a = first.a + second.a
+    squares = sum(p.a**2 / p.df for p in (first, second) if np.isfinite(p.df) and p.a > 0)
+    E = len(first.columns)
+    shared = float(np.cov(first.columns, second.columns)[0, 1]) / E
+    c = max(first.b + second.b - 2 * shared - first.r - second.r, 0.0)
+    return a, a**2 / squares if a > 0 else np.inf, c, E - 1
+
+
+def wilson(p: float, n: float, z: float) -> tuple[float, float]:
+    centre, half = p + z**2 / (2 * n), z * sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    return max((centre - half) / (1 + z**2 / n), 0.0), min((centre + half) / (1 + z**2 / n), 1.0)
+
+
+def differences(
+    agents: list[Plain], measure: str, confidence: float, least: float, most: float
+) -> dict[tuple[str, str], tuple[float, float]]:
+    """Intervals of all differences, each pair by itself, variances between seeds pooled upwards."""
+    rate, tail = measure == "success", (1 - confidence) / 2
+    seeds = [agent.seeds for agent in agents]
+    own = [pieces(getattr(agent, measure), rate) for agent in agents]
+    raised = pooled(own, seeds)
+    found = {}
+    for i, j in combinations(range(len(agents)), 2):
+        d = own[i].mean - own[j].mean
+        a, df, c, dfc = spread_of(raised[i], raised[j])
+        half = half_width(a, df, c, dfc, tail)
+        low, high = d - half, d + half
+        if rate:
+            single = max(seeds[i], seeds[j]) == 1
+            z = stats.norm.isf(tail) if single else half / sqrt(a + c)
+            ends = []
+            for k in (i, j):
+                p, S = own[k], seeds[k]
+                E, variance = len(p.columns), p.a + max(p.b - p.r, 0.0)
+                n = E if S == 1 else S * E
+                if S > 1 and p.mean not in (0.0, 1.0):
+                    n = min(p.mean * (1 - p.mean) / variance, n)
+                ends.append(wilson(p.mean, n, z))
+                if S > 1:
+                    reach = z * sqrt(raised[k].a + max(raised[k].b - raised[k].r, 0.0))
+                    ends[-1] = (
+                        max(min(ends[-1][0], p.mean - reach), 0.0),
+                        min(max(ends[-1][1], p.mean + reach), 1.0),
+                    )
+            (l1, u1), (l2, u2) = ends
+            shared = float(np.cov(own[i].columns, own[j].columns)[0, 1]) / len(own[i].columns)
+            if single and shared > 0:
+                n = len(own[i].columns)
+                shared = max(shared - 1 / (2 * n * (n - 1)), 0.0)
+            variances = [p.a + max(p.b - p.r, 0.0) for p in (own[i], own[j])]
+            r = min(max(shared / sqrt(variances[0] * variances[1]), -1.0), 1.0)
+            down, up = own[i].mean - l1, u1 - own[i].mean
+            down2, up2 = own[j].mean - l2, u2 - own[j].mean
+            least_ = d - sqrt(max(down**2 - 2 * r * down * up2 + up2**2, 0.0))
+            most_ = d + sqrt(max(up**2 - 2 * r * up * down2 + down2**2, 0.0))
+            if single:
+                low, high = least_, most_
+            else:
+                low, high = min(least_, max(low, l1 - u2)), max(most_, min(high, u1 - l2))
+        found[agents[i].name, agents[j].name] = max(low, least - most), min(high, most - least)
+    return found
+
+
 def mcnemar(x: pd.Series, y: pd.Series) -> float:
     """Mid-p on the discordant scenarios."""
     b, c = int(((x == 1) & (y == 0)).sum()), int(((x == 0) & (y == 1)).sum())

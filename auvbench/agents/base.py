@@ -1,22 +1,38 @@
-"""What every agent offers, and the registry of those there are."""
+"""What every agent offers, what one that learns offers beside, and the registry of those there are."""
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.agents.components import Components
+from auvbench.config import schema
+from auvbench.tasks.record import Record
+from auvbench.vehicles.model import VehicleModel
+
 Integers = NDArray[np.int64]
 Observations = NDArray[np.float32]
 Actions = NDArray[np.floating]
 
+SB3 = "auvbench.agents.learned.sb3:SB3Learner"
+RESIDUAL = "auvbench.agents.learned.residual:ResidualLearner"
+
 LEARNERS: dict[str, str] = {
-    "ppo": "stable_baselines3:PPO",
-    "sac": "stable_baselines3:SAC",
-    "ddpg": "stable_baselines3:DDPG",
-    "td3": "stable_baselines3:TD3",
+    "ppo": SB3,
+    "sac": SB3,
+    "ddpg": SB3,
+    "td3": SB3,
+    "tqc": SB3,
+    "crossq": SB3,
+    "trpo": SB3,
+    "recurrent_ppo": SB3,
+    "ppo_residual": RESIDUAL,
+    "sac_residual": RESIDUAL,
 }
 CONTROLLERS: dict[str, str] = {
     "pid": "auvbench.agents.classical.pid:controller",
@@ -24,11 +40,22 @@ CONTROLLERS: dict[str, str] = {
     "smc": "auvbench.agents.classical.smc:SMCController",
     "mpc": "auvbench.agents.classical.mpc:MPCController",
     "random": "auvbench.agents.classical.random:RandomAgent",
+    "onnx": "auvbench.agents.policy_file:PolicyFile",
 }
+"""What makes an agent, as `module:name` of a callable that takes a configuration and a vehicle."""
 
 
 class Agent(Protocol):
-    """A controller in a test: acts on a batch of observations."""
+    """A controller in a test: acts on a batch of observations. Made by `factory(config, vehicle)`.
+
+    Beside the contract an agent may have:
+
+    * `load(folder)`: reads what its run keeps in `model/`, before the first `reset`;
+    * `row_by_row = True`, of its class: an action takes as long in a batch as alone. Its tests are then shared among
+      processes by episodes;
+    * `ended(rows)`: told which rows of the batch nobody looks at any more;
+    * `notes()`: whole numbers by name that it has counted since it was made; a test's summary holds their sums.
+    """
 
     def reset(self, episodes: Integers) -> None:
         """Forgets everything: the given episodes (n,) begin, one per row."""
@@ -37,12 +64,171 @@ class Agent(Protocol):
         """Actions (n, n_u) in [-1, 1] for observations (n, 4 + n_u)."""
 
 
+class Transition(Protocol):
+    """What one step of the environments gives; arrays are theirs: copy what must outlive the next step."""
+
+    observation: NDArray[np.float32]  # (n, 4 + n_u), already of the next episode where one ended
+    reward: NDArray[np.float64]  # (n,)
+    terminated: NDArray[np.bool_]  # (n,) success or collision
+    truncated: NDArray[np.bool_]  # (n,) timeout
+    ended: NDArray[np.int64]  # indices of the episodes that ended
+    final_observation: NDArray[np.float32]  # (len(ended), 4 + n_u) their last observations
+    records: list[Record]  # a row of train/episodes.csv for each of them
+
+
+class Environment(Protocol):
+    """What a learner learns in: N episodes side by side, each followed by the next (`auvbench.envs.batch.Batch`)."""
+
+    n: int
+    vehicle: VehicleModel
+
+    @property
+    def restarted(self) -> NDArray[np.float32] | None:
+        """First observations (n, 4 + n_u) where a resumed run had to begin the episodes in flight again.
+
+        That is so with a simulator that cannot bring its state back; None otherwise.
+        """
+
+    def reset(self) -> NDArray[np.float32]:
+        """Begins an episode everywhere; observations (n, 4 + n_u)."""
+
+    def step(self, action: Actions) -> Transition:
+        """One step of 1 / `step.frequency` s with actions (n, n_u), clipped to [-1, 1].
+
+        Raises:
+            ActionError: another shape, a NaN or an infinity; nothing has moved.
+        """
+
+
+class Callbacks(Protocol):
+    """What carries out a run, as its learner sees it: the learner calls these.
+
+    `begin` once, then `step` after each step of the environment, and `checkpoint` wherever the learner's state is
+    whole. All of them may raise: let it through.
+    """
+
+    total_steps: int  # of environment steps, the sum over the n environments
+
+    def begin(self) -> int:
+        """Call when everything is built and before the first step.
+
+        Where the run goes on from a checkpoint, the environment and the learner (its `restore`) are by then what
+        they were; otherwise nothing happens. Returns the environment steps that lie behind: 0 for a new run.
+        """
+
+    def step(self, steps: int, transition: Transition) -> float:
+        """Call after every step of the environment, with the environment steps that lie behind.
+
+        Writes the rows of the episodes that ended, reports progress, and tests the policy where
+        `train.evaluate_every` asks for it, by the learner's own `reset` and `act`. Returns the s that this took from
+        training.
+
+        Raises:
+            TrainingError: an observation or a reward is not finite.
+        """
+
+    def checkpoint(self, steps: int) -> None:
+        """Call wherever `state()` holds all that training goes on with, at least every few hundred steps.
+
+        Saves the learner if that is due, and leaves by an exception if somebody asked for that.
+        """
+
+    def log(self, scalars: Mapping[str, float], steps: int) -> None:
+        """Adds scalars, by name, to the run's TensorBoard file."""
+
+
+class Ring(Protocol):
+    """A learner's memory of transitions, which checkpoints store by increments; SB3's `ReplayBuffer` is one.
+
+    A row is what all environments did in one step. Row r of a run lies at r % buffer_size of each of the arrays
+    `observations`, `next_observations`, `actions`, `rewards`, `dones` and `timeouts`.
+    """
+
+    n_envs: int
+    buffer_size: int  # rows
+    pos: int  # where the next row goes
+    full: bool  # whether the oldest row has been overwritten
+
+
+class Learner(Agent, Protocol):
+    """An agent that learns. In a test, and in the tests during its training, it acts as every agent does.
+
+    `reset` and `act` must neither draw from what training draws from nor change what it goes on with: with and
+    without tests on the way the same policy must come out. Nothing is pickled.
+    """
+
+    exact_resume: bool
+    """Whether `restore` brings back everything, so that a run that was stopped ends with the same bits. A learner that
+    cannot says False: it has no checkpoints, `state` and `restore` are never called, and a run that was stopped begins
+    anew, which its manifest names."""
+
+    def learn(self, environment: Environment, config: schema.TrainConfig, callbacks: Callbacks) -> None:
+        """Trains until at least `callbacks.total_steps` environment steps lie behind; its state is whole on return.
+
+        Args:
+            environment: fresh; `config.algo.n_envs` episodes side by side.
+            config: of the run.
+            callbacks: to be called as they say.
+
+        Raises:
+            TrainingError: a NaN, or whatever else ends the run.
+        """
+
+    def save(self, folder: Path) -> None:
+        """Writes the trained policy as files into an empty folder: arrays, tensors, JSON, never a pickle."""
+
+    def load(self, folder: Path) -> None:
+        """Reads what `save` wrote, in a process that has not trained; `act` then gives the same actions.
+
+        Whoever calls it has compared the files with their digests.
+
+        Raises:
+            RunError: a file is missing, damaged, or of another policy than the configuration's.
+        """
+
+    def state(self) -> Components:
+        """Everything that training goes on with, but `replay` and the environment: named arrays, tensors and plain values.
+
+        Called from within `callbacks.checkpoint`, and once more when `learn` has returned.
+
+        Raises:
+            TrainingError: it is not fit to be saved, for instance holds a NaN.
+        """
+
+    def restore(self, components: Components) -> None:
+        """Returns to what `state` gave; called from within `callbacks.begin`, after the environment was restored.
+
+        Raises:
+            RunError: it is of another learner.
+        """
+
+
+def replay(learner: Learner) -> Ring | None:
+    """The memory of transitions that a learner's checkpoints store by increments: its attribute `replay`, if any."""
+    ring: Ring | None = getattr(learner, "replay", None)
+    return ring
+
+
 def resolve(target: str) -> Any:
     """The object that a registry's "module:name" stands for."""
     module, _, name = target.partition(":")
     return getattr(importlib.import_module(module), name)
 
 
-def learns(agent: str) -> bool:
-    """Whether an agent has anything to learn."""
-    return agent in LEARNERS
+def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
+    """The agent that `config.algo` names, for the vehicle that it is to know; one that learns has learned nothing yet."""
+    name = config.algo.agent
+    target = LEARNERS.get(name) or CONTROLLERS.get(name)
+    if target is None:
+        from auvbench.agents import entered
+
+        return entered.make(config, vehicle)
+    agent: Agent = resolve(target)(config, vehicle)
+    return agent
+
+
+def learner_of(config: schema.TrainConfig, vehicle: VehicleModel) -> Learner:
+    """As `make`, for an agent that learns."""
+    made: Any = make(config, vehicle)
+    found: Learner = made
+    return found

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.agents.base import learns as is_learner
 from auvbench.analysis.labels import part, sort_key
 from auvbench.analysis.measures import Measure
 from auvbench.analysis.model import Agent, RunRecord
+from auvbench.config.agents import learns as is_learner
 from auvbench.statistics import contrast, pooled, resolution
 from auvbench.statistics.estimate import Estimate
 
@@ -24,7 +24,9 @@ def learns(agent: Agent) -> bool:
 
 def run_learns(run: RunRecord) -> bool:
     """Whether the run is a training, one that failed at its first step included."""
-    return bool(run.manifest.get("steps")) or is_learner(str(run.config.get("algo.agent")))
+    return bool(run.manifest.get("steps")) or is_learner(
+        {key: run.config.get(f"algo.{key}") for key in ("agent", "learns")}
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +42,24 @@ class Effect:
 
 
 def matched(agents: Sequence[Agent], factor: str, first: Any, second: Any) -> list[tuple[Agent, Agent]]:
-    """Pairs of agents at the two levels of the factor that are equal in all other keys."""
+    """Pairs of agents at the two levels of the factor that are equal in all other keys.
+
+    Nothing is a level where the configuration says so (`task.time_limit: null`), not where it has no such key.
+    """
     cells: dict[tuple[tuple[str, Any], ...], dict[Any, Agent]] = {}
     for agent in agents:
+        if not _says(agent, factor):
+            continue
         rest = tuple(sorted((k, v) for k, v in agent.key.items() if k != factor))
         cells.setdefault(rest, {})[agent.key.get(factor)] = agent
     found = [(cell[first], cell[second]) for cell in cells.values() if first in cell and second in cell]
     return sorted(found, key=lambda pair: pair[0].label)
+
+
+def _says(agent: Agent, factor: str) -> bool:
+    """Whether the agent has the factor at all: PPO has no `algo.tau`, and a limit in seconds that is null is one."""
+    config = agent.runs[0].config
+    return agent.key.get(factor) is not None or factor in config or f"{factor}.name" in config
 
 
 def mean_difference(
@@ -84,7 +97,7 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
     learners = [agent for agent in agents if learns(agent) and len(agent.outcome) > 1]
     result = []
     for factor in learners[0].key if learners else ():
-        levels = {agent.key.get(factor) for agent in learners} - {None}
+        levels = {agent.key.get(factor) for agent in learners if _says(agent, factor)}
         ordered = sorted(levels, key=lambda level: sort_key({"": level}))
         chosen = list(combinations(ordered, 2)) if len(ordered) <= 3 else [(ordered[0], ordered[-1])]
         for second, first in chosen:

@@ -14,7 +14,7 @@ from auvbench.analysis import agreement
 from auvbench.analysis.model import Evaluation
 from auvbench.runs import integrity
 from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
-from auvbench.untrusted import documents, reading, tables
+from auvbench.untrusted import documents, packed, reading, tables
 from auvbench.untrusted.text import LONGEST, plain, short
 
 SCHEMA_VERSION = 1
@@ -89,9 +89,11 @@ def read_evaluation(directory: Path) -> Evaluation:
         raise Damage(f"summary.json: {broken}")
     if missing := {"fingerprint", "conditions"} - summary.keys():
         raise Damage(f"summary.json has no {', '.join(sorted(missing))}")
+    if not is_name(fingerprint := summary["fingerprint"]):
+        raise Damage(f"summary.json has the fingerprint {short(repr(fingerprint), 40)}, which is no name")
     path = directory / "episodes.csv"
     try:
-        data = reading.content(path, tables.LARGEST)
+        data = packed.content(path, tables.LARGEST)
     except FileNotFoundError as error:
         raise Damage("episodes.csv is missing") from error
     except (OSError, ValueError) as error:

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from auvbench.analysis.acting import solves
 from auvbench.analysis.bearing import robustness
 from auvbench.analysis.effects import Effect, effects, learns
 from auvbench.analysis.failures import failures
@@ -24,10 +25,11 @@ from auvbench.analysis.prose import (
     listed,
     name,
     p_value,
+    probability,
     turned,
     unit,
 )
-from auvbench.analysis.timing import confounded
+from auvbench.analysis.timing import confounded, separated
 from auvbench.statistics import EPISODES_ONLY, holm
 from auvbench.statistics.estimate import Estimate
 
@@ -51,8 +53,10 @@ def sentences(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
         *_effects(ranking, ordered, m),
         *robustness(ranking, ordered),
         *failures(ordered, ranking.confidence),
+        solves(ordered, ranking.protocol, ranking.condition),
         *training_and_test(ranking, ordered),
         confounded(ordered),
+        separated(ordered, m, ranking.confidence),
         _seeds(ordered, m),
         _single_seeds(ranking, ordered),
     ]
@@ -68,25 +72,30 @@ def _best(ranking: Ranking, m: Measure) -> Finding:
         basis = f"{runs} x {basis}"
     if len(ranking.rows) == 1:
         return Finding(f"{row.label} is the only agent: {value}.", statistic=basis, run_ids=row.run_ids)
-    near = [r.label for r in ranking.rows[1:] if r.compared and not ranking.resolved(row, r)]
+    others = [r for r in ranking.rows[1:] if r.rank > row.rank]
+    near = [r.label for r in others if r.compared and not ranking.resolved(row, r)]
     alone = [r.label for r in ranking.rows[1:] if not r.compared]
+    together = [r.label for r in ranking.rows if r.rank == row.rank]
+    verb = "is" if len(together) == 1 else "are"
     text = f"{row.label} is first, with {value}"
+    if len(together) > 1 and row.compared:
+        text = f"{listed(together)} share the first place, with {value}"
     if not row.compared:
         text += (
             ": one training, which says nothing of what another would give. The data do not say who is best."
         )
         return Finding(text, statistic=f"{basis}.", run_ids=row.run_ids)
     if alone:
-        text += f", and is not resolved from {listed(near)}" if near else ""
+        text += f", and {verb} not resolved from {listed(near)}" if near else ""
         have = "has one training seed and is" if len(alone) == 1 else "have one training seed each and are"
         text += f". {listed(alone)} {have} not compared with it: the data do not say who is best."
     elif not near:
-        others = "the only other agent" if len(ranking.rows) == 2 else f"all {len(ranking.rows) - 1} others"
-        text += f", and is resolved from {others}."
-    elif len(near) == len(ranking.rows) - 1:
-        text += ", but is not resolved from any other agent: the data do not say who is best."
+        rest = "the only other agent" if len(others) == 1 else f"all {len(others)} others"
+        text += f", and {verb} resolved from {rest}." if others else "."
+    elif len(near) == len(others):
+        text += f", but {verb} not resolved from any other agent: the data do not say who is best."
     else:
-        text += f", but is not resolved from {listed(near)}: the data leave open which of these is best."
+        text += f", but {verb} not resolved from {listed(near)}: the data leave open which of these is best."
     statistic = f"Rank {_range(row)}; {basis}."
     return Finding(text, statistic=statistic, run_ids=row.run_ids)
 
@@ -182,7 +191,10 @@ def _ties(ranking: Ranking) -> Finding | None:
             change, one, other = turned(c.difference), c.second, c.first
         shown.append(f"{one} is better than {other} ({difference(change, m)}, {p_value(c.p_adjusted)})")
     more = f"; and {len(apart) - MOST_TIES} more" if len(apart) > MOST_TIES else ""
-    text = f"Of {pairs} that {first} does not resolve, {name(m)} resolves {len(apart)}: {'; '.join(shown)}{more}."
+    if n == 1:
+        text = f"The one pair that {first} does not resolve is resolved by {name(m)}: {shown[0]}."
+    else:
+        text = f"Of {pairs} that {first} does not resolve, {name(m)} resolves {len(apart)}: {'; '.join(shown)}{more}."
     return Finding(text, statistic="Holm over all pairs, a family of its own.")
 
 
@@ -211,7 +223,12 @@ def _effects(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> list[Find
         items = [_open(effect, m, confidence) for effect in open_[:MOST_EFFECTS]]
         if len(open_) > MOST_EFFECTS:
             items.append(f"{len(open_) - MOST_EFFECTS} more with wider intervals")
-        statistic = f"{'; '.join(items)}. {family}, averaged over matched cells."
+        cells = (
+            "averaged over matched cells"
+            if any(len(e.pairs) > 1 for e in open_)
+            else "each in one matched cell"
+        )
+        statistic = f"{'; '.join(items)}. {family}, {cells}."
         result.append(Finding(text, statistic=statistic, run_ids=_runs(open_)))
     return result
 
@@ -256,26 +273,35 @@ def _seeds(agents: Sequence[Agent], m: Measure) -> Finding | None:
     ranges = np.array([x.max() - x.min() for x in means])
     widest = int(ranges.argmax())
     table = m.table(several, paired=False)
-    known = table.variance > 0
-    if not known.any():
+    if not (table.variance > 0).any():
         return None
-    of_seeds = np.maximum(table.between_seeds - table.residual, 0)[known]
-    share = float(np.median(of_seeds / table.variance[known]))
-    scale, digits = (100.0, 1) if m.rate else (1.0, 0)
-    low, high = scale * means[widest].min(), scale * means[widest].max()
-    median = scale * float(np.median(ranges))
-    points = " points" if m.rate else ""
-    text = f"Training seeds of one agent differ in {name(m)} by {median:.{digits}f}{points}"
-    if len(several) > 1:
-        text += f" (median over {len(several)} agents), most in"
-    else:
-        text += ":"
-    text += f" {several[widest].label}, {low:.{digits}f} to {high:.{digits}f}{unit(m)}."
-    statistic = (
-        f"{100 * share:.0f} % of the variance of an agent's {name(m)} (median) is between training seeds"
-    )
-    statistic += ": more seeds would tell more than more episodes." if share > 0.5 else "."
-    return Finding(text, statistic=statistic, run_ids=tuple(run.id for run in several[widest].runs))
+    agent, n = several[widest], len(several)
+    low, high = means[widest].min(), means[widest].max()
+    text = f"Training seeds of {agent.label} differ {'most ' * (n > 1)}in {name(m)}: {_plain(low, m)} to {_plain(high, m)}{unit(m)}"
+    if n == 2:
+        other = 1 - widest
+        text += f"; those of {several[other].label} by {_apart(ranges[other], m)}"
+    elif n > 2:
+        text += f"; half of the {n} agents by {_apart(float(np.median(ranges)), m)} or less"
+    statistic = ""
+    if table.variance[widest] > 0:
+        share = max(float(table.between_seeds[widest] - table.residual[widest]), 0.0) / float(
+            table.variance[widest]
+        )
+        statistic = (
+            f"{probability(share)} of the variance of {agent.label}'s {name(m)} is between training seeds"
+        )
+        statistic += ": more seeds would tell more than more episodes." if share > 0.5 else "."
+    return Finding(f"{text}.", statistic=statistic, run_ids=tuple(run.id for run in agent.runs))
+
+
+def _plain(value: float, m: Measure) -> str:
+    return f"{100 * value:.1f}" if m.rate else f"{value:.4g}"
+
+
+def _apart(value: float, m: Measure) -> str:
+    """A range: '94.0 points'."""
+    return f"{_plain(value, m)}{' points' if m.rate else unit(m)}"
 
 
 def _single_seeds(ranking: Ranking, agents: Sequence[Agent]) -> Finding | None:

@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from auvbench.analysis import limit
+from auvbench.analysis.acting import action_time
 from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import NO_POLICY, Agent, Problem, Ranking
@@ -39,13 +41,17 @@ def of_conditions(agent: Agent, protocol: str) -> FloatArray | None:
     return np.array([row or [0.0] * len(names) for row in rows])  # a training that failed succeeds nowhere
 
 
+def draws(seed: int, label: str) -> np.random.Generator:
+    """Random numbers of an agent's resampling, whoever else is in the table."""
+    return np.random.default_rng([seed, zlib.crc32(label.encode())])
+
+
 def _aggregated(aggregate: st.Aggregate) -> Callable[[Agent, str, float, int], Estimate | None]:
     def column(agent: Agent, protocol: str, confidence: float, seed: int) -> Estimate | None:
         scores = of_conditions(agent, protocol)
         if scores is None:
             return None
-        rng = np.random.default_rng([seed, zlib.crc32(agent.label.encode())])
-        return st.stratified(scores, aggregate, confidence=confidence, rng=rng)
+        return st.stratified([scores], aggregate, confidence=confidence, rng=draws(seed, agent.label))
 
     return column
 
@@ -90,6 +96,13 @@ def _learned(axis: str) -> Callable[[Agent, str, float, int], Estimate | None]:
     return column
 
 
+def _action_time(which: str) -> Callable[[Agent, str, float, int], Estimate | None]:
+    def column(agent: Agent, protocol: str, confidence: float, seed: int) -> Estimate | None:
+        return action_time(agent, protocol, which)
+
+    return column
+
+
 COLUMNS: Mapping[str, Callable[[Agent, str, float, int], Estimate | None]] = {
     "iqm_success": _aggregated(st.interquartile),
     "optimality_gap": _aggregated(st.optimality_gap),
@@ -98,8 +111,13 @@ COLUMNS: Mapping[str, Callable[[Agent, str, float, int], Estimate | None]] = {
     "auc_steps": _learned("step"),
     "auc_wall_time": _learned("wall_s"),
     "auc_simulated_time": _learned("simulated_s"),
+    "action_ms": _action_time("median_ms"),
+    "action_p95_ms": _action_time("p95_ms"),
+    # Set beside all rows at once: `limit.beside`.
+    limit.COLUMN: lambda agent, protocol, confidence, seed: None,
 }
-"""by name of --columns; docs/report.md defines them. All are shares of 1."""
+"""by name of --columns; docs/report.md defines them. All but the times of an action, in ms, and the ratio of times are
+shares of 1."""
 
 
 def check(names: Sequence[str]) -> None:

@@ -11,11 +11,14 @@ from auvbench.analysis.conditions import UNDISTURBED
 from auvbench.analysis.effects import learns
 from auvbench.analysis.model import NO_POLICY, Agent, Finding, Ranking, RunRecord
 from auvbench.analysis.prose import counted, listed
-from auvbench.runs.progress import WINDOW
+from auvbench.analysis.timing import step_limit
+from auvbench.runs.progress import TELLING, WINDOW
 from auvbench.statistics import wilson
 
 STRONG = 0.2
 """difference of the two rates from which it is worth a sentence"""
+LENGTHS = 2
+"""of the longest episode, that a training's environments must have had at least"""
 MOST = 5
 """agents that a sentence names"""
 
@@ -52,8 +55,12 @@ def training_and_test(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding
         gaps.sort(key=lambda gap: -abs(gap.training - gap.test))
         if not gaps:
             continue
+        fewest = min(_window(run) for gap in gaps for run in gap.runs)
+        last = (
+            f"{WINDOW} training episodes" if fewest == WINDOW else f"training episodes ({fewest} to {WINDOW})"
+        )
         text = (
-            f"Training {verdict}: success in the last {WINDOW} training episodes against the test, "
+            f"Training {verdict}: success in the last {last} against the test, "
             f"{listed([gap.text for gap in gaps], MOST)}."
         )
         statistic = (
@@ -69,15 +76,10 @@ def training_and_test(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding
 def _gap(agent: Agent, sign: int, confidence: float) -> _Gap | None:
     runs, training, test = [], [], []
     for run, outcome in zip(agent.runs, agent.outcome, strict=True):
-        rate, episodes = run.manifest.get("success_rate"), run.manifest.get("episodes")
-        if (
-            not _is_rate(rate)
-            or not isinstance(episodes, int)
-            or episodes < 1
-            or (outcome == NO_POLICY).any()
-        ):
+        rate = run.manifest.get("success_rate")
+        if not _is_rate(rate) or not _telling(run) or (outcome == NO_POLICY).any():
             continue
-        n, won = min(episodes, WINDOW), int((outcome == 0).sum())
+        n, won = _window(run), int((outcome == 0).sum())
         here = wilson(round(rate * n), n, confidence)
         there = wilson(won, len(outcome), confidence)
         difference = sign * (rate - won / len(outcome))
@@ -89,6 +91,24 @@ def _gap(agent: Agent, sign: int, confidence: float) -> _Gap | None:
     if not runs:
         return None
     return _Gap(agent, tuple(runs), sum(training) / len(runs), sum(test) / len(runs))
+
+
+def _window(run: RunRecord) -> int:
+    """The training episodes that the manifest's success is of: the last `WINDOW`, or all where there were fewer."""
+    episodes = run.manifest.get("episodes")
+    return min(episodes, WINDOW) if isinstance(episodes, int) else 0
+
+
+def _telling(run: RunRecord) -> bool:
+    """Whether the last training episodes are like any other.
+
+    Some tens must have ended, and long ones must have had the time to: of the first episodes of many environments only
+    short ones have ended, which are successes or collisions and never timeouts.
+    """
+    if _window(run) < TELLING:
+        return False
+    steps, at_once = run.manifest.get("steps"), run.config.get("algo.n_envs") or 1
+    return not isinstance(steps, int) or steps / float(at_once) >= LENGTHS * step_limit(run)
 
 
 def _is_rate(value: object) -> TypeGuard[float]:

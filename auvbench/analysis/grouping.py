@@ -15,6 +15,7 @@ from auvbench.analysis.labels import labels, part, sort_key
 from auvbench.analysis.measures import OF_THE_SCENARIO
 from auvbench.analysis.model import NO_POLICY, Agent, Evaluation, Problem, RunRecord
 from auvbench.analysis.refining import differing, level, refined, trained
+from auvbench.analysis.timing import in_seconds
 from auvbench.errors import ReportError, closest
 from auvbench.tasks.record import OUTCOMES
 
@@ -247,8 +248,11 @@ def _missing_cells(
         cells = list(itertools.islice(itertools.product(*levels), 10 * len(present) + 1))
         if len(cells) > 4 * len(present):
             continue  # drawn at random (tuning), not a grid
+        alike: dict[tuple[Any, ...], set[int]] = {}
+        for cell, there in present.items():
+            alike.setdefault(_meaning(cell, others, keys, members[0]), set()).update(there)
         for cell in cells:
-            absent = seeds - present.get(cell, set())
+            absent = seeds - alike.get(_meaning(cell, others, keys, members[0]), set())
             if absent:
                 varying = {n: v for n, v, all_ in zip(others, cell, levels, strict=True) if len(all_) > 1}
                 rest = {short: level(runs[0].config.get(key)) for short, key in more.items()}
@@ -259,3 +263,14 @@ def _missing_cells(
                 )
                 problems.append(Problem(name, "missing", every))
     return problems
+
+
+def _meaning(
+    cell: Sequence[Any], others: Sequence[str], keys: Mapping[str, str], run: RunRecord
+) -> tuple[Any, ...]:
+    """A cell with its times in seconds: 1000 steps at 10 Hz and a limit of 100 s are one cell."""
+    chosen = {keys[short]: value for short, value in zip(others, cell, strict=True)}
+    if not {"task.time_limit", "algo.horizon_s"} & chosen.keys():
+        return tuple(cell)
+    rest = tuple(v for k, v in chosen.items() if k not in ("task.time_limit", "algo.horizon_s"))
+    return (*rest, *in_seconds({**run.config, **chosen}))

@@ -227,7 +227,9 @@ def _config(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _is_shown(key: str) -> bool:
     """Whether a report may show the text: sheets hold sources and remarks, and paths may be long."""
-    return key in ("vehicle.name", "vehicle.title") or not key.startswith(("vehicle.", "output", "launcher."))
+    return key in ("vehicle.name", "vehicle.title") or not key.startswith(
+        ("vehicle.", "output", "launcher.", "algo.path")
+    )
 
 
 def _brief(value: Any) -> str:

@@ -162,6 +162,24 @@ class Condition:
 
 
 @dataclass(frozen=True, slots=True)
+class Limit:
+    """How soon the vehicle could be there: what agents are set in relation to, and no agent itself."""
+
+    seconds: float
+    """mean over the scenarios of the shortest time that is known"""
+    steps: float
+    proven_seconds: float
+    """mean of what is proven to be the least"""
+    gap: float
+    """median of the shortest time known over what is proven"""
+    episodes: int
+    beaten: tuple[tuple[str, int, float], ...]
+    """agents that were quicker than what was computed: label, in how many scenarios, by how many s at most"""
+    by_episode: tuple[tuple[float, float, float], ...] = ()
+    """(limit, computed, proven) in s of each scenario"""
+
+
+@dataclass(frozen=True, slots=True)
 class Ranking:
     """The ranked table and what stands behind it."""
 
@@ -192,6 +210,10 @@ class Ranking:
     """what must be read before the table: unequal budgets of training"""
     agreement: str = ""
     """whose few seeds agree, where that makes intervals look surer than they are; '' where it does not"""
+    limit: Limit | None = None
+    """None where it was not looked for, or there is none"""
+    no_limit: str = ""
+    """why there is none, with the command that computes it"""
     more_seeds: str = ""
     """the command that trains further seeds of the rows that are not compared; '' where there are none"""
 

@@ -94,7 +94,7 @@ def all_pairs(
     plain = m.table(agents)
     # Only what is compared lends its variance: a policy among algorithms has none, and tells nothing of theirs.
     table = st.pooled(plain)
-    pairs = st.pairs(table, confidence)
+    pairs = st.pairs(table, confidence, plain)
     among = np.outer(compared, compared) & ~np.eye(len(agents), dtype=bool)
     p = np.where(among, _p_values(agents, m, plain), np.nan)
     nothing = np.full_like(p, np.nan)

@@ -168,15 +168,22 @@ def advice(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> Finding | N
     alpha = (1 - ranking.confidence) / max(tested * (tested - 1) / 2, 1)
     sharing = max(int((table.seeds > 1).sum()), 1)
     n = st.seeds_by_formula(apart, per_seed, float(spread.scenarios[0, 1]), alpha, sharing=sharing)
-    seen = f"{100 * apart:.1f} points" if m.rate else f"{significant(apart, 3)}{unit(m)}"
+    points = 100 * apart
+    seen = (
+        f"{points:{'.2g' if points < 1 else '.1f'}} points" if m.rate else f"{significant(apart, 3)}{unit(m)}"
+    )
     have = max(int(table.seeds[i]) for i in learning)
+    of = "each" if len(learning) > 1 else pair[learning[0]].label
     subject = f"{first.label} and {other.label} are not resolved in {name(m)}"
     if n is None:
-        text = f"{subject}: with these {first.episodes} episodes not even {st.MOST_SEEDS} seeds would show {seen}, which is what they differ by here."
+        text = (
+            f"{subject}. Here they differ by {seen}, which not even {st.MOST_SEEDS} seeds of {of} would show."
+        )
     else:
-        text = f"{subject}: if they truly differ by the {seen} seen here, about {max(n, have + 1)} seeds of each would show it (there are {have})."
+        text = f"{subject}: if they truly differ by the {seen} seen here, about {max(n, have + 1)} seeds of {of} would show it (there are {have})."
+    clearest = f"the clearest of {tested * (tested - 1) // 2} pairs" if tested > 2 else "the one pair"
     statistic = (
-        f"80 % power at what Holm's correction asks of the clearest of {tested * (tested - 1) // 2} pairs, with the variances "
+        f"80 % power at what Holm's correction asks of {clearest}, with {first.episodes} episodes and the variances "
         "seen; auvbench plan simulates it. Adding seeds until it is resolved would find differences where there are none."
     )
     return Finding(text, statistic=statistic, run_ids=tuple(first.run_ids + other.run_ids))

@@ -17,6 +17,7 @@ from auvbench.analysis.model import NO_POLICY, Agent, Comparison, Problem, Ranki
 from auvbench.analysis.pairwise import BoolArray, Tests, all_pairs, letters, rank_intervals
 from auvbench.analysis.policies import COMPARE, more_seeds, one_policy, rows_of
 from auvbench.analysis.timing import unequal_budgets
+from auvbench.analysis.tuned import tuned_on_these
 from auvbench.errors import ReportError, closest
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray
@@ -121,7 +122,7 @@ def rank(
         compare=compare,
         ties=ties,
         margin=margin,
-        notices=tuple(filter(None, (unequal_budgets(agents),))),
+        notices=tuple(filter(None, (tuned_on_these(agents, name), unequal_budgets(agents)))),
         agreement=agreement(agents, by, confidence) if compare == "algorithms" else "",
         more_seeds=more_seeds(agents) if compare == "algorithms" else "",
     )

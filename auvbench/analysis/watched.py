@@ -11,7 +11,7 @@ import numpy as np
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import RunRecord
 from auvbench.statistics.intervals import FloatArray
-from auvbench.untrusted import reading
+from auvbench.untrusted import packed, reading
 
 NAME = "train/validation.csv"
 AXES = ("step", "wall_s", "simulated_s")
@@ -46,10 +46,10 @@ def watched(run: RunRecord) -> Watched | None:
         Damage: it cannot be read, or holds what it cannot.
     """
     path = run.directory / NAME
-    if not path.is_file():
+    if packed.beside(path) is None:
         return None
     try:
-        rows = list(csv.DictReader(io.StringIO(reading.content(path).decode("utf-8"))))
+        rows = list(csv.DictReader(io.StringIO(packed.content(path, reading.DOCUMENT).decode("utf-8"))))
         if not rows:
             return None
         columns = {name: np.array([float(row[name]) for row in rows]) for name in (*AXES, "success_rate")}

@@ -115,7 +115,7 @@ class Teller:
     """Lines above a bar that counts them."""
 
     def __init__(
-        self, print_line: Callable[[str | None, bool, bool], None], advance: Callable[[str], None]
+        self, print_line: Callable[[str | None, bool, bool], None], advance: Callable[[str, int], None]
     ) -> None:
         self._print = print_line
         self._advance = advance
@@ -123,27 +123,29 @@ class Teller:
     def line(self, text: str | None, *, error: bool = False) -> None:
         """One finished thing; None: it needs no line."""
         self._print(text, error, True)
-        self._advance("")
+        self._advance("", 0)
 
     def note(self, text: str) -> None:
         """Something that is no finished thing."""
         self._print(text, True, False)
 
-    def doing(self, run: RunDirectory, what: str) -> None:
-        """What is under way."""
-        self._advance(f"{run.id}: {what}")
+    def doing(self, run: RunDirectory, what: str, parts: int) -> None:
+        """What is under way, and how many of its parts have just been finished."""
+        self._advance(f"{run.id}: {what}", parts)
 
 
 @contextmanager
-def counting_bar(total: int, title: str) -> Iterator[Teller]:
-    """Counts finished runs on a terminal; plain lines elsewhere."""
-    if not sys.stderr.isatty() or total < 2:
+def counting_bar(total: int, title: str, parts: int = 1) -> Iterator[Teller]:
+    """Counts finished runs on a terminal, of a single one its parts; plain lines elsewhere.
 
-        def plain(text: str | None, error: bool, _counts: bool) -> None:
-            if text is not None:
-                print(text, file=sys.stderr if error else sys.stdout, flush=True)
-
-        yield Teller(plain, lambda _: None)
+    Args:
+        total: runs.
+        title: what is done with them.
+        parts: of each run: the bar moves by these, where somebody tells of them.
+    """
+    single = total == 1 and parts > 1
+    if not sys.stderr.isatty() or not (single or total > 1):
+        yield _plain_teller(parts if single else 0)
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -165,15 +167,46 @@ def counting_bar(total: int, title: str) -> Iterator[Teller]:
         console=console,
         expand=True,
     ) as bar:
-        task = bar.add_task("", total=total, now="")
+        task = bar.add_task("", total=parts if single else total, now="")
+        finished = [0, 0]  # runs, and parts of the one under way
+
+        def place() -> float:
+            return finished[1] if single else finished[0] + min(finished[1] / parts, 1.0)
 
         def printed(text: str | None, error: bool, counts: bool) -> None:
             if text is not None:
                 console.print(text, markup=False, soft_wrap=True, style="red" if error else None)
             if counts:
-                bar.advance(task)
+                finished[:] = finished[0] + 1, parts if single else 0
+                bar.update(task, completed=place())
 
-        yield Teller(printed, lambda now: bar.update(task, now=now))
+        def advance(now: str, ended: int) -> None:
+            finished[1] += ended
+            bar.update(task, now=now, completed=place())
+
+        yield Teller(printed, advance)
+
+
+def _plain_teller(parts: int) -> Teller:
+    """Lines alone; of a long single run, every now and then how many of its parts are finished."""
+    begun = last = time.monotonic()
+    finished = 0
+
+    def advance(now: str, ended: int) -> None:
+        nonlocal last, finished
+        finished += ended
+        if not (parts and ended) or finished >= parts or time.monotonic() - last < _PLAIN_INTERVAL:
+            return
+        last = time.monotonic()
+        left = (last - begun) / finished * (parts - finished)
+        line = f"{now}, {finished:,} of {parts:,} episodes, {duration(left)} left"
+        print(line, file=sys.stderr, flush=True)
+
+    def plain(text: str | None, error: bool, _counts: bool) -> None:
+        if text is not None:
+            print(text, file=sys.stderr if error else sys.stdout, flush=True)
+
+    return Teller(plain, advance)
 
 
 @contextmanager

@@ -45,6 +45,20 @@ def _studies() -> list[str]:
     return list(STUDIES)
 
 
+FURTHER = (
+    "iqm_success",
+    "optimality_gap",
+    "success_over_conditions",
+    "next_training",
+    "auc_steps",
+    "auc_wall_time",
+    "auc_simulated_time",
+    "time_over_optimum",
+    "action_ms",
+    "action_p95_ms",
+)
+"""of `report --columns`; those of `analysis.further`, whose import takes too long for a key press"""
+
 VALUES: dict[str, Callable[[], Sequence[str]]] = {
     "--protocol": _protocols,
     "--rank-by": measures,
@@ -55,6 +69,7 @@ VALUES: dict[str, Callable[[], Sequence[str]]] = {
     "--group-by": lambda: KEYS,
     "--columns": lambda: KEYS,
     "--baseline": _algorithms,
+    "--vehicle": lambda: answers.names("vehicle"),
     "--algo": _algorithms,
     "--state": lambda: STATES,
     "--sort": lambda: SORTS,
@@ -67,6 +82,21 @@ OVERRIDES: dict[str, dict[str, Callable[[], Sequence[str]]]] = {
         "force": lambda: ("true",),
         "workers": lambda: (),
         "protocol.episodes": lambda: (),
+    },
+    "serve": {
+        "vehicle": lambda: answers.names("vehicle"),
+        "simulator": lambda: answers.names("simulator"),
+        "disturbance": lambda: answers.names("disturbance"),
+        "step.frequency": lambda: (),
+        "task.start": lambda: (),
+    },
+    "bound": {
+        "protocol": _protocols,
+        "vehicle": lambda: answers.names("vehicle"),
+        "workers": lambda: (),
+        "passes": lambda: ("1", "2"),
+        "output": lambda: (),
+        "force": lambda: ("true",),
     },
     "resume": {"train.total_steps": lambda: ()},
 }
@@ -103,9 +133,13 @@ def candidates(words: Sequence[str]) -> list[str]:
     offered = [name for name in parser.flags() if word.startswith("-")] if parser is not None else []
     if command == "evaluate" and word.startswith("-"):
         offered = [WHERE, "--cfg", "--help"]
+    if command == "bound" and word.startswith("-"):
+        offered = ["--check", "--help"]
     flag = before[-1] if before else ""
     known = parser.flags() if parser is not None else []
-    if flag in VALUES and flag in known:
+    if (command, flag) == ("report", "--columns"):
+        offered = _listed(FURTHER, word)
+    elif flag in VALUES and flag in known:
         offered = _listed(VALUES[flag](), word)
     elif _in_where(before):
         offered += _assignments(TERMS, word)
@@ -119,7 +153,7 @@ def candidates(words: Sequence[str]) -> list[str]:
 def _parser(command: str) -> Parser | None:
     from importlib import import_module
 
-    modules = {"report": "report_options", "evaluate": ""}
+    modules = {"report": "report_options", "evaluate": "", "bound": ""}
     name = modules.get(command, command)
     made = getattr(import_module(f"auvbench.commands.{name}"), "parser", None) if name else None
     found = made() if made is not None else None

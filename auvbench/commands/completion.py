@@ -8,7 +8,7 @@ from auvbench.commands import COMMANDS
 from auvbench.errors import UserError, closest
 
 # Hydra completes overrides when it is asked with the line in COMP_LINE; a command's name must be taken out first.
-_HYDRA_COMMANDS = ("train", "simulate")
+_HYDRA_COMMANDS = ("train", "tune", "simulate")
 
 _BASH = """\
 _auvbench() {
@@ -20,6 +20,11 @@ _auvbench() {
     fi
     case "${COMP_WORDS[1]}" in
         @HYDRA@)
+            if [ "${word#algo.path=}" != "$word" ]; then
+                COMPREPLY=($(compgen -f -P "algo.path=" -- "${word#algo.path=}"))
+                [ "${#COMPREPLY[@]}" -eq 1 ] && [ -d "${COMPREPLY[0]#algo.path=}" ] && COMPREPLY[0]="${COMPREPLY[0]}/"
+                return
+            fi
             rest="${COMP_LINE#*"${COMP_WORDS[1]}"}"
             choices=$(COMP_LINE="auvbench$rest" COMP_POINT=0 auvbench "${COMP_WORDS[1]}" -sc query=bash 2>/dev/null)
             COMPREPLY=($(compgen -o nospace -o default -W "$choices" -- "$word"))
@@ -49,10 +54,18 @@ end
 complete -c auvbench -f -n __fish_use_subcommand -a "@COMMANDS@"
 complete -c auvbench -f -n "__fish_seen_subcommand_from @HYDRA_WORDS@" -a "(_auvbench_overrides)"
 function _auvbench_words
-    set -l words (commandline -opc) (commandline -ct)
-    auvbench completion query $words[2..-1] 2>/dev/null
+    set -l token (commandline -ct)
+    set -l words (commandline -opc) "$token"
+    set -l found (auvbench completion query $words[2..-1] 2>/dev/null | string match -v '' | string match -- "$token*")
+    if set -q found[1]
+        printf '%s\\n' $found
+    else
+        for path in "$token"*
+            test -d $path; and echo $path/; or echo $path
+        end
+    end
 end
-complete -c auvbench -F -a "(_auvbench_words)" -n "not __fish_use_subcommand; and not __fish_seen_subcommand_from @HYDRA_WORDS@"
+complete -c auvbench -f -a "(_auvbench_words)" -n "not __fish_use_subcommand; and not __fish_seen_subcommand_from @HYDRA_WORDS@"
 """
 
 SCRIPTS = {"bash": _BASH, "zsh": _ZSH + _BASH, "fish": _FISH}

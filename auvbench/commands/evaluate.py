@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from auvbench.errors import RunError, UserError
 
 if TYPE_CHECKING:
+    from auvbench.config import schema
     from auvbench.config.schema import EvaluateConfig
     from auvbench.runs.directory import RunDirectory
     from auvbench.runs.standing import Standing
@@ -29,7 +30,8 @@ policy and frozen statistics. What is tested already is skipped, what is not com
                   frequency_sweep: 10, 25, 55 Hz   robustness: currents, faults, delays, noise, other masses
                   transfer: the same policy on other vehicles with the same actuators
   force=true      test again what is tested already
-  workers=N       runs tested at once (default: one per core)
+  workers=N       runs tested at once, or processes among which the episodes of a slow
+                  controller (mpc) are shared (default: one per core)
   --where TERMS   only runs of these values; all words with a = that follow are terms, so it comes last:
                   --where vehicle=rexrov reward.k=1,40 algo!=random
   --cfg job       print the configuration of the test and stop
@@ -129,7 +131,8 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     if not ready:
         raise UserError(f"nothing to evaluate: {_left_out(unfinished)}")
     failed = there = tested = 0
-    with counting_bar(len(ready), f"protocol {config.protocol.name}") as tell:
+    protocol = config.protocol
+    with counting_bar(len(ready), f"protocol {protocol.name}", _each(protocol)) as tell:
 
         def leaving(under_way: int) -> None:
             if under_way:
@@ -169,6 +172,11 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     folder = Path(os.path.commonpath([run.path.parent for run in ready]))
     print(f"next: auvbench report {shlex.quote(str(folder))}{which}")
     return 1 if failed else 0
+
+
+def _each(protocol: schema.Protocol) -> int:
+    """Episodes of a test."""
+    return protocol.episodes * len(protocol.conditions)
 
 
 def _how_far(done: int, of: int) -> str:

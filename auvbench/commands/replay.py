@@ -18,7 +18,9 @@ def parser() -> Parser:
         prog="auvbench replay",
         description="Runs one episode of a test once more (its row is the same) and shows it.",
     )
-    parser.add_argument("run", type=Path, metavar="RUN", help="a run directory")
+    parser.add_argument(
+        "run", type=Path, metavar="RUN", help="a run directory, or a folder of `auvbench pilot --record`"
+    )
     parser.add_argument("--episode", type=int, default=0, help="episode of the protocol (default: 0)")
     parser.add_argument("--protocol", default="test", help="protocol (default: test)")
     parser.add_argument("--condition", default=None, help="condition (default: the protocol's first)")
@@ -41,11 +43,18 @@ def main(arguments: Sequence[str]) -> int:
         from auvbench.reporting import film
 
         film.check(options.video)  # before anything is computed
+    from auvbench.evaluation import missions
+
+    if missions.is_one(options.run):
+        return _show(
+            missions.replay(options.run, options.episode),
+            (options.out or options.run / "replays") / f"mission-{options.episode}",
+            options.video,
+        )
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
     from auvbench.evaluation.replay import replay
     from auvbench.runs.directory import find_runs
-    from auvbench.runs.durable import storage
 
     runs = find_runs([options.run])
     if len(runs) != 1:
@@ -53,17 +62,22 @@ def main(arguments: Sequence[str]) -> int:
     protocol = evaluate_config(compose("evaluate", [f"protocol={options.protocol}"])).protocol
     condition = options.condition or protocol.conditions[0].name
     episode = replay(runs[0], protocol, condition, options.episode)
+    folder = options.out or runs[0].path / "replays"
+    # The name may hold dots: current=0.5.
+    return _show(episode, folder / f"{protocol.name}-{condition}-{options.episode}", options.video)
 
+
+def _show(episode: Replay, stem: Path, video: Path | None) -> int:
+    """On the terminal, as a figure `stem`.png and .svg, and as a film where one is asked for."""
     from auvbench.reporting.replay import draw, summary
+    from auvbench.runs.durable import storage
 
     print(summary(episode))
-    folder = options.out or runs[0].path / "replays"
-    stem = folder / f"{protocol.name}-{condition}-{options.episode}"  # may hold dots: current=0.5
-    with storage(f"cannot write into {folder}"):
+    with storage(f"cannot write into {stem.parent}"):
         png, svg = draw(episode, stem)
     print(f"\nwrote {png}\nwrote {svg}", flush=True)
-    if options.video is not None:
-        target = options.video if options.video != Path() else stem.with_name(f"{stem.name}.gif")
+    if video is not None:
+        target = video if video != Path() else stem.with_name(f"{stem.name}.gif")
         with storage(f"cannot write {target}"):
             _film(episode, target)
     return 0

@@ -14,6 +14,7 @@ from auvbench.errors import ReportError, UserError
 from auvbench.untrusted import inside
 
 if TYPE_CHECKING:
+    from auvbench.analysis.across import Across
     from auvbench.analysis.model import Agent, Finding, Problem, Ranking, RunRecord
     from auvbench.analysis.sections import Section
     from auvbench.analysis.study import Beside
@@ -31,12 +32,52 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _report(paths: Sequence[Path], options: Options, command: str) -> None:
+    from auvbench.runs.durable import storage
+
+    reports = analysed(paths, options)
+    runs = [run for report in reports for run in report.runs]
+    over = over_all(reports, options)
+    out = options.out or beside(runs)
+    if options.out is None:  # a folder that was typed may be a link; one that lies there may be anybody's
+        inside.check_output(out)
+    inside.check_output(out / "figures")
+    if len(reports) == 1:
+        with storage(f"cannot write the report into {out}"):
+            report, written = write(reports[0], options, command, out, over=over)
+        _show(report, options)
+    else:
+        from auvbench.commands.report_sections import write_sections
+
+        with storage(f"cannot write the report into {out}"):
+            reports, written = write_sections(reports, options, command, out, over)
+        for report in reports:
+            _heading(report.section.title)
+            _show(report, options)
+    _show_over(over, options)
+    _say_written(written)
+
+
+def over_all(reports: Sequence[Report], options: Options) -> Across | None:
+    """The agents over all sections and conditions, where --across asks for it."""
+    if not options.across:
+        return None
+    from auvbench.analysis.across import across
+
+    parts = [(report.section.title, report.agents) for report in reports]
+    return across(parts, options.protocol, options.confidence, options.seed)
+
+
+def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
+    """What can be said of the runs under some paths, section by section.
+
+    Raises:
+        UserError: an option names what there is not, or nothing can be reported.
+    """
     from auvbench.analysis.conditions import default
     from auvbench.analysis.further import check as check_columns
     from auvbench.analysis.load import load, require
     from auvbench.analysis.measures import to_rank_by
     from auvbench.analysis.sections import sections, split_problems
-    from auvbench.runs.durable import storage
 
     to_rank_by(options.rank_by)  # a wrong name is said before anything is read
     to_rank_by(options.then, "--then")
@@ -49,23 +90,7 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     several = len(parts) > 1
     reports = _each_of(parts, lambda i: _analyse(parts[i], found[i], condition, options, several))
     _has_baseline(reports, options)
-    out = options.out or beside(runs)
-    if options.out is None:  # a folder that was typed may be a link; one that lies there may be anybody's
-        inside.check_output(out)
-    inside.check_output(out / "figures")
-    if len(reports) == 1:
-        with storage(f"cannot write the report into {out}"):
-            report, written = write(reports[0], options, command, out)
-        _show(report, options)
-    else:
-        from auvbench.commands.report_sections import write_sections
-
-        with storage(f"cannot write the report into {out}"):
-            reports, written = write_sections(reports, options, command, out)
-        for report in reports:
-            _heading(report.section.title)
-            _show(report, options)
-    _say_written(written)
+    return reports
 
 
 def _each_of(parts: Sequence[Section], analyse: Callable[[int], Report]) -> list[Report]:
@@ -106,6 +131,7 @@ def _analyse(
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
     from auvbench.analysis.findings import sentences
     from auvbench.analysis.further import with_columns
+    from auvbench.analysis.limit import beside as beside_limit
     from auvbench.analysis.load import agents
     from auvbench.analysis.measures import in_unit
     from auvbench.analysis.model import Problem
@@ -132,6 +158,7 @@ def _analyse(
         condition=condition,
         problems=(*problems, *part.problems, *more),
     )
+    ranking = beside_limit(ranking, grouped)
     if options.columns:
         ranking = with_columns(ranking, grouped, options.columns, options.seed)
     by_label = {agent.label: agent for agent in grouped}
@@ -167,7 +194,12 @@ def _study(
 
 
 def write(
-    report: Report, options: Options, command: str, out: Path, title: str = ""
+    report: Report,
+    options: Options,
+    command: str,
+    out: Path,
+    title: str = "",
+    over: Across | None = None,
 ) -> tuple[Report, list[Path]]:
     """Writes the formats asked for; returns the report, with what drawing found damaged, and the files.
 
@@ -177,6 +209,7 @@ def write(
         command: the command line, for the page.
         out: the folder.
         title: of the section, where the report has several.
+        over: the agents over all tasks, where the report has one section.
     """
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
@@ -201,9 +234,9 @@ def write(
         ranking = replace(ranking, problems=(*ranking.problems, *problems))
         report = replace(report, ranking=ranking)
     if "html" in options.format:
-        written.append(_page(out / "index.html", report, figures, command, title))
+        written.append(_page(out / "index.html", report, figures, command, title, over))
     if "md" in options.format:
-        text = files.markdown(ranking, report.findings, report.claims, report.beside, figures, out)
+        text = files.markdown(ranking, report.findings, report.claims, report.beside, figures, out, over)
         written.append(files.text(out / "report.md", text))
     if "tex" in options.format:
         written.append(files.text(out / "table.tex", tables.latex(ranking)))
@@ -212,10 +245,27 @@ def write(
         written.append(files.text(out / "table.csv", tables.csv(ranking)))
         written += files.if_any(out / "comparisons.csv", tables.comparisons_csv(ranking.comparisons))
         written += files.if_any(out / "conditions.csv", tables.conditions_csv(ranking))
-    return report, written
+        written += files.if_any(out / "verdicts.json", files.verdicts(report.claims))
+        written += files.if_any(out / "limit.csv", tables.limit_csv(ranking))
+    return report, written + write_over(over, options, out)
 
 
-def _page(path: Path, report: Report, figures: Sequence[Figure], command: str, title: str) -> Path:
+def write_over(over: Across | None, options: Options, out: Path) -> list[Path]:
+    """across.tex and across.csv; without the table an earlier report's go."""
+    from auvbench.reporting import tables
+    from auvbench.reporting import write as files
+
+    written = []
+    if "tex" in options.format:
+        written += files.if_any(out / "across.tex", tables.across_latex(over) if over else "")
+    if "csv" in options.format:
+        written += files.if_any(out / "across.csv", tables.across_csv(over) if over else "")
+    return written
+
+
+def _page(
+    path: Path, report: Report, figures: Sequence[Figure], command: str, title: str, over: Across | None
+) -> Path:
     from auvbench.reporting import page
     from auvbench.reporting.figures import colour_of
 
@@ -231,6 +281,7 @@ def _page(path: Path, report: Report, figures: Sequence[Figure], command: str, t
         colours=colour_of(report.agents),
         command=command,
         section=title,
+        over=over,
     )
 
 
@@ -239,6 +290,7 @@ def _show(report: Report, options: Options) -> None:
     from rich.text import Text
 
     from auvbench.reporting import tables
+    from auvbench.reporting.tables.notes import of_pairs
     from auvbench.reporting.write import against_baseline
 
     console = Console(highlight=False)
@@ -250,6 +302,7 @@ def _show(report: Report, options: Options) -> None:
         if comparisons := against_baseline(report.ranking):
             console.print()
             console.print(tables.comparisons_terminal(comparisons))
+            console.print(Text(of_pairs(report.ranking), style="dim"))
         for title, findings in (("findings", report.findings), ("claims of the study", report.claims)):
             if findings:
                 console.print(Text(f"\n{title}", style="bold"))
@@ -257,6 +310,17 @@ def _show(report: Report, options: Options) -> None:
         if report.beside:
             console.print()
             console.print(tables.beside_terminal(report.beside, console.width))
+
+
+def _show_over(over: Across | None, options: Options) -> None:
+    from rich.console import Console
+
+    from auvbench.reporting import tables
+
+    if over is not None and "terminal" in options.format:
+        console = Console(highlight=False)
+        console.print()
+        console.print(tables.across_terminal(over))
 
 
 def _heading(title: str) -> None:

@@ -27,6 +27,7 @@ class Options:
     then: str
     group_by: tuple[str, ...]
     columns: tuple[str, ...]
+    across: bool
     baseline: str | None
     protocol: str
     condition: str | None
@@ -44,7 +45,14 @@ class Options:
 
 def parse(argv: Sequence[str]) -> tuple[list[Path], Options]:
     """Paths and options: conf/report.yaml, then the preset, then the command line."""
-    values = vars(parser().read(argv))
+    paths, options, _ = read(parser(), argv)
+    return paths, options
+
+
+def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict[str, Any]]:
+    """As `parse`, for a command that takes report's flags and more: the values of all flags come third."""
+    values = vars(parser.read(argv))
+    given = dict(values)
     values["where"] = values["where"] or None
     paths = values.pop("paths")
     preset = values.pop("preset")
@@ -52,7 +60,7 @@ def parse(argv: Sequence[str]) -> tuple[list[Path], Options]:
     if preset is not None:
         settings |= _read_preset(preset)
     settings |= {key: value for key, value in values.items() if value is not None}
-    return paths, _options(settings)
+    return paths, _options(settings), given
 
 
 def parser() -> Parser:
@@ -71,6 +79,12 @@ def parser() -> Parser:
     add("--then", metavar="METRIC", help="decides between equals")
     add("--group-by", metavar="KEY,...", help="configuration keys whose values make a row: algo,reward.k")
     add("--columns", metavar="NAME,...", help="further columns: iqm_success, next_training, auc_steps, ...")
+    add(
+        "--across",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="one table over all conditions and vehicles",
+    )
     add(
         "--baseline",
         metavar="AGENT",
@@ -120,13 +134,15 @@ def _options(settings: Mapping[str, Any]) -> Options:
     if study is not None and study not in STUDIES:
         raise UserError(f"unknown study {study!r}; {closest(str(study), STUDIES)}")
     confidence = _number("confidence", settings["confidence"], 0.5, 0.999)
-    if not isinstance(settings["figures"], bool):
-        raise UserError(f"figures={settings['figures']!r} is neither true nor false")
+    for name in ("figures", "across"):
+        if not isinstance(settings[name], bool):
+            raise UserError(f"{name}={settings[name]!r} is neither true nor false")
     return Options(
         rank_by=str(settings["rank_by"]),
         then=str(settings["then"]),
         group_by=_names(settings["group_by"]),
         columns=() if settings["columns"] is None else _names(settings["columns"]),
+        across=settings["across"],
         baseline=None if settings["baseline"] is None else str(settings["baseline"]),
         protocol=str(settings["protocol"]),
         condition=None if settings["condition"] is None else str(settings["condition"]),

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from auvbench.commands.report import Report, write
+from auvbench.commands.report import Report, write, write_over
 from auvbench.commands.report_options import Options
+
+if TYPE_CHECKING:
+    from auvbench.analysis.across import Across
 
 
 def write_sections(
-    reports: Sequence[Report], options: Options, command: str, out: Path
+    reports: Sequence[Report], options: Options, command: str, out: Path, over: Across | None = None
 ) -> tuple[list[Report], list[Path]]:
     """Writes each section into a folder of its own below `out`, and `index.html`, `report.md` and `table.csv` of all.
 
@@ -34,10 +38,11 @@ def write_sections(
     ]
     above = []
     if "html" in options.format:
-        above.append(write_overview(out / "index.html", parts, command))
+        above.append(write_overview(out / "index.html", parts, command, over))
     if "md" in options.format:
-        above.append(files.markdown(out / "report.md", parts))
+        above.append(files.markdown(out / "report.md", parts, over))
     if "csv" in options.format:
         above.append(files.csv(out / "table.csv", [(r.section.vehicle, r.ranking) for r in whole]))
+    above += write_over(over, options, out)
     files.clear(out)
     return whole, above + [path for path in below if path.suffix not in {p.suffix for p in above}]

@@ -39,7 +39,7 @@ def _grid(configs: Sequence[DictConfig], command: str) -> int:
 def _one(config: DictConfig, command: str) -> int:
     from auvbench.runs import standing
     from auvbench.runs.plan import prepare
-    from auvbench.runs.progress import telling
+    from auvbench.runs.progress import WINDOW, telling
 
     run = prepare(config, command)
     now = standing.of(run, deep=True)
@@ -57,7 +57,8 @@ def _one(config: DictConfig, command: str) -> int:
     _carry_out(run, progress=bool(config.train.progress))
     manifest = run.manifest()
     rate = telling(manifest["success_rate"], manifest["episodes"])
-    success = "" if rate is None else f", success over the last 100 episodes {100 * rate:.0f} %"
+    last = min(manifest["episodes"], WINDOW)
+    success = "" if rate is None else f", success over the last {last} episodes {100 * rate:.0f} %"
     print(f"complete: {manifest['steps']:,} steps in {manifest['wall_time_s']:.1f} s{success}")
     print(f"{run.path}")
     print(f"next: auvbench evaluate {shlex.quote(str(run.path))}")

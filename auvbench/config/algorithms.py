@@ -8,12 +8,41 @@ from auvbench.config.schema import choice, later, name, number
 
 
 @dataclass(kw_only=True)
+class Tuned:
+    """How the values of a preset were chosen: `auvbench tune` writes it, reports read it."""
+
+    study: str = name()
+    protocol: str = name()
+    scenarios: str = choice("validation")
+    seed: int = number(0, (1 << 32) - 1)  # of the protocol's scenarios
+    trials: int = number(1, 1 << 31)
+    steps: int = number(0, 1 << 62)  # of training, over all trials
+    version: str
+    date: str
+
+
+@dataclass(kw_only=True)
 class Algorithm:
     """What every `algo/*.yaml` has: which agent it is and how many environments it drives."""
 
     name: str = name()
-    agent: str = choice("ppo", "sac", "ddpg", "td3", "pid", "lqr", "smc", "mpc", "random")
+    agent: str = choice(
+        *(
+            "ppo",
+            "sac",
+            "ddpg",
+            "td3",
+            "tqc",
+            "crossq",
+            "trpo",
+            "recurrent_ppo",
+            "ppo_residual",
+            "sac_residual",
+        ),
+        *("pid", "lqr", "smc", "mpc", "random", "onnx"),
+    )
     n_envs: int = number(1, 65_536)
+    tuned: Tuned | None = None  # where its values were searched for
 
 
 @dataclass(kw_only=True)
@@ -30,41 +59,91 @@ class Network:
 
 
 @dataclass(kw_only=True)
-class PPO(Network, Algorithm):
+class OnPolicy(Network, Algorithm):
     n_steps: int = number(1, 1 << 24)
-    n_epochs: int = number(1, 1000)
     gae_lambda: float = number(0.0, 1.0)
-    clip_range: float = number(0.0, 10.0, open_low=True)
     normalize_advantage: bool
+    log_std_init: float = number(-20.0, 5.0)
+
+
+@dataclass(kw_only=True)
+class PPO(OnPolicy):
+    n_epochs: int = number(1, 1000)
+    clip_range: float = number(0.0, 10.0, open_low=True)
     ent_coef: float = number(0.0, 10.0)
     vf_coef: float = number(0.0, 10.0)
     max_grad_norm: float = number(0.0, 1e6, open_low=True)
-    log_std_init: float = number(-20.0, 5.0)
+
+
+@dataclass(kw_only=True)
+class RecurrentPPO(PPO):
+    lstm_size: int = number(1, 1 << 14)
+    lstm_layers: int = number(1, 16)
+    critic_lstm: bool
+
+
+@dataclass(kw_only=True)
+class TRPO(OnPolicy):
+    target_kl: float = number(0.0, 10.0, open_low=True)
+    cg_max_steps: int = number(1, 10_000)
+    cg_damping: float = number(0.0, 100.0)
+    line_search_shrinking_factor: float = number(0.0, 1.0, open_low=True)
+    line_search_max_iter: int = number(1, 1000)
+    n_critic_updates: int = number(1, 1000)
+    sub_sampling_factor: int = number(1, 1 << 20)
 
 
 @dataclass(kw_only=True)
 class OffPolicy(Network, Algorithm):
     buffer_size: int = number(1, 1 << 31)
     learning_starts: int = number(0, 1 << 40)
-    tau: float = number(0.0, 1.0, open_low=True)
     train_freq: int = number(1, 1 << 24)
     gradient_steps: int = number(-1, 1 << 24)
 
 
 @dataclass(kw_only=True)
-class SAC(OffPolicy):
+class Targets(OffPolicy):
+    """Those with target networks."""
+
+    tau: float = number(0.0, 1.0, open_low=True)
+
+
+@dataclass(kw_only=True)
+class Entropy:
+    """Those that are rewarded for entropy."""
+
     ent_coef: str
     target_entropy: str
+
+
+@dataclass(kw_only=True)
+class SAC(Entropy, Targets):
     target_update_interval: int = number(1, 1 << 24)
 
 
 @dataclass(kw_only=True)
-class DDPG(OffPolicy):
+class TQC(SAC):
+    n_quantiles: int = number(1, 10_000)
+    n_critics: int = number(1, 100)
+    top_quantiles_to_drop_per_net: int = number(0, 10_000)
+
+
+@dataclass(kw_only=True)
+class CrossQ(Entropy, OffPolicy):
+    policy_delay: int = number(1, 1000)
+    critic_net_arch: list[int]
+    n_critics: int = number(1, 100)
+    batch_norm_momentum: float = number(0.0, 1.0, open_low=True)
+    renorm_warmup_steps: int = number(0, 1 << 40)
+
+
+@dataclass(kw_only=True)
+class DDPG(Targets):
     action_noise: float = number(0.0, 10.0)
 
 
 @dataclass(kw_only=True)
-class TD3(OffPolicy):
+class TD3(Targets):
     action_noise: float = number(0.0, 10.0)
     policy_delay: int = number(1, 1000)
     target_policy_noise: float = number(0.0, 10.0)
@@ -86,6 +165,24 @@ class PID(Cascade):
     bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
     heading_bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
     integral_time: float = number(0.0, 1e6, open_low=True)  # s
+
+
+@dataclass(kw_only=True)
+class Residual:
+    """A learner's action on top of PID's."""
+
+    share: float = number(0.0, 2.0, open_low=True)
+    pid: PID
+
+
+@dataclass(kw_only=True)
+class PPOResidual(PPO):
+    residual: Residual
+
+
+@dataclass(kw_only=True)
+class SACResidual(SAC):
+    residual: Residual
 
 
 @dataclass(kw_only=True)
@@ -121,3 +218,9 @@ class MPC(Algorithm):
 @dataclass(kw_only=True)
 class Random(Algorithm):
     pass
+
+
+@dataclass(kw_only=True)
+class ONNX(Algorithm):
+    path: str
+    sha256: str

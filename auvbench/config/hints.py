@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import typing
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 from auvbench.config import algorithms
 from auvbench.errors import closest
@@ -54,11 +56,18 @@ CLASSES = {
     "sac": algorithms.SAC,
     "ddpg": algorithms.DDPG,
     "td3": algorithms.TD3,
+    "tqc": algorithms.TQC,
+    "crossq": algorithms.CrossQ,
+    "trpo": algorithms.TRPO,
+    "recurrent_ppo": algorithms.RecurrentPPO,
+    "ppo_residual": algorithms.PPOResidual,
+    "sac_residual": algorithms.SACResidual,
     "pid": algorithms.PID,
     "lqr": algorithms.LQR,
     "smc": algorithms.SMC,
     "mpc": algorithms.MPC,
     "random": algorithms.Random,
+    "onnx": algorithms.ONNX,
 }
 
 
@@ -107,16 +116,23 @@ def owners(key: str) -> list[str]:
     """The algorithms that have a key `algo.<name>`.
 
     >>> owners("algo.tau")
-    ['sac', 'ddpg', 'td3']
+    ['sac', 'ddpg', 'td3', 'tqc', 'sac_residual']
+    >>> owners("algo.residual.share")
+    ['ppo_residual', 'sac_residual']
     """
     group, _, field = key.partition(".")
     if group != "algo":
         return []
-    return [
-        name
-        for name, schema in CLASSES.items()
-        if field in {each.name for each in dataclasses.fields(schema)}
-    ]
+    return [name for name, schema in CLASSES.items() if field in _keys(schema)]
+
+
+def _keys(schema: type[Any], prefix: str = "") -> Iterator[str]:
+    """The keys of a schema and of those in it."""
+    types = typing.get_type_hints(schema)
+    for field in dataclasses.fields(schema):
+        yield f"{prefix}{field.name}"
+        if dataclasses.is_dataclass(types[field.name]):
+            yield from _keys(types[field.name], f"{prefix}{field.name}.")
 
 
 def unknown_key(key: str, known: Collection[str], chosen: Mapping[str, str], program: str) -> str:
@@ -151,7 +167,7 @@ def _and(names: Sequence[str]) -> str:
 
 
 def _of_all_algorithms() -> list[str]:
-    return sorted({f"algo.{each.name}" for schema in CLASSES.values() for each in dataclasses.fields(schema)})
+    return sorted({f"algo.{key}" for schema in CLASSES.values() for key in _keys(schema)})
 
 
 def unknown_flag(

@@ -50,6 +50,8 @@ def load(
     if folder is not None:
         path.append("own", f"{trust.SCHEME}://{folder}")
     path.append("hydra", "pkg://hydra.conf")
+    for provider, installed in trust.installed_sources():
+        path.append(provider, installed)
     path.append("main", f"pkg://{module}")
     path.append("schema", "structured://")
     with _LOCK, _borrowed():

@@ -14,7 +14,7 @@ from functools import cache
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
-from auvbench.config import launchers, schema, simulation, simulators
+from auvbench.config import launchers, schema, simulation, simulators, tuning
 from auvbench.config.hints import CLASSES, whole
 from auvbench.errors import ConfigError
 
@@ -118,6 +118,7 @@ def whole_keys() -> frozenset[str]:
     found: set[str] = set()
     for root in (schema.TrainConfig, schema.EvaluateConfig, simulation.Simulation):
         found |= _whole_below(root, "")
+    found |= _whole_below(tuning.Tune, "tune.")
     for kind in CLASSES.values():
         found |= _whole_below(kind, "algo.")
     for group, kinds in (("launcher", launchers.SCHEMAS), ("simulator", simulators.SCHEMAS)):
@@ -130,7 +131,7 @@ def _whole_below(kind: type, prefix: str) -> set[str]:
     found = set()
     for field in dataclasses.fields(kind):
         key = f"{prefix}{field.name}"
-        if str(field.type) in ("int", "int | None"):
+        if str(field.type) in ("int", "int | None", "list[int]"):
             found.add(key)
         nested = getattr(schema, str(field.type), None)
         if isinstance(nested, type) and dataclasses.is_dataclass(nested):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from auvbench.config.schema import Current, Disturbance, Scale, choice, number
+from auvbench.config.schema import Current, Disturbance, Scale, choice, name, number
 from auvbench.errors import ConfigError
 
 CURRENTS = ("none", "steady", "varying", "sheared")
@@ -32,6 +32,7 @@ class Capabilities:
 CAPABILITIES: dict[str, Capabilities] = {
     "fossen": Capabilities(exact_resume=True, deterministic=True, scales=True, currents="sheared"),
     "gazebo": Capabilities(exact_resume=False, deterministic=True, scales=True, currents="sheared"),
+    "ros2": Capabilities(exact_resume=False, deterministic=True, scales=True, currents="sheared"),
 }
 
 
@@ -58,9 +59,27 @@ class Gazebo(Simulator):
     hydrodynamics: str = choice("corrected", "published")
 
 
+@dataclass(kw_only=True)
+class Ros2(Simulator):
+    """Whatever offers the interface over ROS 2."""
+
+    namespace: str | None
+    clock: str = choice("auto", "lockstep", "clock", "wall")
+    timeout: float = number(0.0, 1e4, open_low=True)  # s
+
+
+@dataclass(kw_only=True)
+class InstalledSimulator(Simulator):
+    """What the configuration of a simulator of an installed package has; keys of its own come in a subclass."""
+
+    name: str = name()
+    package: str
+
+
 SCHEMAS: dict[str, type] = {
     "simulator_fossen_schema": Fossen,
     "simulator_gazebo_schema": Gazebo,
+    "simulator_ros2_schema": Ros2,
 }
 
 
@@ -71,9 +90,16 @@ def schema_of(name: str) -> type | None:
 
 def capabilities(simulator: Simulator) -> Capabilities:
     """What a simulator can with its present options."""
+    if isinstance(simulator, InstalledSimulator):
+        from auvbench.config import installed
+
+        return installed.capabilities(simulator)
     can = CAPABILITIES[simulator.name]
     if isinstance(simulator, Gazebo) and simulator.hydrodynamics == "published":
         return replace(can, currents="steady")  # the plugin is told of a current when a vehicle is made
+    if isinstance(simulator, Ros2) and simulator.clock != "lockstep":
+        # What is served may be anything; messages arrive when they arrive.
+        return replace(can, deterministic=False, scales=False, currents="steady")
     return can
 
 
@@ -96,8 +122,7 @@ def check(simulator: Simulator, disturbance: Disturbance) -> None:
         )
         at_most = "has no current" if can.currents == "none" else f"takes a {can.currents} current at most"
         who = f"simulator={simulator.name}"
-        if can != CAPABILITIES[simulator.name]:
-            who += f" with simulator.hydrodynamics={getattr(simulator, 'hydrodynamics', '')}"
+        who += _restriction(simulator)
         raise ConfigError(f"{key}: asks for a {needed} current, and {who} {at_most}; {others}")
     drawn = disturbance.randomisation
     if not can.scales:
@@ -106,8 +131,17 @@ def check(simulator: Simulator, disturbance: Disturbance) -> None:
             if scale.low != 1.0 or scale.high != 1.0:
                 raise ConfigError(
                     f"disturbance.randomisation.{name}: asks for vehicles with numbers of their own, which "
-                    f"simulator={simulator.name} does not have; {_others(lambda c: c.scales)}"
+                    f"simulator={simulator.name}{_restriction(simulator)} does not have; {_others(lambda c: c.scales)}"
                 )
+
+
+def _restriction(simulator: Simulator) -> str:
+    """The option with which a simulator can less than it could."""
+    can = capabilities(simulator)
+    if can == CAPABILITIES.get(simulator.name, can):
+        return ""
+    key = "clock" if isinstance(simulator, Ros2) else "hydrodynamics"
+    return f" with simulator.{key}={getattr(simulator, key)}"
 
 
 def _current(current: Current) -> tuple[str, str]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import resources
 from typing import Any
 
 from hydra._internal import hydra as hydra_application
@@ -20,11 +21,12 @@ from hydra._internal.sources_registry import SourcesRegistry
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from omegaconf import DictConfig, OmegaConf
 
+from auvbench.config import plugins
 from auvbench.errors import ConfigError
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.text import short
 
-SCHEME = "conf"
+SCHEME, INSTALLED = "conf", "installed"
 
 ALLOWED = (
     "hydra.mode",
@@ -81,9 +83,40 @@ class OwnFiles(FileConfigSource):
         return result
 
 
+class InstalledFiles(OwnFiles):
+    """Hydra's source of files for the folder of an installed package: as `OwnFiles`, and each name once in all of them."""
+
+    @staticmethod
+    def scheme() -> str:
+        return INSTALLED
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        name = self._normalize_file_name(config_path)
+        holders = [f.release for f in plugins.folders() if (f.path / name).is_file()]
+        if (resources.files("auvbench.conf") / name).is_file():
+            holders.append("auvbench itself")
+        if len(holders) > 1:
+            stem = name.removesuffix(".yaml").replace(os.sep, "/")
+            raise ConfigError(
+                f"{'='.join(stem.rsplit('/', 1))}: {' and '.join(holders)} have a file of that name each, and a name "
+                f"must stand for one; uninstall one of them: pip uninstall {holders[0].partition('==')[0]}"
+            )
+        return super().load_config(config_path)
+
+
+def installed_sources() -> list[tuple[str, str]]:
+    """Provider and path on Hydra's search path of each folder that an installed package brings.
+
+    Raises:
+        ConfigError: a folder is not there.
+    """
+    return [(folder.release, f"{INSTALLED}://{folder.path}") for folder in plugins.folders()]
+
+
 def register() -> None:
-    """Makes `conf://FOLDER` known to Hydra's search path; other programs' files are read as ever."""
+    """Makes `conf://FOLDER` and `installed://FOLDER` known to Hydra's search path; other programs' files are read as ever."""
     SourcesRegistry.instance().register(OwnFiles)
+    SourcesRegistry.instance().register(InstalledFiles)
 
 
 def check_file(shown: str, name: str, content: Any, package: str | None) -> None:

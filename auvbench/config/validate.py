@@ -9,9 +9,11 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from auvbench.config import algorithms, disturbance, schema, simulators
+from auvbench.config import algorithms, disturbance, plugins, schema, simulators
 from auvbench.config.clock import step_limit
+from auvbench.config.hints import CLASSES
 from auvbench.errors import ConfigError, closest
+from auvbench.untrusted.text import short
 
 MOST_STEPS = 10_000_000
 """of an episode"""
@@ -81,6 +83,10 @@ def train_config(config: DictConfig) -> schema.TrainConfig:
     if not isinstance(typed, schema.TrainConfig):
         raise ConfigError("this is no training configuration")
     if not dataclasses.is_dataclass(typed.algo):
+        agent = typed.algo.get("agent") if isinstance(typed.algo, dict) else None
+        if agent is not None and agent not in CLASSES:
+            known = [*CLASSES, *(one.name for one in plugins.declared(plugins.AGENTS))]
+            raise ConfigError(f"algo.agent={short(agent)}: unknown; {closest(str(agent), known)}")
         raise ConfigError(
             "algo: name an algorithm, e.g. algo=ppo; its file must start from a schema (see conf/algo)"
         )
@@ -91,6 +97,17 @@ def train_config(config: DictConfig) -> schema.TrainConfig:
     check(typed)
     _across(typed)
     return typed
+
+
+def again(config: schema.TrainConfig) -> schema.TrainConfig:
+    """Checks the algorithm of a configuration, the rest of which was checked before.
+
+    Raises:
+        ConfigError: a value is out of range, or at odds with another.
+    """
+    check(config.algo, "algo.")
+    _across(config)
+    return config
 
 
 def evaluate_config(config: DictConfig) -> schema.EvaluateConfig:
@@ -105,10 +122,21 @@ def evaluate_config(config: DictConfig) -> schema.EvaluateConfig:
     typed = OmegaConf.to_object(config)
     assert isinstance(typed, schema.EvaluateConfig)
     check(typed)
-    names = [condition.name for condition in typed.protocol.conditions]
+    evaluate_protocol(typed.protocol)
+    return typed
+
+
+def evaluate_protocol(protocol: schema.Protocol) -> None:
+    """Checks a protocol and its conditions.
+
+    Raises:
+        ConfigError: a value is out of range, or there is no condition, or two have one name.
+    """
+    check(protocol, "protocol.")
+    names = [condition.name for condition in protocol.conditions]
     if not names:
         raise ConfigError("protocol.conditions: at least one condition is needed")
-    for index, condition in enumerate(typed.protocol.conditions):
+    for index, condition in enumerate(protocol.conditions):
         check(condition, f"protocol.conditions[{index}].")
         if not re.fullmatch(r"[A-Za-z0-9.+=-]+", condition.name):
             raise ConfigError(
@@ -116,7 +144,6 @@ def evaluate_config(config: DictConfig) -> schema.EvaluateConfig:
             )
         if names.count(condition.name) > 1:
             raise ConfigError(f"protocol.conditions: the name {condition.name!r} occurs twice")
-    return typed
 
 
 def _across(config: schema.TrainConfig) -> None:
@@ -148,17 +175,32 @@ def _across(config: schema.TrainConfig) -> None:
         )
     disturbance.check(config.disturbance)
     simulators.check(config.simulator, config.disturbance)
-    algo = config.algo
-    if isinstance(algo, algorithms.PPO):
+    _algorithm(config.algo)
+
+
+def _algorithm(algo: algorithms.Algorithm) -> None:
+    """What spans several keys of `algo`."""
+    if isinstance(algo, algorithms.OnPolicy):
         rollout = algo.n_steps * algo.n_envs
         if rollout % algo.batch_size:
             raise ConfigError(
                 f"algo.batch_size={algo.batch_size}: must divide algo.n_steps x algo.n_envs = {rollout}"
             )
         if rollout < 2:
-            raise ConfigError("algo.n_steps=1: with one environment PPO needs at least 2 steps")
-    if isinstance(algo, algorithms.Network) and not all(width > 0 for width in algo.net_arch):
-        raise ConfigError(f"algo.net_arch={algo.net_arch}: widths must be at least 1")
+            raise ConfigError(
+                f"algo.n_steps=1: with one environment {algo.agent.upper()} needs at least 2 steps"
+            )
+    if isinstance(algo, algorithms.TRPO) and algo.n_steps * algo.n_envs < 2 * algo.sub_sampling_factor:
+        raise ConfigError(
+            f"algo.sub_sampling_factor={algo.sub_sampling_factor}: must leave at least 2 of the "
+            f"algo.n_steps x algo.n_envs = {algo.n_steps * algo.n_envs} samples"
+        )
+    if isinstance(algo, algorithms.TRPO) and algo.line_search_shrinking_factor == 1.0:
+        raise ConfigError("algo.line_search_shrinking_factor=1: must be less than 1, or no step gets shorter")
+    if isinstance(algo, algorithms.Network):
+        for key in ("net_arch", "critic_net_arch"):
+            if not all(width > 0 for width in getattr(algo, key, ())):
+                raise ConfigError(f"algo.{key}={getattr(algo, key)}: widths must be at least 1")
     if isinstance(algo, algorithms.OffPolicy):
         if algo.gradient_steps == 0:
             raise ConfigError(
@@ -168,9 +210,19 @@ def _across(config: schema.TrainConfig) -> None:
             raise ConfigError(
                 f"algo.buffer_size={algo.buffer_size}: must be at least algo.n_envs={algo.n_envs}"
             )
-    if isinstance(algo, algorithms.SAC):
+    if isinstance(algo, algorithms.Entropy):
         _number_or_auto("algo.ent_coef", algo.ent_coef)
         _number_or_auto("algo.target_entropy", algo.target_entropy)
+    if isinstance(algo, algorithms.TQC) and algo.top_quantiles_to_drop_per_net >= algo.n_quantiles:
+        raise ConfigError(
+            f"algo.top_quantiles_to_drop_per_net={algo.top_quantiles_to_drop_per_net}: must be less than "
+            f"algo.n_quantiles={algo.n_quantiles}"
+        )
+    if isinstance(algo, algorithms.CrossQ) and algo.batch_size < 2:
+        raise ConfigError("algo.batch_size=1: batch normalisation needs at least 2 samples")
+    residual = getattr(algo, "residual", None)
+    if isinstance(residual, algorithms.Residual) and residual.pid.agent != "pid":
+        raise ConfigError(f"algo.residual.pid.agent={residual.pid.agent}: must be pid")
 
 
 def _number_or_auto(key: str, value: str) -> None:

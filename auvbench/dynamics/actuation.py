@@ -45,7 +45,7 @@ L = LANES
 
 
 @njit(nogil=True)
-def _static_curves(units: FloatArray, tables: FloatArray, value: FloatArray) -> None:
+def static_curves(units: FloatArray, tables: FloatArray, value: FloatArray) -> None:
     """Replace commands (n_u, LANES), clipped to [-1, 1], by what the static curves make of them."""
     for a in range(units.shape[0]):
         for l in range(L):
@@ -76,7 +76,7 @@ def _static_curves(units: FloatArray, tables: FloatArray, value: FloatArray) -> 
 
 
 @njit(nogil=True)
-def _report(
+def report(
     first: int,
     units: FloatArray,
     tables: FloatArray,
@@ -169,7 +169,7 @@ def hold_commands(
     for a in range(units.shape[0]):
         for l in range(L):
             thrust[a, l] *= ws[THRUST * L + l]
-    _static_curves(units, tables, value)
+    static_curves(units, tables, value)
     for a in range(units.shape[0]):
         if units[a, KIND] == DROP_WEIGHT:
             first = int(units[a, FIRST_STATE])
@@ -177,7 +177,7 @@ def hold_commands(
                 # Released for good by a command above one half.
                 if value[a, l] > 0.5:
                     inner[first, l] = 1.0
-    _report(block * L, units, tables, value, force, power)
+    report(block * L, units, tables, value, force, power)
     _outputs(units, value, output, inner, discrete)
     apply_thrust(ws, units, geometry, output, thrust)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import schema, simulators
+from auvbench.config import installed, plugins, schema, simulators
 from auvbench.config.disturbance import SCALES
 from auvbench.envs.actions import admit
 from auvbench.errors import ConfigError, closest
@@ -290,11 +290,25 @@ def _below(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[
     return {key.removeprefix(prefix): value for key, value in state.items() if key.startswith(prefix)}
 
 
+def at_once(config: schema.TrainConfig, wanted: int) -> int:
+    """How many of `wanted` vehicles the configured simulator has: all of them, unless they are a server's.
+
+    Raises:
+        ConfigError: there is no such server.
+    """
+    if not isinstance(config.simulator, simulators.Ros2):
+        return wanted
+    from auvbench.simulators.ros2 import connect
+
+    return min(wanted, connect(config.simulator, sheet.load(config.vehicle)).n)
+
+
 def make_simulator(
     config: simulators.Simulator,
     vehicle: VehicleModel,
     n: int,
     drawn: schema.Randomisation | None = None,
+    stand_in: VehicleModel | None = None,
 ) -> Simulator:
     """The simulator that the configuration names.
 
@@ -307,9 +321,11 @@ def make_simulator(
         vehicle: the sheet's.
         n: how many vehicles.
         drawn: the ranges from which vehicles are drawn; None where all are the sheet's.
+        stand_in: what is simulated in the vehicle's place, with the vehicle's step: the same, commanded otherwise.
     """
     limit = _shortest_time_constant(vehicle, drawn)
     pace.check(vehicle.name, limit)
+    vehicle = stand_in or vehicle
     if isinstance(config, simulators.Fossen):
         return FossenSimulator(vehicle, n, max_step=min(config.max_step, limit))
     if isinstance(config, simulators.Gazebo):
@@ -317,6 +333,14 @@ def make_simulator(
 
         step = min(config.max_step, limit)
         return GazeboSimulator(vehicle, n, max_step=step, hydrodynamics=config.hydrodynamics)
+    if isinstance(config, simulators.Ros2):
+        from auvbench.simulators.ros2 import Ros2Simulator
+
+        return Ros2Simulator(vehicle, n, config)
+    if isinstance(config, simulators.InstalledSimulator):
+        factory = installed.thing_of(plugins.SIMULATORS, config.name, config.package)
+        found: Simulator = factory(config, vehicle, n, limit)
+        return found
     raise ConfigError(
         f"simulator.name={config.name}: unknown; {closest(config.name, simulators.CAPABILITIES)}"
     )

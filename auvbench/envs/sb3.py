@@ -56,7 +56,7 @@ class WaypointVecEnv(VecEnv):
             whose episode ended, which is all that SB3's learners look at.
         render_mode: as of `WaypointEnv`.
 
-    `finished` holds the rows of the episodes that ended in the last step.
+    `finished` holds the rows of the episodes that ended in the last step, `transition` all that it gave.
     """
 
     def __init__(
@@ -64,6 +64,7 @@ class WaypointVecEnv(VecEnv):
     ) -> None:
         self.batch = batch
         self.finished: list[Record] = []
+        self.transition: Transition | None = None
         self.render_mode = render_mode
         self.metadata: dict[str, Any] = {
             "render_modes": list(rendering.MODES),
@@ -126,7 +127,7 @@ class WaypointVecEnv(VecEnv):
         if self._actions is None:
             raise ResetNeeded("there are no actions: call step_async() before step_wait()")
         result = self.batch.step(self._actions)
-        self.finished = result.records
+        self.transition, self.finished = result, result.records
         if self.render_mode is not None:
             self._follow(result)
         done = result.terminated | result.truncated

@@ -74,6 +74,12 @@ class ShardedBatch:
         """As `Batch.exact_resume`."""
         return self.parts[0].exact_resume
 
+    @property
+    def restarted(self) -> NDArray[np.float32] | None:
+        """As `Batch.restarted`."""
+        first = [part.restarted for part in self.parts if part.restarted is not None]
+        return np.concatenate(first) if len(first) == len(self.parts) else None
+
     def reseed(self, seed: int, indices: NDArray[np.int64] | None = None) -> None:
         """As `Batch.reseed`."""
         for part, own, _ in self._shares(np.arange(self.n) if indices is None else indices):

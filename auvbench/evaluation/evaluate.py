@@ -6,26 +6,36 @@ import csv
 import io
 import shutil
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from auvbench.agents.base import CONTROLLERS, Agent, learns, resolve
-from auvbench.config import schema
+from auvbench.agents import base as agents
+from auvbench.agents.base import Agent
+from auvbench.config import installed, plugins, schema, simulators
+from auvbench.config.agents import learns
 from auvbench.config.clock import step_limit
 from auvbench.envs.batch import at_frequency
-from auvbench.errors import RunError
-from auvbench.evaluation.protocol import Circumstance, circumstances, fingerprint, fingerprint_parts
+from auvbench.errors import AgentError, AuvbenchError, RunError
+from auvbench.evaluation import inference
+from auvbench.evaluation.protocol import (
+    Circumstance,
+    as_played,
+    circumstances,
+    fingerprint,
+    fingerprint_parts,
+)
 from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.runs import integrity, lock, provenance
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.durable import fsync_directory, make_folder, storage, write_durable
 from auvbench.runs.files import as_json
 from auvbench.runs.plan import load_config
-from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
-from auvbench.untrusted import documents, inside, reading
+from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
+from auvbench.untrusted import archives, documents, inside, reading
 from auvbench.vehicles import sheet
 
 SCHEMA_VERSION = 1
@@ -71,7 +81,13 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
         return lost
     if summary.get("model") != _model(run.manifest()):
         return "the run's model is another one than was tested"
-    here = fingerprint_parts(protocol, circumstances(protocol, run.check()))
+    clocks = summary.get("clocks")
+    played = as_played(
+        circumstances(protocol, run.check()),
+        {str(k): str(v) for k, v in clocks.items()} if isinstance(clocks, dict) else {},
+    )
+    with _blaming(run):
+        here = fingerprint_parts(protocol, played)
     there = summary.get("fingerprint_parts")
     if not isinstance(there, dict):
         return "its fingerprint does not cover what computes outcomes"
@@ -94,30 +110,72 @@ def make_agent(run: RunDirectory, frequency: float) -> Agent:
     """
     config = at_frequency(load_config(run), frequency)
     vehicle = sheet.load(config.vehicle)
-    if learns(config.algo.agent):
-        from auvbench.agents.learned.learners import LearnedPolicy
-
-        manifest = run.manifest()
-
-        def check(name: str, data: bytes) -> None:
-            try:
-                integrity.check(manifest, f"{run.model.name}/{name}", data, run.model / name)
-            except RunError as error:
-                raise RunError(
-                    f"{error}; auvbench resume {run.path} trains it again from its last checkpoint"
-                ) from error
-
-        return LearnedPolicy(config, run.model, len(vehicle.actuators), check)
-    agent: Agent = resolve(CONTROLLERS[config.algo.agent])(config, vehicle)
+    agent = agents.make(config, vehicle)
+    load = getattr(agent, "load", None)
+    if load is not None:
+        _check_model(run, again="trains it again from its last checkpoint" if learns(config.algo) else "")
+        load(run.model)
     return agent
+
+
+def _check_model(run: RunDirectory, again: str) -> None:
+    """Compares the files of a run's model with their digests, before anything is made of them.
+
+    Args:
+        run: whose.
+        again: what `auvbench resume` does where they are lost; empty where that cannot help.
+
+    Raises:
+        RunError: one is missing, or is not what was written.
+    """
+    manifest = run.manifest()
+    for name in integrity.digests(manifest, "model/") or {}:
+        path = run.path / name
+        try:
+            integrity.check(manifest, name, reading.content(path, archives.FILE), path)
+        except FileNotFoundError as error:
+            raise RunError(f"{run.model}: no trained model here ({path.name} is missing)") from error
+        except (OSError, ValueError) as error:
+            raise RunError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        except RunError as error:
+            hint = (
+                f"; auvbench resume {run.path} {again}"
+                if again
+                else "; its command, typed again, puts it back"
+            )
+            raise RunError(f"{error}{hint}") from error
+
+
+Report = Callable[[str, int], None]
+"""Told the name of the condition that is tested, and how many of its episodes have just ended (0 where it begins)"""
+
+Roll = Callable[[RunDirectory, schema.Protocol, Circumstance, Report], Rollout]
+"""Carries out one condition of a test"""
+
+
+def in_process(
+    run: RunDirectory, protocol: schema.Protocol, condition: Circumstance, report: Report
+) -> Rollout:
+    """All episodes of a condition, in this process."""
+    return roll_out(
+        condition.config,
+        make_agent(run, condition.config.step.frequency),
+        episodes=np.arange(protocol.episodes),
+        seed=protocol.seed,
+        batch=protocol.batch,
+        trajectories=protocol.trajectories,
+        scenarios=protocol.scenarios,
+        told=lambda count: report(condition.name, count),
+    )
 
 
 def evaluate(
     run: RunDirectory,
     protocol: schema.Protocol,
-    report: Callable[[str], None] | None = None,
+    report: Report = lambda *_: None,
     *,
     unless_done: bool = False,
+    roll: Roll = in_process,
 ) -> dict[str, Any] | None:
     """Tests a complete run and writes its results; returns the summary.
 
@@ -126,8 +184,9 @@ def evaluate(
     Args:
         run: a complete run.
         protocol: the test.
-        report: called with the name of each condition that begins.
+        report: told of conditions that begin and episodes that end.
         unless_done: do nothing and return None where somebody else has done it by now.
+        roll: carries out each condition; its rows must be those of `in_process`.
 
     Raises:
         RunError: the run is not complete, its files are damaged, or another process is testing it.
@@ -140,7 +199,8 @@ def evaluate(
     with _locked(run, protocol.name):
         if unless_done and is_done(run, protocol):
             return None
-        return _evaluate(run, protocol, report)
+        with _blaming(run):
+            return _evaluate(run, protocol, report, roll)
 
 
 def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
@@ -159,29 +219,19 @@ def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
         raise RunError(f"{place} cannot be written: {error.strerror or error}") from error
 
 
-def _evaluate(
-    run: RunDirectory, protocol: schema.Protocol, report: Callable[[str], None] | None
-) -> dict[str, Any]:
+def _evaluate(run: RunDirectory, protocol: schema.Protocol, report: Report, roll: Roll) -> dict[str, Any]:
     conditions = circumstances(protocol, run.check())
     rollouts: list[tuple[Circumstance, Rollout]] = []
+    clocks: dict[str, str] = {}
     for condition in conditions:
-        if report is not None:
-            report(condition.name)
-        agent = make_agent(run, condition.config.step.frequency)
-        rollouts.append(
-            (
-                condition,
-                roll_out(
-                    condition.config,
-                    agent,
-                    episodes=np.arange(protocol.episodes),
-                    seed=protocol.seed,
-                    batch=protocol.batch,
-                    trajectories=protocol.trajectories,
-                    scenarios=protocol.scenarios,
-                ),
-            )
-        )
+        report(condition.name, 0)
+        rollouts.append((condition, roll(run, protocol, condition, report)))
+        if isinstance(condition.config.simulator, simulators.Ros2):
+            from auvbench.simulators import ros2
+
+            clocks[condition.name] = ros2.clock()
+    timed = inference.measure(make_agent(run, conditions[0].config.step.frequency), conditions[0].config)
+    conditions = as_played(conditions, clocks)
     summary = {
         "schema_version": SCHEMA_VERSION,
         "protocol": protocol.name,
@@ -190,12 +240,37 @@ def _evaluate(
         "run": run.id,
         "model": _model(adopt(run)),
         "seed": protocol.seed,
-        "conditions": [_condition_summary(c, r.records) for c, r in rollouts],
+        "scenarios": protocol.scenarios,
+        # What a step over ROS 2 was counted by: rows of one clock are not those of another.
+        **({"clocks": clocks} if clocks else {}),
+        "conditions": [_condition_summary(c, r) for c, r in rollouts],
+        # Of this machine and this hour; nothing compares it.
+        "inference": timed,
         "created": now(),
-        "versions": provenance.versions(),
+        "versions": provenance.versions() | installed.releases(conditions[0].config),
     }
     _write(run.evaluation(protocol.name), summary, rollouts)
     return summary
+
+
+@contextmanager
+def _blaming(run: RunDirectory) -> Iterator[None]:
+    """Names the packages behind a run where what they brought fails.
+
+    Raises:
+        AgentError: an agent or a simulator of an installed package fails.
+    """
+    try:
+        yield
+    except AgentError as error:
+        raise AgentError(f"{run.id}: {error}") from error
+    except AuvbenchError:
+        raise
+    except Exception as error:
+        releases = installed.releases_of(run.config())
+        if not releases:
+            raise
+        raise AgentError(f"{run.id}, with {' and '.join(releases)}: {plugins.told(error)}") from error
 
 
 def adopt(run: RunDirectory) -> dict[str, Any]:
@@ -208,7 +283,8 @@ def adopt(run: RunDirectory) -> dict[str, Any]:
     return run.update_manifest(files=found)
 
 
-def _condition_summary(condition: Circumstance, records: list[Record]) -> dict[str, Any]:
+def _condition_summary(condition: Circumstance, rollout: Rollout) -> dict[str, Any]:
+    records = rollout.records
     counts = Counter(record["outcome"] for record in records)
     n = len(records)
     rates = {f"{outcome}_rate": counts[outcome] / n for outcome in OUTCOMES}
@@ -220,6 +296,7 @@ def _condition_summary(condition: Circumstance, records: list[Record]) -> dict[s
         "episodes": n,
         **rates,
         **means,
+        **({"notes": rollout.notes} if rollout.notes else {}),
     }
 
 

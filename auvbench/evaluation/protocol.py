@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, is_dataclass, replace
 from typing import Any
 
@@ -13,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import schema
 from auvbench.config.compose import option, typed
-from auvbench.config.simulators import Fossen
+from auvbench.config.simulators import Fossen, Ros2
 from auvbench.envs.batch import at_frequency
 from auvbench.errors import ConfigError
 from auvbench.evaluation import reference
@@ -130,6 +131,25 @@ def _reference(circumstance: Circumstance) -> str:
     return _played[key]
 
 
+_WHERE = ("threads", "namespace", "timeout")
+"""Of a simulator's configuration: where and how it runs, which changes no row."""
+
+
+def as_played(conditions: list[Circumstance], clocks: Mapping[str, str]) -> list[Circumstance]:
+    """The conditions with the clock that each was played by, where the configuration left it to the server.
+
+    Args:
+        conditions: of a test.
+        clocks: by condition, for those that went over ROS 2.
+    """
+    return [
+        replace(c, config=replace(c.config, simulator=replace(c.config.simulator, clock=clocks[c.name])))
+        if c.name in clocks and isinstance(c.config.simulator, Ros2)
+        else c
+        for c in conditions
+    ]
+
+
 def _condition_fingerprint(protocol: schema.Protocol, circumstance: Circumstance) -> str:
     config = circumstance.config
     meant = {
@@ -140,7 +160,7 @@ def _condition_fingerprint(protocol: schema.Protocol, circumstance: Circumstance
         "noise": asdict(config.noise),
         "disturbance": _plain(config.disturbance),
         "vehicle": without_descriptions(config.vehicle),
-        "simulator": {key: value for key, value in asdict(config.simulator).items() if key != "threads"},
+        "simulator": {key: value for key, value in asdict(config.simulator).items() if key not in _WHERE},
         "frequency": config.step.frequency if circumstance.fixed_frequency else None,
     }
     if protocol.scenarios != "test":

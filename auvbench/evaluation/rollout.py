@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 
 from auvbench.agents.base import Agent
 from auvbench.config import schema
-from auvbench.envs.batch import Batch
+from auvbench.envs.batch import Batch, at_once
 from auvbench.tasks.kernels import F_WAYPOINT
 from auvbench.tasks.record import Record
 
@@ -45,6 +47,27 @@ class Rollout:
     trajectories: dict[int, Trajectory]  # by episode
     duration: float  # s of an agent step
     actuators: tuple[str, ...]  # names of the columns of a trajectory's command
+    notes: dict[str, int] = field(default_factory=dict)  # what the agent counted (see `counted`)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Rollout]) -> Rollout:
+        """One of all episodes from those of parts of them, in the order of the parts."""
+        notes: Counter[str] = Counter()
+        for part in parts:
+            notes.update(part.notes)
+        return cls(
+            records=[record for part in parts for record in part.records],
+            trajectories={episode: path for part in parts for episode, path in part.trajectories.items()},
+            duration=parts[0].duration,
+            actuators=parts[0].actuators,
+            notes=dict(notes),
+        )
+
+
+def counted(agent: Agent) -> dict[str, int]:
+    """What an agent counts while it acts, of its method `notes()` where it has one: solves, failed ones, late ones."""
+    notes: Callable[[], Mapping[str, int]] | None = getattr(agent, "notes", None)
+    return {} if notes is None else {str(name): int(number) for name, number in notes().items()}
 
 
 def roll_out(
@@ -56,16 +79,20 @@ def roll_out(
     batch: int,
     trajectories: int = 0,
     scenarios: str = "test",
+    told: Callable[[int], None] = lambda _: None,
 ) -> Rollout:
     """Runs an agent through episodes (n,) of a seed, `batch` at a time, each to its end.
 
-    `scenarios` are those of a `test` or of `validation`. Keeps the whole path of the first `trajectories` of them. Episode e is a function of (seed, e): its row is
+    `scenarios` are those of a `test` or of `validation`. Keeps the whole path of the first `trajectories` of them. `told` is called with the number of episodes that have
+    just ended. Episode e is a function of (seed, e): its row is
     the same at any `batch` and in any company.
     """
     records: list[Record] = []
     paths: dict[int, Trajectory] = {}
     duration = 1.0 / config.step.frequency
     actuators: tuple[str, ...] = ()
+    before = counted(agent)
+    batch = at_once(config, batch)
     for start in range(0, len(episodes), batch):
         numbers = episodes[start : start + batch]
         environments = batch_of(scenarios, config, len(numbers), seed)
@@ -73,8 +100,9 @@ def roll_out(
         actuators = environments.vehicle.actuators
         followed = numbers[: max(0, trajectories - start)].tolist()
         agent.reset(numbers)
-        records += _one_batch(environments, agent, followed, paths)
-    return Rollout(records, paths, duration, actuators)
+        records += _one_batch(environments, agent, followed, paths, told)
+    notes = {name: number - before.get(name, 0) for name, number in counted(agent).items()}
+    return Rollout(records, paths, duration, actuators, notes)
 
 
 def batch_of(scenarios: str, config: schema.TrainConfig, n: int, seed: int) -> Batch:
@@ -84,7 +112,11 @@ def batch_of(scenarios: str, config: schema.TrainConfig, n: int, seed: int) -> B
 
 
 def _one_batch(
-    environments: Batch, agent: Agent, followed: list[int], paths: dict[int, Trajectory]
+    environments: Batch,
+    agent: Agent,
+    followed: list[int],
+    paths: dict[int, Trajectory],
+    told: Callable[[int], None],
 ) -> list[Record]:
     observation = environments.reset()
     # An agent that computes for long may leave out what nobody looks at any more.
@@ -101,9 +133,12 @@ def _one_batch(
         for i in running:
             _follow(paths[followed[i]], simulator.pose[i])
             paths[followed[i]].command.append(simulator.command_force[i].copy())
+        before = len(rows)
         for i, record in zip(result.ended.tolist(), result.records, strict=True):
             # An episode that ended swims on unobserved until the last one has: only its first end counts.
             rows.setdefault(i, record)
+        if len(rows) > before:
+            told(len(rows) - before)
         if spare is not None and len(result.ended):
             spare(result.ended)
     return [rows[i] for i in range(environments.n)]

@@ -93,7 +93,7 @@ def pictures(episode: Replay, steps: list[int]) -> Iterator[Picture]:
         figure.set_dpi(DPI)
         space, above, time, command = scene(figure, episode)
         figure.suptitle(heading(episode), x=0.01, ha="left", fontsize=10)
-        colour = OUTCOME_LOOK[str(episode.record["outcome"])][0]
+        colour = OUTCOME_LOOK.get(str(episode.record["outcome"]), OUTCOME_LOOK["timeout"])[0]
         (path3,) = space.plot([], [], [], color=colour)
         (nose3,) = space.plot([], [], [], color="black", linewidth=3)
         (path2,) = above.plot([], [], color=colour)

@@ -89,7 +89,7 @@ def draw(episode: Replay, path: Path) -> tuple[Path, Path]:
     with style.styled():
         figure = style.canvas(11.0, 4.6)
         space, above, time, command = scene(figure, episode)
-        colour = OUTCOME_LOOK[str(episode.record["outcome"])][0]
+        colour = OUTCOME_LOOK.get(str(episode.record["outcome"]), OUTCOME_LOOK["timeout"])[0]
         x, y, z = episode.position.T
         space.plot(x, y, z, color=colour)
         above.plot(x, y, color=colour)

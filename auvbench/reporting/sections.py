@@ -7,6 +7,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
+from auvbench.analysis.across import Across
 from auvbench.analysis.model import Ranking
 from auvbench.reporting import tables
 from auvbench.reporting.figures import FIGURES
@@ -15,16 +16,18 @@ from auvbench.reporting.tables.markdown import escape
 from auvbench.reporting.write import finding_in_markdown, text
 from auvbench.untrusted.text import cell
 
-OF_ONE_SECTION = ("table.tex", "conditions.tex", "conditions.csv", "comparisons.csv")
+OF_ONE_SECTION = ("table.tex", "conditions.tex", "conditions.csv", "comparisons.csv", "verdicts.json")
 """files that a report of one section writes and the overview of several does not"""
 
 
-def markdown(path: Path, parts: Sequence[Part]) -> Path:
+def markdown(path: Path, parts: Sequence[Part], over: Across | None = None) -> Path:
     """report.md: the table and the findings of each section, and where the rest of it is."""
     pieces = [
         "# Report",
         f"{len(parts)} sections: agents are compared on one vehicle and the same scenarios, never across.",
     ]
+    if over is not None:
+        pieces += ["## Over all tasks", tables.across_markdown(over).rstrip()]
     for part in parts:
         pieces += [
             f"## {escape(part.title[:1].upper() + part.title[1:])}",

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from auvbench.analysis import study
+from auvbench.analysis.across import Across
 from auvbench.analysis.model import Comparison, Finding, Ranking
 from auvbench.analysis.study import Beside
 from auvbench.reporting import tables
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.tables.markdown import escape
-from auvbench.runs.files import write_atomic
+from auvbench.reporting.tables.notes import of_pairs
+from auvbench.runs.files import as_json, write_atomic
 
 
 def text(path: Path, content: str) -> Path:
@@ -65,6 +67,7 @@ def markdown(
     beside: Sequence[Beside],
     figures: Sequence[Figure],
     folder: Path,
+    over: Across | None = None,
 ) -> str:
     """report.md: the table, what it says, comparisons, claims, figures; links are relative to `folder`.
 
@@ -75,15 +78,18 @@ def markdown(
         beside: the study's own numbers next to ours.
         figures: drawn already.
         folder: where report.md will lie.
+        over: the agents over all tasks, where that was asked for.
     """
     parts = ["# Report", tables.markdown(ranking).rstrip()]
     if ranking.conditions:
         parts += ["## Conditions", tables.conditions_markdown(ranking).rstrip()]
+    if over is not None:
+        parts += ["## Over all tasks", tables.across_markdown(over).rstrip()]
     if findings:
         parts += ["## Findings", "\n".join(f"- {finding_in_markdown(finding)}" for finding in findings)]
     if comparisons := against_baseline(ranking):
         parts += [f"## Against {escape(ranking.baseline or '')}"]
-        parts += [tables.comparisons_markdown(comparisons).rstrip()]
+        parts += [tables.comparisons_markdown(comparisons).rstrip(), escape(of_pairs(ranking))]
     if claims:
         parts += [
             "## Claims of the study",
@@ -101,6 +107,13 @@ def markdown(
             escape(figure.caption),
         ]
     return "\n\n".join(parts) + "\n"
+
+
+def verdicts(claims: Sequence[Finding]) -> str:
+    """verdicts.json: each claim of the study, in its order, with its verdict; an empty string without a study."""
+    if not claims:
+        return ""
+    return as_json([{"claim": i, **asdict(claim)} for i, claim in enumerate(claims, 1)]).decode()
 
 
 def finding_in_markdown(finding: Finding) -> str:

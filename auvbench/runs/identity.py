@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from auvbench.agents.base import CONTROLLERS
+from auvbench.config.agents import learns
 
 SCHEMA_VERSION = 1
 """Of the run directory's layout and of the meaning of its configuration; part of every hash."""
@@ -21,13 +21,25 @@ NEUTRAL = (
     "name",
     "output",
     "launcher",
+    "algo.path",
     "simulator.threads",
+    "simulator.namespace",
+    "simulator.timeout",
     "train.checkpoint",
     "train.progress",
+    "algo.residual.pid.name",
+    "algo.residual.pid.n_envs",
+    "algo.residual.pid.tuned",
 )
-"""Keys that cannot change a run's result: where it lies, how it is launched, saved and watched."""
+"""Keys that cannot change a run's result: where it lies, how it is launched, saved and watched, what PID is called that
+a learner is added to."""
 
-LATER: dict[str, Any] = {"task.time_limit": None, "algo.horizon_s": None, "train.evaluate_every": 0}
+LATER: dict[str, Any] = {
+    "task.time_limit": None,
+    "algo.horizon_s": None,
+    "algo.tuned": None,
+    "train.evaluate_every": 0,
+}
 """Keys that came after runs had been made, with the value under which nothing changes: with it they do not count, so
 that a run keeps its id."""
 
@@ -53,7 +65,7 @@ def relevant(config: Mapping[str, Any]) -> dict[str, Any]:
         elif key in REPLACED:
             node.pop(REPLACED[key].partition(".")[2], None)
     algo = kept.get("algo")
-    if isinstance(algo, dict) and algo.get("agent") in CONTROLLERS:
+    if isinstance(algo, dict) and not learns(algo, unknown=True):
         kept.pop("train", None)  # nothing to learn: the budget changes nothing
     return kept
 

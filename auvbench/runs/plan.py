@@ -8,10 +8,11 @@ from auvbench.config import schema
 from auvbench.config.compose import typed
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
-from auvbench.runs import interpolations
+from auvbench.runs import interpolations, policy_files
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.vehicles import pace, sheet
 from auvbench.vehicles.inspect import shortest_time_constant
+from auvbench.vehicles.model import VehicleModel
 
 
 def load_config(run: RunDirectory) -> schema.TrainConfig:
@@ -25,26 +26,44 @@ def load_config(run: RunDirectory) -> schema.TrainConfig:
 
 
 def check(config: DictConfig) -> RunDirectory:
-    """Checks types, values and the vehicle's sheet; returns where the run will lie. Writes nothing.
+    """Checks types, values, the vehicle's sheet and a policy's file; returns where the run will lie. Writes nothing.
 
     Raises:
         ConfigError: a value is wrong.
         VehicleError: the sheet breaks a rule.
+        PolicyError: the file of `algo=onnx` cannot be used.
     """
-    vehicle = sheet.load(train_config(config).vehicle)
+    return place(_plain(_settled(config)))
+
+
+def check_vehicle(config: schema.TrainConfig) -> VehicleModel:
+    """The vehicle, if its sheet is right and it is not too quick to be integrated.
+
+    Raises:
+        ConfigError, VehicleError: it is not.
+    """
+    vehicle = sheet.load(config.vehicle)
     pace.check(vehicle.name, shortest_time_constant(vehicle))
-    return place(_plain(config))
+    return vehicle
 
 
 def prepare(config: DictConfig, command: str = "") -> RunDirectory:
     """`check`, then the run's directory on disk: from here on, editing YAML changes nothing.
 
     Raises:
-        ConfigError, VehicleError: as `check`.
+        ConfigError, VehicleError, PolicyError: as `check`.
         RunError: the directory holds another configuration, or cannot be written.
+        TrainingError: the disk is full or failing.
     """
-    check(config)
-    return freeze(_plain(config), command)
+    plain = _plain(_settled(config))
+    # Before the manifest, which says that there is a run.
+    policy_files.keep(place(plain), plain)
+    return freeze(plain, command)
+
+
+def _settled(config: DictConfig) -> DictConfig:
+    typed = train_config(config)
+    return policy_files.settled(config, typed, check_vehicle(typed))
 
 
 def _plain(config: DictConfig) -> dict[str, object]:

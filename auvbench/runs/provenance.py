@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
+import sys
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -23,10 +24,14 @@ PACKAGES = (
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python, of the packages that the result depends on, and of Gazebo where this process runs it."""
+    """Versions of Python, of the packages that the result depends on, and of Gazebo or a
+    server over ROS 2 where this process uses them.
+    """
     from auvbench.simulators.gazebo import bindings
 
-    return _packages() | bindings.versions()
+    # Only where this process has a server: nothing of ROS 2 is imported to find that it has none.
+    client = sys.modules.get("auvbench.simulators.ros2")
+    return _packages() | bindings.versions() | (client.used() if client is not None else {})
 
 
 @cache

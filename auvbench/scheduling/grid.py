@@ -8,8 +8,8 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from auvbench.agents.base import learns
 from auvbench.config import launchers
+from auvbench.config.agents import learns
 from auvbench.errors import ConfigError
 from auvbench.runs import plan
 from auvbench.runs.directory import RunDirectory
@@ -37,7 +37,7 @@ def carry_out(
     distinct: dict[Path, DictConfig] = {}
     for config in configs:
         distinct.setdefault(plan.check(config).path, config)
-    learning = any(learns(config.algo.agent) for config in distinct.values())
+    learning = any(learns(config.algo) for config in distinct.values())
     chosen = backend(configs[0].launcher, target=target, learning=learning)
     if any(config.launcher != configs[0].launcher for config in configs):
         raise ConfigError("launcher: a grid has one launcher; it cannot be an axis")
@@ -45,13 +45,16 @@ def carry_out(
     return sweep(runs, chosen, console)
 
 
-def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True) -> Backend:
+def backend(
+    launcher: DictConfig, *, target: str = TARGET, learning: bool = True, preload: Sequence[str] = ()
+) -> Backend:
     """The backend that a `launcher` configuration names.
 
     Args:
         launcher: the composed `launcher` group.
         target: what a worker calls with a run directory, as module:function.
         learning: whether any of the runs learns; without, nobody waits for torch.
+        preload: what workers of this machine share besides, as module or module:function, which is called with a run.
 
     Raises:
         UserError: it cannot work on this machine.
@@ -69,5 +72,6 @@ def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True
     if isinstance(options, launchers.Local):
         from auvbench.scheduling.local import KERNELS, PRELOAD, LocalBackend
 
-        return LocalBackend(options.workers, target=target, preload=PRELOAD if learning else KERNELS)
+        shared = (*(PRELOAD if learning else KERNELS), *preload)
+        return LocalBackend(options.workers, target=target, preload=shared)
     raise ConfigError("launcher: its file must start from a schema (see conf/launcher)")

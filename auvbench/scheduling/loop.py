@@ -89,7 +89,7 @@ class Loop:
         self.view.begin()
         try:
             with self._listen():
-                while self.waiting or self.active:
+                while self.goes_on():
                     self._obey()
                     self._fill()
                     self.backend.wait(TICK)
@@ -99,6 +99,10 @@ class Loop:
             self.view.end()
             self.backend.close()
         return self.result
+
+    def goes_on(self) -> bool:
+        """Whether anything is left to do."""
+        return bool(self.waiting or self.active)
 
     def _fill(self) -> None:
         while self.waiting and (self.backend.limit is None or len(self.active) < self.backend.limit):

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from auvbench.agents.base import learns
+from auvbench.config.agents import learns
 from auvbench.errors import RunError
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Progress
@@ -40,7 +40,7 @@ class Row:
     def of(cls, run: RunDirectory) -> Row:
         manifest = run.manifest()
         algo = _algorithm(run)
-        trains = algo is None or learns(str(algo.get("agent")))
+        trains = algo is None or learns(algo)
         return cls(
             run,
             manifest["algo"],

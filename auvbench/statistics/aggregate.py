@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.special import expit, logit, ndtri
@@ -15,42 +15,51 @@ FEW_SEEDS = 2
 CONTENT = 0.9
 """share of trainings that a tolerance interval holds"""
 
-Aggregate = Callable[[FloatArray], float]
-"""of scores (seeds, tasks)"""
+Aggregate = Callable[[FloatArray], FloatArray]
+"""of scores (..., n), over the last axis"""
 
 
-def interquartile(scores: FloatArray) -> float:
-    """Mean of the middle half of all scores (seeds, tasks): Agarwal et al. (2021, NeurIPS), as rliable."""
-    return float(iqm(scores.reshape(-1)))
+def interquartile(scores: FloatArray) -> FloatArray:
+    """Mean of the middle half of scores (..., n): Agarwal et al. (2021, NeurIPS), as rliable."""
+    return np.asarray(iqm(scores))
 
 
-def optimality_gap(scores: FloatArray, target: float = 1.0) -> float:
-    """How far the scores (seeds, tasks) stay below a target on average; what exceeds it does not count."""
-    return float(target - np.minimum(scores, target).mean())
+def optimality_gap(scores: FloatArray, target: float = 1.0) -> FloatArray:
+    """How far scores (..., n) stay below a target on average; what exceeds it does not count."""
+    return np.asarray(target - np.minimum(scores, target).mean(axis=-1))
 
 
 def stratified(
-    scores: FloatArray,
+    strata: Sequence[FloatArray],
     aggregate: Aggregate,
     *,
     confidence: float = 0.95,
     resamples: int = 2000,
     rng: np.random.Generator,
 ) -> Estimate:
-    """An aggregate of scores (seeds, tasks) with its stratified bootstrap interval: seeds are drawn task by task.
+    """An aggregate of all scores with its stratified bootstrap interval: seeds are drawn stratum by stratum.
 
     Percentiles, as rliable's (Agarwal et al. 2021); of S seeds S - 1 are drawn (Rao & Wu 1988), without which the
-    interval is a third too short at three. With few seeds it still holds less often than it says (docs/report.md).
-    The interval is NaN with one seed.
+    interval is a third too short at three. With few seeds it still holds less often than it says (docs/statistics.md).
+
+    Args:
+        strata: scores (seeds, tasks) of each group of trainings that were trained for the same, such as a vehicle. The
+            tasks of a stratum are those that the same policies were tested on: a seed is drawn with all of its
+            scores, for they are one training's luck.
+        aggregate: of the scores of all strata together.
+        confidence: of the interval, which is NaN where a stratum has one seed.
+        resamples: draws.
+        rng: of the draws.
     """
-    S, T = scores.shape
-    value = aggregate(scores)
-    if S < FEW_SEEDS:
+    value = float(aggregate(np.concatenate([scores.reshape(-1) for scores in strata])))
+    if min(len(scores) for scores in strata) < FEW_SEEDS:
         return Estimate(value, np.nan, np.nan, confidence)
-    drawn = rng.integers(S, size=(resamples, S - 1, T))
-    found = [aggregate(np.take_along_axis(scores, rows, axis=0)) for rows in drawn]
+    drawn = [
+        scores[rng.integers(len(scores), size=(resamples, len(scores) - 1))].reshape(resamples, -1)
+        for scores in strata
+    ]
     tail = (1 - confidence) / 2
-    low, high = np.quantile(found, [tail, 1 - tail])
+    low, high = np.quantile(aggregate(np.concatenate(drawn, axis=1)), [tail, 1 - tail])
     return Estimate(value, float(min(low, value)), float(max(high, value)), confidence, "training seeds")
 
 

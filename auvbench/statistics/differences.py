@@ -30,15 +30,16 @@ class Pairs:
         return Estimate(value, low, high, confidence, covers(table.seeds[[i, j]]))
 
 
-def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
+def pairs(table: Crossed, confidence: float = 0.95, own: Crossed | None = None) -> Pairs:
     """All differences of two agents, paired by scenario, with intervals and t-type p-values.
 
-    Means: t interval of the module's formula. Rates: the square-and-add interval, Newcombe (1998, Stat. Med.
-    17:873 and 17:2635) and Zou & Donner (2008, Stat. Med. 27:1693): with limits l, u of each rate and r the
-    correlation of the two estimates,
-    d - sqrt((p1-l1)² - 2 r (p1-l1)(u2-p2) + (u2-p2)²), d + sqrt((u1-p1)² - 2 r (u1-p1)(p2-l2) + (p2-l2)²);
-    where an agent has several seeds, extended to the t interval. A rate at 1 has no u - p, so that square-and-add
-    excludes 0 however uncertain the other's seeds are, while the p-value, that of the t interval, knows better.
+    Means: t interval of the module's formula. Rates: `_of_rates`.
+
+    Args:
+        table: the agents, their variances between seeds pooled where they are (`resolution.pooled`).
+        confidence: of each interval by itself.
+        own: the same agents with each one's own variances, which the ends of a rate's interval are made of; `table`
+            where nothing is pooled.
     """
     spread = pair_spread(table)
     difference = table.mean[:, None] - table.mean[None, :]
@@ -46,10 +47,7 @@ def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
     half = q * np.sqrt(spread.seeds + spread.scenarios)
     low, high = difference - half, difference + half
     if table.rate:
-        single = np.maximum(table.seeds[:, None], table.seeds[None, :]) <= 1
-        ends = _square_and_add(table, np.where(single, quantile(confidence), q), difference)
-        low = np.where(single, ends[0], np.minimum(low, ends[0]))
-        high = np.where(single, ends[1], np.maximum(high, ends[1]))
+        low, high = _of_rates(table, table if own is None else own, q, confidence, (low, high))
     least, most = table.least[:, None] - table.most[None, :], table.most[:, None] - table.least[None, :]
     low, high = within(low, difference, high, least, most)
     # The p-values are symmetric: half of them, by bisection, are enough.
@@ -58,6 +56,38 @@ def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
     p[upper] = spread.take(upper).p_value(difference[upper])
     p.T[upper] = p[upper]
     return Pairs(difference, low, high, p)
+
+
+def _of_rates(
+    table: Crossed, own: Crossed, q: FloatArray, confidence: float, t: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Ends (n, n) of the differences of rates, `t` being those of the t interval.
+
+    Square-and-add, Newcombe (1998, Stat. Med. 17:873 and 17:2635) and Zou & Donner (2008, Stat. Med. 27:1693): with
+    limits l, u of each rate and r the correlation of the two estimates,
+    d - sqrt((p1-l1)² - 2 r (p1-l1)(u2-p2) + (u2-p2)²), d + sqrt((u1-p1)² - 2 r (u1-p1)(p2-l2) + (p2-l2)²).
+    The limits of an agent with several seeds are those of its own interval, extended to p ± q sd where the pooled
+    variance is larger: as an effective number of trials p (1 - p) / variance it would be less than one trial for a
+    rate near its end. Where an agent has several seeds, the ends are extended to the t interval as far as the two
+    rates' limits allow, l1 - u2 to u1 - l2: a rate at 1 has no u - p, so that square-and-add excludes 0 however
+    uncertain the other's seeds are. So the interval contains 0 wherever the t interval does.
+    """
+    single = np.maximum(own.seeds[:, None], own.seeds[None, :]) <= 1
+    q = np.where(single, quantile(confidence), q)
+    low, high = limits(own, q)  # (n, n): agent i at the quantile of (i, j)
+    mean, several = own.mean[:, None], own.seeds[:, None] > 1
+    reach = q * np.sqrt(table.variance)[:, None]
+    low = np.where(several, np.maximum(np.minimum(low, mean - reach), 0.0), low)
+    high = np.where(several, np.minimum(np.maximum(high, mean + reach), 1.0), high)
+    down, up, r = mean - low, high - mean, _correlation(own)
+    below = np.sqrt(np.maximum(down**2 - 2 * r * down * up.T + up.T**2, 0.0))
+    above = np.sqrt(np.maximum(up**2 - 2 * r * up * down.T + down.T**2, 0.0))
+    least, most = mean - mean.T - below, mean - mean.T + above
+    farther = (
+        np.minimum(least, np.maximum(t[0], low - high.T)),
+        np.maximum(most, np.minimum(t[1], high - low.T)),
+    )
+    return np.where(single, least, farther[0]), np.where(single, most, farther[1])
 
 
 def pair_spread(table: Crossed) -> Spread:
@@ -73,19 +103,6 @@ def pair_spread(table: Crossed) -> Spread:
 def _sums(x: FloatArray) -> FloatArray:
     """(n, n) x[i] + x[j]."""
     return np.asarray(x[..., :, None] + x[..., None, :], dtype=np.float64)
-
-
-def _square_and_add(table: Crossed, q: FloatArray, difference: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ends (n, n) of the differences of rates, from each rate's own interval at the pair's quantile."""
-    low, high = limits(table, q)
-    down, up = (
-        table.mean[:, None] - low,
-        high - table.mean[:, None],
-    )  # (n, n): agent i at the quantile of (i, j)
-    r = _correlation(table)
-    below = np.sqrt(np.maximum(down**2 - 2 * r * down * up.T + up.T**2, 0.0))
-    above = np.sqrt(np.maximum(up**2 - 2 * r * up * down.T + down.T**2, 0.0))
-    return difference - below, difference + above
 
 
 def _correlation(table: Crossed) -> FloatArray:

@@ -54,7 +54,9 @@ def log_odds(table: Crossed) -> Crossed:
     """
     span = table.most - table.least
     n = table.values
-    share = ((table.mean - table.least) / span * n + 0.5) / (n + 1)
+    # A limit that was read off the episodes that timed out may be less than what another's episodes took.
+    way = np.clip((table.mean - table.least) / span, 0.0, 1.0)
+    share = (way * n + 0.5) / (n + 1)
     slope = 1 / (share * (1 - share)) / span
     return replace(
         table,

@@ -7,10 +7,12 @@ import traceback
 from contextlib import suppress
 from typing import Any
 
-from auvbench.agents.base import learns
-from auvbench.config import schema, simulators
+import numpy as np
+
+from auvbench.config import algorithms, installed, schema, simulators
+from auvbench.config.agents import learns
 from auvbench.errors import AuvbenchError, TrainingError
-from auvbench.runs import interruption, provenance, standing
+from auvbench.runs import integrity, interruption, provenance, standing
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.durable import storage
 from auvbench.runs.lock import LockLostError
@@ -41,7 +43,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
             ended=None,
             error=None,
             attempts=int(manifest["attempts"]) + 1,
-            versions=provenance.versions(),
+            versions=provenance.versions() | installed.releases(config),
             git=provenance.git(),
             host=provenance.host(simulators.threads(config.simulator)),
         )
@@ -55,10 +57,15 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
 
     with interruption.deferred() as stop:
         try:
-            result = _learn(run, config, watch, stop, note) if learns(config.algo.agent) else {"files": {}}
+            if learns(config.algo):
+                result = _learn(run, config, watch, stop, note)
+            else:
+                result = {"files": _admit(run, config)}
             with storage(f"cannot write {run.path}"):
                 # With the simulator's versions, which are known by now.
-                manifest = close("complete", **result, versions=provenance.versions())
+                manifest = close(
+                    "complete", **result, versions=provenance.versions() | installed.releases(config)
+                )
         except LockLostError:
             raise  # the run and its manifest are somebody else's by now
         except (KeyboardInterrupt, interruption.Interrupted):
@@ -88,6 +95,35 @@ def _detail(error: Exception, step: int) -> dict[str, Any]:
         "step": step,
         "traceback": traceback.format_exc(),
     }
+
+
+def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity.Entry]:
+    """Tries an agent that came from elsewhere and learns nothing here; returns the files that the manifest is to vouch for."""
+    if isinstance(config.algo, installed.AgentConfig):
+        _try(config)
+    if not isinstance(config.algo, algorithms.ONNX):
+        return {}
+    from auvbench.agents.policy_file import PolicyFile
+    from auvbench.evaluation.admission import admit
+    from auvbench.evaluation.evaluate import make_agent
+    from auvbench.policies.exported import CARD, NETWORK
+
+    agent = make_agent(run, config.step.frequency)
+    assert isinstance(agent, PolicyFile)
+    admit(config, agent)
+    kept = [run.model / name for name in (NETWORK, CARD) if (run.model / name).is_file()]
+    return {f"{path.parent.name}/{path.name}": integrity.entry_of(path) for path in kept}
+
+
+def _try(config: schema.TrainConfig) -> None:
+    """Lets a controller of an installed package act once, so that its run fails if it cannot."""
+    from auvbench.agents.base import make
+    from auvbench.envs.batch import Batch
+
+    batch = Batch(config, 1)
+    agent = make(config, batch.vehicle)
+    agent.reset(np.zeros(1, dtype=np.int64))
+    agent.act(batch.reset())
 
 
 def _learn(run: RunDirectory, config: schema.TrainConfig, *arguments: Any) -> dict[str, Any]:

@@ -1,21 +1,18 @@
-"""The training loop of a learner: SB3 on the batch, normalised, recorded, watched, resumed where it stopped."""
+"""A run that learns, carried out: its learner on its environments, recorded, watched, resumed where it stopped."""
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.vec_env import VecNormalize
-
-from auvbench.agents.learned import learners
-from auvbench.config import algorithms, schema
-from auvbench.config.clock import discount
-from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.agents.base import Learner, learner_of
+from auvbench.config import schema, simulators
 from auvbench.envs.sharded import make_batch
+from auvbench.errors import ConfigError
 from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.durable import fsync_directory, fsync_file, storage
@@ -23,32 +20,14 @@ from auvbench.runs.interruption import Request
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.progress import Reporter, Watch
 from auvbench.runs.records import EpisodeLog
-from auvbench.training.checkpoint import events, finite
-from auvbench.training.checkpoint.callback import Checkpointer
+from auvbench.training.checkpoint import events
+from auvbench.training.checkpoint.saver import Checkpointer
+from auvbench.training.session import Session, reached
 from auvbench.training.validation import Validator
 
 EPISODES = "train/episodes.csv"
 EVENTS = f"train/{events.NAME}"
 VALIDATION = "train/validation.csv"
-
-
-class Recorder(BaseCallback):
-    """Writes a row for each episode that ends and keeps the reporter informed."""
-
-    def __init__(self, environment: WaypointVecEnv, log: EpisodeLog, reporter: Reporter) -> None:
-        super().__init__()
-        self._environment = environment
-        self._log = log
-        self._reporter = reporter
-
-    def _on_step(self) -> bool:
-        finished = self._environment.finished
-        if finished:
-            self._log.append(self.num_timesteps, finished)
-            for record in finished:
-                self._reporter.episode(record["outcome"] == "success", float(record["return"]))
-        self._reporter.step(self.num_timesteps)
-        return True
 
 
 def learn(
@@ -74,35 +53,28 @@ def learn(
     begun = time.monotonic()
     earlier: dict[str, float] = run.manifest().get("phases", {})  # of attempts that could still write it
     train = config.train
+    if train.evaluate_every and isinstance(config.simulator, simulators.Ros2):
+        raise ConfigError(
+            f"train.evaluate_every={train.evaluate_every}: with simulator=ros2 a test would take the server's vehicles away"
+            " from the episodes in flight; leave it at 0"
+        )
     checkpointer = Checkpointer(
         run.path,
         every_steps=train.checkpoint.steps,
         every_seconds=train.checkpoint.seconds,
         keep=train.checkpoint.keep,
         logs=(EPISODES, EVENTS, *((VALIDATION,) if train.evaluate_every else ())),
-        stop=stop,
     )
     resumed = checkpointer.prepare()
     batch = make_batch(config)
-    environment = WaypointVecEnv(batch, detailed=False)
-    normaliser = VecNormalize(
-        environment,
-        norm_obs=train.normalise_observations,
-        norm_reward=train.normalise_rewards,
-        clip_obs=train.clip_observations,
-        clip_reward=train.clip_rewards,
-        gamma=discount(config.algo, config.step.frequency),
-    )
-    model = learners.make(config, normaliser)
+    learner = learner_of(config, batch.vehicle)
     reporter = Reporter(run.path / "progress.json", train.total_steps, watch)
     checkpointer.parts = {"environment": batch, "progress": reporter}
     validator: Validator | None = None
-    if resumed is not None and not batch.exact_resume:
-        begun_again = run.manifest().get("episodes_begun_again", [])
-        run.update_manifest(episodes_begun_again=[*begun_again, resumed.step])
-    ready = time.monotonic()
+    _tell_what_is_lost(run, resumed.step if resumed else None, batch.exact_resume, learner)
 
     def phases(trained: float) -> dict[str, float]:
+        ready = session.began_at or trained
         spent = {
             "setup_s": ready - begun,
             "training_s": trained - ready,
@@ -115,42 +87,45 @@ def learn(
     with storage(f"cannot write the records of {run.path}"):
         log = EpisodeLog(run.path / EPISODES, keep=resumed.logs[EPISODES].length if resumed else None)
         writer = events.EventWriter(run.train)
-        model.set_logger(Logger(str(run.train), [writer]))
-        callbacks: list[BaseCallback] = [checkpointer, Recorder(environment, log, reporter)]
         if train.evaluate_every:
             validator = Validator(
                 run.config(),
                 train.evaluate_every,
                 run.path / VALIDATION,
                 resumed.logs[VALIDATION].length if resumed and VALIDATION in resumed.logs else None,
-                lambda: reporter.episodes,
-                lambda rates, step: writer.write(rates, {}, step),
+                writer.write,
             )
-            callbacks.append(validator)
+        session = Session(
+            run,
+            learner,
+            batch,
+            train.total_steps,
+            checkpointer=checkpointer,
+            log=log,
+            events=writer,
+            reporter=reporter,
+            validator=validator,
+            stop=stop or Request(),
+        )
         note = note or run.update_manifest
         checkpointer.flush = log.flush
-        checkpointer.saved_hook = lambda: note(**_reached(model.num_timesteps, reporter))
+        checkpointer.saved_hook = lambda: note(**reached(session.steps, reporter))
         try:
-            with finite.diagnosed(model):
-                model.learn(
-                    train.total_steps,
-                    callback=callbacks,
-                    log_interval=_log_interval(config),
-                )
-            reporter.step(model.num_timesteps, force=True)
+            learner.learn(batch, config, session)
+            session.end()
+            reporter.step(session.steps, force=True)
         except LockLostError:
             log.abandon()  # the files are somebody else's by now
             raise
         except BaseException:
             with suppress(OSError):
-                reached = _reached(model.num_timesteps, reporter)
-                run.update_manifest(**reached, phases=phases(time.monotonic()))
+                run.update_manifest(**reached(session.steps, reporter), phases=phases(time.monotonic()))
             raise
         finally:
             log.close()
             if validator is not None:
                 validator.close()
-            model.logger.close()
+            writer.close()
     trained = time.monotonic()
     with storage(f"cannot write {run.model}"):
         # On the disk before the manifest says so: a loss of power right after that leaves a whole run.
@@ -158,15 +133,27 @@ def learn(
         for name in written:
             fsync_file(run.path / name)
         fsync_directory(run.train)
-        files = run.write_model(learners.files(model, normaliser))
+        files = run.write_model(_model(learner))
         files |= {name: integrity.entry_of(run.path / name) for name in written if name != EVENTS}
-    return {**_reached(model.num_timesteps, reporter), "files": files, "phases": phases(trained)}
+    return {**reached(session.steps, reporter), "files": files, "phases": phases(trained)}
 
 
-def _reached(steps: int, reporter: Reporter) -> dict[str, Any]:
-    return {"steps": steps, "episodes": reporter.episodes, "success_rate": reporter.success_rate}
+def _tell_what_is_lost(run: RunDirectory, step: int | None, exact: bool, learner: Learner) -> None:
+    """Names in the manifest what an attempt that begins now cannot bring back of the one before.
+
+    `episodes_begun_again` lists the steps at which the simulator could not, `started_over` those that an attempt of a
+    learner that cannot had reached.
+    """
+    manifest = run.manifest()
+    if step is not None and not exact:
+        run.update_manifest(episodes_begun_again=[*manifest.get("episodes_begun_again", []), step])
+    if not learner.exact_resume and manifest["attempts"] > 1:
+        lost = [*manifest.get("started_over", []), manifest["steps"]]
+        run.update_manifest(started_over=lost, steps=0, episodes=0, success_rate=None)
 
 
-def _log_interval(config: schema.TrainConfig) -> int:
-    """On-policy: every update. Off-policy: SB3 counts episodes there."""
-    return 1 if isinstance(config.algo, algorithms.PPO) else 10
+def _model(learner: Learner) -> dict[str, bytes]:
+    """The files of a trained learner, by name."""
+    with tempfile.TemporaryDirectory(prefix="auvbench-model-") as folder:
+        learner.save(Path(folder))
+        return {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}

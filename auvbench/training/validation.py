@@ -20,10 +20,8 @@ from typing import Any
 import numpy as np
 import yaml
 from omegaconf import OmegaConf
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecNormalize
 
-from auvbench.agents.learned import learners
+from auvbench.agents.base import Agent
 from auvbench.config import schema
 from auvbench.evaluation.protocol import circumstances, fingerprint
 from auvbench.evaluation.rollout import roll_out
@@ -56,7 +54,7 @@ def protocol() -> schema.Protocol:
     return found
 
 
-class Validator(BaseCallback):
+class Validator:
     """Tests the policy that is being trained, and appends a row for each test.
 
     Args:
@@ -64,7 +62,6 @@ class Validator(BaseCallback):
         every: environment steps between two tests.
         path: of the CSV file.
         keep: bytes of it that stay, where a run goes on; None begins it anew.
-        episodes: returns the number of training episodes that have ended so far.
         show: called with the rates by name and the step, for whoever else shows them.
 
     Attributes:
@@ -77,17 +74,14 @@ class Validator(BaseCallback):
         every: int,
         path: Path,
         keep: int | None,
-        episodes: Callable[[], int],
         show: Callable[[dict[str, float], int], object],
     ) -> None:
-        super().__init__()
         self._protocol = protocol()
         conditions = circumstances(self._protocol, config)
         self._config = conditions[0].config
         self._fingerprint = fingerprint(self._protocol, conditions)
         self._frequency = float(config["step"]["frequency"])
-        self._normalise = bool(config["train"]["normalise_observations"])
-        self._every, self._episodes, self._show = every, episodes, show
+        self._every, self._show = every, show
         self._tested = -1
         self.spent = 0.0
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -98,30 +92,35 @@ class Validator(BaseCallback):
         else:
             self._append(COLUMNS)
 
-    def _on_step(self) -> bool:
-        before = self.num_timesteps - self.training_env.num_envs
-        if self.num_timesteps // self._every > before // self._every:
-            self._test()
-        return True
+    def is_due(self, steps: int, n: int) -> bool:
+        """Whether the last step of n environments, with which `steps` lie behind, passed a multiple of the interval."""
+        return steps // self._every > (steps - n) // self._every
 
-    def _on_training_end(self) -> None:
-        # Where the budget is no multiple of the interval; a run that goes on from its last checkpoint comes here too.
-        if (
-            self.num_timesteps % self._every >= self.training_env.num_envs
-            and self._tested != self.num_timesteps
-        ):
-            self._test()
+    def is_owed(self, steps: int, n: int) -> bool:
+        """Whether the end of a training is still to be tested.
 
-    def _test(self) -> None:
-        began = time.time_ns()
-        elapsed = (began - self.model.start_time) / 1e9
-        records = self._records()
+        That is where the budget is no multiple of the interval; a run that goes on from its last checkpoint comes
+        here too.
+        """
+        return steps % self._every >= n and self._tested != steps
+
+    def test(self, agent: Agent, steps: int, episodes: int, elapsed: float) -> float:
+        """Tests a policy and writes a row; returns the s that this took.
+
+        Args:
+            agent: acts as the policy does now.
+            steps: environment steps that lie behind.
+            episodes: training episodes that have ended.
+            elapsed: s of wall time of training so far, without tests.
+        """
+        began = time.monotonic()
+        records = self._records(agent)
         counts = Counter(str(record["outcome"]) for record in records)
         rates = {f"{outcome}_rate": counts[outcome] / len(records) for outcome in OUTCOMES}
         row = (
-            self.num_timesteps,
-            self.num_timesteps / self._frequency,
-            self._episodes(),
+            steps,
+            steps / self._frequency,
+            episodes,
             self._fingerprint,
             len(records),
             *rates.values(),
@@ -132,33 +131,21 @@ class Validator(BaseCallback):
             round(elapsed, 3),
         )
         self._append(row)
-        self._show({f"validation/{name}": value for name, value in rates.items()}, self.num_timesteps)
-        self._tested = self.num_timesteps
-        spent = time.time_ns() - began
-        self.spent += spent / 1e9
-        self.model.start_time += spent  # steps per second and `wall_s` are those of training alone
+        self._show({f"validation/{name}": value for name, value in rates.items()}, steps)
+        self._tested = steps
+        spent = time.monotonic() - began
+        self.spent += spent
+        return spent
 
-    def _records(self) -> list[Record]:
-        normaliser, policy = self.model.get_vec_normalize_env(), self.model.policy
-        assert isinstance(normaliser, VecNormalize)
-        assert normaliser.action_space.shape is not None
-        training = policy.training
-        policy.set_training_mode(False)
-        try:
-            agent = learners.FrozenPolicy(
-                policy, learners.statistics(normaliser), self._normalise, normaliser.action_space.shape[0]
-            )
-            numbers = np.arange(self._protocol.episodes)
-            return roll_out(
-                self._config,
-                agent,
-                episodes=numbers,
-                seed=self._protocol.seed,
-                batch=self._protocol.batch,
-                scenarios=self._protocol.scenarios,
-            ).records
-        finally:
-            policy.set_training_mode(training)
+    def _records(self, agent: Agent) -> list[Record]:
+        return roll_out(
+            self._config,
+            agent,
+            episodes=np.arange(self._protocol.episodes),
+            seed=self._protocol.seed,
+            batch=self._protocol.batch,
+            scenarios=self._protocol.scenarios,
+        ).records
 
     def _append(self, row: tuple[object, ...]) -> None:
         text = io.StringIO()

@@ -8,62 +8,23 @@ the stream of parsing events, which needs no recursion, before a document is bui
 from __future__ import annotations
 
 import contextlib
-import json
-import math
 import re
-from typing import Any, NoReturn
+from typing import Any
 
 import yaml
 
-DEPTH = 100
-"""levels of nesting; a run's configuration has six"""
+from auvbench.untrusted.json_text import DEPTH, TOO_DEEP, WHOLE, json_value
+
+__all__ = ["DEPTH", "NODES", "WHOLE", "check_yaml", "json_value", "no_yaml", "yaml_value"]
+
 NODES = 1_000_000
 """values that a document holds, with every alias counted as what it stands for"""
-WHOLE = 2**64
-"""whole numbers beyond this are no count of anything"""
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _INDENT = re.compile(rb"^[ \-?:]*", re.MULTILINE)
 
 
-def json_value(data: bytes | str, *, whole: int = WHOLE) -> Any:
-    """A JSON value of bounded depth, without NaN, infinities and numbers that no counter reaches.
-
-    Args:
-        data: the text.
-        whole: the largest whole number that has a meaning there; the state of a generator has 128 bits.
-
-    Raises:
-        ValueError: what is wrong with it, in one line.
-    """
-    try:
-        value = json.loads(data, parse_constant=_no_constant)
-    except RecursionError:
-        raise ValueError(_TOO_DEEP) from None
-    level: list[Any] = [value]
-    for _ in range(DEPTH):
-        following: list[Any] = []
-        for node in level:
-            if isinstance(node, dict):
-                following += node.values()
-            elif isinstance(node, list):
-                following += node
-            elif isinstance(node, float) and not math.isfinite(node):
-                raise ValueError("a number in it is too large")
-            elif isinstance(node, int) and abs(node) > whole:
-                raise ValueError("a whole number in it is too large")
-        if not following:
-            return value
-        level = following
-    raise ValueError(_TOO_DEEP)
-
-
 _ENDLESS = "nested without end: an alias stands for what holds it"
-_TOO_DEEP = f"it is nested more than {DEPTH} levels deep"
-
-
-def _no_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no JSON")
 
 
 def yaml_value(data: bytes) -> Any:
@@ -79,7 +40,7 @@ def yaml_value(data: bytes) -> Any:
     except yaml.YAMLError as error:
         raise ValueError(no_yaml(error)) from error
     except RecursionError:
-        raise ValueError(_TOO_DEEP) from None
+        raise ValueError(TOO_DEEP) from None
 
 
 def check_yaml(data: bytes) -> None:
@@ -120,7 +81,7 @@ def _count(data: bytes) -> None:
     for event in yaml.parse(data, Loader=_LOADER):
         if isinstance(event, yaml.MappingStartEvent | yaml.SequenceStartEvent):
             if len(stack) >= DEPTH:
-                raise ValueError(_TOO_DEEP)
+                raise ValueError(TOO_DEEP)
             stack.append((event.anchor, 1))
             continue
         if isinstance(event, yaml.MappingEndEvent | yaml.SequenceEndEvent):

@@ -29,12 +29,16 @@ def short(text: object, limit: int = LONGEST) -> str:
 def cell(value: object) -> object:
     r"""A value for a CSV file that a spreadsheet takes for what it is: a text that would be a formula gets a '.
 
-    Numbers stay numbers, also those that are written as text.
+    Numbers stay numbers, also those that are written as text. A text is one line: a lone carriage return ends a row
+    for some readers and none for Python's writer, which does not quote it.
 
-    >>> cell("=1+1"), cell("PPO"), cell(-1.5), cell("-1.5")
-    ("'=1+1", 'PPO', -1.5, '-1.5')
+    >>> cell("=1+1"), cell("PPO"), cell(-1.5), cell("-1.5"), cell("a\rb")
+    ("'=1+1", 'PPO', -1.5, '-1.5', 'a\\rb')
     """
-    if not isinstance(value, str) or not value.lstrip().startswith(("=", "+", "-", "@")):
+    if not isinstance(value, str):
+        return value
+    value = plain(value)
+    if not value.lstrip().startswith(("=", "+", "-", "@")):
         return value
     try:
         float(value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
 
 import numpy as np
@@ -47,20 +47,22 @@ class Curve:
             return np.asarray(
                 np.clip((value - self.neutral) / np.where(span == 0.0, np.inf, span), -1.0, 1.0)
             )
-        values, commands = self._monotone()
+        values, commands = _monotone(self)
         return np.asarray(np.where(value == 0.0, 0.0, np.interp(value, values, commands)))
 
-    def _monotone(self) -> tuple[FloatArray, FloatArray]:
-        """Values and commands of the increasing part of the curve that contains command 0."""
-        commands = np.linspace(-1.0, 1.0, self.table.size if self.kind == "table" else 4001)
-        values = self(commands)
-        middle = commands.size // 2
-        rising = np.diff(values) >= 0.0
-        above = np.flatnonzero(~rising[middle:])
-        below = np.flatnonzero(~rising[:middle])
-        last = middle + int(above[0]) if above.size else commands.size - 1
-        first = int(below[-1]) + 1 if below.size else 0
-        return values[first : last + 1], commands[first : last + 1]
+
+@lru_cache(maxsize=256)
+def _monotone(curve: Curve) -> tuple[FloatArray, FloatArray]:
+    """Values and commands of the increasing part of a curve that contains command 0."""
+    commands = np.linspace(-1.0, 1.0, curve.table.size if curve.kind == "table" else 4001)
+    values = curve(commands)
+    middle = commands.size // 2
+    rising = np.diff(values) >= 0.0
+    above = np.flatnonzero(~rising[middle:])
+    below = np.flatnonzero(~rising[:middle])
+    last = middle + int(above[0]) if above.size else commands.size - 1
+    first = int(below[-1]) + 1 if below.size else 0
+    return values[first : last + 1], commands[first : last + 1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from auvbench.config import answers
 from auvbench.errors import VehicleError, closest
 from auvbench.untrusted import documents, reading
 from auvbench.vehicles.document import Document, Keys
 
 
 def sheets() -> dict[str, Traversable]:
-    """Vehicle sheets by name: those that come with auvbench, and those in `conf/vehicle` of the working directory.
+    """Vehicle sheets by name: of auvbench, of installed packages, and in `conf/vehicle` of the working directory.
 
     The latter win, as they do in Hydra's search path.
     """
     found: dict[str, Traversable] = {}
-    for folder in (resources.files("auvbench.conf") / "vehicle", Path("conf") / "vehicle"):
+    for folder in answers.folders("vehicle"):
         if folder.is_dir():
             for entry in folder.iterdir():
                 if entry.name.endswith(".yaml"):

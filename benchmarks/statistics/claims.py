@@ -1,111 +1,104 @@
-"""What a report says of agents: from arrays through the tests of `analysis.pairwise` to letters and verdicts."""
+"""How often the verdicts on the thesis's claims are wrong.
+
+Studies are drawn in worlds in which it is known what is true, at the very edge between a claim and its contrary where
+there is one, and judged by the claims' own functions (`auvbench.analysis.study`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 
-from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Agent, RunRecord
-from auvbench.analysis.pairwise import Tests, all_pairs
-from auvbench.analysis.policies import one_policy
-from auvbench.statistics.bootstrap import multiplicities, paired_means, seed_weights
-from benchmarks.statistics.worlds import FloatArray, World, of_rate, shifted
+from auvbench.analysis.study.claims import CLAIMS
+from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, together
+from benchmarks.statistics.studies import (
+    GRID,
+    Draw,
+    cells,
+    converging,
+    generalising,
+    points,
+    sac_alone,
+    sac_and_ppo,
+    sooner,
+    third,
+)
+
+VERDICTS = (HOLDS, FAILS, OPEN)
+EITHER = (HOLDS, FAILS)
+HIGH = {cell: (0.9, 0.9, 0.6)[(10.0, 25.0, 55.0).index(cell[1])] for cell in GRID}
 
 
-def agent(label: str, success: FloatArray) -> Agent:
-    """A trained agent with these successes (S, E), every failure a timeout after 1000 steps."""
-    S = len(success)
-    runs = tuple(
-        RunRecord(f"{label}-s{s}", Path(label), "complete", s, {"algo.name": label}, {"steps": 1})
-        for s in range(S)
-    )
-    steps = np.where(success == 1, 300.0, 1000.0)
-    outcome = np.where(success == 1, 0, 2).astype(np.int8)
-    return Agent(label, {"algo": label}, runs, "f" * 16, outcome, {"steps": steps}, 1000.0)
+@dataclass(frozen=True, slots=True)
+class World:
+    """What is true, how a study there is drawn, and what is asked of it."""
+
+    truth: str
+    draw: Draw
+    wrong: dict[str, tuple[str, ...]]
+    """by claim the verdicts that are wrong there: of a part, 3b, or of the whole claim, 3"""
 
 
-def tables(
-    worlds: Sequence[World], seeds: Sequence[int], E: int, replications: int, seed: int = 0
-) -> list[list[Agent]]:
-    """Simulated tables of agents, one per world, with their numbers of seeds."""
-    rng = np.random.default_rng(seed)
-    found = []
+WORLDS: tuple[World, ...] = (
+    World("half of the trainings converge, whatever K", converging([0.5, 0.5, 0.5]), {"1": EITHER}),
+    World("half of those with K=1 converge, no other", converging([0.5, 0.0, 0.0]), {"1": EITHER}),
+    World("20 % of the trainings converge", converging([0.2, 0.2, 0.2]), {"1": (FAILS,)}),
+    World("none converges", converging([0.0, 0.0, 0.0]), {"1": (FAILS,)}),
+    World("90 % converge", converging([0.9, 0.9, 0.9]), {"1": (HOLDS,)}),
+    World("the frequency changes nothing", sooner(1.0), {"2": EITHER}),
+    World("each higher frequency takes 1.5 times the steps", sooner(1.5), {"2": (FAILS,)}),
+    World(
+        "K changes nothing but the pay",
+        third(0.0, 0.0, 0.0),
+        {"3a": EITHER, "3b": (FAILS,), "3c": EITHER},
+    ),
+    World("2000 more at equal K", third(0.0, 2000.0, 0.0), {"3a": (FAILS,)}),
+    World("a gain of 5 points, nothing else", third(0.05, 0.0, 0.0), {"3b": EITHER, "3": EITHER}),
+    World("a gain of 15 points", third(0.15, 0.0, 0.0), {"3b": (HOLDS,)}),
+    World("0.4 more of the top fail at K=100", third(0.0, 0.0, 0.4), {"3c": (FAILS,)}),
+    World("all cells alike", sac_alone(cells(0.85)), {"4a": EITHER, "4b": EITHER, "4": EITHER}),
+    World("all cells alike, seeds 1.5 logits apart", sac_alone(cells(0.85), 1.5), {"4b": EITHER}),
+    World("SAC4 99 %, the others 70 %", sac_alone(cells(0.7, _4=0.99)), {"4a": (FAILS,)}),
+    World("trainings that did not converge test at 80 %", generalising([0.8], 0.5, 0.0), {"5a": (HOLDS,)}),
+    World("half of them at 70, half at 90 %", generalising([0.7, 0.9], 0.5, 0.0), {"5a": (FAILS,)}),
+    World("a converged run is better in 75 %", generalising([0.6], 0.75, 1.0), {"5b": (HOLDS,)}),
+    World("a converged run is better in 50 %", generalising([0.6], 0.5, 1.0), {"5b": (FAILS,)}),
+    World("rho 0.5, 9 agents", points(0.5, 9), {"6": (HOLDS,)}),
+    World("rho 0, 9 agents", points(0.0, 9), {"6": (FAILS,)}),
+    World("rho 0.5, 27 agents", points(0.5, 27), {"6": (HOLDS,)}),
+    World("rho 0, 27 agents", points(0.0, 27), {"6": (FAILS,)}),
+    World("both lose 30 points", sac_and_ppo(HIGH, HIGH), {"7a": EITHER}),
+    World("SAC and PPO alike", sac_and_ppo(cells(0.85), cells(0.85)), {"7b": EITHER}),
+    World(
+        "SAC and PPO alike, but PPO at 25 Hz succeeds in half",
+        sac_and_ppo(cells(0.85), cells(0.85, _4=0.5)),
+        {"7c": EITHER, "7": EITHER},
+    ),
+    World("nobody learned anything", sac_alone(cells(0.03)), dict.fromkeys(("3", "4b", "6"), EITHER)),
+    World(
+        "nobody learned anything, 20,000 steps",
+        sac_and_ppo(cells(0.03), cells(0.03), steps=20_000),
+        {"7": EITHER},
+    ),
+)
+
+
+def shares(world: World, S: int, replications: int, seed: int = 0) -> dict[str, dict[str, float]]:
+    """By claim and verdict the share of simulated studies with S training seeds a cell."""
+    rng = np.random.default_rng([seed, S])
+    counts: dict[str, Counter[str]] = {asked: Counter() for asked in world.wrong}
+    numbers = {int(asked[0]) for asked in world.wrong}
     for _ in range(replications):
-        scenarios = rng.normal(size=E)
-        drawn = [w.draw(S, E, scenarios, rng)[0] for w, S in zip(worlds, seeds, strict=True)]
-        found.append([agent(f"a{i:02}", success) for i, success in enumerate(drawn)])
-    return found
-
-
-def decided(agents: Sequence[Agent], *, policies: bool = False, margin: float | None = None) -> Tests:
-    """The tests of a table on success, as `analysis.ranking.rank` makes them."""
-    compared = np.array([policies or not one_policy(a) for a in agents])
-    return all_pairs(agents, measure("success_rate"), compared, 0.95, margin)
-
-
-def one_seed(replications: int, seed: int = 0) -> dict[str, tuple[float, float]]:
-    """Share of tables of equal configurations with a false letter: compared as policies, and as a report does."""
-    world = of_rate(0.9, 0.5)
-    found = {}
-    for name, seeds in (("8 of one seed", [1] * 8), ("4 of five seeds, 4 of one", [5] * 4 + [1] * 4)):
-        drawn = tables([world] * 8, seeds, 500, replications, seed)
-        as_policies = float(np.mean([decided(agents, policies=True).resolved.any() for agents in drawn]))
-        found[name] = as_policies, float(np.mean([decided(agents).resolved.any() for agents in drawn]))
-    return found
-
-
-def best(
-    replications: int, resamples: int = 400, seed: int = 0
-) -> list[tuple[str, int, float, float, float]]:
-    """Rows of: seeds' sd, seeds, share of tables whose bootstrap is "> 99 %" sure of the first place, share of those
-    in which it is right, and share of all tables in which the truly best has a rank interval that begins at 1.
-    """
-    rng = np.random.default_rng(seed)
-    rows = []
-    for sd in (0.5, 1.0):
-        for S in (3, 5):
-            worlds = [World(2.2, sd), World(2.0, sd)]
-            sure = right = open_ = 0
-            for agents in tables(worlds, [S] * 2, 200, replications, seed):
-                drawn = multiplicities(200, resamples, rng)
-                weights = [seed_weights(S, resamples, rng) for _ in agents]
-                means = paired_means([a.success for a in agents], drawn, weights)
-                first = np.bincount(means.argmax(axis=1), minlength=2) / resamples
-                if first.max() > 0.99:
-                    sure += 1
-                    right += int(first.argmax()) == 0
-                tests = decided(agents)
-                open_ += not (tests.resolved[0] & (tests.pairs.difference[0] < 0)).any()
-            rows.append((f"{sd:g}", S, sure / replications, right / max(sure, 1), open_ / replications))
-    return rows
-
-
-def equivalence(
-    replications: int, margin: float = 0.05, seed: int = 0
-) -> list[tuple[str, int, float, float]]:
-    """Rows of: world, seeds, share of "equivalent" where the true difference is the margin, and where it is none.
-
-    The last world: trainings of both work alike, but three of ten of the second fail, so that 23 points part them.
-    """
-    rows = []
-    for rate, sd in ((0.9, 0.1), (0.9, 0.3), (0.98, 0.3)):
-        world = of_rate(rate, sd)
-        for S in (3, 5, 10):
-            shares = []
-            for other in (shifted(world, margin), world):
-                drawn = tables([world, other], [S, S], 500, replications, seed)
-                verdicts = [decided(agents, margin=margin).verdict(0, 1) for agents in drawn]
-                shares.append(float(np.mean([verdict == "equivalent" for verdict in verdicts])))
-            rows.append((f"rate {100 * rate:.0f} %, sd {sd:g}", S, *shares))
-    works = of_rate(0.95, 0.1)
-    fails = World(works.level, works.seed_sd, failing=0.3)
-    for S in (3, 5, 10):
-        drawn = tables([works, fails], [S, S], 500, replications, seed)
-        verdicts = [decided(agents, margin=margin).verdict(0, 1) for agents in drawn]
-        rows.append(
-            ("3 of 10 of one fail", S, float(np.mean([v == "equivalent" for v in verdicts])), float("nan"))
-        )
-    return rows
+        evidence = world.draw(S, rng)
+        parts = {number: CLAIMS[number - 1].parts(evidence) for number in numbers}
+        for asked, count in counts.items():
+            number, letter = int(asked[0]), asked[1:]
+            judged = parts[number]
+            whole = together(CLAIMS[number - 1].text, judged)
+            count[judged["abcdef".index(letter)].verdict if letter else whole.verdict] += 1
+    return {
+        asked: {verdict: count[verdict] / replications for verdict in VERDICTS}
+        for asked, count in counts.items()
+    }

@@ -9,9 +9,11 @@ import numpy as np
 from auvbench.statistics.bootstrap import multiplicities, paired_means, seed_weights
 from auvbench.statistics.crossed import crossed, means
 from auvbench.statistics.differences import pairs
+from auvbench.statistics.resolution import pooled
 from benchmarks.statistics import tables
 from benchmarks.statistics.alternatives import one_by_one
-from benchmarks.statistics.worlds import FloatArray, World, drawn, of_rate
+from benchmarks.statistics.letters import Design
+from benchmarks.statistics.worlds import FloatArray, World, drawn, of_rate, successes
 
 BATCH = 100
 """experiments at once"""
@@ -77,7 +79,7 @@ def _together(world: World, S: int, E: int, replications: int, confidence: float
             table = tables.crossed(values, rate=metric == 0)
             for one in one_by_one(table):
                 first = means(one, confidence)[0]
-                both = pairs(one, confidence)
+                both = pairs(pooled(one), confidence, one)
                 inside[metric] += first.low <= truth[metric] <= first.high
                 inside[2 + metric] += both.low[0, 1] <= 0 <= both.high[0, 1]
     return inside / replications
@@ -90,7 +92,29 @@ def _t_type(
     found = []
     for metric in (0, 1):
         table = crossed([agent[metric] for agent in agents], rate=metric == 0)
-        one, both = means(table, confidence)[0], pairs(table, confidence)
+        one, both = means(table, confidence)[0], pairs(pooled(table), confidence, table)
         found += [(one.low, one.high), (both.low[0, 1], both.high[0, 1])]
     ends = np.array(found)[[0, 2, 1, 3]]
     return ends[:, 0], ends[:, 1]
+
+
+def of_pairs(
+    design: Design, replications: int, seed: int = 0, E: int = 200
+) -> dict[str, tuple[float, float]]:
+    """Over all pairs of agents of a table, the share of intervals that hold the true difference, and the median width.
+
+    With each agent's own variance between seeds, and as a report has them, pooled upwards over the table.
+    """
+    rng = np.random.default_rng(seed)
+    truth = np.array([world.truth()[0] for world in design.worlds])
+    i, j = np.triu_indices(len(truth), 1)
+    true = truth[i] - truth[j]
+    held: dict[str, list[FloatArray]] = {"own variances": [], "used": []}
+    width: dict[str, list[FloatArray]] = {name: [] for name in held}
+    data = successes(design.worlds, design.seeds, rng.normal(size=(replications, E)), rng)
+    for table in one_by_one(tables.crossed(data, rate=True)):
+        for name, found in (("own variances", pairs(table)), ("used", pairs(pooled(table), own=table))):
+            low, high = found.low[i, j], found.high[i, j]
+            held[name].append((low <= true) & (true <= high))
+            width[name].append(high - low)
+    return {name: (float(np.mean(held[name])), float(np.median(width[name]))) for name in held}

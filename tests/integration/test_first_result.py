@@ -19,6 +19,13 @@ SMALL = {
     "sac": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
     "ddpg": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
     "td3": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
+    "ppo_fast": ["algo.n_envs=8", "algo.batch_size=64", "train.total_steps=512"],
+    "tqc": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
+    "crossq": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
+    "trpo": ["algo.n_envs=8", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=512"],
+    "recurrent_ppo": ["algo.n_envs=8", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=512"],
+    "ppo_residual": ["algo.n_envs=8", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=512"],
+    "sac_residual": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
     "ppo_thesis": ["algo.n_steps=64", "train.total_steps=128"],
     "sac_thesis": ["algo.learning_starts=64", "train.total_steps=96"],
     "pid": [],
@@ -110,7 +117,7 @@ def test_the_same_configuration_gives_the_same_bits(folder):
         assert torch.equal(value, other), key
 
 
-@pytest.mark.parametrize("algo", ["ppo", "pid", "random"])
+@pytest.mark.parametrize("algo", ["ppo", "crossq", "recurrent_ppo", "ppo_residual", "pid", "random"])
 def test_rows_do_not_depend_on_the_batch(algo, folder):
     assert auvbench("train", f"algo={algo}", *SMALL[algo], *SHORT) == 0
     tables = []

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from auvbench.agents.learned.sb3 import Follower
 from auvbench.cli import main
 from auvbench.runs.directory import RunDirectory
 from auvbench.simulators.gazebo import bindings
-from auvbench.training import learning
 
 absent = bindings.missing()
 pytestmark = [
@@ -55,7 +55,7 @@ def test_the_same_run_twice_is_the_same_bits(tmp_path):
 
 
 def test_a_stopped_run_goes_on_and_says_how(tmp_path, monkeypatch):
-    ordinary = learning.Recorder._on_step
+    ordinary = Follower._on_step
     struck = []
 
     def on_step(self):
@@ -64,7 +64,7 @@ def test_a_stopped_run_goes_on_and_says_how(tmp_path, monkeypatch):
             raise RuntimeError("struck")
         return ordinary(self)
 
-    monkeypatch.setattr(learning.Recorder, "_on_step", on_step)
+    monkeypatch.setattr(Follower, "_on_step", on_step)
     arguments = [
         f"output={tmp_path}",
         "algo=ppo",

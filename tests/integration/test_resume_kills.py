@@ -19,8 +19,12 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("cases", "kills"),
-    [(["ppo-1", "ppo-8"], 10), (["sac-1", "sac-8", "ddpg-1", "ddpg-8", "td3-1", "td3-8"], 4)],
-    ids=["on-policy", "off-policy"],
+    [
+        (["ppo-1", "ppo-8"], 10),
+        (["sac-1", "sac-8", "ddpg-1", "ddpg-8", "td3-1", "td3-8"], 4),
+        (["tqc-8", "crossq-8", "trpo-8", "recurrent_ppo-8", "ppo_residual-8", "sac_residual-8"], 4),
+    ],
+    ids=["on-policy", "off-policy", "further"],
 )
 def test_twenty_kills_do_not_change_a_bit(cases: list[str], kills: int, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tests.soak.campaign", "--kills", str(kills), "--folder", str(tmp_path)]

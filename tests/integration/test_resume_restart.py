@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import torch
 
+from auvbench.agents.learned import state
+from auvbench.agents.learned.sb3 import Follower
 from auvbench.config.compose import compose
 from auvbench.config.simulators import Capabilities
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import TrainingError
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.training import learning
-from auvbench.training.checkpoint import state
 from auvbench.training.checkpoint.store import CheckpointStore
 from auvbench.training.execute import execute
 from tests.soak.campaign import frozen
@@ -50,13 +50,13 @@ def test_episodes_in_flight_begin_again_with_the_same_draws(forgetful):
         assert np.array_equal(a.reward, b.reward)
 
 
-@pytest.mark.parametrize("case", ["ppo-8", "sac-8"])
+@pytest.mark.parametrize("case", ["ppo-8", "sac-8", "ppo_residual-8", "recurrent_ppo-8"])
 def test_a_run_goes_on_from_their_first_observations_and_its_manifest_says_so(
     forgetful, monkeypatch, tmp_path, case
 ):
     torch.set_num_threads(1)
     run = frozen(tmp_path, "tried", case, ["train.checkpoint.steps=200"])
-    ordinary = learning.Recorder._on_step
+    ordinary = Follower._on_step
     seen = []
 
     def on_step(self):
@@ -65,7 +65,7 @@ def test_a_run_goes_on_from_their_first_observations_and_its_manifest_says_so(
             raise RuntimeError("struck")
         return ordinary(self)
 
-    monkeypatch.setattr(learning.Recorder, "_on_step", on_step)
+    monkeypatch.setattr(Follower, "_on_step", on_step)
     with pytest.raises(TrainingError, match="struck"):
         execute(run)
     saved = CheckpointStore(run.path).steps()[0]

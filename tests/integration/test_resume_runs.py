@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 import torch
 
+from auvbench.agents.learned.sb3 import Follower
 from auvbench.cli import main
 from auvbench.errors import ConfigError, RunError, TrainingError
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Interrupted
-from auvbench.training import learning
 from auvbench.training.checkpoint.extending import prepare
 from auvbench.training.checkpoint.store import CheckpointStore, CheckpointWarning
 from auvbench.training.execute import execute
 from tests.soak.bits import bits
 from tests.soak.campaign import frozen
 
-CASES = ("ppo-8", "sac-8")
+CASES = ("ppo-8", "sac-8", "ppo_residual-8")
 EVERY = "train.checkpoint.steps=200"
 
 
@@ -49,24 +49,25 @@ def run(case: str, tmp_path: Path) -> RunDirectory:
     return made
 
 
-Strike = Callable[[int, Callable[[learning.Recorder], None]], None]
+Strike = Callable[[int, Callable[[Follower], None]], None]
 
 
 @pytest.fixture
 def strike(monkeypatch: pytest.MonkeyPatch) -> Strike:
     """Calls a function once, in the first step of the environments at or after a number of steps."""
-    ordinary = learning.Recorder._on_step
+    ordinary = Follower._on_step
 
-    def arm(step: int, blow: Callable[[learning.Recorder], None]) -> None:
+    def arm(step: int, blow: Callable[[Follower], None]) -> None:
         armed = [True]
 
-        def on_step(self: learning.Recorder) -> bool:
+        def on_step(self: Follower) -> bool:
+            going_on = ordinary(self)
             if armed and self.num_timesteps >= step:
                 armed.clear()
                 blow(self)
-            return ordinary(self)
+            return going_on
 
-        monkeypatch.setattr(learning.Recorder, "_on_step", on_step)
+        monkeypatch.setattr(Follower, "_on_step", on_step)
 
     return arm
 
@@ -139,10 +140,10 @@ def test_a_run_without_normalisation_resumes_as_well(case: str, tmp_path: Path, 
 def test_without_time_to_save_the_last_checkpoint_counts(
     case: str, whole: dict[str, str], run: RunDirectory, strike: Strike, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("auvbench.training.checkpoint.callback.GRACE", -1.0)
+    monkeypatch.setattr("auvbench.training.session.GRACE", -1.0)
     strike(900, lambda _: os.kill(os.getpid(), signal.SIGTERM))
     # SAC's rollout is one step of the batch: there is always time to end it.
-    message = "the last checkpoint is of step" if case == "ppo-8" else "saved at step"
+    message = "the last checkpoint is of step" if case.startswith("ppo") else "saved at step"
     with pytest.raises(Interrupted, match=message):
         execute(run)
     monkeypatch.undo()
@@ -151,8 +152,8 @@ def test_without_time_to_save_the_last_checkpoint_counts(
 
 
 def test_a_nan_in_the_physics_stops_the_run(whole: dict[str, str], run: RunDirectory, strike: Strike) -> None:
-    def blow(recorder: learning.Recorder) -> None:
-        recorder._environment.batch.simulator.pose[3, 1] = np.nan
+    def blow(recorder: Follower) -> None:
+        recorder._learner._environment.simulator.pose[3, 1] = np.nan
 
     strike(700, blow)
     with pytest.raises(TrainingError, match=r"environment 3 is (nan|not finite)"):
@@ -170,7 +171,7 @@ def test_a_nan_in_the_physics_stops_the_run(whole: dict[str, str], run: RunDirec
 def test_weights_that_are_no_numbers_stop_the_run(
     whole: dict[str, str], run: RunDirectory, strike: Strike, value: float
 ) -> None:
-    def blow(recorder: learning.Recorder) -> None:
+    def blow(recorder: Follower) -> None:
         with torch.no_grad():
             next(iter(recorder.model.policy.parameters())).view(-1)[0] = value
 
@@ -188,7 +189,7 @@ def test_weights_that_are_no_numbers_stop_the_run(
 def test_damage_to_any_component_costs_time_alone(
     whole: dict[str, str], run: RunDirectory, strike: Strike, damage: str
 ) -> None:
-    def crash(_: learning.Recorder) -> None:
+    def crash(_: Follower) -> None:
         raise TrainingError("crash")
 
     rng = np.random.default_rng(0)
@@ -323,13 +324,13 @@ def test_outputs_that_become_read_only_are_named_and_cost_nothing(
     assert bits(run.path) == whole
 
 
-def protect(disk: Path, recorder: learning.Recorder) -> None:
+def protect(disk: Path, recorder: Follower) -> None:
     """A read-only bind mount over the run's disk: what is opened from now on is refused."""
     subprocess.run(["mount", "--bind", str(disk), str(disk)], check=True)
     subprocess.run(["mount", "-o", "remount,bind,ro", str(disk)], check=True)
 
 
-TOTALS = {"ppo-8": (1000, 2000), "sac-8": (500, 1000)}
+TOTALS = {"ppo-8": (1000, 2000), "sac-8": (500, 1000), "ppo_residual-8": (1000, 2000)}
 
 
 def test_an_extended_run_is_the_longer_run(case: str, whole: dict[str, str], tmp_path: Path) -> None:

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from auvbench.agents.learned.sb3 import Follower
 from auvbench.config.compose import compose
 from auvbench.config.validate import evaluate_config
 from auvbench.evaluation import evaluate as evaluation
 from auvbench.evaluation.protocol import circumstances, fingerprint
 from auvbench.runs.directory import RunDirectory
-from auvbench.training import learning
 from auvbench.training.execute import execute
 from auvbench.training.validation import COLUMNS
 from tests.soak.bits import bits
@@ -88,15 +88,15 @@ def test_a_run_that_was_stopped_writes_the_same_rows(
     case: str, watched: RunDirectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
 ) -> None:
     run = frozen(tmp_path, "stopped", case, [WATCHED, "train.checkpoint.steps=200"])
-    ordinary, armed = learning.Recorder._on_step, [True]
+    ordinary, armed = Follower._on_step, [True]
 
-    def die_once(self: learning.Recorder) -> bool:
+    def die_once(self: Follower) -> bool:
         if armed and self.num_timesteps >= step:
             armed.clear()
             raise KeyboardInterrupt
         return ordinary(self)
 
-    monkeypatch.setattr(learning.Recorder, "_on_step", die_once)
+    monkeypatch.setattr(Follower, "_on_step", die_once)
     with pytest.raises(KeyboardInterrupt):
         execute(run)
     execute(run)

@@ -28,7 +28,7 @@ def bits(run: Path) -> dict[str, str]:
         if path.name == "learner.json":
             value = json.loads(path.read_text())
             found[path.name] = _hash(json.dumps({key: value[key] for key in value if key != "elapsed_ns"}))
-        elif path.name != "manifest.json":
+        elif path.name not in ("manifest.json", "clock.json"):
             found[path.name] = _hash(path.read_bytes())
     for field in FIELDS if checkpoint.segments else ():
         rows = [(segment.first, _field(store, segment.name, field)) for segment in checkpoint.segments]

@@ -32,6 +32,7 @@ _NETS = [
     *("disturbance=severe", "disturbance.fault.time_high=1.0"),
 ]
 _PPO = ["algo=ppo", *_NETS, "algo.batch_size=32", "algo.n_epochs=2"]
+_ON = [*_NETS, "algo.batch_size=32", "algo.n_envs=8", "algo.n_steps=16", "train.total_steps=2000"]
 _OFF = [*_NETS, "algo.batch_size=16", "algo.learning_starts=40", "algo.buffer_size=400"]
 _ONE = ["algo.n_envs=1", "algo.gradient_steps=1", "train.total_steps=150"]
 # The ring of 50 rows is overwritten twice.
@@ -41,7 +42,13 @@ CASES: dict[str, list[str]] = {
     "ppo-1": [*_PPO, "algo.n_envs=1", "algo.n_steps=32", "train.total_steps=400"],
     "ppo-8": [*_PPO, "algo.n_envs=8", "algo.n_steps=16", "train.total_steps=2000"],
     **{f"{algo}-1": [f"algo={algo}", *_OFF, *_ONE] for algo in ("sac", "ddpg", "td3")},
-    **{f"{algo}-8": [f"algo={algo}", *_OFF, *_EIGHT] for algo in ("sac", "ddpg", "td3")},
+    **{
+        f"{algo}-8": [f"algo={algo}", *_OFF, *_EIGHT]
+        for algo in ("sac", "ddpg", "td3", "tqc", "crossq", "sac_residual")
+    },
+    "trpo-8": ["algo=trpo", *_ON, "algo.n_critic_updates=2"],
+    "recurrent_ppo-8": ["algo=recurrent_ppo", *_ON, "algo.n_epochs=2", "algo.lstm_size=8"],
+    "ppo_residual-8": ["algo=ppo_residual", *_ON, "algo.n_epochs=2"],
 }
 
 

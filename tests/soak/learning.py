@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from sb3_contrib import TQC, TRPO, CrossQ, RecurrentPPO
 from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from auvbench.training.checkpoint import state
-from auvbench.training.checkpoint.callback import Checkpointer
+from auvbench.agents.learned import state
+from auvbench.agents.learned.sb3 import Follower, SB3Learner, Scalars
+from auvbench.training import finite
 from auvbench.training.checkpoint.events import NAME, EventWriter
+from auvbench.training.checkpoint.saver import Checkpointer
 from tests.soak.pendulum import Pendulums
 
 LOGS = ("train/episodes.csv", f"train/{NAME}")
@@ -35,6 +39,7 @@ class Case:
     options: dict[str, Any]
     noise: str = ""
     steps: int = 600
+    network: dict[str, Any] = field(default_factory=dict)
 
     def build(self, seed: int) -> tuple[BaseAlgorithm, Pendulums]:
         batch = Pendulums(self.n, seed)
@@ -43,8 +48,9 @@ class Case:
             kind = {"normal": NormalActionNoise, "ou": OrnsteinUhlenbeckActionNoise}[self.noise]
             options["action_noise"] = kind(np.zeros(2), 0.2 * np.ones(2))
         env = VecNormalize(batch, gamma=0.99)
+        policy = "MlpLstmPolicy" if self.algorithm is RecurrentPPO else "MlpPolicy"
         return self.algorithm(
-            "MlpPolicy", env, seed=seed, device="cpu", policy_kwargs=dict(NET), **options
+            policy, env, seed=seed, device="cpu", policy_kwargs=NET | self.network, **options
         ), batch
 
 
@@ -63,6 +69,17 @@ CASES = {
     "ddpg-8": Case(DDPG, 8, {**OFF, "gradient_steps": 2}, "normal"),
     "td3-1": Case(TD3, 1, OFF, "normal", steps=300),
     "td3-8": Case(TD3, 8, {**OFF, "gradient_steps": -1}, "ou"),
+    "tqc-8": Case(TQC, 8, {**OFF, "gradient_steps": 2}, steps=480),
+    # Its running statistics normalise from the 20th gradient step on.
+    "crossq-8": Case(CrossQ, 8, {**OFF, "gradient_steps": 2}, steps=480, network={"renorm_warmup_steps": 20}),
+    "trpo-8": Case(TRPO, 8, {"n_steps": 16, "batch_size": 32, "n_critic_updates": 2}, steps=1200),
+    # Rollouts end in the midst of episodes, of which the LSTM remembers the beginning.
+    "recurrent_ppo-4": Case(
+        RecurrentPPO,
+        4,
+        {"n_steps": 16, "batch_size": 32, "n_epochs": 2},
+        network={"lstm_hidden_size": 8, "n_lstm_layers": 2},
+    ),
 }
 
 
@@ -81,6 +98,39 @@ class EpisodeRows(BaseCallback):
         return True
 
 
+class Trained(SB3Learner):
+    """A learner around a model that was built by hand."""
+
+    def __init__(self, model: BaseAlgorithm) -> None:
+        self.model = model
+        self._environment = None
+        self._drawn = None
+        self._between_rollouts = True
+
+
+@dataclass
+class Session:
+    """What carries out a run, without all that has nothing to do with checkpoints."""
+
+    learner: Trained
+    checkpointer: Checkpointer
+    total_steps: int
+
+    def begin(self) -> int:
+        return self.checkpointer.restore(self.learner)
+
+    def step(self, steps: int, transition: Any) -> float:
+        finite.check_step(*transition, steps)
+        return 0.0
+
+    def checkpoint(self, steps: int) -> None:
+        if self.checkpointer.is_due(steps):
+            self.checkpointer.save(self.learner, steps)
+
+    def log(self, scalars: Any, steps: int) -> None:
+        raise NotImplementedError
+
+
 def train(
     run: Path,
     case: Case,
@@ -95,19 +145,25 @@ def train(
     checkpointer = Checkpointer(run, logs=LOGS, **cadence)
     checkpointer.prepare()
     model, batch = case.build(seed)
-    model.set_logger(Logger(None, [EventWriter(run / "train")]))
+    writer = EventWriter(run / "train")
+    model.set_logger(Logger(None, [Scalars(writer.write)]))
     checkpointer.parts = {"environment": batch}
     if watch is not None:
         watch(model, batch)
-    everyone = [checkpointer, EpisodeRows(run / "train/episodes.csv"), *callbacks]
-    interval = 1 if case.algorithm is PPO else 4
-    model.learn(total or case.steps, callback=everyone, log_interval=interval)
+    learner = Trained(model)
+    session = Session(learner, checkpointer, total or case.steps)
+    follower = Follower(learner, lambda: batch.transition, session)
+    everyone = [follower, EpisodeRows(run / "train/episodes.csv"), *callbacks]
+    interval = 1 if issubclass(case.algorithm, OnPolicyAlgorithm) else 4
+    model.learn(session.total_steps, callback=everyone, log_interval=interval)
+    checkpointer.save(learner, model.num_timesteps)
     return model, batch, checkpointer
 
 
 def fingerprint(model: BaseAlgorithm, batch: Pendulums, run: Path) -> dict[str, str]:
     """A hash per part of everything that a run leaves in memory and on disk."""
-    parts = state.capture(state.Subject(model, {"environment": batch}))
+    parts = state.capture(model)
+    parts.arrays["environment"] = batch.state_dict()
     hashes = {}
     for name, tensors in parts.tensors.items():
         hashes[name] = _hash(tensors)

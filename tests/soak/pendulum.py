@@ -77,6 +77,7 @@ class Pendulums(VecEnv):
         if done.any():
             self.begin(done)
             observations = self.observe()
+        self.transition = (observations, rewards)
         return observations, rewards.astype(np.float32), done, infos
 
     def close(self) -> None: ...

@@ -20,7 +20,21 @@ def test_the_list_of_packages_is_complete():
         for top in ("auvbench", "hydra_plugins")
         for path in (ROOT / top).rglob("__init__.py")
     }
-    assert listed == found | {"auvbench.conf"}
+    assert listed == found | folders_of_data()
+
+
+def folders_of_data() -> set[str]:
+    """Folders without code whose files are installed, as setuptools names them.
+
+    It looks at those whose names could be a package's: `test-bluerov2` is none, and is data of the package above it.
+    """
+    git = subprocess.run(
+        ["git", "ls-files", "conf", "auvbench"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    folders = {Path(line).parent for line in git.stdout.splitlines()}
+    folders = {folder for folder in folders if not (ROOT / folder / "__init__.py").is_file()} | {Path("conf")}
+    names = (f.parts if f.parts[0] == "auvbench" else ("auvbench", *f.parts) for f in folders)
+    return {".".join(parts) for parts in names if all(part.isidentifier() for part in parts)}
 
 
 def test_the_configuration_is_installed():

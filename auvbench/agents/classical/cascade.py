@@ -55,8 +55,9 @@ class Cascade:
         self.dt = 1.0 / config.step.frequency
         self.estimate = Estimator(self.dt, gains.filter_time, body_frame=config.task.position_frame == "body")
         self.mass = np.diag(vehicle.M).copy()
-        self.inverse = np.linalg.pinv(_controlled(vehicle.allocation))
-        self.limits = gains.effort * vehicle.force_limits
+        self.inverse: Floats = np.asarray(np.linalg.pinv(_controlled(vehicle.allocation)), dtype=np.float64)
+        limits = gains.effort * vehicle.force_limits
+        self.reach = np.maximum(np.stack([-limits[:, 0], limits[:, 1]]), 1e-9)
         self.lift = vehicle.buoyancy - vehicle.weight
         # Moments per newton that thrust brings along uncontrolled, and what the restoring moment can hold.
         self.tilting = vehicle.allocation[[ROLL, PITCH]]
@@ -100,32 +101,32 @@ class Cascade:
     def _feasible(self, velocity: Floats) -> Floats:
         """The velocity, slowed where holding it would take more than CRUISE_SHARE of the thrust."""
         for _ in range(3):
-            wrench = np.zeros((len(velocity), 6))
-            wrench[:, :3] = self._drag(velocity)
-            scale = self._scale(self._allocate(wrench) / CRUISE_SHARE)
+            scale = self._scale(self._allocate(self._drag(velocity)) / CRUISE_SHARE)
             # Drag grows with up to the square of the speed: the root does not slow down too much.
             velocity = velocity * np.sqrt(scale)[:, None]
         return velocity
 
     def _allocate(self, wrench: Floats) -> Floats:
-        """Thrust (n, n_u) in N for wrenches (n, 6)."""
-        # Row by row: a matrix product may round differently in a batch of another size.
-        thrust = np.zeros((len(wrench), self.inverse.shape[0]))
-        for row in range(6):
-            thrust += wrench[:, row : row + 1] * self.inverse[:, row]
-        return thrust
+        """Thrust (n, n_u) in N for wrenches (n, 6), or for forces (n, 3) alone."""
+        return _product(wrench, self.inverse[:, : wrench.shape[1]])
 
     def _scale(self, thrust: Floats) -> Floats:
         """Factor (n,) <= 1 that keeps every thruster within its limits and the vehicle upright."""
-        bound = np.where(thrust >= 0.0, self.limits[:, 1], -self.limits[:, 0])
-        ratio = np.max(np.abs(thrust) / np.maximum(bound, 1e-9), axis=1)
+        backwards, forwards = self.reach
+        ratio = (np.abs(thrust) / np.where(thrust >= 0.0, forwards, backwards)).max(axis=1)
         if self.tilt_limit > 0.0:
-            for moment in self.tilting:
-                tilt = np.zeros(len(thrust))
-                for j, arm in enumerate(moment):
-                    tilt += arm * thrust[:, j]
-                ratio = np.maximum(ratio, np.abs(tilt) / self.tilt_limit)
+            tilt = np.abs(_product(thrust, self.tilting)).max(axis=1)
+            ratio = np.maximum(ratio, tilt / self.tilt_limit)
         return np.asarray(1.0 / np.maximum(ratio, 1.0))
+
+
+def _product(rows: Floats, matrix: Floats) -> Floats:
+    """`rows @ matrix.T` (n, m), each sum in the order of its terms.
+
+    A matrix product, and a sum, may round differently in a batch of another size.
+    """
+    terms = rows[:, None, :] * matrix
+    return np.asarray(np.cumsum(terms, axis=2)[:, :, -1] + 0.0)  # never a negative zero
 
 
 def _controlled(allocation: Floats) -> Floats:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +29,8 @@ class Estimator:
         self.reset(0)
 
     def reset(self, n: int) -> None:
-        self._first = True
+        self.first: NDArray[np.bool_] = np.ones(n, dtype=np.bool_)
+        """(n,) where no reading has come yet"""
         self.error: Floats = np.zeros((n, 3))
         """(n, 3) m to the waypoint, world axes; axes of the body at the start with `body_frame`"""
         self.yaw: Floats = np.zeros(n)
@@ -44,14 +47,19 @@ class Estimator:
         # In the body frame the bearing is the yaw error and yaw stays 0: the frame turns with the vehicle, and
         # its turning is small within the filter's time.
         yaw = np.zeros(len(error)) if self.body_frame else wrap(bearing - yaw_error)
-        if not self._first:
-            a = self._smoothing
-            # The waypoint stands still: the error shrinks by the way made.
-            self.velocity += a * ((self.error - error) / self.dt - self.velocity)
-            turned = wrap(self.yaw_error - yaw_error) if self.body_frame else wrap(yaw - self.yaw)
-            self.yaw_rate += a * (turned / self.dt - self.yaw_rate)
-        self._first = False
+        # One reading tells no velocity.
+        a = np.where(self.first, 0.0, self._smoothing)
+        # The waypoint stands still: the error shrinks by the way made.
+        self.velocity += a[:, None] * ((self.error - error) / self.dt - self.velocity)
+        turned = wrap(self.yaw_error - yaw_error) if self.body_frame else wrap(yaw - self.yaw)
+        self.yaw_rate += a * (turned / self.dt - self.yaw_rate)
         self.error, self.yaw, self.yaw_error = error, yaw, yaw_error
+        self.first = np.zeros(len(error), dtype=np.bool_)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """What it carries from reading to reading, by name: its own arrays, a row for each vehicle."""
+        names = ("first", "error", "yaw", "yaw_error", "velocity", "yaw_rate")
+        return {name: getattr(self, name) for name in names}
 
 
 def wrap(angle: Floats) -> Floats:

@@ -7,6 +7,8 @@ it can be reached.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,6 +49,10 @@ class FinController:
     def reset(self, episodes: Integers) -> None:
         self.estimate.reset(len(episodes))
         self.opening = np.zeros(len(episodes), dtype=np.bool_)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """As `Estimator.memory`, with whether the vehicle runs on until the waypoint can be reached."""
+        return {**self.estimate.memory(), "opening": self.opening}
 
     def act(self, observation: Observations) -> Actions:
         now = self.estimate

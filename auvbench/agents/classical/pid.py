@@ -6,6 +6,8 @@ gains follow from bandwidths and the masses of the vehicle's sheet.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,6 +38,10 @@ class PIDController(Cascade):
     def reset(self, episodes: Integers) -> None:
         super().reset(episodes)
         self.integral: Floats = np.zeros((len(episodes), 3))
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """As `Estimator.memory`, with the integral action."""
+        return {**self.estimate.memory(), "integral": self.integral}
 
     def law(self, wanted: Floats, velocity: Floats) -> Floats:
         g, now = self.gains, self.estimate

@@ -36,7 +36,11 @@ def weights(data: bytes, path: Path, expected: Mapping[str, torch.Tensor]) -> di
     except ValueError as error:
         raise RunError(f"{path}: the weights cannot be read: {error}") from error
     for name in [*expected, *(name for name in found if name not in expected)]:
-        if wrong := _tensor_fault(found.get(name), expected.get(name)):
+        wrong = _tensor_fault(found.get(name), expected.get(name))
+        # Running variance of a layer that normalises (CrossQ).
+        if not wrong and name.endswith("ra_var") and bool((found[name] < 0.0).any()):
+            wrong = "holds a negative number"
+        if wrong:
             raise RunError(
                 f"{path}: {name} {wrong}; the weights are not those of this run's network, or damaged"
             )

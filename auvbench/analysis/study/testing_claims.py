@@ -9,8 +9,8 @@ import numpy as np
 from auvbench.analysis.effects import learns
 from auvbench.analysis.measures import measure
 from auvbench.analysis.model import Agent
+from auvbench.analysis.pairwise import all_pairs, rank_intervals
 from auvbench.analysis.prose import amount, counted, difference, listed
-from auvbench.analysis.ranking import rank
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence, cell, cell_of_run
 from auvbench.analysis.study.informative import averaged, budget, extremes, informative, learned
@@ -129,20 +129,24 @@ def _first_of_its_kind(e: Evidence, agents: Sequence[Agent], levels: Levels) -> 
     if len({budget(agent) for agent in several}) > 1:
         missing = "equal training budgets of the SAC agents"
         return Part(OPEN, missing=missing, run_ids=runs_of([tuple(several)]))
-    yes, no = (rank(several, confidence=c) for c in (levels.holds, levels.fails))
-    row = next(row for row in yes.rows if row.label == mine[0].label)
-    (first, last), label = row.rank_interval, row.label
-    behind = next(r for r in no.rows if r.label == label).rank_interval[0] > 1
-    statistic = f"{label} has rank {row.rank} of {len(yes.rows)}, interval {first} to {last}"
+    tests = all_pairs(several, measure("success_rate"), np.ones(len(several), dtype=bool), levels.holds)
+    place, value = several.index(mine[0]), tests.table.mean
+    (first, last), (ahead, _) = (
+        rank_intervals(value, tests.adjusted < 1 - confidence)[place]
+        for confidence in (levels.holds, levels.fails)
+    )
+    label, ids, behind = mine[0].label, runs_of([(mine[0],)]), ahead > 1
+    rank = 1 + int((value > value[place]).sum())
+    statistic = f"{label} has rank {rank} of {len(several)}, interval {first} to {last}"
     shown = {thesis.CELLS[i] for i in "01234567"}
     absent = sorted(shown - {cell(agent) for agent in several})
     cells = listed([f"K={k:g} {f:g} Hz" for k, f in absent], 8)
     missing = f"several seeds in the thesis's cells {cells}" if absent else ""
     if behind:
-        return Part(FAILS, statistic, run_ids=row.run_ids)
+        return Part(FAILS, statistic, run_ids=ids)
     if last == 1 and not absent:
-        return Part(HOLDS, statistic, run_ids=row.run_ids)
-    return Part(OPEN, statistic, missing or "a resolved first place", row.run_ids)
+        return Part(HOLDS, statistic, run_ids=ids)
+    return Part(OPEN, statistic, missing or "a resolved first place", ids)
 
 
 def straightness_and_steps(e: Evidence) -> list[Part]:

@@ -68,9 +68,10 @@ class _Stratum:
     ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         """(m,) wins of the higher level, for m rows of values."""
         low, high = values[:, self.low], values[:, self.high]
-        result: np.ndarray[tuple[int], np.dtype[np.float64]] = ((high > low) + 0.5 * (high == low)).sum(
-            axis=1
-        )
+        # A tie is half a win: the mean of those that are no loss and those that are a win.
+        result: np.ndarray[tuple[int], np.dtype[np.float64]] = (
+            (high > low).sum(axis=1) + (high >= low).sum(axis=1)
+        ) / 2
         return result
 
     def without(self, i: int) -> tuple[float, int]:

@@ -71,6 +71,12 @@ def draw_all(
     return [drawn[name] for name in names if name in drawn], distinct
 
 
+def draw(names: Sequence[str], agents: Sequence[Agent], ranking: Ranking, out: Path) -> list[Figure]:
+    """Draws the named figures into `out`/figures; one that the data do not allow is not among them."""
+    drawn, _ = _draw(scene(agents, ranking), names, out)
+    return list(drawn.values())
+
+
 def _draw(shared: Scene, names: Sequence[str], out: Path) -> tuple[dict[str, Figure], list[Problem]]:
     figures = {}
     for name in names:

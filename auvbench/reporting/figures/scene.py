@@ -14,6 +14,7 @@ from auvbench.analysis.evaluations import Damage, read_evaluation
 from auvbench.analysis.model import Agent, Evaluation, Problem, Ranking, RunRecord
 from auvbench.analysis.training import training
 from auvbench.reporting.figures.style import Look, colour_of
+from auvbench.untrusted import packed
 
 FloatArray = NDArray[np.float64]
 
@@ -57,7 +58,9 @@ class Scene:
     def learners(self) -> tuple[Agent, ...]:
         """Agents with training records."""
         return tuple(
-            a for a in self.agents if any((r.directory / "train/episodes.csv").is_file() for r in a.runs)
+            a
+            for a in self.agents
+            if any(packed.beside(r.directory / "train/episodes.csv") is not None for r in a.runs)
         )
 
     def trained(self, agents: Sequence[Agent]) -> tuple[Agent, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from auvbench.analysis.model import Agent
+from auvbench.analysis.study.testing_claims import FEWEST_AGENTS, rank_correlation
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import (
     MANY,
@@ -112,7 +113,7 @@ def steps_deviation(scene: Scene) -> Drawing | None:
     ax.set_ylabel("mean deviation from the straight line (m)")
     style.legend(figure, scene.looks_of(named), lines=False)
     percent = f"{100 * scene.ranking.confidence:g} %"
-    correlation = _correlation(np.array(points))
+    correlation = _correlation(np.array(points), scene.ranking.confidence)
     others = f" In grey: the other {len(rest)} agents." if rest else ""
     caption = (
         f"Mean steps against mean deviation from the straight line, one point per agent, with {percent} "
@@ -142,12 +143,14 @@ def _crosses(ax: Axes, points: Sequence[tuple[Estimate, Estimate]], **style_: An
     )
 
 
-def _correlation(points: FloatArray) -> str:
-    if len(points) < 4 or np.ptp(points, axis=0).min() == 0:
+def _correlation(points: FloatArray, confidence: float) -> str:
+    """Spearman's rho with its interval, of so many agents that it can say something."""
+    if len(points) < FEWEST_AGENTS or np.ptp(points, axis=0).min() == 0:
         return ""
-    ranks = points.argsort(axis=0).argsort(axis=0)
-    rho = float(np.corrcoef(ranks[:, 0], ranks[:, 1])[0][1])
-    return f" Rank correlation over the {len(points)} agents: {rho:.2f}."
+    rho = rank_correlation(points[:, 0], points[:, 1], confidence)
+    return (
+        f" Rank correlation over the {len(points)} agents: {rho.value:.2f} [{rho.low:.2f}, {rho.high:.2f}]."
+    )
 
 
 def success_over_time(scene: Scene) -> Drawing | None:

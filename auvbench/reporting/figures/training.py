@@ -158,7 +158,7 @@ def reward_by_outcome(scene: Scene) -> Drawing | None:
     style.outcome_legend(figure)
     caption = (
         "Return of the training episodes of one seed, coloured by outcome; below, the share of successes in "
-        f"windows of {WINDOW} episodes." + shown(wanted, learners) + without(wanted, chosen, RECORDS)
+        f"windows of at most {WINDOW} episodes." + shown(wanted, learners) + without(wanted, chosen, RECORDS)
     )
     return Drawing(figure, "Training: return by outcome", caption)
 

@@ -9,6 +9,7 @@ from urllib.parse import quote
 
 from auvbench.analysis.effects import learns
 from auvbench.analysis.model import Agent, RunRecord
+from auvbench.untrusted import packed
 
 
 class Links:
@@ -76,4 +77,5 @@ class Links:
         return self.of_runs(label, self._run_ids.get(label, ()))
 
     def _existing(self, path: Path) -> str:
-        return self.to(path) if path.is_file() else ""
+        found = packed.beside(path)
+        return self.to(found) if found is not None else ""

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from auvbench.analysis.across import Across
 from auvbench.analysis.model import Agent, Finding, Ranking, RunRecord
 from auvbench.reporting.page import sources, table
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.page.sources import Sentence
-from auvbench.reporting.page.writer import hues_of, render, title_of
+from auvbench.reporting.page.writer import hues_of, over_all, render, title_of
 from auvbench.reporting.tables.notes import grouped
 from auvbench.reporting.write import text
 
@@ -42,7 +43,7 @@ class _Shown:
     findings: list[Sentence]
 
 
-def write_overview(path: Path, parts: Sequence[Part], command: str = "") -> Path:
+def write_overview(path: Path, parts: Sequence[Part], command: str = "", over: Across | None = None) -> Path:
     """Writes the page of all sections; each has a page of its own at `<folder>/index.html` beside it.
 
     Raises:
@@ -74,5 +75,6 @@ def write_overview(path: Path, parts: Sequence[Part], command: str = "") -> Path
         problems=grouped(problems),
         facts=[fact for fact in facts if fact.name != "Scenarios"],  # each section has its own
         command=command,
+        over=over_all(over),
     )
     return text(path, html)

@@ -10,6 +10,7 @@ from typing import Any
 from auvbench.analysis.model import Agent, Finding, Ranking, RunRecord
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
+from auvbench.runs.progress import telling
 
 VERDICTS = {"holds": "yes", "does not hold": "no", "cannot be said": "open"}
 """a claim's verdict to the name of its style"""
@@ -171,6 +172,8 @@ def _training(run: RunRecord, links: Links) -> tuple[Number, Number, Number]:
     steps, success, seconds = (
         _number(run.manifest.get(key)) for key in ("steps", "success_rate", "wall_time_s")
     )
+    episodes = _number(run.manifest.get("episodes"))
+    success = telling(success, int(episodes)) if episodes is not None else success
     href = links.training(run)
     total = _number(run.manifest.get("total_steps"))
     if run.state == "complete" and not steps:

@@ -7,11 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
+from auvbench.analysis import limit
 from auvbench.analysis.model import Ranking, Row
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.blocks import blocks
-from auvbench.reporting.tables.columns import COLUMNS, letters
+from auvbench.reporting.tables.columns import COLUMNS, FURTHER, letters
 from auvbench.reporting.tables.notes import remarks, resolution
 from auvbench.statistics.estimate import Estimate
 
@@ -30,6 +31,7 @@ DEFINITIONS = {
     "par2_time_s": "simulated time of an episode; a failure counts as twice the time limit (PAR-2)",
     "mean_steps": "agent steps of an episode, however it ended",
     "mean_time_to_goal_s": "simulated time of the successful episodes",
+    limit.COLUMN: "time to goal over the limit of the scenario, geometric mean over successes: no agent is below 1",
     "mean_duration_s": "simulated time of an episode",
     "mean_return": "sum of the rewards of an episode",
     "mean_final_distance_m": "distance to the waypoint when the episode ends",
@@ -49,6 +51,7 @@ MAIN = (
     "success_rate",
     "par1_steps",
     "mean_steps",
+    limit.COLUMN,
     "collision_rate",
     "timeout_rate",
     "mean_deviation_mean_m",
@@ -161,10 +164,17 @@ class Table:
 
 
 def main_table(ranking: Ranking, colours: Mapping[str, str], links: Links) -> Table:
-    """The metric ranked by first and drawn, then the usual metrics that the ranking holds."""
+    """The metric ranked by first and drawn, then as many of the usual ones as the page is wide."""
     held = _held(ranking)
     metrics = dict.fromkeys((ranking.rank_by, *MAIN))
-    return table_of(ranking, [heading_of(m) for m in metrics if m in held], colours, links, draw=True)
+    whole = table_of(ranking, [heading_of(m) for m in metrics if m in held], colours, links, draw=True)
+    longest = max((len(line.group) for line in whole.lines), default=0) if whole.letters else 0
+    room = room_of(whole) - PLOTTED - RANKS - (20 + 8.2 * max(longest, len("Group")) if whole.letters else 0)
+    shown = 0
+    while shown < len(whole.headings) and (shown == 0 or room >= width_of(whole, shown)):
+        room -= width_of(whole, shown)
+        shown += 1
+    return part_of(whole, range(shown))
 
 
 def further_tables(ranking: Ranking, shown: Table, colours: Mapping[str, str], links: Links) -> list[Table]:
@@ -183,6 +193,12 @@ def further_tables(ranking: Ranking, shown: Table, colours: Mapping[str, str], l
 
 PAGE = 1200
 """px that the page is wide at most, without its margins"""
+
+
+PLOTTED = PLOT_WIDTH + 12
+"""px of the interval plot beside the first column's numbers"""
+RANKS = 62
+"""px of the column of rank intervals"""
 
 
 def room_of(table: Table) -> float:
@@ -221,7 +237,7 @@ def _held(ranking: Ranking) -> list[str]:
 def heading_of(metric: str) -> Heading:
     """The words of the other tables where they have this metric, its own name in words where not."""
     definition = DEFINITIONS.get(metric, metric)
-    for column in COLUMNS:
+    for column in (*COLUMNS, *FURTHER.values()):
         if column.metric == metric:
             title = column.title[0].upper() + column.title[1:]
             return Heading(metric, title, column.unit, definition, column.scale)

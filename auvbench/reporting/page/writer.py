@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 from markupsafe import Markup
 
+from auvbench.analysis.across import Across
 from auvbench.analysis.model import Agent, Comparison, Finding, Problem, Ranking, RunRecord
 from auvbench.reporting.page import comparisons, conditions, sources, study, table
 from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.tables.notes import grouped
+from auvbench.reporting.tables.across import HEADINGS, cells, notes
+from auvbench.reporting.tables.notes import grouped, limit_lines, of_pairs
 from auvbench.reporting.write import against_baseline, text
 
 if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
@@ -54,6 +56,7 @@ def write(
     command: str = "",
     title: str = "",
     section: str = "",
+    over: Across | None = None,
 ) -> Path:
     """Write the report as one HTML file that needs nothing but a browser.
 
@@ -75,6 +78,7 @@ def write(
         command: the command line that made the report.
         title: the page's title; by default it names the experiments that the runs belong to.
         section: the section that the page is of, where the report has several and `../index.html` shows all.
+        over: the agents over all tasks, where that was asked for.
 
     Returns:
         The path that was written.
@@ -103,6 +107,7 @@ def write(
         table=shown,
         further=table.further_tables(ranking, shown, hues, links),
         conditions=conditions.tables(ranking, hues, links),
+        over=over_all(over),
         against=comparisons.pairs(against, alpha=1.0 - ranking.confidence),
         pairs=comparisons.pairs(others, alpha=1.0 - ranking.confidence),
         ties=comparisons.pairs(ranking.ties, alpha=1.0 - ranking.confidence),
@@ -116,6 +121,7 @@ def write(
         problems=grouped(tuple(everything)),
         facts=sources.facts(ranking, agents, runs),
         command=command,
+        limit=limit_lines(ranking),
     )
     return text(path, html)
 
@@ -129,6 +135,7 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         "table": None,
         "further": (),
         "conditions": (),
+        "over": None,
         "against": (),
         "pairs": (),
         "findings": (),
@@ -143,6 +150,7 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         "problems": (),
         "facts": (),
         "command": "",
+        "limit": (),
     }
     return (
         _environment()
@@ -156,6 +164,7 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
                 "policy": _policy(script),
                 "ranking": ranking,
                 "ranked_by": table.order_in_words(ranking),
+                "pairs_note": of_pairs(ranking),
                 "vehicles": sources.vehicles(found),
                 "runs_found": len(found),
                 "confidence": f"{100 * ranking.confidence:g}",
@@ -163,6 +172,17 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
             | shown
         )
     )
+
+
+def over_all(table: Across | None) -> dict[str, Any] | None:
+    """The agents over all tasks as the template draws them."""
+    if table is None:
+        return None
+    return {
+        "headings": HEADINGS,
+        "rows": [cells(row) for row in table.rows],
+        "notes": notes(table),
+    }
 
 
 def hues_of(agents: Sequence[Agent], colours: Mapping[str, tuple[str, Any, Any]]) -> dict[str, str]:

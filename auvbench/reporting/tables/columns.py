@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from auvbench.analysis import limit
 from auvbench.analysis.model import Ranking, Row
 from auvbench.analysis.rounding import NOTHING, rounded
 from auvbench.statistics.estimate import Estimate
@@ -65,6 +66,9 @@ FURTHER = {
     "auc_simulated_time": Column(
         "auc_simulated_time", "AUC over simulated time", "%", r"AUC over simulated time (\%)", 100.0
     ),
+    "action_ms": Column("action_ms", "action, median", "ms", "action, median (ms)"),
+    "action_p95_ms": Column("action_p95_ms", "action, 95th percentile", "ms", "action, 95th percentile (ms)"),
+    limit.COLUMN: Column(limit.COLUMN, "time over optimum", "", "time over optimum"),
 }
 """columns on request, by their name in --columns"""
 

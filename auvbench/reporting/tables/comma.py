@@ -18,7 +18,7 @@ def csv(ranking: Ranking) -> str:
     header = ["rank", "rank_low", "rank_high", "group", "compared", "agent", *keys]
     header += ["seeds", "runs", "episodes", "protocol", "condition", "fingerprint", "confidence", "covers"]
     header += [name for metric in metrics for name in (metric, f"{metric}_low", f"{metric}_high")]
-    lines = []
+    rows = []
     for row in ranking.rows:
         line: list[Any] = [row.rank, *row.rank_interval, row.group, int(row.compared), row.label]
         line += [row.key.get(key) for key in keys]
@@ -28,8 +28,8 @@ def csv(ranking: Ranking) -> str:
         for metric in metrics:
             estimate = row.estimates.get(metric)
             line += [None] * 3 if estimate is None else [estimate.value, estimate.low, estimate.high]
-        lines.append(line)
-    return _text(header, lines)
+        rows.append(line)
+    return lines(header, rows)
 
 
 def conditions_csv(ranking: Ranking) -> str:
@@ -37,13 +37,22 @@ def conditions_csv(ranking: Ranking) -> str:
     if not ranking.conditions:
         return ""
     header = ["agent", "condition", "success_rate", "success_rate_low", "success_rate_high", "covers"]
-    lines = [
+    rows = [
         [row.label, condition.name, e.value, e.low, e.high, e.covers]
         for row in ranking.rows
         for condition in ranking.conditions
         if (e := condition.success.get(row.label))
     ]
-    return _text(header, lines)
+    return lines(header, rows)
+
+
+def limit_csv(ranking: Ranking) -> str:
+    """A row per scenario: the limit, what was computed, and what is proven, in s; an empty string where there is none."""
+    if ranking.limit is None:
+        return ""
+    header = ["episode", "protocol", "condition", "fingerprint", "limit_s", "computed_s", "proven_s"]
+    about = [ranking.protocol, ranking.condition, ranking.fingerprint]
+    return lines(header, [[e, *about, *times] for e, times in enumerate(ranking.limit.by_episode)])
 
 
 def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
@@ -53,7 +62,7 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
     header = ["first", "second", "metric", "difference", "difference_low", "difference_high", "p", "p_holm"]
     header += ["verdict", "p_equivalence"]
     header += ["probability_of_improvement", "probability_low", "probability_high"]
-    return _text(header, map(_comparison, comparisons))
+    return lines(header, map(_comparison, comparisons))
 
 
 def _comparison(x: Comparison) -> list[Any]:
@@ -63,7 +72,7 @@ def _comparison(x: Comparison) -> list[Any]:
     return [*line, better.value, better.low, better.high]
 
 
-def _text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def lines(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """CSV whose floats are written by repr, so that they read back as the same number; NaN is an empty cell."""
     buffer = io.StringIO()
     writer = csv_module.writer(buffer, lineterminator="\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from auvbench.analysis import limit
 from auvbench.analysis.model import Problem, Ranking
 from auvbench.analysis.rounding import NOTHING
 from auvbench.reporting.tables.columns import DAGGER, letters, policies
@@ -65,11 +66,34 @@ def further(ranking: Ranking, percent: str) -> list[str]:
             "IQM, optimality gap: over training seeds and the conditions of the protocol; brackets are stratified "
             "bootstrap intervals, too short with few seeds."
         )
+    if limit.COLUMN in ranking.columns:
+        lines += limit_lines(ranking)
     if any(name.startswith("auc_") for name in ranking.columns):
         lines.append(
             "AUC: area under success on the validation scenarios during training, as a share of success throughout."
         )
     return lines
+
+
+def of_pairs(ranking: Ranking) -> str:
+    """What must stand beside differences of two agents: whose interval is what, and why it may be so wide."""
+    text = "Each interval is of its pair by itself; verdicts follow p, which answers to all pairs at once."
+    if (
+        sum(row.compared and len(row.seeds) > 1 for row in ranking.rows) > 1
+        and ranking.compare == "algorithms"
+    ):
+        text += (
+            " Trainings of no agent are taken to differ less than the average of this table's, because few seeds may "
+            "agree by luck: an agent whose trainings end far apart widens the intervals of the other trained ones."
+        )
+    return text
+
+
+def limit_lines(ranking: Ranking) -> list[str]:
+    """What agents are set in relation to, or why they are not."""
+    if ranking.limit is None:
+        return [ranking.no_limit] if ranking.no_limit else []
+    return [limit.explained(), *limit.sentences(ranking.limit)]
 
 
 def remarks(ranking: Ranking) -> tuple[str, ...]:

@@ -8,11 +8,9 @@ checkpoint records its length, and a resume cuts it there.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from stable_baselines3.common.logger import KVWriter
 from tensorboard.compat.proto.event_pb2 import Event
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
@@ -20,8 +18,8 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 NAME = "events.out.tfevents.auvbench"
 
 
-class EventWriter(KVWriter):
-    """An output of SB3's logger that appends scalars to `folder/events.out.tfevents.auvbench`.
+class EventWriter:
+    """Appends scalars to `folder/events.out.tfevents.auvbench`.
 
     Args:
         folder: where TensorBoard looks.
@@ -39,16 +37,11 @@ class EventWriter(KVWriter):
             self._add(Event(wall_time=time.time(), file_version="brain.Event:2"))
             self._file.flush()
 
-    def write(
-        self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0
-    ) -> None:
-        """Appends every scalar that is not excluded from "tensorboard", in the order of their names."""
-        for key, value in sorted(key_values.items()):
-            if "tensorboard" in (key_excluded.get(key) or ()) or isinstance(value, str):
-                continue
-            if isinstance(value, (bool, int, float, np.number, np.bool_)):
-                summary = Summary(value=[Summary.Value(tag=key, simple_value=float(value))])
-                self._add(Event(wall_time=time.time(), step=step, summary=summary))
+    def write(self, scalars: Mapping[str, float], step: int) -> None:
+        """Appends scalars by name, in the order of their names."""
+        for key, value in sorted(scalars.items()):
+            summary = Summary(value=[Summary.Value(tag=key, simple_value=float(value))])
+            self._add(Event(wall_time=time.time(), step=step, summary=summary))
         self._file.flush()
 
     def close(self) -> None:

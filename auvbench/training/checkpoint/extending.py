@@ -8,13 +8,15 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from auvbench.agents.base import learns
+from auvbench.agents.base import learner_of
+from auvbench.config.agents import learns
 from auvbench.config.compose import typed
 from auvbench.errors import ConfigError, RunError
 from auvbench.runs import standing
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.training.checkpoint.seeding import seed
 from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore
+from auvbench.vehicles import sheet
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +79,21 @@ def _check_budget(run: RunDirectory, config: dict[str, Any], total_steps: int) -
 
 def _check_schedule(run: RunDirectory, config: dict[str, Any]) -> None:
     algo = config["algo"]
-    if not learns(algo["agent"]):
+    if not learns(algo):
         raise RunError(f"{run.path}: {algo['name']} does not learn, so there is nothing to extend")
+    if algo.get("package") and not _resumes_exactly(config):
+        raise RunError(
+            f"{run.path} cannot be extended: {algo['name']} does not resume exactly; train it anew"
+        )
     if algo.get("learning_rate_schedule", "constant") != "constant":
         raise RunError(
             f"{run.path} cannot be extended: with algo.learning_rate_schedule={algo['learning_rate_schedule']} the "
             "learning rate at every step depends on train.total_steps, so a longer run is another run from its "
             "first step on; train it with auvbench train"
         )
+
+
+def _resumes_exactly(config: dict[str, Any]) -> bool:
+    """Whether the learner of an installed package goes on with the same bits."""
+    made = typed(OmegaConf.create(config))
+    return learner_of(made, sheet.load(made.vehicle)).exact_resume

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.buffers import ReplayBuffer
 
-from auvbench.errors import TrainingError
+from auvbench.agents.base import Ring
 from auvbench.runs.durable import fsync_directory, make_folder, sha256, sha256_of_prefix
 from auvbench.runs.files import write_atomic
 from auvbench.untrusted import archives, reading
@@ -56,27 +55,6 @@ class Segment:
         )
 
 
-def rows_added(buffer: ReplayBuffer, num_timesteps: int) -> int:
-    """How many rows the run has added so far; SB3 keeps only the place in the ring.
-
-    Raises:
-        TrainingError: the buffer is of a kind that cannot be saved row by row, or was filled by other means.
-    """
-    if type(buffer) is not ReplayBuffer or buffer.optimize_memory_usage:
-        raise TrainingError(
-            f"a replay buffer of type {type(buffer).__name__}"
-            f"{' with optimize_memory_usage' if getattr(buffer, 'optimize_memory_usage', False) else ''} "
-            "cannot be saved in a checkpoint; use stable_baselines3's ReplayBuffer without memory optimisation"
-        )
-    rows = num_timesteps // buffer.n_envs
-    if rows % buffer.buffer_size != buffer.pos or (rows >= buffer.buffer_size) != buffer.full:
-        raise TrainingError(
-            f"the replay buffer is at row {buffer.pos} but {num_timesteps} steps in {buffer.n_envs} "
-            f"environments lead to row {rows % buffer.buffer_size}; it was filled by something else"
-        )
-    return rows
-
-
 class ReplayStore:
     """Writes and reads the segments in one folder.
 
@@ -90,7 +68,7 @@ class ReplayStore:
         self._transitions = transitions
         self._written: dict[tuple[int, int], Segment] = {}
 
-    def save(self, buffer: ReplayBuffer, rows: int) -> list[Segment]:
+    def save(self, buffer: Ring, rows: int) -> list[Segment]:
         """Writes what is new up to row `rows`; returns all segments that hold the ring's content.
 
         Raises:
@@ -107,7 +85,7 @@ class ReplayStore:
         fsync_directory(self.folder)
         return segments
 
-    def _write(self, buffer: ReplayBuffer, start: int, stop: int, rows: int) -> Segment:
+    def _write(self, buffer: Ring, start: int, stop: int, rows: int) -> Segment:
         # A segment whose head the ring has overwritten and that was never written whole (the cadence was
         # longer than the ring) begins at the oldest row that is still there.
         first = max(start, rows - buffer.buffer_size)
@@ -120,7 +98,7 @@ class ReplayStore:
         self._written[start, stop] = segment
         return segment
 
-    def load(self, buffer: ReplayBuffer, segments: Iterable[Segment], rows: int) -> None:
+    def load(self, buffer: Ring, segments: Iterable[Segment], rows: int) -> None:
         """Fills a fresh buffer with the ring's content at row `rows`, bit by bit.
 
         Raises:

@@ -9,20 +9,16 @@ arrays with `allow_pickle=False`, everything else is JSON.
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import shutil
 import warnings
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import torch
-from numpy.typing import NDArray
-
+from auvbench.agents.components import Components
 from auvbench.errors import AuvbenchWarning, RunError, TrainingError
 from auvbench.runs.durable import fsync_directory, make_folder, sha256, storage, write_durable
 from auvbench.training.checkpoint.logs import LogMark
@@ -42,45 +38,6 @@ class LogMismatchError(ValueError):
 
 class CheckpointWarning(AuvbenchWarning):
     """A checkpoint could not be used; the message names it and says what is used instead."""
-
-
-@dataclass(slots=True)
-class Components:
-    """The parts of a checkpoint by name."""
-
-    tensors: dict[str, dict[str, Any]] = field(default_factory=dict)  # state dicts -> `<name>.pt`
-    arrays: dict[str, dict[str, NDArray[Any]]] = field(default_factory=dict)  # -> `<name>.npz`
-    values: dict[str, Any] = field(default_factory=dict)  # plain data -> `<name>.json`
-
-    def files(self) -> Iterator[tuple[str, bytes]]:
-        """File name and content of each component."""
-        for name, tensors in self.tensors.items():
-            stream = io.BytesIO()
-            torch.save(tensors, stream)
-            yield f"{name}.pt", stream.getvalue()
-        for name, arrays in self.arrays.items():
-            stream = io.BytesIO()
-            for key, array in arrays.items():
-                if np.asarray(array).dtype.hasobject:
-                    raise TypeError(f"{name}.{key} holds Python objects, which only a pickle could store")
-            np.savez(stream, **arrays)  # type: ignore[arg-type]
-            yield f"{name}.npz", stream.getvalue()
-        for name, value in self.values.items():
-            yield f"{name}.json", json.dumps(value, indent=1, sort_keys=True).encode()
-
-    @classmethod
-    def read(cls, contents: Mapping[str, bytes]) -> Components:
-        """The inverse of `files`."""
-        components = cls()
-        for file_name, data in contents.items():
-            name, _, kind = file_name.rpartition(".")
-            if kind == "pt":
-                components.tensors[name] = archives.weights(data)
-            elif kind == "npz":
-                components.arrays[name] = archives.arrays(data)
-            else:
-                components.values[name] = documents.json_value(data, whole=2**128)
-        return components
 
 
 @dataclass(frozen=True, slots=True)

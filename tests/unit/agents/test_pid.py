@@ -39,6 +39,6 @@ def test_the_wanted_velocity_can_be_held_upright(name):
     wrench = np.zeros((50, 6))
     wrench[:, :3] = pid._drag(wanted)
     thrust = pid._allocate(wrench)
-    assert (np.abs(thrust) / pid.limits[:, 1]).max() <= CRUISE_SHARE + 0.1
+    assert (np.abs(thrust) / pid.reach[1]).max() <= CRUISE_SHARE + 0.1
     tilt = np.abs(thrust @ pid.tilting.T).max()
     assert tilt <= 1.1 * pid.tilt_limit

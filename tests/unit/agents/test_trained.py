@@ -112,3 +112,54 @@ def test_what_is_checked_is_what_is_loaded(tmp_path: Path) -> None:
     LearnedPolicy(CONFIG, written(tmp_path), N_U, lambda name, data: seen.update({name: data}))
     assert seen == {name: (tmp_path / name).read_bytes() for name in ("policy.pt", "normalisation.npz")}
     assert torch.load(io.BytesIO(seen["policy.pt"]), weights_only=True).keys()
+
+
+def configured(algo: str) -> Any:
+    plain = OmegaConf.to_container(compose("train", [f"algo={algo}"]), resolve=True)
+    return typed(OmegaConf.create(plain))
+
+
+def test_a_running_variance_is_not_negative(tmp_path: Path) -> None:
+    config = configured("crossq")
+    weights = dict(_policy(config, N_U).state_dict())
+    written(tmp_path, weights)
+    LearnedPolicy(config, tmp_path, N_U)
+    weights["actor.latent_pi.0.ra_var"].view(-1)[3] = -1.0
+    written(tmp_path, weights)
+    with pytest.raises(RunError, match=r"actor.latent_pi.0.ra_var holds a negative number"):
+        LearnedPolicy(config, tmp_path, N_U)
+
+
+@pytest.mark.parametrize("algo", ["tqc", "crossq", "trpo", "recurrent_ppo"])
+def test_an_episode_acts_the_same_beside_any_others(algo: str, tmp_path: Path) -> None:
+    """Weights far from zero: whatever depends on the place in the batch would show."""
+    config = configured(algo)
+    policy = _policy(config, N_U)
+    generator = torch.Generator().manual_seed(3)
+    with torch.no_grad():
+        for tensor in policy.parameters():
+            scale = tensor.shape[-1] ** -0.5 if tensor.ndim > 1 else 0.3
+            tensor.copy_(torch.randn(tensor.shape, generator=generator) * scale)
+    written(tmp_path, dict(policy.state_dict()))
+    observations = np.random.default_rng(0).normal(0, 2, (12, 150, 4 + N_U)).astype(np.float32)
+    whole = LearnedPolicy(config, tmp_path, N_U)
+    whole.reset(np.arange(150))
+    expected = np.stack([whole.act(step) for step in observations], axis=1)
+    assert len(np.unique(expected)) > 1000
+    for rows in (slice(0, 1), slice(149, 150), slice(5, 12), slice(61, 131)):
+        policy_of_some = LearnedPolicy(config, tmp_path, N_U)
+        policy_of_some.reset(np.arange(150)[rows])
+        found = np.stack([policy_of_some.act(step[rows]) for step in observations], axis=1)
+        np.testing.assert_array_equal(found, expected[rows])
+
+
+def test_a_recurrent_policy_forgets_where_an_episode_begins(tmp_path: Path) -> None:
+    config = configured("recurrent_ppo")
+    written(tmp_path, dict(_policy(config, N_U).state_dict()))
+    policy = LearnedPolicy(config, tmp_path, N_U)
+    observation = np.random.default_rng(1).normal(0, 2, (3, 4 + N_U)).astype(np.float32)
+    policy.reset(np.arange(3))
+    first, second = policy.act(observation), policy.act(observation)
+    assert not np.array_equal(first, second), "it remembers"
+    policy.reset(np.arange(3))
+    np.testing.assert_array_equal(policy.act(observation), first)

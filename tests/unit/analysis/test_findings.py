@@ -185,7 +185,7 @@ def test_what_the_second_measure_resolves():
     ]
     text = next(t for t in told(agents) if "does not resolve" in t)
     assert text.startswith(
-        "Of the one pair that success rate does not resolve, PAR-1 of the steps resolves 1: "
+        "The one pair that success rate does not resolve is resolved by PAR-1 of the steps: "
         "PID K=1 25 Hz is better than SAC K=1 25 Hz (-2"
     )
     alike = [agent(name, level=2, seeds=5, seed_sd=1.0) for name in ("sac", "ppo")]
@@ -212,7 +212,14 @@ def test_training_seeds():
         f for f in sentences(rank([wild, calm]), [wild, calm]) if f.text.startswith("Training seeds")
     )
     means = 100 * wild.success.mean(axis=1)
-    assert f"most in {wild.label}, {means.min():.1f} to {means.max():.1f} %." in finding.text
+    assert finding.text.startswith(
+        f"Training seeds of {wild.label} differ most in success rate: {means.min():.1f} to {means.max():.1f} %; "
+        f"those of {calm.label} by "
+    )
+    alone = [f.text for f in sentences(rank([wild]), [wild]) if f.text.startswith("Training seeds")]
+    assert alone == [
+        f"Training seeds of {wild.label} differ in success rate: {means.min():.1f} to {means.max():.1f} %."
+    ]
     single = [agent("sac", seeds=1), agent("ppo", seeds=1)]
     assert told(single)[-1].startswith(
         "Every trained agent has one training seed: a row of one seed describes that policy, and is not compared"

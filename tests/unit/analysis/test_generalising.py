@@ -58,3 +58,21 @@ def test_what_chance_explains_or_nobody_knows_is_not_said() -> None:
 
 def test_of_a_disturbed_condition_nothing_is_said() -> None:
     assert texts(with_rates("A", [0.9, 0.9], [0.1, 0.1]), condition="current=1") == []
+
+
+def told_of(one: Agent, **manifest: object) -> Agent:
+    return replace(one, runs=tuple(replace(run, manifest={**run.manifest, **manifest}) for run in one.runs))
+
+
+def test_the_episodes_are_those_that_there_were() -> None:
+    bad = with_rates("PPO", [0.9], [0.1])
+    assert "in the last training episodes (60 to 100) against" in texts(told_of(bad, episodes=60))[0]
+    assert texts(told_of(bad, episodes=29)) == [], "a rate of so few is not shown anywhere"
+
+
+def test_episodes_that_had_no_time_to_be_long_are_no_sample() -> None:
+    bad = with_rates("PPO", [0.9], [0.1])
+    runs = tuple(replace(run, config={**run.config, "algo.n_envs": 32}) for run in bad.runs)
+    many = replace(bad, runs=runs)
+    assert texts(told_of(many, steps=32 * 2000, episodes=500)) != []
+    assert texts(told_of(many, steps=32 * 1999, episodes=500)) == []

@@ -66,6 +66,14 @@ def test_rows(ranking, recomputed):
     assert {agent.seeds for agent in recomputed} == {1, 3}
 
 
+def interval_of(intervals, name, c):
+    pair = name[c.first], name[c.second]
+    if pair in intervals:
+        return intervals[pair]
+    low, high = intervals[pair[::-1]]
+    return -high, -low
+
+
 def test_order(ranking, recomputed):
     order = sorted(recomputed, key=lambda a: (-a.success.to_numpy().mean(), a.par1.to_numpy().mean()))
     assert [row.label for row in ranking.rows] == [by_key(ranking, agent).label for agent in order]
@@ -78,6 +86,7 @@ def test_p_values_and_verdicts(ranking, recomputed, measure, ends):
     adjusted = plain.holm(p)
     name = {agent.name: by_key(ranking, agent).label for agent in compared}
     mean = {name[agent.name]: getattr(agent, measure).to_numpy().mean() for agent in compared}
+    intervals = plain.differences(compared, measure, 0.95, *ends)
     expected = {frozenset(name[x] for x in pair): (p[pair], adjusted[pair]) for pair in p}
     found = ranking.comparisons if measure == "success" else ranking.ties
     assert len(found) >= 3
@@ -87,6 +96,8 @@ def test_p_values_and_verdicts(ranking, recomputed, measure, ends):
         assert c.p_value == pytest.approx(one, **EXACT)
         assert c.p_adjusted == pytest.approx(holm, **EXACT)
         assert c.difference.value == pytest.approx(mean[c.first] - mean[c.second], rel=1e-12, abs=1e-12)
+        low, high = interval_of(intervals, {v: k for k, v in name.items()}, c)
+        assert (c.difference.low, c.difference.high) == pytest.approx((low, high), rel=1e-12, abs=1e-12)
         ahead = (mean[c.first] > mean[c.second]) == (measure == "success")
         assert c.verdict == ("undecided" if holm >= 0.05 else "better" if ahead else "worse")
     assert measure == "par1" or any(c.verdict != "undecided" for c in found)

@@ -160,6 +160,8 @@ def test_fields_of_another_type_are_named(grid: list[Path]) -> None:
             "has 12 episodes of condition 'nominal', summary.json says 6",
         ),
         ("[" * 100_000, "summary.json is not valid JSON"),
+        ('{"schema_version": 1, "fingerprint": "f\\r\\u001b[2J", "conditions": []}', "which is no name"),
+        ('{"schema_version": 1, "fingerprint": 12, "conditions": []}', "fingerprint 12, which is no name"),
     ],
 )
 def test_a_summary_that_no_evaluation_wrote_is_damage(grid: list[Path], text: str, message: str) -> None:

@@ -6,10 +6,19 @@ from dataclasses import replace
 
 import pytest
 
+from auvbench.analysis.effects import effects
 from auvbench.analysis.findings import sentences
+from auvbench.analysis.measures import measure
 from auvbench.analysis.model import Agent
 from auvbench.analysis.ranking import rank
-from auvbench.analysis.timing import confounded, horizon_s, limit_s, step_limit, unequal_budgets
+from auvbench.analysis.timing import (
+    confounded,
+    horizon_s,
+    limit_s,
+    separated,
+    step_limit,
+    unequal_budgets,
+)
 from auvbench.reporting.tables import markdown
 from tests.unit.analysis.agents import agent
 
@@ -93,3 +102,34 @@ def test_many_budgets_are_a_range() -> None:
         "Unequal budgets of training, in environment steps: from A6 7,000 to A0 1,000, 5 others between. "
         "Who had more may be ahead for that alone."
     )
+
+
+def timed(f: float, limit: float | None, horizon: float | None, level: float) -> Agent:
+    """PPO at a frequency whose time is in steps, in seconds, or half of each."""
+    one = agent("ppo", 1, f, level=level, seeds=3, seed_sd=0.3)
+    key = {**one.key, "task.time_limit": limit, "algo.horizon_s": horizon}
+    one = replace(one, key=key, label=f"PPO {f:g} Hz {limit} {horizon}")
+    return configured(one, algo__gamma=0.99, task__time_limit=limit, algo__horizon_s=horizon)
+
+
+def test_what_is_left_of_the_frequency_where_time_is_equal() -> None:
+    both = timed(55, 100.0, 9.95, 2.0)
+    agents = [timed(10, None, None, 2.0), timed(55, None, None, -1.0), both]
+    texts = [f.text for f in sentences(rank(agents), agents)]
+    (text,) = (t for t in texts if "with time equal in seconds" in t)
+    low, high = (100 * agents[i].success.mean() for i in (0, 2))
+    assert text.startswith("From 10 to 55 Hz success rate changes by ")
+    assert abs(high - low) < 15
+    assert "points" in text.split("with time equal")[0]
+    steps = 100 * agents[1].success.mean() - low
+    assert f"by {steps:+.0f} points" in text
+    assert separated(agents[:2], measure("success_rate"), 0.95) is None, "nothing is equal in seconds"
+    assert separated([agents[0], both], measure("success_rate"), 0.95) is None, "nothing is equal in steps"
+
+
+def test_a_limit_in_seconds_that_is_null_is_a_level() -> None:
+    agents = [timed(f, limit, None, 1.0) for f in (25, 55) for limit in (None, 100.0)]
+    found = {(e.factor, e.first, e.second) for e in effects(agents, measure("success_rate"))}
+    assert ("task.time_limit", "time_limit=unset", "time_limit=100") in found
+    other = replace(agents[0], key={**agents[0].key, "algo.tau": None})
+    assert not any(e.factor == "algo.tau" for e in effects([other, *agents[1:]], measure("success_rate")))

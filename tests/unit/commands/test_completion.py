@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from auvbench.cli import main
 from auvbench.commands import COMMANDS
+from auvbench.commands.completing import candidates
 
 
 def complete(line: str) -> list[str]:
@@ -31,7 +33,7 @@ def complete(line: str) -> list[str]:
     ("line", "expected"),
     [
         ("auvbench tr", ["train"]),
-        ("auvbench train algo=sa", ["algo=sac", "algo=sac_thesis"]),
+        ("auvbench train algo=sa", ["algo=sac", "algo=sac_residual", "algo=sac_thesis"]),
         ("auvbench train algo=sac algo.buf", ["algo.buffer_size="]),
         ("auvbench train reward.k", ["reward.k="]),
         ("auvbench evaluate outputs protocol=f", ["protocol=frequency_sweep"]),
@@ -41,6 +43,15 @@ def complete(line: str) -> list[str]:
 )
 def test_bash_completes(line, expected):
     assert complete(line) == expected
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+def test_the_file_of_a_policy_is_completed_as_a_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "policies").mkdir()
+    (tmp_path / "policies" / "mine.onnx").touch()
+    assert complete("auvbench train algo=onnx algo.path=pol") == ["algo.path=policies/"]
+    assert complete("auvbench train algo=onnx algo.path=policies/m") == ["algo.path=policies/mine.onnx"]
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
@@ -103,3 +114,38 @@ def test_nobody_waits_for_heavy_imports():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_columns_of_a_report_are_those_that_there_are() -> None:
+    from auvbench.analysis.further import COLUMNS
+    from auvbench.commands.completing import FURTHER
+
+    assert set(FURTHER) == set(COLUMNS)
+    assert candidates(["report", "outputs", "--columns", "iqm"]) == ["iqm_success"]
+    assert candidates(["report", "outputs", "--columns", "iqm_success,next"]) == ["iqm_success,next_training"]
+
+
+def typed_in_fish(line: str, folder: Path) -> list[str]:
+    script = "auvbench completion fish | source; complete -C $argv[1]"
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["fish", "--no-config", "-c", script, line],
+        cwd=folder,
+        env={**os.environ, "PATH": path, "HOME": str(folder)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.split()
+
+
+@pytest.mark.skipif(shutil.which("fish") is None, reason="needs fish")
+def test_fish_completes_commands_flags_overrides_and_paths(tmp_path: Path) -> None:
+    (tmp_path / "outputs").mkdir()
+    assert {"replay", "report", "resume"} <= set(typed_in_fish("auvbench re", tmp_path))
+    assert "--rank-by" in typed_in_fish("auvbench report --r", tmp_path)
+    assert "success_rate" in typed_in_fish("auvbench report --rank-by ", tmp_path)
+    assert "algo=ppo" in typed_in_fish("auvbench train algo=", tmp_path)
+    assert "protocol=test" in typed_in_fish("auvbench evaluate protocol=", tmp_path)
+    assert typed_in_fish("auvbench report ou", tmp_path) == ["outputs/"]
+    assert "outputs/" in typed_in_fish("auvbench replay ", tmp_path)

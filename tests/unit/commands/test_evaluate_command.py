@@ -31,10 +31,12 @@ def test_what_can_be_evaluated_is_and_the_rest_is_one_line(
     assert cli.main(["evaluate", "outputs", FEW, "workers=1"]) == 0
     captured = capsys.readouterr()
     assert len([line for line in captured.out.splitlines() if "success" in line]) == 2
-    assert captured.err == (
+    # A first use of the machine compiles, and says so.
+    told = [line for line in captured.err.splitlines() if "compiling the simulator" not in line]
+    assert told == [
         "auvbench: 55 runs are not complete and left out (54 pending, 1 failed); "
-        "auvbench resume outputs/default finishes them\n"
-    )
+        "auvbench resume outputs/default finishes them"
+    ]
     assert len(list(outputs.glob("*/*/evaluations/test/summary.json"))) == 2
     assert cli.main(["evaluate", "outputs", FEW]) == 0
     out = capsys.readouterr().out

@@ -104,8 +104,12 @@ def test_a_mistake_is_one_line(
         ("device=cuda", "trains on the processor"),
         ("algo=ppo,sac", r"several values make a grid: auvbench train -m algo=ppo,sac$"),
         ("algo.net_arch=64,64", r"\(a list is written \[64,64\]\)"),
-        ("algo.tau=0.1", r"ppo has none; sac, ddpg and td3 have it \(algo=sac\)"),
-        ("algo.bufer_size=3", "did you mean algo.buffer_size of sac, ddpg, td3"),
+        ("algo.tau=0.1", r"ppo has none; sac, ddpg, td3, tqc and sac_residual have it \(algo=sac\)"),
+        ("algo.bufer_size=3", "did you mean algo.buffer_size of sac, ddpg, td3, tqc, crossq"),
+        (
+            "algo.residual.share=0.1",
+            r"ppo has none; ppo_residual and sac_residual have it \(algo=ppo_residual\)",
+        ),
         ("learning_rate=0.1", "did you mean algo.learning_rate"),
         ("k=40", "did you mean reward.k"),
         ("protocol=test", "auvbench evaluate outputs protocol=NAME"),
@@ -118,7 +122,7 @@ def test_hints_lead_to_the_key(override: str, message: str) -> None:
 
 
 def test_the_hint_knows_the_chosen_algorithm() -> None:
-    with pytest.raises(ConfigError, match=r"sac has none; ppo has it \(algo=ppo\)"):
+    with pytest.raises(ConfigError, match=r"sac has none; ppo, trpo, .* have it \(algo=ppo\)"):
         compose("train", ["algo=sac", "algo.n_steps=64"])
 
 

@@ -60,7 +60,7 @@ def test_jobs_do_not_share_what_they_may_change() -> None:
         (["reward.kk=1,2"], "reward.kk: unknown key; did you mean reward.k"),
         (
             ["algo=ppo,sac", "algo.n_epochs=3"],
-            "algo.n_epochs: unknown key; ppo has it, not every algorithm of the grid",
+            "algo.n_epochs: unknown key; ppo, recurrent_ppo and ppo_residual have it, not every algorithm of the grid",
         ),
     ],
 )

@@ -18,7 +18,7 @@ import pytest
 from auvbench.analysis.model import Agent, Finding, Ranking, Row, RunRecord
 from auvbench.analysis.ranking import rank
 from auvbench.reporting import page
-from auvbench.reporting.page import figures, numbers, study, table, trajectories
+from auvbench.reporting.page import figures, numbers, sources, study, table, trajectories
 from auvbench.reporting.page.links import Links
 from auvbench.statistics.estimate import Estimate
 from tests import page_data
@@ -413,3 +413,14 @@ def test_200_runs_and_large_figures_stay_under_10_megabytes(tmp_path: Path) -> N
         figure.png.write_bytes(figure.png.read_bytes() + noise.bytes(700_000))
     path = page.write(tmp_path / "report" / "index.html", **(parts | {"figures": drawn}))
     assert 5e6 < path.stat().st_size < 10e6
+
+
+@pytest.mark.parametrize(("episodes", "shown"), [(7, "–"), (30, "100.0")])
+def test_a_rate_of_a_few_training_episodes_is_not_shown(
+    episodes: int, shown: str, grid: dict[str, Any], tmp_path: Path
+) -> None:
+    run = next(run for run in grid["runs"] if run.config["algo.name"] == "ppo")
+    manifest = {**run.manifest, "episodes": episodes, "success_rate": 1.0}
+    links = Links(tmp_path / "index.html", grid["agents"], grid["runs"], "test")
+    _, success, _ = sources._training(dataclasses.replace(run, manifest=manifest), links)
+    assert success.text == shown

@@ -14,6 +14,7 @@ from auvbench.statistics import (
     crossed,
     means,
     pairs,
+    pooled,
     quantile,
     wilson,
 )
@@ -163,7 +164,24 @@ def test_no_failure_does_not_make_two_seeds_certain():
     perfect, torn = np.ones((1, 500)), np.array([np.arange(500) < 130, np.arange(500) < 480], dtype=float)
     found = pairs(crossed([perfect, torn], rate=True))
     assert found.p_value[0, 1] == pytest.approx(0.46, abs=0.01)
-    assert (found.low[0, 1], found.high[0, 1]) == (-1, 1)
+    # 500 of 500 leave no room for a rate below 500/(500 + 12.7²), whatever the other agent's seeds.
+    assert found.low[0, 1] == pytest.approx(500 / (500 + quantile(0.95, 1) ** 2) - 1, abs=1e-3)
+    assert found.high[0, 1] == 1
+
+
+def test_a_rate_near_its_end_is_not_made_unknown_by_anothers_seeds():
+    # The seeds of a third agent lie anywhere; the first two differ by one episode of 2500.
+    rng = np.random.default_rng(3)
+    controller, tight = np.ones((1, 500)), np.ones((5, 500))
+    tight[2, 7] = 0
+    wild = (rng.random((5, 500)) < np.array([[0.94], [0.21], [0.04], [0.98], [0.10]])).astype(float)
+    own = crossed([controller, tight, wild], rate=True)
+    found = pairs(pooled(own), 0.95, own)
+    # By the pooled variance trainings of the second may be worse, but no controller is that never failed.
+    assert -0.02 < found.low[0, 1] < 0
+    assert 0.2 < found.high[0, 1] < 0.5
+    assert found.low[2, 1] == pytest.approx(-1, abs=0.1)
+    assert found.high[2, 1] < 0.25
 
 
 def test_contrast_of_two_agents_is_their_difference():

@@ -6,7 +6,7 @@ from scipy import stats
 
 from auvbench.statistics import crossed, pairs, pooled, resolution
 from auvbench.statistics.resolution import bounded, log_odds
-from benchmarks.statistics import claims, letters, tables
+from benchmarks.statistics import letters, reports, tables
 from benchmarks.statistics.__main__ import replaced
 from benchmarks.statistics.alternatives import ALTERNATIVES, permutation
 from benchmarks.statistics.worlds import FAILED, World, drawn, of_rate, shifted, successes
@@ -164,7 +164,7 @@ def test_penalised_steps_keep_their_level_too():
 
 
 def test_one_seed_is_never_told_apart():
-    found = claims.one_seed(40)
+    found = reports.one_seed(40)
     for before, used in found.values():
         assert before > 0.4
         assert used <= 0.1
@@ -180,5 +180,13 @@ def test_every_alternative_gives_p_values():
 def test_the_page_keeps_everything_but_the_measured_tables():
     page = "a\n<!-- measured: x -->\nold\n<!-- end -->\nb\n<!-- measured: y -->\n<!-- end -->\n"
     assert replaced(page, "x", "new") == page.replace("old", "new")
-    with pytest.raises(ValueError, match="has no <!-- measured: z -->"):
+    with pytest.raises(ValueError, match="no <!-- measured: z -->"):
         replaced(page, "z", "new")
+
+
+def test_a_mean_beyond_the_limit_that_its_record_names_is_tested_without_a_warning(recwarn):
+    rng = np.random.default_rng(0)
+    data = [200 + rng.normal(size=(3, 20)), 320 + rng.normal(size=(3, 20))]
+    p = resolution(crossed(data, bounds=(1.0, 300.0)))
+    assert p[0, 1] < 0.05
+    assert not recwarn.list

@@ -5,13 +5,15 @@ from pathlib import Path
 import numpy as np
 from stable_baselines3.common.logger import Logger
 
+from auvbench.agents.learned.sb3 import Scalars
 from auvbench.training.checkpoint.events import NAME, EventWriter
 from auvbench.training.checkpoint.logs import GrowingLog, cut
 from tests.soak.learning import scalars
 
 
 def write(folder: Path, steps: range) -> Path:
-    logger = Logger(None, [EventWriter(folder)])
+    writer = EventWriter(folder)
+    logger = Logger(None, [Scalars(writer.write)])
     for step in steps:
         logger.record("train/loss", np.float32(1.0 / (step + 1)))
         logger.record("rollout/count", step)
@@ -19,6 +21,7 @@ def write(folder: Path, steps: range) -> Path:
         logger.record("text", "not a scalar")
         logger.dump(step)
     logger.close()
+    writer.close()
     return folder / NAME
 
 

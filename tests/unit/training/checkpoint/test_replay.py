@@ -7,9 +7,11 @@ import pytest
 from gymnasium import spaces
 from stable_baselines3.common.buffers import ReplayBuffer
 
+from auvbench.agents.components import Components
+from auvbench.agents.learned.state import check_replay
 from auvbench.errors import TrainingError
-from auvbench.training.checkpoint.replay import FIELDS, ReplayStore, rows_added
-from auvbench.training.checkpoint.store import CheckpointStore, Components
+from auvbench.training.checkpoint.replay import FIELDS, ReplayStore
+from auvbench.training.checkpoint.store import CheckpointStore
 from tests.soak.killing import forked, kill_at_operation
 
 OBSERVATIONS = spaces.Box(-np.inf, np.inf, (3,), np.float32)
@@ -46,7 +48,7 @@ def test_it_comes_back_bit_by_bit_at_every_checkpoint(tmp_path: Path, n: int, ca
     for turn in range(12):
         fill(buffer, cadence + turn % 3, rng)
         rows += cadence + turn % 3
-        assert rows_added(buffer, rows * n) == rows
+        check_replay(buffer, rows * n)
         checkpoints.save(rows * n, Components(), tuple(replay.save(buffer, rows)))
         found = checkpoints.latest_valid()
         assert found is not None
@@ -117,8 +119,8 @@ def test_a_kill_while_segments_are_written_costs_nothing(tmp_path: Path) -> None
 
 def test_buffers_of_another_kind_are_refused() -> None:
     with pytest.raises(TrainingError, match="optimize_memory_usage"):
-        rows_added(new(10, 1, optimize_memory_usage=True, handle_timeout_termination=False), 0)
+        check_replay(new(10, 1, optimize_memory_usage=True, handle_timeout_termination=False), 0)
     buffer = new(10, 1)
     fill(buffer, 3, np.random.default_rng(0))
     with pytest.raises(TrainingError, match="filled by something else"):
-        rows_added(buffer, 5)
+        check_replay(buffer, 5)

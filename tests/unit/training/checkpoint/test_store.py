@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 import torch
 
+from auvbench.agents.components import Components
 from auvbench.errors import RunError, TrainingError
 from auvbench.training.checkpoint.logs import GrowingLog
-from auvbench.training.checkpoint.store import CheckpointStore, CheckpointWarning, Components
+from auvbench.training.checkpoint.store import CheckpointStore, CheckpointWarning
 from tests.soak.killing import forked, kill_at_operation
 
 

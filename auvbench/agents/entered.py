@@ -1,0 +1,182 @@
+"""Agents of installed packages behind the contract: what they answer is looked at before it steers a vehicle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from auvbench.agents.base import Actions, Agent, Callbacks, Environment, Integers, Learner, Observations, Ring
+from auvbench.agents.components import Components
+from auvbench.config import installed, plugins, schema
+from auvbench.errors import AgentError, AuvbenchError
+from auvbench.vehicles.model import VehicleModel
+
+
+def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
+    """The agent of an installed package that `config.algo` names.
+
+    Raises:
+        ConfigError: its package is not installed, in another version, or cannot be imported.
+        AgentError: it cannot be made, or lacks what an agent needs.
+    """
+    algo = config.algo
+    who = f"{algo.agent} of {algo.package}"
+    factory = installed.thing_of(plugins.AGENTS, algo.agent, algo.package)
+    try:
+        made = factory(config, vehicle)
+    except AuvbenchError:
+        raise
+    except Exception as error:
+        raise AgentError(f"{who}: cannot be made: {plugins.told(error)}") from error
+    lacking = [name for name in ("reset", "act") if not callable(getattr(made, name, None))]
+    if lacking:
+        raise AgentError(f"{who}: what it makes, a {type(made).__name__}, lacks {' and '.join(lacking)}")
+    kind = EnteredLearner if algo.learns else EnteredAgent
+    return kind(made, who, len(vehicle.actuators))
+
+
+class EnteredAgent:
+    """Checks every action of somebody else's agent.
+
+    Args:
+        agent: it.
+        who: its name and package, for messages.
+        n_u: actuators of the vehicle.
+
+    Attributes:
+        inner: the agent itself.
+    """
+
+    def __init__(self, agent: Any, who: str, n_u: int) -> None:
+        self.inner = agent
+        self._who = who
+        self._n_u = n_u
+        for name, checked in (
+            ("ended", self._ended),
+            ("notes", self._notes),
+        ):  # what it may have beside the contract
+            if callable(getattr(agent, name, None)):
+                setattr(self, name, checked)
+
+    def _ended(self, rows: Integers) -> None:
+        try:
+            self.inner.ended(rows.copy())
+        except AuvbenchError:
+            raise
+        except Exception as error:
+            raise AgentError(f"{self._who}: ended fails: {plugins.told(error)}") from error
+
+    def _notes(self) -> dict[str, int]:
+        try:
+            found = dict(self.inner.notes())
+        except AuvbenchError:
+            raise
+        except Exception as error:
+            raise AgentError(f"{self._who}: notes fails: {plugins.told(error)}") from error
+        if not all(isinstance(name, str) and type(number) is int for name, number in found.items()):
+            raise AgentError(f"{self._who}: notes gives something else than whole numbers by name")
+        return found
+
+    def reset(self, episodes: Integers) -> None:
+        """As the contract says; it gets a copy, which it may keep.
+
+        Raises:
+            AgentError: it fails.
+        """
+        try:
+            self.inner.reset(episodes.copy())
+        except AuvbenchError:
+            raise
+        except Exception as error:
+            raise AgentError(f"{self._who}: reset fails: {plugins.told(error)}") from error
+
+    def act(self, observation: Observations) -> Actions:
+        """As the contract says; it gets a copy of the observations.
+
+        Raises:
+            AgentError: it fails, or its actions are none: of another shape, no numbers, not finite, out of range.
+        """
+        try:
+            action = self.inner.act(observation.copy())
+        except AuvbenchError:
+            raise
+        except Exception as error:
+            raise AgentError(f"{self._who}: act fails: {plugins.told(error)}") from error
+        if fault := action_fault(action, len(observation), self._n_u):
+            raise AgentError(f"{self._who}: {fault}")
+        return np.asarray(action)
+
+
+def action_fault(action: Any, n: int, n_u: int) -> str:
+    """What is wrong with actions for n episodes, in words; empty where they are (n, n_u) numbers in [-1, 1].
+
+    >>> import numpy as np
+    >>> action_fault(np.full((2, 6), 1.5), 2, 6)
+    'actuator 0 of episode 0 gets the action 1.5; actions must be in [-1, 1]'
+    """
+    if not isinstance(action, np.ndarray):
+        return f"act gives a {type(action).__name__}; it must give a numpy array of shape ({n}, {n_u})"
+    if action.shape != (n, n_u):
+        return f"act gives actions of shape {action.shape}; it must be ({n}, {n_u}), episodes times actuators"
+    if action.dtype.kind not in "fiu":
+        return f"act gives actions of type {action.dtype}; they must be numbers"
+    wrong = ~(np.abs(action) <= 1.0)  # NaN included
+    if wrong.any():
+        row, column = (int(index[0]) for index in np.nonzero(wrong))
+        return f"actuator {column} of episode {row} gets the action {action[row, column]:g}; actions must be in [-1, 1]"
+    return ""
+
+
+class EnteredLearner(EnteredAgent):
+    """Somebody else's agent that learns; faults of its training are told by whoever carries out the run."""
+
+    inner: Learner
+
+    @property
+    def exact_resume(self) -> bool:
+        """As the contract says."""
+        return self.inner.exact_resume
+
+    @property
+    def replay(self) -> Ring | None:
+        """As the contract says."""
+        ring: Ring | None = getattr(self.inner, "replay", None)
+        return ring
+
+    def learn(self, environment: Environment, config: schema.TrainConfig, callbacks: Callbacks) -> None:
+        """As the contract says."""
+        self.inner.learn(environment, config, callbacks)
+
+    def save(self, folder: Path) -> None:
+        """As the contract says."""
+        self.inner.save(folder)
+
+    def load(self, folder: Path) -> None:
+        """As the contract says.
+
+        Raises:
+            AgentError: it fails.
+        """
+        try:
+            self.inner.load(folder)
+        except AuvbenchError:
+            raise
+        except Exception as error:
+            raise AgentError(f"{self._who}: load fails on {folder}: {plugins.told(error)}") from error
+
+    def state(self) -> Components:
+        """As the contract says.
+
+        Raises:
+            AgentError: it gives something else.
+        """
+        found = self.inner.state()
+        if not isinstance(found, Components):
+            raise AgentError(f"{self._who}: state gives a {type(found).__name__}; it must give Components")
+        return found
+
+    def restore(self, components: Components) -> None:
+        """As the contract says."""
+        self.inner.restore(components)

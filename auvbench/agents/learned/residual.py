@@ -1,0 +1,210 @@
+"""Residual learning: a policy's action is added to PID's, with a bounded share.
+
+    action = clip(pid + share * residual, -1, 1)
+
+after Johannink et al. 2019 (arXiv:1812.03201) and Silver et al. 2018 (arXiv:1812.06298). PID gets the same noisy
+observation as everybody. The learner sees that observation and behind it PID's action of this step, to which its own
+will be added. Without it the same residual would have another effect in each state of PID's filter and integral action,
+which the learner could not see. It is no further sensor: PID computes it from the observations alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+from auvbench.agents.base import Actions, Agent, Integers, Observations
+from auvbench.agents.classical import pid
+from auvbench.agents.components import Components
+from auvbench.agents.learned.sb3 import SB3Learner
+from auvbench.config import algorithms, schema
+from auvbench.envs.batch import Transition
+from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.vehicles.model import VehicleModel
+
+Arrays = dict[str, NDArray[Any]]
+
+_MEMORY = "residual"
+"""of PID, in a checkpoint"""
+
+
+class Base:
+    """PID under N policies: extends their observations by its action, and adds theirs to it.
+
+    Args:
+        config: with `algo.residual`: PID's gains and the learner's share.
+        vehicle: that PID knows.
+
+    Raises:
+        ConfigError: PID cannot steer the vehicle.
+    """
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        algo = config.algo
+        assert isinstance(algo, algorithms.PPOResidual | algorithms.SACResidual)
+        own = dataclasses.replace(config, algo=algo.residual.pid)
+        self.share = algo.residual.share
+        self._pid = pid.controller(own, vehicle)
+        self._beginner = pid.controller(own, vehicle)
+        self.action: NDArray[np.float64] = np.empty((0, len(vehicle.actuators)))
+        """(n, n_u) PID's, of this step"""
+
+    def reset(self, n: int) -> None:
+        """Forgets everything: `n` episodes begin."""
+        self._pid.reset(np.arange(n))
+        self.action = np.zeros((n, self.action.shape[1]))
+
+    def extend(self, observation: Observations) -> Observations:
+        """PID reads observations (n, 4 + n_u); they come back with its actions behind them, (n, 4 + 2 n_u)."""
+        self.action = np.clip(self._pid.act(observation), -1.0, 1.0)
+        return _extended(observation, self.action)
+
+    def begin(self, rows: Integers, observation: Observations) -> Observations:
+        """Begins episodes in some rows (k,), the first observations of which are (k, 4 + n_u); extended as above."""
+        self._beginner.reset(rows)
+        self.action[rows] = np.clip(self._beginner.act(observation), -1.0, 1.0)
+        fresh = self._beginner.memory()
+        for name, array in self._pid.memory().items():
+            array[rows] = fresh[name]
+        return _extended(observation, self.action[rows])
+
+    def compose(self, residual: Actions) -> NDArray[np.float64]:
+        """The vehicle's actions (n, n_u) for residuals (n, n_u) in [-1, 1]."""
+        bounded = np.clip(residual.astype(np.float64), -1.0, 1.0)
+        return np.clip(self.action + self.share * bounded, -1.0, 1.0)
+
+    def state_dict(self) -> Arrays:
+        """Copies of what it carries from step to step."""
+        memory = {**self._pid.memory(), "action": self.action}
+        return {name: array.copy() for name, array in memory.items()}
+
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Returns to what `state_dict` gave."""
+        self.reset(len(state["action"]))
+        for name, array in {**self._pid.memory(), "action": self.action}.items():
+            array[...] = state[name]
+
+
+def _extended(observation: Observations, action: NDArray[np.float64]) -> Observations:
+    return np.concatenate([observation, action.astype(np.float32)], axis=1)
+
+
+class ResidualVecEnv(VecEnvWrapper):
+    """The environments as the learner of a residual sees them.
+
+    Args:
+        face: the vehicle's.
+        base: PID.
+    """
+
+    def __init__(self, face: WaypointVecEnv, base: Base) -> None:
+        whole = face.observation_space
+        assert isinstance(whole, spaces.Box)
+        assert face.action_space.shape is not None
+        high = np.concatenate([whole.high, np.ones(face.action_space.shape, dtype=np.float32)])
+        super().__init__(face, spaces.Box(-high, high, dtype=np.float32))
+        self.base = base
+        self._face = face
+
+    @property
+    def transition(self) -> Transition | None:
+        """What the last step of the vehicles gave."""
+        return self._face.transition
+
+    def reset(self) -> VecEnvObs:
+        observation = self.venv.reset()
+        assert isinstance(observation, np.ndarray)
+        return self.begin(observation)
+
+    def begin(self, observation: Observations) -> Observations:
+        """Episodes begin everywhere: first observations (n, 4 + n_u), extended."""
+        self.base.reset(self.num_envs)
+        return self.base.extend(observation)
+
+    def step_async(self, actions: NDArray[np.float32]) -> None:
+        self.venv.step_async(self.base.compose(actions))
+
+    def step_wait(self) -> VecEnvStepReturn:
+        observation, reward, done, infos = self.venv.step_wait()
+        assert isinstance(observation, np.ndarray)
+        ended = np.flatnonzero(done)
+        if not len(ended):
+            return self.base.extend(observation), reward, done, infos
+        # The last observation of an episode belongs to the PID that steered it; the next one begins with a fresh one.
+        last = observation.copy()
+        last[ended] = [infos[i]["terminal_observation"] for i in ended]
+        extended = self.base.extend(last)
+        for i in ended:
+            infos[i]["terminal_observation"] = extended[i].copy()
+        extended[ended] = self.base.begin(ended, observation[ended])
+        return extended, reward, done, infos
+
+
+class ResidualAgent:
+    """PID and a policy of residuals in a test.
+
+    Args:
+        policy: acts on extended observations.
+        base: PID.
+    """
+
+    def __init__(self, policy: Agent, base: Base) -> None:
+        self.policy = policy
+        self.base = base
+
+    def reset(self, episodes: Integers) -> None:
+        self.policy.reset(episodes)
+        self.base.reset(len(episodes))
+
+    def act(self, observation: Observations) -> Actions:
+        """Deterministic actions (n, n_u)."""
+        extended = self.base.extend(observation)
+        return self.base.compose(self.policy.act(extended))
+
+
+class ResidualLearner(SB3Learner):
+    """One of SB3's algorithms that learns what to add to PID's action."""
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        super().__init__(config, vehicle)
+        self._vehicle = vehicle
+        self._base = Base(config, vehicle)
+        self._seen: ResidualVecEnv | None = None
+
+    def _faced(self, environment: Any) -> ResidualVecEnv:
+        self._seen = ResidualVecEnv(WaypointVecEnv(environment, detailed=False), self._base)
+        return self._seen
+
+    def _frozen(self, model: BaseAlgorithm) -> Agent:
+        # With a PID of its own: that of the training goes on after the test.
+        return ResidualAgent(super()._frozen(model), Base(self._config, self._vehicle))
+
+    def load(self, folder: Path) -> None:
+        super().load(folder)
+        assert self._tested is not None
+        self._tested = ResidualAgent(self._tested, self._base)
+
+    def state(self) -> Components:
+        components = super().state()
+        components.arrays[_MEMORY] = self._base.state_dict()
+        return components
+
+    def restore(self, components: Components) -> None:
+        super().restore(components)
+        if super()._restarted() is None:
+            self._base.load_state_dict(components.arrays[_MEMORY])
+
+    def _restarted(self) -> Observations | None:
+        observation = super()._restarted()
+        if observation is None or self._seen is None:
+            return observation
+        return self._seen.begin(observation)

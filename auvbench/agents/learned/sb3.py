@@ -1,0 +1,243 @@
+"""Stable-Baselines3's algorithms as learners: normalised, watched for NaN, resumed with the same bits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import KVWriter, Logger
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecNormalize
+
+from auvbench.agents.base import Actions, Agent, Callbacks, Environment, Integers, Observations
+from auvbench.agents.components import Components
+from auvbench.agents.learned import finite, learners, state
+from auvbench.config import schema
+from auvbench.config.clock import discount
+from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.vehicles.model import VehicleModel
+
+
+class SB3Learner:
+    """One of Stable-Baselines3's algorithms behind the contract of `auvbench.agents.base.Learner`.
+
+    Args:
+        config: of the run; `algo` names the algorithm.
+        vehicle: that it steers.
+
+    Attributes:
+        model: SB3's learner while it trains; None in a process that only tests.
+    """
+
+    exact_resume = True
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        self._config = config
+        self._n_u = len(vehicle.actuators)
+        self.model: BaseAlgorithm | None = None
+        self._environment: Environment | None = None
+        self._tested: Agent | None = None  # in the tests of now
+        self._drawn: Components | None = None  # a checkpoint whose draws are to be restored once more
+        self._between_rollouts = True
+
+    def reset(self, episodes: Integers) -> None:
+        """Episodes (n,) begin. While it trains, the policy as it is at this moment is what acts in them."""
+        if self.model is not None:
+            self._tested = self._frozen(self.model)
+        assert self._tested is not None, "neither trained nor loaded"
+        self._tested.reset(episodes)
+
+    def act(self, observation: Observations) -> Actions:
+        """Deterministic actions (n, n_u) with frozen statistics; no random number is drawn."""
+        assert self._tested is not None, "reset comes first"
+        if self.model is None:
+            return self._tested.act(observation)
+        policy = self.model.policy
+        training = policy.training
+        policy.set_training_mode(False)
+        try:
+            return self._tested.act(observation)
+        finally:
+            policy.set_training_mode(training)
+
+    def _frozen(self, model: BaseAlgorithm) -> Agent:
+        """What acts for a policy that is being trained."""
+        normaliser = _normaliser(model)
+        return learners.FrozenPolicy(
+            model.policy,
+            learners.statistics(normaliser),
+            self._config.train.normalise_observations,
+            self._n_u,
+        )
+
+    def _faced(self, environment: Any) -> Any:
+        """The environment as SB3 expects it, with `transition`, what its last step gave."""
+        return WaypointVecEnv(environment, detailed=False)
+
+    def learn(self, environment: Environment, config: schema.TrainConfig, callbacks: Callbacks) -> None:
+        """As the contract says; PPO may go up to a rollout beyond the budget, as SB3 does.
+
+        Raises:
+            TrainingError: a weight, a loss, an observation or a reward is not finite.
+        """
+        train = config.train
+        self._environment = environment
+        face = self._faced(environment)
+        normaliser = VecNormalize(
+            face,
+            norm_obs=train.normalise_observations,
+            norm_reward=train.normalise_rewards,
+            clip_obs=train.clip_observations,
+            clip_reward=train.clip_rewards,
+            gamma=discount(config.algo, config.step.frequency),
+        )
+        self.model = model = learners.make(config, normaliser)
+        model.set_logger(Logger(None, [Scalars(callbacks.log)]))
+        on_policy = isinstance(model, OnPolicyAlgorithm)
+        with finite.diagnosed(model):
+            model.learn(
+                callbacks.total_steps,
+                callback=Follower(self, lambda: face.transition, callbacks),
+                log_interval=1 if on_policy else 10,  # every update; off-policy, SB3 counts episodes there
+            )
+
+    def save(self, folder: Path) -> None:
+        """Writes policy.pt, a plain dictionary of tensors, and normalisation.npz."""
+        assert self.model is not None, "nothing was trained"
+        for name, data in learners.files(self.model, _normaliser(self.model)).items():
+            (folder / name).write_bytes(data)
+
+    def load(self, folder: Path) -> None:
+        """Reads both without unpickling.
+
+        Raises:
+            RunError: they are missing, damaged, or of another network than the configuration's.
+        """
+        self._tested = learners.LearnedPolicy(self._config, folder, self._n_u)
+
+    def network(self) -> learners.Network | None:
+        """The loaded policy as a network by itself; None where its actions are more than that (see `FrozenPolicy`)."""
+        found: Callable[[], learners.Network | None] | None = getattr(self._tested, "network", None)
+        return None if found is None else found()
+
+    @property
+    def replay(self) -> ReplayBuffer | None:
+        """The replay buffer of an off-policy algorithm."""
+        return getattr(self.model, "replay_buffer", None)
+
+    def state(self) -> Components:
+        """Networks, optimizers, statistics, counters, generators.
+
+        Raises:
+            TrainingError: the weights are not finite, or the replay buffer is none that can be saved.
+        """
+        model = self.model
+        assert model is not None, "nothing is being trained"
+        finite.check_parameters(model)
+        if self.replay is not None:
+            state.check_replay(self.replay, model.num_timesteps)
+        components = state.capture(model)
+        components.values["learner"]["at_rollout_start"] = self._between_rollouts
+        return components
+
+    def restore(self, components: Components) -> None:
+        """Puts a checkpoint into the learner, which has begun `learn`.
+
+        Raises:
+            RunError: it is of another kind of learner or of other networks.
+        """
+        assert self.model is not None, "nothing is being trained"
+        state.restore(self.model, components, self._restarted())
+        if components.values["learner"]["at_rollout_start"]:
+            self._drawn = components
+
+    def _restarted(self) -> Observations | None:
+        """First observations, as the algorithm sees them, of episodes that a resumed run had to begin again."""
+        return None if self._environment is None else self._environment.restarted
+
+    def rollout_begins(self) -> None:
+        """The last transition is stored and the networks are updated: looks at them, and at the generators."""
+        model = self.model
+        assert model is not None
+        if self._drawn is not None:
+            # gSDE draws exploration matrices between the start of training and here; the checkpoint was
+            # taken here, after that draw.
+            state.restore_draws(model, self._drawn)
+            self._drawn = None
+        finite.check_losses(model)
+        if isinstance(model, OnPolicyAlgorithm):
+            # A rollout of many steps follows, so looking at every weight costs nothing beside it.
+            finite.check_parameters(model)
+
+    def training_ends(self) -> None:
+        """The budget is used up; no rollout follows the next checkpoint."""
+        assert self.model is not None
+        finite.check_losses(self.model)
+        self._between_rollouts = False
+
+
+def _normaliser(model: BaseAlgorithm) -> VecNormalize:
+    normaliser = model.get_vec_normalize_env()
+    assert isinstance(normaliser, VecNormalize)
+    return normaliser
+
+
+class Follower(BaseCallback):
+    """Tells whoever carries out the run what SB3's loop does.
+
+    Args:
+        learner: whose model learns.
+        transition: returns what the last step of the environment gave.
+        callbacks: of the contract.
+    """
+
+    def __init__(self, learner: SB3Learner, transition: Callable[[], Any], callbacks: Callbacks) -> None:
+        super().__init__()
+        self._learner = learner
+        self._transition = transition
+        self._callbacks = callbacks
+
+    def _on_training_start(self) -> None:
+        # By now building the learner and `learn` have drawn and set up what a checkpoint replaces.
+        if self._callbacks.begin():
+            self.num_timesteps = self.model.num_timesteps
+
+    def _on_rollout_start(self) -> None:
+        self._learner.rollout_begins()
+        self._callbacks.checkpoint(self.model.num_timesteps)
+
+    def _on_step(self) -> bool:
+        spent = self._callbacks.step(self.num_timesteps, self._transition())
+        self.model.start_time += round(spent * 1e9)  # steps per second are those of training alone
+        return True
+
+    def _on_training_end(self) -> None:
+        # A callback that returned False ended training in the middle of a step, where nothing is whole.
+        if self.model.num_timesteps >= self.model._total_timesteps:
+            self._learner.training_ends()
+
+
+class Scalars(KVWriter):
+    """An output of SB3's logger that hands every scalar which is not excluded from "tensorboard" to a function."""
+
+    def __init__(self, log: Callable[[Mapping[str, float], int], object]) -> None:
+        self._log = log
+
+    def write(
+        self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0
+    ) -> None:
+        kept = {
+            key: float(value)
+            for key, value in key_values.items()
+            if isinstance(value, (bool, int, float, np.number, np.bool_))
+            and "tensorboard" not in (key_excluded.get(key) or ())
+        }
+        self._log(kept, step)
+
+    def close(self) -> None:
+        """Nothing of its own to close."""

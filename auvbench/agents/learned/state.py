@@ -1,0 +1,296 @@
+"""What of a Stable-Baselines3 learner is saved, so that the restored one continues with the same bits.
+
+The moment is the start of a rollout: then the learner has stored its last transition, updated its networks
+and holds nothing in local variables. `restore` works on a learner that was built in the ordinary way and has
+begun `learn`, because both of them draw random numbers and reset what is restored here. The environments are
+not its business: a checkpoint holds them beside the learner.
+
+Read against Stable-Baselines3 2.9.2; what it keeps is listed in docs/resume.md.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.noise import ActionNoise, OrnsteinUhlenbeckActionNoise, VectorizedActionNoise
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.save_util import recursive_getattr
+from stable_baselines3.common.vec_env import VecNormalize
+
+from auvbench.agents.components import Components
+from auvbench.agents.learned import generators
+from auvbench.errors import RunError, TrainingError
+
+Arrays = dict[str, NDArray[Any]]
+
+_COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_num_timesteps_at_start")
+_OBSERVATIONS = ("_last_obs", "_last_original_obs", "_last_episode_starts")
+_GSDE = ("exploration_mat", "exploration_matrices")
+
+
+def capture(model: BaseAlgorithm) -> Components:
+    """Everything of a learner but the replay buffer, which grows and is stored by increments."""
+    components = Components()
+    components.tensors.update(_networks(model))
+    components.arrays["learner"] = _learner_arrays(model)
+    normalize = model.get_vec_normalize_env()
+    if normalize is not None:
+        components.arrays["normalisation"] = _normalisation(normalize)
+    components.values["learner"] = {
+        "class": type(model).__name__,
+        "counters": {name: int(getattr(model, name)) for name in _COUNTERS},
+        "elapsed_ns": time.time_ns() - int(model.start_time),
+        "logger": _pending(model),
+    }
+    generators.capture(components, _numpy_generators(model))
+    return components
+
+
+def restore(
+    model: BaseAlgorithm, components: Components, restarted: NDArray[np.float32] | None = None
+) -> None:
+    """Puts `components` into a learner that has begun `learn`.
+
+    Args:
+        model: the learner.
+        components: what `capture` gave.
+        restarted: first observations (n, d) of the episodes that the environments had to begin again.
+
+    Raises:
+        RunError: the checkpoint is of another kind of learner or of other networks.
+    """
+    values = components.values["learner"]
+    if values["class"] != type(model).__name__:
+        raise RunError(
+            f"the checkpoint is of a {values['class']} and the run trains a {type(model).__name__}"
+        )
+    try:
+        _restore_networks(model, components.tensors)
+    except (RuntimeError, ValueError, KeyError) as error:
+        raise RunError(f"the checkpoint does not fit the networks of this configuration: {error}") from error
+    _restore_learner_arrays(model, components.arrays["learner"])
+    normalize = model.get_vec_normalize_env()
+    if normalize is not None:
+        _restore_normalisation(normalize, components.arrays["normalisation"])
+    if restarted is not None:
+        _begin_episodes(model, normalize, restarted)
+    for name, value in values["counters"].items():
+        setattr(model, name, value)
+    if model._total_timesteps:
+        model._update_current_progress_remaining(model.num_timesteps, model._total_timesteps)
+    # The rate of steps that SB3 logs then goes on as if the process had never stopped.
+    model.start_time = time.time_ns() - values["elapsed_ns"]
+    _restore_pending(model, values["logger"])
+    restore_draws(model, components)
+
+
+def restore_draws(model: BaseAlgorithm, components: Components) -> None:
+    """Restores only generators and drawn exploration matrices (gSDE)."""
+    tensors = components.tensors["policy"]
+    distribution = _gsde_distribution(model)
+    if distribution is not None:
+        for name in _GSDE:
+            if name in tensors["gsde"]:
+                setattr(distribution, name, tensors["gsde"][name].clone())
+    generators.restore(components, _numpy_generators(model))
+
+
+def check_replay(buffer: ReplayBuffer, num_timesteps: int) -> None:
+    """Checks that a buffer can be saved row by row, and was filled by its learner alone.
+
+    Raises:
+        TrainingError: the buffer is of a kind that cannot be saved row by row, or was filled by other means.
+    """
+    if type(buffer) is not ReplayBuffer or buffer.optimize_memory_usage:
+        raise TrainingError(
+            f"a replay buffer of type {type(buffer).__name__}"
+            f"{' with optimize_memory_usage' if getattr(buffer, 'optimize_memory_usage', False) else ''} "
+            "cannot be saved in a checkpoint; use stable_baselines3's ReplayBuffer without memory optimisation"
+        )
+    rows = num_timesteps // buffer.n_envs
+    if rows % buffer.buffer_size != buffer.pos or (rows >= buffer.buffer_size) != buffer.full:
+        raise TrainingError(
+            f"the replay buffer is at row {buffer.pos} but {num_timesteps} steps in {buffer.n_envs} "
+            f"environments lead to row {rows % buffer.buffer_size}; it was filled by something else"
+        )
+
+
+def _begin_episodes(
+    model: BaseAlgorithm, normalize: VecNormalize | None, observation: NDArray[np.float32]
+) -> None:
+    """Lets the learner go on from the first observations (n, d) of episodes instead of the ones it had."""
+    model._last_obs = observation.copy()
+    model._last_episode_starts = np.ones(len(observation), dtype=bool)
+    if normalize is not None:
+        model._last_original_obs = observation.copy()
+        model._last_obs = normalize.normalize_obs(observation)
+        normalize.old_obs = observation.copy()
+        normalize.returns[:] = 0.0
+
+
+def _networks(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:
+    """SB3's own list of what `save` would store: policy with targets, optimizers, entropy coefficient."""
+    names, variables = model._get_torch_save_params()
+    distribution = _gsde_distribution(model)
+    policy = {
+        "modules": {
+            name: dict(recursive_getattr(model, name).state_dict())
+            for name in names
+            if "optimizer" not in name
+        },
+        "variables": {name: recursive_getattr(model, name).detach() for name in variables},
+        "gsde": {}
+        if distribution is None
+        else {name: getattr(distribution, name).detach() for name in _GSDE if hasattr(distribution, name)},
+    }
+    optimizers = {name: recursive_getattr(model, name).state_dict() for name in names if "optimizer" in name}
+    return {"policy": _plain(policy), "optimizers": _plain(optimizers)}
+
+
+def _plain(node: Any) -> Any:
+    """The same with new containers and interned strings.
+
+    What is written then depends on values alone: a pickle refers back to objects that it has met before, and a
+    restored optimizer shares other objects than one that grew by itself.
+    """
+    if isinstance(node, Mapping):
+        return {_plain(key): _plain(value) for key, value in node.items()}
+    if isinstance(node, (list, tuple)):
+        return type(node)([_plain(value) for value in node])
+    return sys.intern(node) if isinstance(node, str) else node
+
+
+def _restore_networks(model: BaseAlgorithm, tensors: dict[str, dict[str, Any]]) -> None:
+    for name, state in tensors["policy"]["modules"].items():
+        recursive_getattr(model, name).load_state_dict(state)
+    with torch.no_grad():
+        for name, value in tensors["policy"]["variables"].items():
+            # In place: the optimizer of the entropy coefficient holds this very tensor.
+            recursive_getattr(model, name).copy_(value)
+    for name, state in tensors["optimizers"].items():
+        recursive_getattr(model, name).load_state_dict(state)
+
+
+def _gsde_distribution(model: BaseAlgorithm) -> Any | None:
+    if not model.use_sde:
+        return None
+    return getattr(model.policy, "action_dist", None) or model.policy.actor.action_dist  # type: ignore[union-attr]
+
+
+def _learner_arrays(model: BaseAlgorithm) -> Arrays:
+    arrays: Arrays = {}
+    for name in _OBSERVATIONS:
+        value = getattr(model, name)
+        if value is not None:
+            arrays[name] = np.asarray(value)
+    # Arrays keep the types of the numbers, on which SB3's means of them depend.
+    infos = list(model.ep_info_buffer or ())
+    for key in infos[0] if infos else ():
+        arrays[f"ep_info.{key}"] = np.asarray([info[key] for info in infos])
+    arrays["ep_success"] = np.asarray(list(model.ep_success_buffer or ()))
+    for index, noise in enumerate(_noises(model.action_noise)):
+        arrays[f"action_noise.{index}"] = np.asarray(noise.noise_prev)
+    return arrays | {name: tensor.numpy() for name, tensor in _lstm_states(model).items()}
+
+
+def _lstm_states(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
+    """Hidden and cell states (layers, n, width) that a recurrent learner carries into the next rollout, by name."""
+    states = getattr(model, "_last_lstm_states", None)
+    if states is None:
+        return {}
+    return {
+        f"lstm.{network}.{what}": tensor
+        for network, pair in states._asdict().items()
+        for what, tensor in zip(("hidden", "cell"), pair, strict=True)
+    }
+
+
+def _restore_lstm_states(model: BaseAlgorithm, arrays: Arrays) -> None:
+    # In place: they are SB3's fresh ones, which nothing else holds.
+    for name, tensor in _lstm_states(model).items():
+        tensor.copy_(torch.from_numpy(arrays[name]))
+
+
+def _restore_learner_arrays(model: BaseAlgorithm, arrays: Arrays) -> None:
+    for name in _OBSERVATIONS:
+        setattr(model, name, arrays[name].copy() if name in arrays else None)
+    keys = [name.removeprefix("ep_info.") for name in arrays if name.startswith("ep_info.")]
+    rows = zip(*(arrays[f"ep_info.{key}"] for key in keys), strict=True)
+    size = model._stats_window_size
+    model.ep_info_buffer = deque((dict(zip(keys, row, strict=True)) for row in rows), maxlen=size)
+    model.ep_success_buffer = deque(arrays["ep_success"], maxlen=size)
+    for index, noise in enumerate(_noises(model.action_noise)):
+        noise.noise_prev = arrays[f"action_noise.{index}"].copy()
+    _restore_lstm_states(model, arrays)
+
+
+def _noises(noise: ActionNoise | None) -> list[OrnsteinUhlenbeckActionNoise]:
+    """The noise processes that remember something; Gaussian noise only draws."""
+    every = noise.noises if isinstance(noise, VectorizedActionNoise) else [noise]
+    return [one for one in every if isinstance(one, OrnsteinUhlenbeckActionNoise)]
+
+
+def _normalisation(normalize: VecNormalize) -> Arrays:
+    arrays: Arrays = {"returns": normalize.returns, "old_reward": np.asarray(normalize.old_reward)}
+    if hasattr(normalize, "old_obs"):
+        arrays["old_obs"] = np.asarray(normalize.old_obs)
+    for name, rms in _statistics(normalize).items():
+        arrays |= {f"{name}.{key}": np.asarray(getattr(rms, key)) for key in ("mean", "var", "count")}
+    return arrays
+
+
+def _restore_normalisation(normalize: VecNormalize, arrays: Arrays) -> None:
+    normalize.returns = arrays["returns"].copy()
+    normalize.old_reward = arrays["old_reward"].copy()
+    if "old_obs" in arrays:
+        normalize.old_obs = arrays["old_obs"].copy()
+    for name, rms in _statistics(normalize).items():
+        rms.mean = arrays[f"{name}.mean"].copy()
+        rms.var = arrays[f"{name}.var"].copy()
+        rms.count = float(arrays[f"{name}.count"])
+
+
+def _statistics(normalize: VecNormalize) -> dict[str, RunningMeanStd]:
+    """The running statistics by name; there are none of the observations without `norm_obs`."""
+    observations = getattr(normalize, "obs_rms", None)
+    named = {"obs_rms": observations, "ret_rms": normalize.ret_rms}
+    return {name: rms for name, rms in named.items() if isinstance(rms, RunningMeanStd)}
+
+
+def _numpy_generators(model: BaseAlgorithm) -> dict[str, np.random.Generator]:
+    """The action space draws the warm-up actions of off-policy learners."""
+    return {"action_space": model.action_space.np_random}
+
+
+def _pending(model: BaseAlgorithm) -> list[list[Any]]:
+    """What SB3's logger has recorded and not yet written: key, type, value, count, excluded outputs."""
+    logger = model.logger
+    rows = []
+    for key, value in logger.name_to_value.items():
+        kind = value.dtype.str if isinstance(value, np.generic) else type(value).__name__
+        if not isinstance(value, (bool, int, float, str, np.generic)):
+            continue  # figures and histograms; no learner of ours records them
+        plain = value.item() if isinstance(value, np.generic) else value
+        rows.append([key, kind, plain, logger.name_to_count.get(key, 0), list(logger.name_to_excluded[key])])
+    return rows
+
+
+def _restore_pending(model: BaseAlgorithm, rows: list[list[Any]]) -> None:
+    logger = model.logger
+    for table in (logger.name_to_value, logger.name_to_count, logger.name_to_excluded):
+        table.clear()
+    for key, kind, value, count, excluded in rows:
+        numpy_type = kind[:1] in "<>|="
+        logger.name_to_value[key] = np.dtype(kind).type(value) if numpy_type else value
+        if count:
+            logger.name_to_count[key] = count
+        logger.name_to_excluded[key] = tuple(excluded)

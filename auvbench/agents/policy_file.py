@@ -1,0 +1,55 @@
+"""`algo=onnx`: a controller that somebody trained or wrote elsewhere and saved as an ONNX file."""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from pathlib import Path
+
+from auvbench.agents.base import Actions, Integers, Observations
+from auvbench.config import algorithms, schema
+from auvbench.policies import exported
+from auvbench.vehicles.model import VehicleModel
+
+
+class PolicyFile:
+    """The policy that a run keeps in its `model/`; `load` reads it.
+
+    Args:
+        config: of the run.
+        vehicle: what it steers.
+    """
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        algo = config.algo
+        assert isinstance(algo, algorithms.ONNX)
+        self._sha256 = algo.sha256
+        self._n_u = len(vehicle.actuators)
+        self.policy: exported.Policy | None = None
+
+    def load(self, folder: Path) -> None:
+        """Reads the file from a run's `model/`.
+
+        Raises:
+            PolicyError: it is missing, damaged, of another shape, or not the one that the run was made with.
+            MissingExtraError: ONNX Runtime is not installed.
+        """
+        path = folder / exported.NETWORK
+        data, card, _ = exported.read(path)
+        if sha256(data).hexdigest() != self._sha256:
+            raise exported.PolicyError(
+                f"{path}: is not the file that the run was made with (algo.sha256 differs)"
+            )
+        sizes = {"observations": 4 + self._n_u, "actions": self._n_u}
+        self.policy = exported.Policy(data, str(path), card=card, **sizes)
+
+    def reset(self, episodes: Integers) -> None:
+        """Nothing to forget: the network keeps no state."""
+
+    def act(self, observation: Observations) -> Actions:
+        """Actions (n, n_u).
+
+        Raises:
+            PolicyError: the file answers what is no action.
+        """
+        assert self.policy is not None, "load comes first"
+        return self.policy.act(observation)

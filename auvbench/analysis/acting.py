@@ -1,0 +1,78 @@
+"""What tests say of how agents came to their actions: solves that failed or were late, and the time an action takes.
+
+Neither is part of a row: time differs from machine to machine, and a simulation waits for a late action.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from auvbench.analysis.evaluations import LARGEST
+from auvbench.analysis.model import Agent, Finding, RunRecord
+from auvbench.analysis.prose import listed
+from auvbench.statistics.estimate import Estimate
+
+
+def solves(agents: Sequence[Agent], protocol: str, condition: str) -> Finding | None:
+    """A sentence where an agent that solves for its actions did not always, or not in time."""
+    parts, runs, times = [], [], []
+    for agent in agents:
+        found: Counter[str] = Counter()
+        for run in agent.runs:
+            found.update(notes(run, protocol, condition))
+        n, failed, late = (found[key] for key in ("solves", "failed_solves", "late_solves"))
+        if n and (failed or late):
+            parts.append(
+                f"{agent.label}: of {n:,} solves {failed:,} failed and {late:,} took longer than a step of the agent "
+                f"({100 * failed / n:.2g} % and {100 * late / n:.2g} %)"
+            )
+            runs += [run.id for run in agent.runs]
+            times += [text for run in agent.runs if (text := _machine(run, protocol))]
+    if not parts:
+        return None
+    text = (
+        f"{'; '.join(parts)}. After a failed solve the plan of the step before goes on; the simulation waits for a late "
+        "one, which a vehicle would not."
+    )
+    return Finding(text, statistic=listed(list(dict.fromkeys(times)), 3), run_ids=tuple(runs))
+
+
+def notes(run: RunRecord, protocol: str, condition: str) -> dict[str, int]:
+    """What the run's agent counted in a condition of a test; empty where the summary has nothing of the kind."""
+    evaluation = run.evaluations.get(protocol)
+    for entry in evaluation.summary.get("conditions", ()) if evaluation is not None else ():
+        found = entry.get("notes") if isinstance(entry, Mapping) else None
+        if isinstance(found, Mapping) and entry.get("name") == condition:
+            return {str(k): v for k, v in found.items() if type(v) is int and 0 <= v <= LARGEST}
+    return {}
+
+
+def action_time(agent: Agent, protocol: str, which: str) -> Estimate | None:
+    """The ms that an action took, the mean over the agent's runs; None where a test does not say.
+
+    Args:
+        agent: whose runs were tested.
+        protocol: by which.
+        which: median_ms or p95_ms.
+    """
+    found = [_timed(run, protocol).get(which) for run in agent.runs if protocol in run.evaluations]
+    numbers = [float(v) for v in found if isinstance(v, int | float) and not isinstance(v, bool)]
+    if not numbers or len(numbers) < len(found) or not all(0 <= v <= LARGEST for v in numbers):
+        return None
+    return Estimate(float(np.mean(numbers)), np.nan, np.nan, 0.95)
+
+
+def _timed(run: RunRecord, protocol: str) -> Mapping[str, Any]:
+    evaluation = run.evaluations.get(protocol)
+    found = evaluation.summary.get("inference") if evaluation is not None else None
+    return found if isinstance(found, Mapping) else {}
+
+
+def _machine(run: RunRecord, protocol: str) -> str:
+    found = _timed(run, protocol)
+    cpu, cores = found.get("cpu"), found.get("cores")
+    return f"Tested on {cpu}, {cores} cores" if isinstance(cpu, str) and type(cores) is int else ""

@@ -1,0 +1,158 @@
+"""Agents beside what is possible at all: time to goal over the limit of the scenario (`auvbench bound`).
+
+The limit is a time in which the vehicle was made to arrive in the simulator by somebody who knew everything. So the true
+optimum is no longer, and the ratio says how many times the optimum an agent takes, or more. It is over successes, as a
+geometric mean: a ratio's mean that does not depend on what is divided by what (Fleming and Wallace 1986, CACM 29:218).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from auvbench import statistics as st
+from auvbench.analysis.model import Agent, Limit, Ranking
+from auvbench.evaluation.bounds import files
+from auvbench.statistics import crossed
+from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import FloatArray
+
+COLUMN = "time_over_optimum"
+"""name of the estimate, and of the column on request"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Times:
+    """Of each episode, in the order of the agents' columns; s."""
+
+    computed: FloatArray
+    """(n,) in which the search arrived"""
+    proven: FloatArray
+    """(n,) below which no arrival is noticed"""
+    limit: FloatArray
+    """(n,) the shorter one of `computed` and what the quickest agent of the table took"""
+
+
+def beside(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
+    """The ranking with its limit and each agent's time over it, or with the line that says why there is none."""
+    name = _vehicle(agents)
+    if not name or not files.is_name(name) or not files.is_name(ranking.protocol):
+        return replace(ranking, no_limit="No limit: the runs do not name one vehicle.")
+    limits, said = files.find(ranking.protocol, name, ranking.fingerprint, _roots(agents))
+    held = None if limits is None else limits.condition(ranking.condition)
+    if held is None:
+        return replace(ranking, no_limit=_none(ranking, name, limits, said))
+    times, beaten = _times(held, agents)
+    if times is None:
+        return replace(ranking, no_limit=f"The limits of protocol {ranking.protocol} are of other episodes.")
+    by_label = {agent.label: agent for agent in agents}
+    rows = []
+    for row in ranking.rows:
+        found = over(by_label[row.label], times.limit, ranking.confidence)
+        rows.append(row if found is None else replace(row, estimates={**row.estimates, COLUMN: found}))
+    return replace(ranking, rows=tuple(rows), limit=_limit(held, times, beaten))
+
+
+def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
+    """Geometric mean of time to goal over the limit (n,) s, over successes; None where there are none."""
+    times = agent.metrics.get("time_to_goal_s")
+    if times is None:
+        return None
+    with np.errstate(invalid="ignore", divide="ignore"):
+        logs = np.log(np.asarray(times, dtype=np.float64) / limit)
+    logs = np.where(np.isfinite(logs), logs, np.nan)
+    if not np.isfinite(logs).any():
+        return None
+    # The limit is no longer than any agent's time, so a ratio is no less than 1.
+    table = crossed([logs], paired=False, bounds=(0.0, np.inf))
+    found = st.means(table, confidence)[0]
+    return replace(found, value=math.exp(found.value), low=math.exp(found.low), high=math.exp(found.high))
+
+
+def _times(
+    held: files.ConditionLimits, agents: Sequence[Agent]
+) -> tuple[Times | None, tuple[tuple[str, int, float], ...]]:
+    """The times of the agents' episodes, and by agent how often and by how many seconds it was quicker at most."""
+    episodes = len(agents[0].outcome[0])
+    # Episodes are whole numbers from 0 in the order of the columns; a table refuses others.
+    if held.episodes.tolist() != list(range(episodes)):
+        return None, ()
+    computed = held.steps / held.frequency
+    limit = computed.copy()
+    beaten = []
+    for agent in agents:
+        times = agent.metrics.get("time_to_goal_s")
+        if times is None or not np.isfinite(times).any():
+            continue
+        quickest = np.min(np.where(np.isfinite(times), times, np.inf), axis=0)
+        # Times are multiples of a step: what is less is rounding.
+        gained = computed - quickest
+        ahead = gained > 1e-6
+        if ahead.any():
+            beaten.append((agent.label, int(ahead.sum()), float(gained[ahead].max())))
+        limit = np.minimum(limit, np.where(ahead, quickest, np.inf))
+    return Times(computed, held.least / held.frequency, limit), tuple(beaten)
+
+
+def _limit(held: files.ConditionLimits, times: Times, beaten: tuple[tuple[str, int, float], ...]) -> Limit:
+    return Limit(
+        seconds=float(times.limit.mean()),
+        steps=float(times.limit.mean() * held.frequency),
+        proven_seconds=float(times.proven.mean()),
+        gap=float(np.median(times.limit / times.proven)),
+        episodes=len(times.limit),
+        beaten=beaten,
+        by_episode=tuple(
+            zip(times.limit.tolist(), times.computed.tolist(), times.proven.tolist(), strict=True)
+        ),
+    )
+
+
+def _vehicle(agents: Sequence[Agent]) -> str:
+    names = {str(run.config.get("vehicle.name") or "") for agent in agents for run in agent.runs}
+    return names.pop() if len(names) == 1 else ""
+
+
+def _roots(agents: Sequence[Agent]) -> list[Path]:
+    """`bounds` beside the experiments that the runs lie in, where `auvbench bound` writes."""
+    parents = {run.directory.absolute().parent.parent for agent in agents for run in agent.runs}
+    return [parent / files.FOLDER for parent in sorted(parents)[:4]]
+
+
+def _none(ranking: Ranking, vehicle: str, limits: files.Limits | None, said: Sequence[str]) -> str:
+    if limits is not None:
+        why = next((line for line in limits.left_out if line.startswith(f"{ranking.condition}:")), "")
+        return f"No limit under condition {why or ranking.condition}."
+    stale = f" What is there cannot be used: {said[0]}." if said else ""
+    return (
+        f"No limit for protocol {ranking.protocol} and {vehicle}: auvbench bound protocol={ranking.protocol} "
+        f"vehicle={vehicle} computes it.{stale}"
+    )
+
+
+def sentences(limit: Limit) -> list[str]:
+    """What stands below a table: the limit itself, which is no contestant, and what it says and does not say."""
+    found = [
+        f"Limit: {limit.seconds:.2f} s on average ({limit.steps:.1f} steps), the shortest times found for these "
+        f"{limit.episodes} scenarios by optimal control that knows everything, without noise, checked in the simulator; no "
+        f"contestant, so no rank. Proven: no less than {limit.proven_seconds:.2f} s on average; the limit is "
+        f"{limit.gap:.2f} times what is proven (median)."
+    ]
+    for label, count, seconds in limit.beaten:
+        found.append(
+            f"{label} arrived sooner than what was computed in {count} scenario{'' if count == 1 else 's'}, by at most "
+            f"{seconds:.2g} s: the limit there is its time."
+        )
+    return found
+
+
+def explained() -> str:
+    """What the column is."""
+    return (
+        "Time over optimum: time to goal over the limit of the scenario, geometric mean over successes; read it beside the "
+        "success rate. The true optimum is at most the limit, so against it agents take this many times as long, or more."
+    )

@@ -1,0 +1,244 @@
+"""`auvbench pilot`: a ROS 2 node that steers a vehicle by an exported policy or a classical controller.
+
+For a vehicle's own computer: NumPy, ONNX Runtime and rclpy, no compiler, no torch, no Hydra (a test asserts it).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+from auvbench.commands.grammar import Parser
+from auvbench.errors import ConfigError, UserError, closest
+
+if TYPE_CHECKING:
+    from auvbench.ros2.pilot import Controller, Limits
+    from auvbench.vehicles.model import VehicleModel
+
+CONTROLLERS = ("pid", "smc", "lqr")
+"""Those that need no more than NumPy (lqr: SciPy)."""
+
+_EPILOG = """examples:
+  auvbench pilot policy.onnx --goal 5 3 -12 --record missions/first
+  auvbench pilot pid --vehicle bluerov2 --depth -30 -2
+  ros2 service call /bluerov2/pilot/arm std_srvs/srv/SetBool '{data: true}'
+
+It starts disarmed, and steers to the waypoint that comes on /goal_pose. Zero thrust while the pose is too old, outside the
+depth limits, without a waypoint, after stop, on any error and on Ctrl-C. docs/ros2.md has the topics and the rules.
+"""
+
+
+def parser() -> Parser:
+    parser = Parser(
+        prog="auvbench pilot",
+        description="Steers a vehicle over ROS 2 by an exported policy or a classical controller, until Ctrl-C.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "controller", metavar="POLICY.onnx", help=f"an exported policy, or one of {', '.join(CONTROLLERS)}"
+    )
+    parser.add_argument("--vehicle", default=None, help="its sheet (default: the policy's; else bluerov2)")
+    parser.add_argument("--namespace", default=None, help="of the topics (default: the vehicle's name)")
+    parser.add_argument("--frequency", type=float, default=None, help="Hz (default: the policy's; else 10)")
+    parser.add_argument(
+        "--goal",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="the first waypoint, m, world east north up",
+    )
+    parser.add_argument(
+        "--depth",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="lowest and highest z in m (default: the policy's; else -60 -1)",
+    )
+    parser.add_argument("--goal-radius", type=float, default=None, help="m (default: the policy's; else 3)")
+    parser.add_argument(
+        "--pose-timeout",
+        type=float,
+        default=0.5,
+        help="s: zero thrust while the pose is older (default: 0.5)",
+    )
+    parser.add_argument(
+        "--record", type=Path, default=None, metavar="DIR", help="keep missions in a new folder"
+    )
+    parser.add_argument(
+        "--sim-time", action="store_true", help="step by /clock instead of this machine's clock"
+    )
+    return parser
+
+
+@dataclass(frozen=True, slots=True)
+class Crew:
+    """What is steered, by what, and how."""
+
+    name: str
+    controller: Controller
+    vehicle: VehicleModel
+    frequency: float
+    body_frame: bool
+    limits: Limits
+
+
+def main(arguments: Sequence[str]) -> int:
+    given = parser().read(arguments)
+    for flag, value, high in (
+        ("--frequency", given.frequency, 1000.0),
+        ("--goal-radius", given.goal_radius, 1000.0),
+        ("--pose-timeout", given.pose_timeout, 60.0),
+    ):
+        if value is not None and not 0.0 < value <= high:
+            raise UserError(f"{flag} {value:g}: must be more than 0 and at most {high:g}")
+    if given.depth is not None and not -1e4 <= given.depth[0] < given.depth[1] <= 0.0:
+        low, high = given.depth
+        raise UserError(f"--depth {low:g} {high:g}: must be LOW below HIGH, both from -10000 to 0 (z, up)")
+
+    from auvbench.ros2 import middleware
+
+    middleware.load()
+    from auvbench.ros2.mission import Logbook
+    from auvbench.ros2.pilot import Pilot
+    from auvbench.ros2.thrust import SheetThrust
+    from auvbench.runs import interruption
+
+    crew = _crew(given)
+    logbook = Logbook(given.record, _about(crew)) if given.record is not None else None
+    with interruption.deferred() as request:
+        pilot = Pilot(
+            given.namespace or crew.vehicle.name,
+            crew.controller,
+            SheetThrust(crew.vehicle),
+            frequency=crew.frequency,
+            body_frame=crew.body_frame,
+            limits=crew.limits,
+            sim_time=given.sim_time,
+            logbook=logbook,
+            say=lambda text: print(f"pilot: {text}", flush=True),
+        )
+        try:
+            if given.goal is not None and not pilot.steer_to(given.goal):
+                low, high = crew.limits.depth_low, crew.limits.depth_high
+                raise UserError(
+                    f"--goal: z={given.goal[2]:g} must be finite and within {low:g} .. {high:g} m"
+                )
+            names = pilot.names
+            print(
+                f"{crew.name} steers {names.namespace} at {crew.frequency:g} Hz; arm it: "
+                f"ros2 service call {names.of('pilot/arm')} std_srvs/srv/SetBool '{{data: true}}'",
+                flush=True,
+            )
+            pilot.run(lambda: request.signal is None)
+        finally:
+            pilot.close("the pilot was ended")
+    if given.record is not None:
+        print(f"missions: {given.record} (auvbench replay {given.record})")
+    return 0
+
+
+def _crew(given: argparse.Namespace) -> Crew:
+    from auvbench.ros2.pilot import Limits
+    from auvbench.vehicles import sheet
+
+    word = str(given.controller)
+    task = _defaults("task", "waypoint")
+    low, high = task["depth_low"], task["depth_high"]
+    radius, steps = task["goal_radius"], task["max_steps"]
+    if word.endswith(".onnx"):
+        from auvbench.policies import exported
+
+        policy = exported.load(word)
+        card = policy.card
+        if card is None:
+            raise UserError(
+                f"{word}: no card lies beside it, which says what its numbers mean; auvbench export writes both"
+            )
+        vehicle = sheet.load(given.vehicle or card.vehicle)
+        if tuple(card.action) != vehicle.actuators:
+            raise UserError(
+                f"{word}: commands {', '.join(card.action)}, and {vehicle.name} has {', '.join(vehicle.actuators)};"
+                " --vehicle names another sheet"
+            )
+        if len(card.observation) != 4 + len(vehicle.actuators):
+            raise UserError(
+                f"{word}: observes {len(card.observation)} numbers; a pilot gives {4 + len(vehicle.actuators)}"
+                " (yaw error, position error, previous action)"
+            )
+        named = card.document["task"]
+        low, high = float(named["depth_low_m"]), float(named["depth_high_m"])
+        radius, steps = float(named["goal_radius_m"]), int(named["max_steps"])
+        frequency = given.frequency or card.frequency
+        name, body_frame = card.name, card.position_frame == "body"
+        controller: Any = policy_agent(policy)
+    else:
+        vehicle = sheet.load(given.vehicle or "bluerov2")
+        frequency = given.frequency or 10.0
+        name, body_frame = word, False
+        controller = classical(word, vehicle, frequency)
+    if given.depth is not None:
+        low, high = given.depth
+    limits = Limits(
+        depth_low=float(low),
+        depth_high=float(high),
+        goal_radius=float(given.goal_radius or radius),
+        max_steps=int(steps),
+        pose_timeout=given.pose_timeout,
+        lost_after=max(5.0, 2.0 * given.pose_timeout),
+    )
+    return Crew(name, controller, vehicle, frequency, body_frame, limits)
+
+
+def policy_agent(policy: Any) -> Any:
+    """An exported policy as a controller: it keeps nothing between steps."""
+    return SimpleNamespace(reset=lambda episodes: None, act=policy.act)
+
+
+def classical(name: str, vehicle: VehicleModel, frequency: float) -> Any:
+    """A classical controller with the gains of its file, for world-frame observations.
+
+    Raises:
+        ConfigError: there is none of that name for a pilot, or it cannot steer this vehicle.
+    """
+    from auvbench.agents import base
+    from auvbench.config import algorithms
+
+    schemas = {"pid": algorithms.PID, "smc": algorithms.SMC, "lqr": algorithms.LQR}
+    if name not in schemas:
+        raise ConfigError(f"{name}: neither a POLICY.onnx nor a controller; {closest(name, schemas)}")
+    gains = schemas[name](**_defaults("algo", name))
+    config = SimpleNamespace(
+        algo=gains, step=SimpleNamespace(frequency=frequency), task=SimpleNamespace(position_frame="world")
+    )
+    return base.resolve(base.CONTROLLERS[name])(config, vehicle)
+
+
+def _defaults(group: str, name: str) -> dict[str, Any]:
+    """The values of a file of the configuration, without Hydra."""
+    import yaml
+
+    text = (resources.files("auvbench.conf") / group / f"{name}.yaml").read_text(encoding="utf-8")
+    values = yaml.safe_load(text)
+    values.pop("defaults", None)
+    return dict(values)
+
+
+def _about(crew: Crew) -> dict[str, Any]:
+    limits = crew.limits
+    return {
+        "controller": crew.name,
+        "vehicle": crew.vehicle.name,
+        "actuators": list(crew.vehicle.actuators),
+        "frequency_hz": crew.frequency,
+        "goal_radius_m": limits.goal_radius,
+        "depth_low_m": limits.depth_low,
+        "depth_high_m": limits.depth_high,
+        "max_steps": limits.max_steps if math.isfinite(limits.max_steps) else None,
+    }

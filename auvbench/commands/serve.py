@@ -1,0 +1,146 @@
+"""`auvbench serve`: a simulator behind ROS 2 topics and services."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from auvbench.commands.grammar import Parser
+from auvbench.errors import ConfigError, UserError, closest
+
+if TYPE_CHECKING:
+    from auvbench.ros2.server import Server
+
+KEYS = ("vehicle", "simulator", "task.start", "step.frequency", "disturbance")
+
+_EPILOG = """examples:
+  auvbench serve                                            the BlueROV2 on the embedded simulator, in real time
+  auvbench serve simulator=gazebo vehicle=bluerov2_heavy    another vehicle, on Gazebo in this process
+  auvbench serve --pace 10                                  ten times as fast; --pace max as fast as possible
+  auvbench serve --lockstep --vehicles 4                    for simulator=ros2: each step waits for commands
+
+keys: vehicle=, simulator=, task.start=[x,y,z], step.frequency= (messages a second), disturbance= (drawn vehicles may
+need a smaller physics step). Topics, services and parameters: docs/ros2.md.
+"""
+
+
+def parser() -> Parser:
+    parser = Parser(
+        prog="auvbench serve",
+        description="Puts a simulator behind the ROS 2 interface of Centrale Nantes' BlueROV2, until Ctrl-C.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help=f"configuration: {', '.join(KEYS)}")
+    parser.add_argument("--namespace", default=None, help="of the topics (default: the vehicle's name)")
+    parser.add_argument(
+        "--vehicles", type=int, default=1, help="in one world: NAME_1, NAME_2, ... (default: 1)"
+    )
+    parser.add_argument(
+        "--pace", type=_pace, default=1.0, help="simulated seconds per second, or max (default: 1)"
+    )
+    parser.add_argument(
+        "--lockstep", action="store_true", help="each step waits for a command to every actuator"
+    )
+    parser.add_argument("--paused", action="store_true", help="begin with the world standing still")
+    return parser
+
+
+def _pace(text: str) -> float:
+    if text == "max":
+        return 0.0
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= 1e6:
+        raise UserError(f"--pace {text}: must be more than 0 and at most 1000000, or max")
+    return value
+
+
+def main(arguments: Sequence[str]) -> int:
+    given = parser().read(arguments, overrides=True)
+    for word in given.overrides:
+        key = word.partition("=")[0]
+        if "=" not in word:
+            raise ConfigError(f"serve: {word}: serve takes KEY=VALUE and flags (auvbench serve --help)")
+        if not any(key == known or key.startswith(f"{known}.") for known in KEYS):
+            raise ConfigError(f"{word}: serve has no such key; {closest(key, KEYS)}")
+    if not 1 <= given.vehicles <= 1000:
+        raise UserError(f"--vehicles {given.vehicles}: must be from 1 to 1000")
+
+    from auvbench.ros2 import middleware
+    from auvbench.runs import interruption
+
+    middleware.load()  # before anything is compiled
+    server = _server(given)
+    try:
+        with interruption.deferred() as request:
+            server.alone(1.0)
+            _introduce(server)
+            server.run(lambda: request.signal is None)
+    finally:
+        server.close()
+    print("auvbench: stopped", flush=True)
+    return 0
+
+
+def _server(given: argparse.Namespace) -> Server:
+    from auvbench import __version__
+    from auvbench.config import simulators
+    from auvbench.config.compose import compose
+    from auvbench.config.validate import train_config
+    from auvbench.envs.batch import make_simulator
+    from auvbench.ros2 import interface
+    from auvbench.ros2.server import Server
+    from auvbench.vehicles import sheet
+    from auvbench.vehicles.physical import PhysicalCommands
+
+    config = train_config(compose("train", given.overrides, folder=Path("conf")))
+    if isinstance(config.simulator, simulators.Ros2):
+        raise ConfigError(
+            "simulator=ros2: serve puts a simulator behind ROS 2; simulator=fossen or simulator=gazebo"
+        )
+    vehicle = sheet.load(config.vehicle)
+    physical = PhysicalCommands(vehicle)
+    drawn = config.disturbance.randomisation
+    namespaces = interface.namespaces(given.namespace or vehicle.name, given.vehicles)
+    simulator = make_simulator(config.simulator, vehicle, given.vehicles, drawn, physical.model)
+    server = Server(
+        simulator,
+        physical,
+        vehicle.actuators,
+        physical.neutral,
+        namespaces,
+        start=[*config.task.start, 1.0, 0.0, 0.0, 0.0],
+        step_duration=1.0 / config.step.frequency,
+        pace=given.pace,
+        lockstep=given.lockstep,
+        about={
+            "simulator": config.simulator.name,
+            "vehicle": vehicle.name,
+            "auvbench": __version__,
+            "vehicles": str(given.vehicles),
+        },
+    )
+    server.hold(given.paused)
+    return server
+
+
+def _introduce(server: Server) -> None:
+    """Says what is served, for whoever started it."""
+    from auvbench.ros2 import interface
+    from auvbench.ros2.middleware import surroundings
+
+    names = interface.Names(server.namespaces[0])
+    commands = [names.command(name) for name in server.actuators]
+    last = f" ... {commands[-1]}" if len(commands) > 1 else ""
+    others = "" if len(server.namespaces) == 1 else f" and {', '.join(server.namespaces[1:])}"
+    pace = "as fast as possible" if server.settings.pace == 0.0 else f"{server.settings.pace:g} x real time"
+    print(f"serving {names.namespace}{others}: {'lock-step' if server.lockstep else pace}, {surroundings()}")
+    print(f"  takes  {commands[0]}{last} (N), {interface.CURRENT} (m/s)")
+    print(f"  tells  {names.odometry}, {names.pose}, {interface.CLOCK}")
+    print(f"  does   {names.reset}, {names.pause}, {names.step}, {names.lockstep}", flush=True)

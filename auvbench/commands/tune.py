@@ -1,0 +1,240 @@
+"""`auvbench tune`: searches for settings of an algorithm on validation scenarios."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from auvbench.errors import ConfigError, RunError
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+    from auvbench.scheduling.loop import Result
+    from auvbench.tuning.folder import Plan, StudyFolder
+    from auvbench.tuning.search import Search
+
+
+def main(arguments: Sequence[str]) -> int:
+    from auvbench.commands import own_sheets
+    from auvbench.config.compose import run
+
+    own_sheets.check(arguments)
+    words, ranges, fixed = split(arguments)
+    command = shlex.join(["auvbench", "tune", *arguments])
+    result = run(
+        "tune",
+        words,
+        job=lambda config: _studies([config], ranges, fixed, command),
+        grid=lambda configs: _studies(configs, ranges, fixed, command),
+    )
+    return int(result or 0)
+
+
+def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str, str]]:
+    """The command line for Hydra, the ranges that were typed and the values that were, by key.
+
+    A range of a key such as algo.tau is a dimension of the study; one of a whole question, algo=ppo,sac, makes
+    several studies and is left to -m.
+    """
+    words: list[str] = []
+    ranges: dict[str, str] = {}
+    fixed: dict[str, str] = {}
+    before, place = "", 0
+    for word in arguments:
+        match = re.fullmatch(
+            r"\+*((?:algo|train|reward|step|task|noise|disturbance|vehicle)\.[\w.]+)=(.+)", word
+        )
+        if match is None or before.startswith("-"):
+            words.append(word)
+        elif _is_range(match[1], match[2]):
+            if match[1] in ranges:
+                raise ConfigError(f"{word}: {match[1]} has a range already: {match[1]}={ranges[match[1]]}")
+            place = place if ranges else len(words)
+            ranges[match[1]] = match[2]
+        else:
+            fixed[match[1]] = match[2]
+            words.append(word)
+        before = (
+            word if word in ("-cd", "--config-dir", "-c", "--cfg", "-p", "--package", "-i", "--info") else ""
+        )
+    if ranges:
+        # Shown by --cfg job; Hydra itself would take a range for a grid.
+        quoted = ",".join(f"{key}:{_quoted(text)}" for key, text in ranges.items())
+        words.insert(place, f"++tune.space={{{quoted}}}")
+    return words, ranges, fixed
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
+
+
+def _is_range(key: str, text: str) -> bool:
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    from auvbench.config.overrides import read
+
+    try:
+        return bool(OverridesParser.create().parse_override(read([f"{key}={text}"])[0]).is_sweep_override())
+    except HydraException as error:
+        if re.match(r"(choice|interval|range|tag|int|float)\(", text):
+            raise ConfigError(f"{key}={text}: {' '.join(str(error).split())}") from error
+        return False  # whoever composes says what is wrong
+
+
+def _studies(
+    configs: Sequence[DictConfig], ranges: Mapping[str, str], fixed: Mapping[str, str], command: str
+) -> int:
+    """One study after the other; all of them are checked before the first begins."""
+    found = [plan_of(config, ranges, fixed, command) for config in configs]
+    names = [study.path for _, study in found]
+    for path in names:
+        if names.count(path) > 1:
+            raise ConfigError(
+                f"{path}: two of these studies would have this name; name=NAME, alone, tells studies apart"
+            )
+    code = 0
+    for number, ((plan, study), config) in enumerate(zip(found, configs, strict=True), 1):
+        if len(found) > 1:
+            print(f"study {number} of {len(found)}: {plan.name}", flush=True)
+        code = _study(plan, study, config)
+        if code > 128:
+            break
+    return code
+
+
+def plan_of(
+    config: DictConfig, ranges: Mapping[str, str], fixed: Mapping[str, str], command: str = ""
+) -> tuple[Plan, StudyFolder]:
+    """What a study is, checked; writes nothing.
+
+    Raises:
+        ConfigError, VehicleError, ReportError: a value is wrong, or the space is empty or contradicts itself.
+    """
+    from omegaconf import OmegaConf
+
+    from auvbench.config import tuning
+    from auvbench.config.compose import option, typed
+    from auvbench.runs import plan as runs_plan
+    from auvbench.tuning import samplers, scores, space
+    from auvbench.tuning.folder import Plan, StudyFolder
+
+    if config.algo.get("agent") == "onnx":
+        raise ConfigError(f"algo={config.algo.name}: a policy in a file has no settings to search")
+    tune, protocol = tuning.read(config)
+    scores.objective(tune.objective, tune.then)
+    base = tuning.without_search(config)
+    # Where runs lie, who carries them out and how long they train is the study's affair.
+    name, output, seed = str(base.pop("name")), str(base.pop("output")), int(base.pop("seed"))
+    base["launcher"] = OmegaConf.to_container(option("launcher", "local"))
+    base["train"]["total_steps"] = tune.rungs[-1]
+    checked = typed(OmegaConf.create({**base, "name": name, "output": output, "seed": seed}))
+    runs_plan.check_vehicle(checked)
+    searched = OmegaConf.to_container(config)
+    assert isinstance(searched, dict)
+    written = searched.get("search")
+    if not isinstance(written, dict | str | None):
+        raise ConfigError("search: its file must map keys to ranges (see conf/search)")
+    known = space.keys_of(base["algo"])
+    typed_ranges = {**{str(key): str(text) for key, text in tune.space.items()}, **ranges}
+    dimensions = space.read(written if isinstance(written, dict) else {}, typed_ranges, fixed, known)
+    space.check(dimensions, checked, base["algo"])
+    samplers.check(tune.sampler, dimensions)
+    study = StudyFolder(Path(output) / "tune" / name)
+    return Plan(name, seed, base, tuple(dimensions), tune, protocol, command), study
+
+
+def _study(plan: Plan, study: StudyFolder, config: DictConfig) -> int:
+    """Searches, trains the best with fresh seeds, writes the report and the preset."""
+    from auvbench.tuning.folder import refuse_change
+
+    there = study.read() if study.plan_path.exists() else None
+    if there is not None:
+        refuse_change(study, there, plan)
+    elif study.journal.exists():
+        raise RunError(
+            f"{study.path}: has a journal and no study.json; restore it, or name=NAME for another study"
+        )
+    with study.hold():
+        study.write(plan)
+        result = _search(plan, study, config)
+        if result.signal is not None:
+            print(f"{study.path}: interrupted; the same command goes on", flush=True)
+            return result.exit_code
+        _conclude(plan, study)
+    return result.exit_code
+
+
+def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
+    from omegaconf import OmegaConf
+    from rich.console import Console
+
+    from auvbench.config.agents import learns
+    from auvbench.config.compose import typed
+    from auvbench.scheduling.grid import backend
+    from auvbench.tuning import scores, trial, view
+    from auvbench.tuning.controller import Controller
+    from auvbench.tuning.journal import Journal
+    from auvbench.tuning.search import Search, ladder_of
+
+    console = Console()
+    journal = Journal(study.journal, plan.dimensions, ladder_of(plan).budgets)
+    if journal.repaired:
+        print(f"auvbench: {journal.repaired}", flush=True)
+    whole = {**plan.base, "name": plan.name, "output": str(study.path), "seed": plan.seed}
+    base = typed(OmegaConf.create(whole))
+    search = Search(plan, journal, base)
+    objective = scores.objective(plan.tune.objective, plan.tune.then)
+    shown = view.view(search, objective, console)
+    print(f"{study.path}: {begin(search)}", flush=True)
+    learning = learns(plan.base["algo"])
+    made = backend(config.launcher, target=trial.TARGET, learning=learning, preload=trial.PRELOAD)
+    result = Controller(plan, study, search, objective, made, shown).carry_out()
+    if result.signal is not None and (best := shown.best()):
+        print(best)
+    return result
+
+
+def begin(search: Search) -> str:
+    """What is about to happen, in a line."""
+    plan = search.plan
+    what = f"{search.trials} trials of {plan.base['algo']['name']}, {len(plan.dimensions)} keys, sampler {plan.tune.sampler}"
+    budgets = search.ladder.budgets
+    if len(budgets) > 1:
+        what += f", {plan.tune.pruner} over {' / '.join(f'{budget:,}' for budget in budgets)} steps"
+    begun = len(search.progress)
+    return f"{'goes on' if begun else 'starts'}: {what}" + (f"; {begun} trials begun" if begun else "")
+
+
+def _conclude(plan: Plan, study: StudyFolder) -> None:
+    """The preset, the report, and what was found in a few lines."""
+    from auvbench.reporting.tuning import sentences, write
+    from auvbench.tuning import outcome, preset
+    from auvbench.tuning.space import with_values
+
+    found = outcome.read(study)
+    best = found.best
+    if best is None:
+        print(f"{study.path}: every trial failed, so there is nothing to choose")
+    else:
+        algo = with_values(plan.base["algo"], plan.dimensions, best.params)
+        preset.write(
+            study.best,
+            plan,
+            algo,
+            trials=len(found.trials),
+            steps=found.cost.steps,
+            evidence=sentences.evidence(found),
+        )
+    page = write.report(found)
+    for sentence in sentences.summary(found):
+        print(sentence)
+    if best is not None:
+        print(
+            f"{study.best}: cp it to conf/algo/{preset.name_of(plan)}.yaml, then algo={preset.name_of(plan)}"
+        )
+    print(f"{page}", flush=True)

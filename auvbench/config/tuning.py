@@ -1,0 +1,112 @@
+"""The schema of `auvbench tune`: everything that a run has, and how settings are searched for it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from auvbench.config import schema
+from auvbench.config.schema import choice, number
+from auvbench.config.validate import check, evaluate_protocol
+from auvbench.errors import ConfigError
+
+STREAM = "validation"
+"""The only stream of scenarios that settings are chosen on."""
+
+
+@dataclass(kw_only=True)
+class Tune:
+    """A search."""
+
+    trials: int = number(1, 100_000)
+    sampler: str = choice("tpe", "random", "gp", "cmaes", "grid")
+    startup: int = number(1, 100_000)
+    rungs: list[int]
+    pruner: str = choice("halving", "hyperband", "median", "none")
+    reduction: int = number(2, 100)
+    seeds: list[int]
+    fresh_seeds: list[int]
+    objective: str
+    then: str
+    space: dict[str, Any]
+
+
+@dataclass(kw_only=True)
+class TuneConfig(schema.TrainConfig):
+    """Everything that `auvbench tune` composes."""
+
+    protocol: schema.Protocol
+    search: Any = None  # there is no file for every algorithm
+    tune: Tune
+
+
+OWN = ("protocol", "search", "tune")
+"""The keys that a run does not have."""
+
+
+def read(config: DictConfig) -> tuple[Tune, schema.Protocol]:
+    """The search and the test that decides it, their values checked.
+
+    Raises:
+        ConfigError: a value is out of range, or the test is not one of validation scenarios.
+    """
+    missing = sorted(str(key) for key in OmegaConf.missing_keys(config))
+    if missing:
+        raise ConfigError(f"{missing[0]}: a value is missing")
+    tune, protocol = OmegaConf.to_object(config.tune), OmegaConf.to_object(config.protocol)
+    assert isinstance(tune, Tune)
+    assert isinstance(protocol, schema.Protocol)
+    check(tune, "tune.")
+    evaluate_protocol(protocol)
+    refuse_test(protocol)
+    if len(protocol.conditions) > 1:
+        raise ConfigError(
+            f"protocol={protocol.name}: has {len(protocol.conditions)} conditions; settings are chosen under one"
+        )
+    _check_budget(tune, config)
+    return tune, protocol
+
+
+def refuse_test(protocol: schema.Protocol) -> None:
+    """Raises ConfigError unless the protocol's scenarios come from the stream that no test shares."""
+    if protocol.scenarios != STREAM:
+        raise ConfigError(
+            f"protocol={protocol.name}: its scenarios are those of a test (protocol.scenarios={protocol.scenarios}); "
+            f"settings are chosen on protocol=validation, which no test shares"
+        )
+
+
+def _check_budget(tune: Tune, config: DictConfig) -> None:
+    if not tune.rungs or sorted(set(tune.rungs)) != tune.rungs or tune.rungs[0] < 1:
+        raise ConfigError(
+            f"tune.rungs={tune.rungs}: must be steps of training that grow, e.g. [50000,150000]"
+        )
+    for key in ("seeds", "fresh_seeds"):
+        seeds = getattr(tune, key)
+        if len(set(seeds)) < len(seeds) or any(not 0 <= seed < 1 << 32 for seed in seeds):
+            raise ConfigError(
+                f"tune.{key}={seeds}: must be different whole numbers from 0 to {(1 << 32) - 1}"
+            )
+    if not tune.seeds:
+        raise ConfigError("tune.seeds=[]: at least one training seed is needed")
+    if both := sorted(set(tune.seeds) & set(tune.fresh_seeds)):
+        raise ConfigError(
+            f"tune.fresh_seeds={tune.fresh_seeds}: {both[0]} is one of tune.seeds={tune.seeds}, so it is not fresh"
+        )
+    schedule = OmegaConf.select(config, "algo.learning_rate_schedule", default="constant")
+    if len(tune.rungs) > 1 and tune.pruner != "none" and schedule != "constant":
+        raise ConfigError(
+            f"algo.learning_rate_schedule={schedule}: depends on the budget, so a run cannot go on to a larger one; "
+            "tune.pruner=none trains every trial for the last of tune.rungs at once"
+        )
+
+
+def without_search(config: DictConfig) -> dict[str, Any]:
+    """The resolved configuration of a run, without what belongs to the search."""
+    names = [field.name for field in dataclasses.fields(schema.TrainConfig)]
+    plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    assert isinstance(plain, dict)
+    return {key: plain[key] for key in names}

@@ -1,0 +1,157 @@
+"""A time below which no commands whatever take the vehicle into the goal, from the energy that its thrusters can give.
+
+Let d be the distance to the edge of the goal, e the unit vector towards it in body axes, v the velocity, nu = (v, omega),
+f the thrusts, B the allocation, D(nu) = sum_i d_i nu_i^2 + q_i |nu_i|^3 what damping takes. Coriolis forces do no work and
+those of weight and buoyancy have a potential V, so with the kinetic energy K of body and added mass
+
+    d/dt (K + V) = nu' B f - D(nu).
+
+For every a >= 0 the progress e.v then is at most c(a) - a d/dt (K + V) with
+
+    c(a) = max over f within its limits, |e| = 1 and nu of   e.v + a (nu' B f - D(nu)),
+
+and integrated from rest, K being nowhere negative,  d <= c(a) T + a (V(start) - V(end)), that is
+
+    T >= (d - a (V(start) - V(end))) / c(a).
+
+The largest over some a is the bound. It lets the vehicle look anywhere at any time and reach its speed at once, so it is
+not sharp; it holds for the equations of motion, of which the simulator takes steps of some milliseconds.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.evaluation.bounds.trial import Scenario
+from auvbench.vehicles.actuators import Actuator
+from auvbench.vehicles.model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+PRICES = np.geomspace(5e-4, 5e-2, 17)
+"""values of a that are tried, in m/J"""
+CLOSE = 3e-3
+"""share of c(a) to which it is found, from above"""
+HALVINGS = 9
+"""of the cells of directions, at most: fewer make c(a) larger, never wrong"""
+MOST_THRUSTERS = 12
+"""2^12 corners of the box of thrusts are looked at"""
+
+
+class Energy:
+    """The bound for one vehicle.
+
+    Args:
+        vehicle: with thrusters alone.
+        radius: of the goal, m.
+    """
+
+    def __init__(self, vehicle: VehicleModel, radius: float) -> None:
+        self.radius = radius
+        self.lift = vehicle.buoyancy - vehicle.weight  # N
+        lever = vehicle.buoyancy * vehicle.center_of_buoyancy - vehicle.weight * vehicle.center_of_gravity
+        # J that the restoring moment gives at most on the way from level to its lowest place.
+        self.righting = float(np.linalg.norm(lever) - lever[2])
+        self.pace = np.array([np.inf] * len(PRICES))
+        limits = [_reached(*pair) for pair in zip(vehicle.units, vehicle.force_limits, strict=True)]
+        if len(limits) <= MOST_THRUSTERS and np.isfinite(limits).all():
+            corners = np.array(list(itertools.product(*limits)))
+            wrenches = corners @ vehicle.allocation.T
+            damping = vehicle.linear_damping, vehicle.quadratic_damping
+            self.pace = np.array([_fastest(wrenches, *damping, a) for a in PRICES.tolist()])
+
+    def seconds(self, scenario: Scenario) -> float:
+        """S that every way into the goal takes at least; 0 where nothing can be said."""
+        line = scenario.waypoint - scenario.pose[:3]
+        distance = max(float(np.linalg.norm(line)) - self.radius, 0.0)
+        # The end is anywhere in the goal: where rising gives most.
+        rise = line[2] + np.sign(self.lift) * self.radius
+        given = self.lift * rise + self.righting
+        return float(max(0.0, np.max((distance - PRICES * given) / self.pace)))
+
+    def steps(self, scenario: Scenario, frequency: float) -> int:
+        """The same in whole steps of an agent, at least 1: it is after a step that an arrival is noticed."""
+        return max(1, int(np.ceil(self.seconds(scenario) * frequency - 1e-9)))
+
+
+def _reached(unit: Actuator, limits: Floats) -> tuple[float, float]:
+    """Least and most thrust in N that a thruster gives, its lag's overshoot included; infinite where that is not known.
+
+    With the positive and the negative part of the impulse response g, P = int max(g, 0) dt and N = P - 1, an input in
+    [l, h] that holds 0 gives an output in [P l - N h, P h - N l].
+    """
+    low, high = float(min(limits)), float(max(limits))
+    if unit.lag.order <= 1:
+        return min(low, 0.0), max(high, 0.0)
+    poles, modes = np.linalg.eig(unit.lag.A)
+    if unit.rotor_constant != 0.0 or (poles.real >= 0.0).any():
+        return -np.inf, np.inf
+    weights = (unit.lag.C @ modes) * np.linalg.solve(modes, unit.lag.B.astype(complex))
+    t = np.linspace(0.0, 40.0 / float(np.abs(poles.real).min()), 200_001)
+    g = np.real(np.exp(np.outer(t, poles)) @ weights)
+    N = 1.001 * float(np.trapezoid(np.maximum(-g, 0.0), t)) + 1e-6
+    return (1.0 + N) * min(low, 0.0) - N * max(high, 0.0), (1.0 + N) * max(high, 0.0) - N * min(low, 0.0)
+
+
+def _fastest(wrenches: Floats, linear: Floats, quadratic: Floats, a: float) -> float:
+    """c(a) from above, by branch and bound over directions e.
+
+    Damping is the same either way, so of e and of the forces only the signless parts matter: one octant of directions.
+
+    Args:
+        wrenches: (n, 6) N and N m that the thrusters can give at the corners of their limits.
+        linear: (6,) d_i.
+        quadratic: (6,) q_i.
+        a: m/J.
+    """
+    turning = _gain(a * np.abs(wrenches[:, 3:]), linear[3:], quadratic[3:], a)[0].sum(axis=1)
+    corners = _undominated(np.column_stack([a * np.abs(wrenches[:, :3]), turning]))
+    forces, turning = corners[:, :3], corners[:, 3]
+    if not np.isfinite(turning).all():
+        return np.inf
+    half = 0.25 * np.pi  # of a cell of elevation and azimuth
+    cells = np.array([[half, half]])
+    best, above = 0.0, np.array([np.inf])
+    for _ in range(HALVINGS):
+        elevation, azimuth = cells.T
+        flat = np.cos(elevation)
+        e = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+        value = (_gain(e[:, None] + forces, linear[:3], quadratic[:3], a)[0].sum(axis=2) + turning).max(
+            axis=1
+        )
+        best = max(best, float(value.max()))
+        # Within a cell e moves by no more than `reach`, and each metre of that is worth the velocity that gains most.
+        reach = np.sqrt(2.0) * half
+        speeds = _gain(np.minimum(e + reach, 1.0)[:, None] + forces, linear[:3], quadratic[:3], a)[1]
+        above = value + reach * np.linalg.norm(speeds, axis=2).max(axis=1)
+        if not above.max() > best * (1.0 + CLOSE):
+            break
+        half *= 0.5
+        kept = cells[above > best]
+        cells = np.concatenate(
+            [kept + half * np.array(corner) for corner in itertools.product((-1, 1), repeat=2)]
+        )
+    return float(above.max()) if np.isfinite(above).all() else np.inf
+
+
+def _undominated(rows: Floats) -> Floats:
+    """The rows of which no other is at least as large in every column."""
+    kept: list[Floats] = []
+    for row in np.unique(np.round(rows, 12), axis=0)[::-1]:
+        if not any(np.all(other >= row) for other in kept):
+            kept = [other for other in kept if not np.all(row >= other)]
+            kept.append(row)
+    return np.array(kept)
+
+
+def _gain(force: Floats, linear: Floats, quadratic: Floats, a: float) -> tuple[Floats, Floats]:
+    """Max over x >= 0 of force x - a (linear x^2 + quadratic x^3), and the x where it is, axis by axis."""
+    A = force / a
+    root = 2.0 * linear + np.sqrt(4.0 * linear**2 + 12.0 * quadratic * A)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = np.where(A > 0.0, 2.0 * A / root, 0.0)
+        gain = np.where(np.isfinite(x), a * (A * x - linear * x**2 - quadratic * x**3), np.inf)
+    return gain, x

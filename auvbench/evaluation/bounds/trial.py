@@ -1,0 +1,108 @@
+"""Commands tried out in the simulator, by the task's own rules: what a bound rests on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.envs.batch import Batch
+from auvbench.tasks.kernels import F_START_YAW, F_WAYPOINT
+from auvbench.tasks.record import Record
+
+Floats = NDArray[np.float64]
+Commands = NDArray[np.int8]
+
+UNIT = 127
+"""Commands are kept in whole numbers of 1/127 of their range, and are tried out as they are kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """Where an episode starts and where it is to go, in the world."""
+
+    pose: Floats
+    """(7,) x, y, z in m, quaternion (w, x, y, z); level"""
+    yaw: float
+    """rad"""
+    waypoint: Floats
+    """(3,) m"""
+
+    @property
+    def target(self) -> Floats:
+        """(3,) the waypoint seen from the start: x along the first heading, z as in the world."""
+        east, north = self.waypoint[:2] - self.pose[:2]
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        return np.array([c * east + s * north, c * north - s * east, self.waypoint[2]])
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of commands."""
+
+    record: Record
+    """of the episode, as of any agent's; its `outcome` is timeout where the commands ran out first"""
+    pose: Floats
+    """(T + 1, 7)"""
+    velocity: Floats
+    """(T + 1, 6) body axes"""
+
+    @property
+    def arrived(self) -> bool:
+        return self.record["outcome"] == "success"
+
+    @property
+    def steps(self) -> int:
+        return int(self.record["steps"])
+
+
+class Trial:
+    """One vehicle in still water, without noise.
+
+    Args:
+        config: of a protocol's condition.
+    """
+
+    def __init__(self, config: schema.TrainConfig) -> None:
+        self.batch = Batch(silent(config), 1, seed=0, test=True, autoreset=False)
+        self.vehicle = self.batch.vehicle
+
+    def run(self, scenario: Scenario, commands: Commands) -> Outcome:
+        """Gives commands (T, n_u) from the start on, the last one again and again until the task ends the episode or 1 further step is made."""
+        batch = self.batch
+        batch.reset(pose=scenario.pose[None], waypoint=scenario.waypoint[None])
+        pose, velocity = [batch.simulator.pose[0].copy()], [batch.simulator.velocity[0].copy()]
+        for command in commands:
+            transition = batch.step(actions(command)[None])
+            pose.append(batch.simulator.pose[0].copy())
+            velocity.append(batch.simulator.velocity[0].copy())
+            if transition.records:
+                return Outcome(transition.records[0], np.array(pose), np.array(velocity))
+        record = batch.task.records(np.array([0]))[0]
+        return Outcome(record | {"outcome": "timeout"}, np.array(pose), np.array(velocity))
+
+
+def silent(config: schema.TrainConfig) -> schema.TrainConfig:
+    """The same without noise."""
+    return replace(config, noise=replace(config.noise, scale=0.0))
+
+
+def kept(actions: Floats) -> Commands:
+    """Actions (T, n_u) in [-1, 1] as they are kept."""
+    return np.rint(UNIT * np.clip(actions, -1.0, 1.0)).astype(np.int8)
+
+
+def actions(commands: Commands) -> Floats:
+    """Actions (..., n_u) in [-1, 1] that are kept so."""
+    return commands.astype(np.float64) / UNIT
+
+
+def scenarios(batch: Batch) -> list[Scenario]:
+    """Those of a batch that was just reset."""
+    F, pose = batch.task.F, batch.simulator.pose
+    return [
+        Scenario(pose[i].copy(), float(F[i, F_START_YAW]), F[i, F_WAYPOINT : F_WAYPOINT + 3].copy())
+        for i in range(batch.n)
+    ]

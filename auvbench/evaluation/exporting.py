@@ -1,0 +1,290 @@
+"""`auvbench export`: the policy of a trained run as an ONNX file, checked against the run's own actions, and its card.
+
+The format of both is in docs/policies-as-files.md.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from auvbench.agents.base import Agent
+from auvbench.config import schema
+from auvbench.config.agents import learns
+from auvbench.config.clock import step_limit
+from auvbench.errors import RunError
+from auvbench.evaluation import observations
+from auvbench.evaluation.evaluate import adopt, make_agent, read_summary
+from auvbench.policies import exported
+from auvbench.policies.exported import FORMAT, NETWORK, SCHEMA_VERSION
+from auvbench.runs import identity, integrity, provenance
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.durable import sha256, storage
+from auvbench.runs.files import write_atomic
+from auvbench.runs.plan import load_config
+from auvbench.untrusted import inside
+from auvbench.vehicles import sheet
+from auvbench.vehicles.actuators import Actuator
+from auvbench.vehicles.model import VehicleModel
+
+LIMIT = 1e-5
+"""largest difference between an action of the file and the run's own that is let through"""
+
+STEPS = 100
+"""of each of the test episodes whose observations the file is checked on"""
+
+RATES = ("success_rate", "collision_rate", "timeout_rate", "mean_steps", "mean_return")
+"""of a test's conditions, that a card repeats"""
+
+
+class NoNetworkError(RunError):
+    """The run's actions are not those of a trained network, or they are a file already."""
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """A policy that was written."""
+
+    run: RunDirectory
+    path: Path
+    card_path: Path
+    observations: int
+    difference: float
+    """largest difference of an action from the run's own, on so many observations"""
+
+
+def export(run: RunDirectory, folder: Path | None = None) -> Export:
+    """Writes `<run id>.onnx` and `<run id>.json`; what was there under these names is replaced.
+
+    Args:
+        run: a complete run of an agent that learns.
+        folder: where to; None for the run's own `exports/`.
+
+    Raises:
+        RunError: the run is not complete, has no network, its files are damaged, or the file's actions are not the run's.
+        MissingExtraError: onnx or onnxruntime is not installed.
+        TrainingError: the disk is full, read-only or failing.
+    """
+    from auvbench.agents.learned import onnx_graph
+
+    manifest = run.manifest()
+    if manifest["state"] != "complete":
+        raise RunError(f"{run.path}: {manifest['state']}, not complete; auvbench train finishes it")
+    inside.check(run.path)
+    config = load_config(run)
+    _refuse_others(run, config)
+    agent = make_agent(run, config.step.frequency)
+    network = getattr(agent, "network", None)
+    found = None if network is None else network()
+    if found is None:
+        raise NoNetworkError(
+            f"{run.path}: the actions of {config.algo.name} are not those of a network that answers each observation "
+            "by itself; it is not exported"
+        )
+    policy, scaling = found
+    vehicle = sheet.load(config.vehicle)
+    n_u = len(vehicle.actuators)
+    about = {"run": run.id, "vehicle": vehicle.name, "frequency_hz": f"{config.step.frequency:g}"}
+    try:
+        data = onnx_graph.build(policy, 4 + n_u, scaling, about)
+    except RunError as error:
+        raise RunError(f"{run.path}: {error}") from error
+    count, difference = compare(config, agent, data, n_u, str(run.path))
+    target = (folder if folder is not None else run.path / "exports") / f"{run.id}.onnx"
+    card = make_card(run, config, vehicle, data, target.name)
+    card["check"] = {"observations": count, "largest_difference": difference, "limit": LIMIT}
+    card["versions"] = _versions()
+    inside.check_output(target.parent, (target.name, exported.card_path(target).name))
+    with storage(f"cannot write into {target.parent}"):
+        # The card first: it names the file's digest, so that an old file beside it is noticed.
+        write_atomic(exported.card_path(target), as_text(card))
+        write_atomic(target, data)
+    return Export(run, target, exported.card_path(target), count, difference)
+
+
+def compare(config: schema.TrainConfig, agent: Agent, data: bytes, n_u: int, where: str) -> tuple[int, float]:
+    """On how many observations an ONNX file was compared with the agent that it is of, and the largest difference.
+
+    Test episodes of the run's own task, and the edges of its observation space; many rows at once and one by one.
+
+    Raises:
+        RunError: it exceeds `LIMIT`, or an answer is no action.
+    """
+    seen = np.concatenate([observations.of_episodes(config, agent, STEPS), observations.of_edges(config)])
+    own = np.asarray(agent.act(seen), dtype=np.float64)
+    sizes = {"observations": seen.shape[1], "actions": n_u}
+    many, one = (exported.Policy(data, f"{where} (exported)", rows=n, **sizes) for n in (exported.ROWS, 1))
+    few = slice(None, None, max(1, len(seen) // 500))
+    difference = max(
+        float(np.abs(many.act(seen) - own).max()), float(np.abs(one.act(seen[few]) - own[few]).max())
+    )
+    if not difference <= LIMIT:
+        raise RunError(
+            f"{where}: the exported network's actions differ from the run's by {difference:.3g}, more than {LIMIT:g}; "
+            "nothing was written"
+        )
+    return len(seen), difference
+
+
+def make_card(
+    run: RunDirectory, config: schema.TrainConfig, vehicle: VehicleModel, data: bytes, name: str
+) -> dict[str, Any]:
+    """The card of a run's policy, but for what the check has found."""
+    task = config.task
+    plain = run.config()
+    found = exported.check(data, name)
+    manifest = adopt(run)
+    return {
+        "format": FORMAT,
+        "schema_version": SCHEMA_VERSION,
+        "name": run.id,
+        "file": {
+            "name": name,
+            "bytes": len(data),
+            "sha256": sha256(data),
+            "opset": found.opset,
+            **{
+                kind: {
+                    "name": port.name,
+                    "type": port.type,
+                    "shape": ["n" if length is None else length for length in port.shape or ()],
+                }
+                for kind, port in (("input", found.inputs[0]), ("output", found.outputs[0]))
+            },
+        },
+        "vehicle": {
+            "name": vehicle.name,
+            "title": vehicle.title,
+            "sha256": identity.digest_of(identity.without_descriptions(plain["vehicle"]), 64),
+        },
+        "task": {
+            "name": task.name,
+            "position_frame": task.position_frame,
+            "start_m": list(task.start),
+            "waypoint_low_m": list(task.waypoint_low),
+            "waypoint_high_m": list(task.waypoint_high),
+            "goal_radius_m": task.goal_radius,
+            "depth_low_m": task.depth_low,
+            "depth_high_m": task.depth_high,
+            "max_steps": step_limit(task, config.step.frequency),
+        },
+        "frequency_hz": config.step.frequency,
+        "observation": _observation(task.position_frame, vehicle),
+        "action": [_action(unit) for unit in vehicle.units],
+        "run": {
+            "id": run.id,
+            "algorithm": config.algo.name,
+            "seed": config.seed,
+            "steps": manifest["steps"],
+            "config_sha256": identity.digest_of(
+                {"schema_version": identity.SCHEMA_VERSION, "config": identity.relevant(plain)}, 64
+            ),
+        },
+        "tests": _tests(run, manifest),
+    }
+
+
+def as_text(card: Mapping[str, Any]) -> bytes:
+    """JSON to be read by people too: short lists stay on one line."""
+    lines = []
+    for key, value in card.items():
+        if isinstance(value, list) and value:
+            inner = ",\n".join(f"    {json.dumps(item, allow_nan=False)}" for item in value)
+            text = f"[\n{inner}\n  ]"
+        else:
+            text = json.dumps(value, allow_nan=False)
+        lines.append(f"  {json.dumps(key)}: {text}")
+    return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
+
+
+def _refuse_others(run: RunDirectory, config: schema.TrainConfig) -> None:
+    """What has nothing that a file of weights could hold."""
+    if config.algo.agent == "onnx":
+        raise NoNetworkError(f"{run.path}: its policy is an ONNX file already: {run.model / NETWORK}")
+    if not learns(config.algo):
+        raise NoNetworkError(
+            f"{run.path}: {config.algo.name} is a controller that auvbench computes, not a trained network; "
+            "there is nothing to export"
+        )
+
+
+def _observation(frame: str, vehicle: VehicleModel) -> list[dict[str, str]]:
+    axes = "world axes (east, north, up)"
+    if frame == "body":
+        axes = "levelled body axes (forward, port, up), turned by the yaw reading"
+    entries = [
+        {
+            "name": "yaw_error",
+            "unit": "rad",
+            "meaning": "bearing of the waypoint less yaw, wrapped to [-pi, pi)",
+        }
+    ]
+    entries += [
+        {"name": f"position_error_{axis}", "unit": "m", "meaning": f"waypoint less position, {axes}"}
+        for axis in "xyz"
+    ]
+    entries += [
+        {
+            "name": f"previous_action_{name}",
+            "unit": "1",
+            "meaning": "what was asked for in the last step, in [-1, 1]; 0 at the start",
+        }
+        for name in vehicle.actuators
+    ]
+    return entries
+
+
+UNITS = {"fin": "rad", "mass_shifter": "m", "buoyancy_engine": "m3", "drop_weight": "1"}
+"""of the commands of actuators that are no thrusters"""
+
+
+def _action(unit: Actuator) -> dict[str, Any]:
+    """What -1 and +1 stand for; between them the curve is as the sheet has it."""
+    low, high = unit.curve.limits
+    return {
+        "name": unit.name,
+        "kind": unit.kind,
+        "low": -1.0,
+        "high": 1.0,
+        "curve": unit.curve.kind,
+        "command_low": float(low),
+        "command_neutral": float(unit.curve(0.0)),
+        "command_high": float(high),
+        "command_unit": UNITS.get(unit.kind, "rad/s" if unit.rotor_constant else "N"),
+    }
+
+
+def _tests(run: RunDirectory, manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The tests of this very model that are there and whole, by name."""
+    model = integrity.digests(manifest, "model/") or {}
+    found = []
+    for path in sorted(run.path.glob("evaluations/*/summary.json")):
+        summary = read_summary(run, path.parent.name)
+        if summary is None or summary.get("run") != run.id or summary.get("model") != model:
+            continue
+        conditions = summary.get("conditions")
+        if not isinstance(conditions, list) or not all(isinstance(c, Mapping) for c in conditions):
+            continue
+        found.append(
+            {
+                "protocol": summary.get("protocol"),
+                "fingerprint": summary.get("fingerprint"),
+                "conditions": [
+                    {key: c[key] for key in ("name", "frequency_hz", "episodes", *RATES) if key in c}
+                    for c in conditions
+                ],
+            }
+        )
+    return found
+
+
+def _versions() -> dict[str, str]:
+    import onnx
+    import onnxruntime
+
+    return {**provenance.versions(), "onnx": onnx.__version__, "onnxruntime": onnxruntime.__version__}

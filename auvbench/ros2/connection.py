@@ -1,0 +1,434 @@
+"""The other end: N vehicles behind the interface, moved step by step by whatever clock there is.
+
+`lockstep`: each step waits for a command to every actuator and answers with odometry that carries the time after it;
+nothing can be lost without being noticed. `clock`: the server's `/clock` says when a step is over. `wall`: this
+machine's clock does, as in the thesis.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.errors import TrainingError, closest
+from auvbench.ros2 import interface, messages
+from auvbench.ros2.middleware import Answer, InterfaceError, Session, surroundings
+
+Floats = NDArray[np.float64]
+
+CLOCKS = ("lockstep", "clock", "wall")
+SETTLE = 0.4
+"""s that are given to what is discovered after the first of its kind"""
+
+LEAVING = 2.0
+"""s that are given to those who were here before"""
+
+
+class Connection:
+    """All N vehicles of one server.
+
+    Args:
+        namespace: of the vehicle, or what its vehicles' namespaces begin with.
+        actuators: names of the columns of a command.
+        clock: one of CLOCKS, or auto: the first of them that the server offers.
+        timeout: s, after which what does not answer is given up.
+
+    Raises:
+        ConfigError: ROS 2 does not start.
+        InterfaceError: what is needed is not there, or twice.
+
+    Attributes:
+        clock: which of CLOCKS is used.
+        pose: (n, 7), and velocity (n, 6), the last that were told.
+
+    """
+
+    def __init__(
+        self, namespace: str, actuators: Sequence[str], clock: str = "auto", timeout: float = 10.0
+    ) -> None:
+        self.namespace = interface.namespaces(namespace, 1)[0]
+        self.actuators = tuple(actuators)
+        self.timeout = timeout
+        self.session = Session()
+        try:
+            self.node = self.session.node("auvbench_client")
+            self.about: dict[str, str] = {}
+            self.names = self._find()
+            self._prepare()
+            self._make()
+            self._check()
+            self.clock = self._choose(clock)
+            self._begin()
+        except BaseException:
+            self.session.close()
+            raise
+
+    def _prepare(self) -> None:
+        """What is known of the vehicles before anything is heard."""
+        self.n = len(self.names)
+        self.pose: Floats = np.zeros((self.n, 7))
+        self.pose[:, 3] = 1.0
+        self.velocity: Floats = np.zeros((self.n, 6))
+        self.owner: object = None
+        """whose vehicles these are at present: one simulator at a time"""
+        self._heard = np.zeros(self.n, dtype=np.int64)
+        """(n,) messages with a pose so far"""
+        self._stamp = np.full(self.n, -1, dtype=np.int64)
+        self._time = -1
+        self._duration = float("nan")
+        self._behind = self.n
+        self._expected = -1
+        self._reached = 0
+        self._due = 0.0
+
+    # Connecting.
+
+    def _find(self) -> list[interface.Names]:
+        """Waits until there is a server, and finds its vehicles.
+
+        Raises:
+            InterfaceError: nobody is there, or in another namespace.
+        """
+        count = self.node.count_publishers
+        one, first = (interface.Names(name) for name in (self.namespace, f"{self.namespace}_1"))
+
+        def there() -> bool:
+            return bool(count(one.odometry) > 0 or count(first.odometry) > 0)
+
+        if not self.session.seen(there, self.timeout):
+            raise InterfaceError(f"{one.odometry}: nobody publishes it{self._elsewhere()}")
+        if count(one.odometry) > 0:
+            self._ask_about(one)
+            return [one]
+        self._ask_about(first)
+        try:
+            n = int(self.about.get("vehicles", "1"))
+        except ValueError:
+            n = 1
+        # A server of one vehicle whose name ends with _1 has no others.
+        return [interface.Names(name) for name in interface.namespaces(self.namespace, max(n, 2))][:n]
+
+    def _make(self) -> None:
+        ros, session = self.session.ros, self.session
+        node = self.node
+        self._float = ros.std.Float64()
+        self._publishers = []
+        for i, names in enumerate(self.names):
+            self._publishers.append(
+                [
+                    node.create_publisher(ros.std.Float64, names.command(actuator), session.qos)
+                    for actuator in self.actuators
+                ]
+            )
+            heard = self._odometry(i)
+            node.create_subscription(ros.nav.Odometry, names.odometry, heard, session.qos, raw=True)
+        self._current = node.create_publisher(ros.geometry.Vector3, interface.CURRENT, session.qos)
+        self._resets = [node.create_client(ros.services.Trigger, names.reset) for names in self.names]
+        self._setters = [
+            node.create_client(ros.parameters.SetParameters, names.parameters) for names in self.names
+        ]
+        self._lockstep = node.create_client(ros.services.SetBool, self.names[0].lockstep)
+        session.renew()
+
+    def _check(self) -> None:
+        """Whether everything that is needed is there, and once.
+
+        Raises:
+            InterfaceError: it is not.
+        """
+        count, seen = self.node.count_publishers, self.session.seen
+        for names in self.names:
+            if not seen(lambda topic=names.odometry: count(topic) > 0, self.timeout):  # type: ignore[misc]
+                raise InterfaceError(
+                    f"{names.odometry}: nobody publishes it, of {self.n} vehicles of the server"
+                )
+        seen(lambda: False, SETTLE)
+        for i, names in enumerate(self.names):
+            if count(names.odometry) > 1:
+                raise InterfaceError(
+                    f"{names.odometry}: {count(names.odometry)} publish it: several servers in the namespace"
+                    f" {names.namespace}; stop all but one, or give them namespaces of their own"
+                )
+            for actuator, publisher in zip(self.actuators, self._publishers[i], strict=True):
+                topic = names.command(actuator)
+                if not seen(lambda p=publisher: p.get_subscription_count() > 0, self.timeout):  # type: ignore[misc]
+                    raise InterfaceError(
+                        f"{topic}: nobody listens, so that the server's vehicle is another one than this vehicle"
+                        " (check vehicle= on both sides, and ros2 topic list)"
+                    )
+                # Whoever has just left is still known for a moment.
+                if not seen(lambda topic=topic: count(topic) <= 1, LEAVING):  # type: ignore[misc]
+                    raise InterfaceError(
+                        f"{topic}: somebody else commands this vehicle; stop it, or let runs go one after the other"
+                        " (workers=1 of evaluate, launcher.workers=1 of train)"
+                    )
+            for client, service in ((self._resets[i], names.reset), (self._setters[i], names.parameters)):
+                if not seen(client.service_is_ready, self.timeout):
+                    raise InterfaceError(
+                        f"{service}: no such service, without which no episode can begin at its start"
+                        " (ros2 service list; auvbench serve offers it)"
+                    )
+
+    def _elsewhere(self) -> str:
+        """Where vehicles are instead, and what decides whether they are seen."""
+        others = [
+            topic.removesuffix("/odom").strip("/")
+            for topic, _ in self.node.get_topic_names_and_types()
+            if topic.endswith("/odom") and self.node.count_publishers(topic) > 0
+        ]
+        if others:
+            return f", but there are other namespaces; simulator.namespace: {closest(self.namespace, others)}"
+        return (
+            f" within {self.timeout:g} s: is a server running (auvbench serve), in the same domain?"
+            f" Here {surroundings()}"
+        )
+
+    def _choose(self, clock: str) -> str:
+        """Which clock steps are counted by.
+
+        Raises:
+            InterfaceError: the one that is asked for is not there.
+        """
+        there = {
+            "lockstep": self._lockstep.service_is_ready,
+            "clock": lambda: self.node.count_publishers(interface.CLOCK) > 0,
+            "wall": lambda: True,
+        }
+        found = clock if clock != "auto" else next(name for name in CLOCKS if there[name]())
+        if not self.session.seen(there[found], self.timeout):
+            topic = self.names[0].lockstep if found == "lockstep" else interface.CLOCK
+            raise InterfaceError(
+                f"{topic}: not there, and simulator.clock={clock} needs it; simulator.clock=auto takes what there is"
+            )
+        if found == "clock" and self.node.count_publishers(interface.CLOCK) > 1:
+            raise InterfaceError(
+                f"{interface.CLOCK}: {self.node.count_publishers(interface.CLOCK)} publish it: several servers in"
+                " this domain; stop all but one, or set another ROS_DOMAIN_ID for each"
+            )
+        if found == "clock":
+            ros = self.session.ros
+            self.node.create_subscription(ros.rosgraph.Clock, interface.CLOCK, self._clock, self.session.qos)
+            self.session.renew()
+        return found
+
+    def _begin(self) -> None:
+        """Goes into lock-step, and waits until the first messages have come."""
+        begun = time.monotonic()
+        deadline = begun + self.timeout
+        since = 0
+        while True:
+            if self.clock == "lockstep":
+                try:
+                    since = self.lockstep(True)
+                except InterfaceError:
+                    if time.monotonic() > begun + LEAVING:
+                        raise
+                    self.session.seen(lambda: False, 0.1)
+                    continue
+            self._reached = since
+            if self.session.until(lambda since=since: bool(np.all(self._stamp >= since)), SETTLE):  # type: ignore[misc]
+                break
+            if time.monotonic() > deadline:
+                silent = self.names[int(np.argmin(self._stamp))].odometry
+                raise InterfaceError(
+                    f"{silent}: silent for {self.timeout:g} s; is the server paused, or stopped?"
+                )
+        if self.clock == "clock" and not self.session.until(lambda: self._time >= 0, self.timeout):
+            raise InterfaceError(f"{interface.CLOCK}: silent for {self.timeout:g} s; is the server paused?")
+
+    def _ask_about(self, names: interface.Names) -> None:
+        """What the server says of itself, if it says anything."""
+        ros = self.session.ros
+        client = self.node.create_client(
+            ros.parameters.GetParameters, names.of(f"{interface.NODE}/get_parameters")
+        )
+        self.session.renew()
+        if not self.session.seen(client.service_is_ready, 3 * SETTLE):
+            return
+        request = ros.parameters.GetParameters.Request(names=["simulator", "vehicle", "auvbench", "vehicles"])
+        answer = self.session.ask(client, request)
+        if self.session.until(lambda: answer.value is not None, self.timeout):
+            found = zip(request.names, answer.value.values, strict=False)
+            self.about = {name: value.string_value for name, value in found if value.string_value}
+
+    # Messages.
+
+    def _odometry(self, i: int) -> Callable[[Any], None]:
+        pose, velocity = np.zeros(7), np.zeros(6)
+
+        def heard(message: bytes) -> None:
+            try:
+                stamp = messages.read_odometry(message, pose, velocity)
+            except (ValueError, struct.error) as error:
+                raise InterfaceError(f"{self.names[i].odometry}: {error}") from error
+            if stamp < self._stamp[i]:
+                return  # overtaken on its way
+            self._stamp[i] = stamp
+            self._heard[i] += 1
+            self.pose[i], self.velocity[i] = pose, velocity
+            if stamp >= self._expected >= 0:
+                self._behind -= 1
+
+        return heard
+
+    def _clock(self, message: Any) -> None:
+        self._time = messages.read_time(message.clock)
+
+    # Services.
+
+    def call(self, client: Any, request: Any, service: str) -> Any:
+        """A service's answer.
+
+        Raises:
+            TrainingError: none came in time.
+        """
+        return self._answers([(self.session.ask(client, request), service)])[0]
+
+    def _answers(self, asked: Sequence[tuple[Answer, str]]) -> list[Any]:
+        self.session.until(lambda: all(answer.value is not None for answer, _ in asked), self.timeout)
+        for answer, service in asked:
+            if answer.value is None:
+                raise TrainingError(
+                    f"{service}: no answer within {self.timeout:g} s; does the server still run (ros2 node list)?"
+                )
+        return [answer.value for answer, _ in asked]
+
+    def lockstep(self, on: bool) -> int:
+        """Asks for lock-step, or gives the world its own pace back; the server's time in ns.
+
+        Raises:
+            InterfaceError: the server refuses.
+        """
+        request = self.session.ros.services.SetBool.Request(data=on)
+        service = self.names[0].lockstep
+        answer = self.call(self._lockstep, request, service)
+        if not answer.success:
+            raise InterfaceError(f"{service}: refused: {answer.message}")
+        if not str(answer.message).isdecimal():
+            raise InterfaceError(f"{service}: answered {answer.message!r}, which is no time in ns")
+        return int(answer.message)
+
+    def set(self, values: dict[int, dict[str, Any]]) -> None:
+        """Sets parameters by vehicle: floats, or lists of them.
+
+        Raises:
+            InterfaceError: the server refuses one.
+        """
+        ros = self.session.ros
+        asked = []
+        for i, entries in values.items():
+            request = ros.parameters.SetParameters.Request(
+                parameters=[
+                    ros.parameter.Parameter(name, value=value).to_parameter_msg()
+                    for name, value in entries.items()
+                ]
+            )
+            asked.append((self.session.ask(self._setters[i], request), self.names[i].parameters))
+        for answer, (_, service) in zip(self._answers(asked), asked, strict=True):
+            for result in answer.results:
+                if not result.successful:
+                    raise InterfaceError(f"{service}: refused: {result.reason}")
+
+    def reset(self, indices: Sequence[int], parameters: dict[int, dict[str, Any]]) -> None:
+        """Puts vehicles where the parameters that go with it say.
+
+        Raises:
+            InterfaceError: the server refuses.
+        """
+        self.set(parameters)
+        request = self.session.ros.services.Trigger.Request()
+        asked = [(self.session.ask(self._resets[i], request), self.names[i].reset) for i in indices]
+        for answer, (_, service) in zip(self._answers(asked), asked, strict=True):
+            if not answer.success:
+                raise InterfaceError(f"{service}: refused: {answer.message}")
+        self._due = 0.0  # the next step begins with itself
+
+    def flow(self, current: Floats) -> None:
+        """Publishes a current (3,) in m/s for all vehicles, on `/current`."""
+        water = self.session.ros.geometry.Vector3()
+        water.x, water.y, water.z = current.tolist()
+        self._current.publish(water)
+
+    # Steps.
+
+    def step(self, quantities: Floats, duration: float) -> None:
+        """Commands quantities (n, n_u) and waits until they have acted for `duration` s.
+
+        Raises:
+            TrainingError: the server fell silent, or somebody else moves its clock.
+        """
+        if self.clock == "lockstep":
+            if duration != self._duration:
+                self.set({0: {"step_duration": duration}})
+                self._duration = duration
+            self.session.turn(0.0)
+            self._alone()
+            self._expected = self._reached + interface.nanoseconds(duration)
+            self._behind = self.n
+            self._publish(quantities)
+            self._wait(lambda: self._behind <= 0)
+            self._reached = self._expected
+            self._alone()
+            return
+        now = self._time / 1e9 if self.clock == "clock" else time.monotonic()
+        # Steps follow each other without a gap, however long a policy thinks; unless it thought for too long.
+        self._due = (
+            now + duration if not 0.0 <= self._due - now + duration <= duration else self._due + duration
+        )
+        heard = self._heard.copy()
+        self._publish(quantities)
+        if self.clock == "clock":
+            self._wait(lambda: self._time / 1e9 >= self._due - 1e-9)
+        else:
+            self.session.until(lambda: time.monotonic() >= self._due, duration + self.timeout)
+        self._wait(lambda: bool(np.all(self._heard > heard)))
+
+    def _alone(self) -> None:
+        """Raises where the server's clock went further than this run's own steps."""
+        ahead = (int(self._stamp.max()) - self._reached) / 1e9
+        if ahead > 0.0:
+            raise TrainingError(
+                f"{self.names[0].odometry}: is {ahead:g} s ahead of this run's own steps: somebody else steps or"
+                " commands the same server (ros2 topic info -v on its commands)"
+            )
+
+    def _publish(self, quantities: Floats) -> None:
+        message = self._float
+        for publishers, row in zip(self._publishers, quantities.tolist(), strict=True):
+            for publisher, value in zip(publishers, row, strict=True):
+                message.data = value
+                publisher.publish(message)
+
+    def _wait(self, condition: Callable[[], bool]) -> None:
+        if self.session.until(condition, self.timeout):
+            return
+        i = int(np.argmin(self._stamp))
+        topic = interface.CLOCK if self.clock == "clock" else self.names[i].odometry
+        if self.node.count_publishers(self.names[i].odometry) == 0:
+            why = "the server has stopped; start it again, and the same command goes on"
+        elif self.clock == "lockstep":
+            why = (
+                "was the server killed or halted, or is it in lock-step no more? Start it again, and the same command"
+                f" goes on; if it runs, see what arrives: ros2 topic echo {self.names[i].command(self.actuators[0])}"
+            )
+        else:
+            why = "was the server killed or paused, or is it slower than simulator.timeout?"
+        raise TrainingError(f"{topic}: silent for {self.timeout:g} s; {why}")
+
+    def close(self) -> None:
+        """Commands nothing any more and leaves; the world goes on at its own pace."""
+        if not self.session.context.ok():
+            return
+        try:
+            if self.clock == "lockstep" and self._lockstep.service_is_ready():
+                answer = self.session.ask(
+                    self._lockstep, self.session.ros.services.SetBool.Request(data=False)
+                )
+                self.session.until(lambda: answer.value is not None, 0.5)
+        finally:
+            self.session.close()

@@ -1,0 +1,408 @@
+"""A node that steers a vehicle by a controller, and would rather do nothing than something wrong.
+
+It starts disarmed. Disarmed it commands nothing. Armed, it commands zero thrust unless everything is as it should be: a
+pose that is young enough, within the depth limits, a waypoint, and an action that is one. Whatever ends a run of it (a
+stop, a signal, an error), zero thrust is the last that it commands.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.errors import AuvbenchError, RunError
+from auvbench.ros2 import interface, messages
+from auvbench.ros2.middleware import Session
+from auvbench.ros2.mission import Logbook, Mission
+from auvbench.ros2.observation import observe
+
+Floats = NDArray[np.float64]
+
+NODE = "pilot"
+GOAL = "/goal_pose"
+RESTS = 3
+"""zero commands that are sent when it lets go: one may be lost"""
+TURN = 0.02
+"""s, the longest wait at a time: how late a pose's age can be noticed"""
+
+
+class Controller(Protocol):
+    """What steers: see `auvbench.agents.base.Agent`."""
+
+    def reset(self, episodes: NDArray[np.int64]) -> None: ...
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.floating]: ...
+
+
+class Thrust(Protocol):
+    """What actions stand for, of one vehicle."""
+
+    @property
+    def actuators(self) -> Sequence[str]: ...
+
+    @property
+    def neutral(self) -> Floats: ...
+
+    def quantities(self, action: Floats) -> Floats:
+        """What is published for an action (n_u,): N of thrusters, rad, m or m3 of others."""
+
+    def force(self, action: Floats) -> Floats:
+        """N (n_u,) of the thrusters."""
+
+    def power(self, action: Floats) -> float:
+        """W."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a pilot keeps to."""
+
+    depth_low: float  # m, z
+    depth_high: float  # m, z
+    goal_radius: float  # m
+    max_steps: int  # of the controller, per waypoint
+    pose_timeout: float = 0.5  # s: zero thrust while the pose is older
+    lost_after: float = 5.0  # s: disarmed when it stays older
+
+
+class Pilot:
+    """One vehicle under one controller.
+
+    Args:
+        namespace: of the vehicle.
+        controller: steers.
+        thrust: what its actions stand for.
+        frequency: Hz of the controller.
+        body_frame: of the position error that it observes.
+        limits: kept.
+        sim_time: steps by `/clock` rather than by this machine's clock; ages are this machine's in any case.
+        logbook: keeps missions.
+        say: told each change of state.
+
+    Raises:
+        ConfigError: ROS 2 does not start.
+    """
+
+    def __init__(
+        self,
+        namespace: str,
+        controller: Controller,
+        thrust: Thrust,
+        *,
+        frequency: float,
+        body_frame: bool,
+        limits: Limits,
+        sim_time: bool = False,
+        logbook: Logbook | None = None,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.names = interface.Names(interface.namespaces(namespace, 1)[0])
+        self.controller, self.thrust, self.limits = controller, thrust, limits
+        self.frequency, self.body_frame = frequency, body_frame
+        self.logbook, self._say = logbook, say
+        self.armed = False
+        self.state = ""
+        self.waypoint: Floats | None = None
+        self.mission: Mission | None = None
+        self.pose: Floats = np.full(7, np.nan)
+        self._seen = -math.inf  # when the pose came
+        self._stamp = -1
+        self._now = -1.0  # of /clock
+        self._action: Floats | None = None  # under way since the last tick
+        self._sim_time = sim_time
+        self._slow = 0
+        self._due = 0.0
+        self.session = Session()
+        try:
+            self._make()
+        except BaseException:
+            self.session.close()
+            raise
+        self._tell("disarmed")
+
+    def _make(self) -> None:
+        ros, session = self.session.ros, self.session
+        self.node = node = session.node(NODE, self.names.namespace)
+        self._float = ros.std.Float64()
+        self._publishers = [
+            node.create_publisher(ros.std.Float64, self.names.command(name), session.qos)
+            for name in self.thrust.actuators
+        ]
+        policies = ros.qos
+        latched = policies.QoSProfile(depth=1, durability=policies.DurabilityPolicy.TRANSIENT_LOCAL)
+        self._state = node.create_publisher(ros.std.String, self.names.of(f"{NODE}/state"), latched)
+        node.create_subscription(ros.nav.Odometry, self.names.odometry, self._odometry, session.qos)
+        node.create_subscription(ros.geometry.PoseStamped, GOAL, self._goal, session.qos)
+        if self._sim_time:
+            node.create_subscription(ros.rosgraph.Clock, interface.CLOCK, self._clock, session.qos)
+        node.create_service(ros.services.SetBool, self.names.of(f"{NODE}/arm"), self._arm)
+        node.create_service(ros.services.Trigger, self.names.of(f"{NODE}/stop"), self._stop)
+        session.renew()
+
+    # What comes in.
+
+    def _odometry(self, message: Any) -> None:
+        stamp = messages.read_time(message.header.stamp)
+        if stamp and stamp <= self._stamp:
+            return  # the same once more, or an older one: it does not make the pose younger
+        pose = np.empty(7)
+        messages.read_pose(message.pose.pose, pose)
+        if not np.all(np.isfinite(pose)) or abs(float(np.linalg.norm(pose[3:])) - 1.0) > 0.01:
+            return
+        self._stamp = stamp
+        self.pose = pose
+        self._seen = time.monotonic()
+
+    def _clock(self, message: Any) -> None:
+        self._now = messages.read_time(message.clock) / 1e9
+
+    def _goal(self, message: Any) -> None:
+        frame = message.header.frame_id.lstrip("/")
+        place = message.pose.position
+        self.steer_to((place.x, place.y, place.z), frame)
+
+    def steer_to(self, waypoint: Sequence[float], frame: str = interface.WORLD) -> bool:
+        """Takes a waypoint (3,) in m, if it can be one; whether it did."""
+        low, high = self.limits.depth_low, self.limits.depth_high
+        if frame not in ("", interface.WORLD):
+            self._note(f"{GOAL}: in the frame {frame!r}, must be {interface.WORLD!r}: ignored")
+            return False
+        if not np.all(np.isfinite(waypoint)):
+            self._note(f"{GOAL}: is not finite: ignored")
+            return False
+        if not low <= waypoint[2] <= high:
+            self._note(f"{GOAL}: z = {waypoint[2]:g} m, must be within {low:g} .. {high:g} m: ignored")
+            return False
+        self._end("another waypoint")
+        self.waypoint = np.array(waypoint, dtype=np.float64)
+        return True
+
+    def _arm(self, request: Any, response: Any) -> Any:
+        if request.data:
+            response.message = self.arm()
+            response.success = not response.message
+        else:
+            self.disarm("by the service arm")
+            response.success = True
+        return response
+
+    def _stop(self, _request: Any, response: Any) -> Any:
+        self.disarm("by the service stop")
+        self.waypoint = None
+        response.success = True
+        return response
+
+    def arm(self) -> str:
+        """Lets the controller steer; why not, in words, or nothing."""
+        if self.armed:
+            return ""
+        age = self.age
+        low, high = self.limits.depth_low, self.limits.depth_high
+        count = self.node.count_publishers
+        if age > self.limits.pose_timeout:
+            never = "was never heard" if math.isinf(age) else f"is {age:.2g} s old"
+            return f"{self.names.odometry} {never}"
+        if count(self.names.odometry) > 1:
+            return f"{self.names.odometry}: several publish it"
+        if not low <= self.pose[2] <= high:
+            return f"z = {self.pose[2]:.2f} m is not within {low:g} .. {high:g} m"
+        for name in self.thrust.actuators:
+            topic = self.names.command(name)
+            if count(topic) > 1:
+                return f"{topic}: somebody else commands this vehicle"
+            if self.node.count_subscribers(topic) == 0:
+                return f"{topic}: nobody listens"
+        self.armed = True
+        self._tell("armed")
+        return ""
+
+    def disarm(self, reason: str) -> None:
+        """Zero thrust, and nothing more until it is armed again."""
+        was = self.armed
+        self.armed = False
+        self._end(reason)
+        if was:
+            self.rest()
+        self._tell(f"disarmed: {reason}")
+
+    # What goes out.
+
+    @property
+    def age(self) -> float:
+        """Seconds since the pose came."""
+        return time.monotonic() - self._seen
+
+    def rest(self) -> None:
+        """Commands zero thrust, several times."""
+        for _ in range(RESTS):
+            self._command(self.thrust.neutral)
+
+    def _command(self, quantities: Floats) -> None:
+        for publisher, value in zip(self._publishers, quantities.tolist(), strict=True):
+            self._float.data = value
+            publisher.publish(self._float)
+
+    def _tell(self, state: str) -> None:
+        if state != self.state:
+            self.state = state
+            self._note(state)
+
+    def _note(self, text: str) -> None:
+        self._state.publish(self.session.ros.std.String(data=text))
+        self._say(text)
+
+    # Steering.
+
+    def tick(self) -> None:
+        """One step of the controller, or none.
+
+        Raises:
+            RunError: the controller failed, or answered with what is no action; it is disarmed.
+        """
+        if not self.armed:
+            return
+        if not self.watch():
+            return
+        outcome = self._advance()
+        if outcome:
+            self.waypoint = None
+            self._end(outcome)
+            self._tell(f"waypoint {'reached' if outcome == 'success' else 'given up: ' + outcome}")
+        if self.waypoint is None:
+            self._command(self.thrust.neutral)
+            return
+        if self.mission is None:
+            self._begin()
+        self._act()
+
+    def watch(self) -> bool:
+        """Looks at pose and depth, many times a step; whether the controller may steer."""
+        if not self.armed:
+            return False
+        low, high = self.limits.depth_low, self.limits.depth_high
+        age = self.age
+        if age > self.limits.lost_after:
+            self.disarm(f"{self.names.odometry} is {age:.1f} s old")
+        elif age > self.limits.pose_timeout:
+            self._hold(f"holding: {self.names.odometry} is {age:.1f} s old")
+        elif not low <= self.pose[2] <= high:
+            self._advance()
+            self.disarm(f"z = {self.pose[2]:.2f} m is not within {low:g} .. {high:g} m")
+        else:
+            return True
+        return False
+
+    def _hold(self, state: str) -> None:
+        self._action = None  # what it led to is not known
+        self._command(self.thrust.neutral)
+        if not self.state.startswith("holding"):
+            self._tell(state)
+
+    def _advance(self) -> str:
+        """Books the step that has just ended; the outcome of the mission, if that ended it."""
+        if self.mission is None or self._action is None:
+            return ""
+        action = self._action
+        return self.mission.advance(self.pose, action, self.thrust.force(action), self.thrust.power(action))
+
+    def _begin(self) -> None:
+        assert self.waypoint is not None
+        limits = self.limits
+        self.mission = Mission(
+            self.pose,
+            self.waypoint,
+            depth=(limits.depth_low, limits.depth_high),
+            goal_radius=limits.goal_radius,
+            max_steps=limits.max_steps,
+            frequency=self.frequency,
+        )
+        self._action = None
+        try:
+            self.controller.reset(np.zeros(1, dtype=np.int64))
+        except Exception as error:
+            raise self._failed(error) from error
+
+    def _act(self) -> None:
+        assert self.waypoint is not None
+        n_u = len(self.thrust.actuators)
+        previous = np.zeros(n_u) if self._action is None else self._action
+        begun = time.monotonic()
+        try:
+            seen = observe(self.pose, self.waypoint, previous, self.body_frame)
+            answer = np.asarray(self.controller.act(seen[None]), dtype=np.float64)
+            if answer.shape != (1, n_u):
+                raise RunError(f"the controller answers with shape {answer.shape}, not {(1, n_u)}")
+            if not np.all(np.isfinite(answer)):
+                raise RunError("the controller answers with what is not finite")
+        except Exception as error:
+            raise self._failed(error) from error
+        if time.monotonic() - begun > 1.0 / self.frequency:
+            self._slow += 1
+            if self._slow in (1, 10, 100):
+                self._note(f"the controller takes longer than its step of {1.0 / self.frequency:g} s")
+        self._action = np.clip(answer[0], -1.0, 1.0)
+        self._command(self.thrust.quantities(self._action))
+        w = self.waypoint
+        self._tell(f"steering to ({w[0]:.1f}, {w[1]:.1f}, {w[2]:.1f})")
+
+    def _failed(self, error: Exception) -> AuvbenchError:
+        """Disarms, and what the command ends with."""
+        reason = " ".join(str(error).split()) or type(error).__name__
+        self.disarm(f"the controller failed: {reason}")
+        return error if isinstance(error, AuvbenchError) else RunError(f"the controller failed: {reason}")
+
+    def _end(self, reason: str) -> None:
+        """Closes the mission that is under way."""
+        mission, self.mission, self._action = self.mission, None, None
+        if mission is not None and self.logbook is not None and mission.steps:
+            self.logbook.add(mission, reason)
+
+    def run(self, go_on: Callable[[], bool]) -> None:
+        """Serves and steers while `go_on()`; zero thrust when it ends, whatever ends it.
+
+        Raises:
+            AuvbenchError: the controller failed, or the logbook cannot be written.
+        """
+        try:
+            while go_on():
+                self.turn()
+        finally:
+            self.close("the pilot was ended")
+
+    def turn(self) -> None:
+        """Serves for a moment, looks whether all is well, and steers where a step is due.
+
+        Raises:
+            AuvbenchError: as `run`.
+        """
+        period = 1.0 / self.frequency
+        now = self._now if self._sim_time else time.monotonic()
+        if self._sim_time and now < self._due - 2 * period:
+            self._due = now  # the clock of a server that began anew
+        if now >= self._due:
+            self.tick()
+            self._due = self._due + period if now - self._due < period else now + period
+            return
+        # By simulated time nothing says how long it is until then.
+        self.session.turn(TURN if self._sim_time else min(self._due - now, TURN))
+        self.watch()
+
+    def close(self, reason: str) -> None:
+        """Zero thrust, which is waited for to arrive, and leaves the network."""
+        if not self.session.context.ok():
+            return
+        try:
+            was = self.armed
+            self.disarm(reason)
+            if was:
+                duration = self.session.ros.duration.Duration(seconds=1.0)
+                for publisher in self._publishers:
+                    publisher.wait_for_all_acked(duration)
+        finally:
+            self.session.close()

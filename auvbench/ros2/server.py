@@ -1,0 +1,261 @@
+"""A simulator as a ROS 2 user meets it: vehicles that take commands and tell where they are, in a world with a clock."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auvbench.errors import AuvbenchError, AuvbenchWarning
+from auvbench.ros2 import interface, messages
+from auvbench.ros2.middleware import SLICE, InterfaceError, Session
+from auvbench.ros2.vehicle_node import Settings, VehicleNode
+
+Floats = NDArray[np.float64]
+
+LOOK = 1.0
+"""s between two looks at whether somebody else serves the same namespace"""
+
+
+class Simulated(Protocol):
+    """What of a simulator is served: see `auvbench.simulators.base.Simulator`."""
+
+    n: int
+    pose: Floats
+    velocity: Floats
+    effectiveness: Floats
+
+    def reset(
+        self,
+        indices: NDArray[np.integer[Any]],
+        pose: ArrayLike,
+        velocity: ArrayLike,
+        scales: ArrayLike | None = None,
+    ) -> None: ...
+
+    def set_current(
+        self, velocity: ArrayLike, bottom: ArrayLike | None = None, depths: tuple[ArrayLike, ArrayLike] = ...
+    ) -> None: ...
+
+    def step(self, command: ArrayLike, duration: float) -> None: ...
+
+
+class Server:
+    """N vehicles of one world behind the interface.
+
+    Args:
+        simulator: takes commands as `commands` gives them.
+        commands: from physical quantities (n, n_u), newtons for thrusters, to the simulator's commands (n, n_u).
+        actuators: names of the columns of a command.
+        neutral: (n_u,) quantities that act until somebody commands others.
+        namespaces: of the n vehicles.
+        start: pose (7,) where all vehicles begin, and to which `reset` returns until told otherwise.
+        step_duration: s that a step lasts: between two messages, and of the service `step`.
+        pace: simulated seconds per second; 0 as fast as possible.
+        lockstep: begin in lock-step.
+        about: read-only parameters: what this is.
+
+    Raises:
+        ConfigError: ROS 2 does not start, or somebody serves a namespace already.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulated,
+        commands: Callable[[Floats], Floats],
+        actuators: Sequence[str],
+        neutral: Floats,
+        namespaces: Sequence[str],
+        *,
+        start: Sequence[float],
+        step_duration: float,
+        pace: float = 1.0,
+        lockstep: bool = False,
+        about: dict[str, str] | None = None,
+    ) -> None:
+        self.simulator = simulator
+        self.commands = commands
+        self.actuators = tuple(actuators)
+        self.namespaces = list(namespaces)
+        self.settings = Settings(step_duration=step_duration, pace=pace)
+        self.lockstep = lockstep
+        self.paused = False
+        self.time = 0
+        """ns since the world began"""
+        n, n_u = simulator.n, len(self.actuators)
+        self.neutral = np.array(neutral, dtype=np.float64)
+        self.quantities: Floats = np.tile(self.neutral, (n, 1))
+        self.new = np.zeros((n, n_u), dtype=np.bool_)
+        """which commands came since the last step"""
+        self.currents: Floats = np.zeros((n, 8))
+        """(n, 8) m/s at the top (3) and at the bottom (3), and their depths in m"""
+        self.currents[:, 7] = 1.0
+        self.session = Session()
+        self._missing = n * n_u
+        self._due = time.monotonic()
+        self._looked = self._due
+        self._told = False
+        ros = self.session.ros
+        self.vehicles = [
+            VehicleNode(self, i, name, start, about or {}) for i, name in enumerate(self.namespaces)
+        ]
+        first = self.vehicles[0].node
+        self._clock = first.create_publisher(ros.rosgraph.Clock, interface.CLOCK, self.session.qos)
+        self._now = ros.rosgraph.Clock()
+        first.create_subscription(
+            ros.geometry.Vector3, interface.CURRENT, self._set_current, self.session.qos
+        )
+        self.session.renew()
+        self.reset(range(n))
+
+    # What the vehicles' nodes call.
+
+    def command(self, vehicle: int, actuator: int, quantity: float) -> None:
+        """A command came; in lock-step the step begins with the last one that was missing."""
+        if not np.isfinite(quantity):
+            return  # no thruster can give it: the command before stays
+        self.quantities[vehicle, actuator] = quantity
+        if not self.new[vehicle, actuator]:
+            self.new[vehicle, actuator] = True
+            self._missing -= 1
+        if self.lockstep and not self._missing:
+            self.advance()
+
+    def reset(self, indices: Sequence[int]) -> str:
+        """Puts vehicles where their parameters say, everything at rest; why not, in words, or nothing."""
+        for i in indices:
+            vehicle = self.vehicles[i]
+            pose, velocity, scales = vehicle.start
+            plain = None if bool(np.all(scales == 1.0)) else scales[None]
+            try:
+                self.simulator.reset(np.array([i]), pose[None], velocity[None], plain)
+            except AuvbenchError as error:
+                return str(error)
+            self.quantities[i] = self.neutral
+            vehicle.healthy()
+        self.forget(indices)
+        self.publish(indices)
+        return ""
+
+    def forget(self, indices: Sequence[int]) -> None:
+        """Whatever command came before does not count as new."""
+        self.new[list(indices)] = False
+        self._missing = int(self.new.size - np.count_nonzero(self.new))
+
+    def flow(self) -> None:
+        """Tells the simulator of the currents."""
+        now = self.currents
+        self.simulator.set_current(now[:, :3], now[:, 3:6], (now[:, 6], now[:, 7]))
+
+    def hold(self, paused: bool) -> None:
+        """Stops the world, or lets it go on."""
+        self.paused = paused
+        self._due = time.monotonic()
+
+    def wait_for_commands(self, lockstep: bool) -> str:
+        """Goes into lock-step or leaves it; why not, in words, or nothing.
+
+        Whoever asked may still have messages of an earlier time on their way: the answer says which time it is.
+        """
+        if lockstep:
+            for name in self.namespaces:
+                topic = interface.Names(name).command(self.actuators[0])
+                if self.vehicles[0].node.count_publishers(topic) > 1:
+                    return f"{topic}: several publish it, and in lock-step one alone must"
+        self.lockstep = lockstep
+        self._due = time.monotonic()
+        self.forget(range(self.simulator.n))
+        self.publish(range(self.simulator.n))
+        return ""
+
+    # The world.
+
+    def advance(self) -> None:
+        """One step of the world, and what it looks like then."""
+        duration = self.settings.step_duration
+        self.simulator.step(self.commands(self.quantities), duration)
+        self.time += interface.nanoseconds(duration)
+        self.new[:] = False
+        self._missing = self.new.size
+        self.publish(range(self.simulator.n))
+
+    def publish(self, indices: Sequence[int]) -> None:
+        """Tells where vehicles are, and the time."""
+        poses, velocities = self.simulator.pose.tolist(), self.simulator.velocity.tolist()
+        for i in indices:
+            self.vehicles[i].publish(poses[i], velocities[i], self.time)
+        if self._clock.get_subscription_count():
+            messages.write_time(self._now.clock, self.time)
+            self._clock.publish(self._now)
+
+    def _set_current(self, message: Any) -> None:
+        water = (message.x, message.y, message.z)
+        if np.all(np.isfinite(water)):
+            self.currents[:, :3] = self.currents[:, 3:6] = water
+            self.flow()
+
+    def run(self, go_on: Callable[[], bool]) -> None:
+        """Serves while `go_on()`.
+
+        Raises:
+            AuvbenchError: the simulator cannot go on.
+        """
+        self._due = time.monotonic()
+        while go_on():
+            self.turn()
+
+    def turn(self) -> None:
+        """Serves for a moment."""
+        now = time.monotonic()
+        if now - self._looked > LOOK:
+            self._looked = now
+            company = self._company()
+            if company and not self._told:
+                # The newcomer leaves by itself if it is one of ours; this one was here first.
+                warnings.warn(company, AuvbenchWarning, stacklevel=2)
+            self._told = bool(company)
+        if self.lockstep or self.paused:
+            self.session.turn(SLICE)
+            return
+        pace = self.settings.pace
+        wait = min(max(self._due - now, 0.0), SLICE) if pace > 0.0 else 0.0
+        if self.session.turn(wait) and wait > 0.0:
+            return
+        now = time.monotonic()
+        if pace > 0.0 and now < self._due:
+            return
+        self.advance()
+        if pace > 0.0:
+            period = self.settings.step_duration / pace
+            # Late by more than a few steps: what is lost is lost, rather than made up for in a burst.
+            self._due = now if now - self._due > 5 * period else self._due + period
+
+    def alone(self, seconds: float) -> None:
+        """Waits whether somebody serves these namespaces already.
+
+        Raises:
+            InterfaceError: somebody does.
+        """
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.session.turn(SLICE)
+            if company := self._company():
+                raise InterfaceError(
+                    f"{company}; stop one of the two, or give one another name with --namespace"
+                )
+
+    def _company(self) -> str:
+        """Who publishes what this publishes, in words; empty where nobody does."""
+        for name in self.namespaces:
+            topic = interface.Names(name).odometry
+            if self.vehicles[0].node.count_publishers(topic) > 1:
+                return f"{topic}: somebody else publishes it too, another server in the namespace {name}"
+        return ""
+
+    def close(self) -> None:
+        """Leaves the network."""
+        self.session.close()

@@ -1,0 +1,223 @@
+"""The node of one vehicle of a server: its topics, services and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.ros2 import interface, messages
+
+if TYPE_CHECKING:
+    from auvbench.ros2.server import Server
+
+Floats = NDArray[np.float64]
+
+N_SCALES = 6
+
+
+@dataclass(slots=True)
+class Settings:
+    """Of the world; parameters of the first vehicle's node."""
+
+    step_duration: float  # s
+    pace: float  # simulated seconds per second; 0 as fast as possible
+    steps: int = 1  # of the service `step`
+
+
+MEANING = {
+    "start_pose": "where reset puts the vehicle: x y z (m, world) qw qx qy qz (body to world)",
+    "start_velocity": "with which velocity: u v w (m/s) p q r (rad/s), body axes",
+    "scales": "factors from reset on: mass, buoyancy, inertia, added mass, damping, thrust",
+    "effectiveness": "factor on each thruster's force from now on: 1 healthy, 0 dead; reset heals",
+    "current": "water's velocity, world axes, m/s: 3 numbers, or 3 at the top, 3 at the bottom and their depths in m",
+    "step_duration": "s, of a step of this world; the same as between two odometry messages",
+    "pace": "simulated seconds per second; 0 as fast as possible",
+    "steps": "steps that one call of the service step makes",
+}
+
+
+class VehicleNode:
+    """One vehicle: everything in its namespace.
+
+    Args:
+        server: whose vehicle this is.
+        index: which one of the server's.
+        namespace: its namespace.
+        start: pose (7,) to which `reset` returns.
+        about: read-only parameters.
+    """
+
+    def __init__(
+        self, server: Server, index: int, namespace: str, start: Sequence[float], about: dict[str, str]
+    ) -> None:
+        self.server, self.index = server, index
+        session = server.session
+        ros = session.ros
+        self.node = node = session.node(interface.NODE, namespace, parameters=True)
+        names = interface.Names(namespace)
+        self._odometry = messages.odometry(ros, namespace)
+        self._pose = ros.geometry.Pose()
+        self._publishers = (
+            node.create_publisher(ros.nav.Odometry, names.odometry, session.qos),
+            node.create_publisher(ros.geometry.Pose, names.pose, session.qos),
+        )
+        for a, actuator in enumerate(server.actuators):
+            heard = partial(self._commanded, a)
+            node.create_subscription(ros.std.Float64, names.command(actuator), heard, session.qos)
+        node.create_service(ros.services.Trigger, names.reset, self._reset)
+        if index == 0:
+            node.create_service(ros.services.SetBool, names.pause, self._pause)
+            node.create_service(ros.services.Trigger, names.step, self._step)
+            node.create_service(ros.services.SetBool, names.lockstep, self._lockstep)
+        self._declare(start, about)
+
+    @property
+    def start(self) -> tuple[Floats, Floats, Floats]:
+        """Pose (7,), velocity (6,) and scales (6,) of the next reset."""
+        get = self.node.get_parameter
+        pose, velocity, scales = (
+            np.array(get(name).value, dtype=np.float64) for name in ("start_pose", "start_velocity", "scales")
+        )
+        return pose, velocity, scales
+
+    def publish(self, pose: list[float], velocity: list[float], time: int) -> None:
+        """Where the vehicle is at `time` in ns."""
+        # To write a message that nobody reads takes as long as to step a vehicle.
+        if self._publishers[0].get_subscription_count():
+            odometry = self._odometry
+            messages.write_time(odometry.header.stamp, time)
+            messages.write_pose(odometry.pose.pose, pose)
+            messages.write_twist(odometry.twist.twist, velocity)
+            self._publishers[0].publish(odometry)
+        if self._publishers[1].get_subscription_count():
+            messages.write_pose(self._pose, pose)
+            self._publishers[1].publish(self._pose)
+
+    def healthy(self) -> None:
+        """All thrusters give their force again."""
+        if min(self.node.get_parameter("effectiveness").value) != 1.0:
+            self._put("effectiveness", [1.0] * len(self.server.actuators))
+
+    def _put(self, name: str, value: Any) -> None:
+        self.node.set_parameters([self.server.session.ros.parameter.Parameter(name, value=value)])
+
+    def _declare(self, start: Sequence[float], about: dict[str, str]) -> None:
+        ros, settings = self.server.session.ros, self.server.settings
+        describe = ros.interfaces.ParameterDescriptor
+        values: dict[str, Any] = {
+            "start_pose": [float(x) for x in start],
+            "start_velocity": [0.0] * 6,
+            "scales": [1.0] * N_SCALES,
+            "effectiveness": [1.0] * len(self.server.actuators),
+            "current": [0.0] * 3,
+        }
+        if self.index == 0:
+            values |= {
+                "step_duration": settings.step_duration,
+                "pace": settings.pace,
+                "steps": settings.steps,
+            }
+        for name, value in values.items():
+            self.node.declare_parameter(name, value, describe(description=MEANING[name]))
+        for name, text in (about | {"actuators": " ".join(self.server.actuators)}).items():
+            self.node.declare_parameter(name, text, describe(description="what this is", read_only=True))
+        self.node.add_on_set_parameters_callback(self._set)
+
+    def _set(self, parameters: list[Any]) -> Any:
+        """Checks parameters that somebody sets, and does what they say."""
+        result = self.server.session.ros.interfaces.SetParametersResult
+        rules = self._rules()
+        for parameter in parameters:
+            check = rules.get(parameter.name)
+            wrong = check(parameter.value) if check is not None else ""
+            if wrong:
+                return result(successful=False, reason=f"{parameter.name}: {wrong}")
+        try:
+            for parameter in parameters:
+                self._act(parameter.name, parameter.value)
+        except Exception as error:
+            return result(successful=False, reason=str(error))
+        return result(successful=True)
+
+    def _rules(self) -> dict[str, Callable[[Any], str]]:
+        n_u = len(self.server.actuators)
+        return {
+            "start_pose": _is_pose,
+            "start_velocity": lambda value: _numbers(value, (6,)),
+            "scales": lambda value: _numbers(value, (N_SCALES,), low=0.1, high=10.0),
+            "effectiveness": lambda value: _numbers(value, (n_u,), low=0.0, high=1.0),
+            "current": _is_current,
+            "step_duration": lambda value: (
+                "" if 1e-4 <= value <= 60.0 else f"{value} is not in 0.0001 .. 60 s"
+            ),
+            "pace": lambda value: "" if 0.0 <= value <= 1e6 else f"{value} is not in 0 .. 1000000",
+            "steps": lambda value: "" if 1 <= value <= 1_000_000 else f"{value} is not in 1 .. 1000000",
+        }
+
+    def _act(self, name: str, value: Any) -> None:
+        server = self.server
+        if name == "effectiveness":
+            server.simulator.effectiveness[self.index] = value
+        elif name == "current":
+            water = np.array(value, dtype=np.float64)
+            server.currents[self.index] = water if water.size == 8 else [*water, *water, 0.0, 1.0]
+            server.flow()
+        elif name in ("step_duration", "pace", "steps"):
+            setattr(server.settings, name, value)
+
+    def _commanded(self, actuator: int, message: Any) -> None:
+        self.server.command(self.index, actuator, message.data)
+
+    def _reset(self, _request: Any, response: Any) -> Any:
+        response.message = self.server.reset([self.index])
+        response.success = not response.message
+        return response
+
+    def _pause(self, request: Any, response: Any) -> Any:
+        self.server.hold(request.data)
+        response.success = True
+        return response
+
+    def _step(self, _request: Any, response: Any) -> Any:
+        self.server.hold(True)
+        for _ in range(self.server.settings.steps):
+            self.server.advance()
+        response.success = True
+        return response
+
+    def _lockstep(self, request: Any, response: Any) -> Any:
+        refused = self.server.wait_for_commands(request.data)
+        response.success = not refused
+        response.message = refused or str(self.server.time)
+        return response
+
+
+def _numbers(value: Any, sizes: tuple[int, ...], low: float = -1e9, high: float = 1e9) -> str:
+    if len(value) not in sizes:
+        return f"has {len(value)} numbers, must have {' or '.join(map(str, sizes))}"
+    wrong = next((x for x in value if not low <= x <= high), None)
+    return "" if wrong is None else f"{wrong} is not in {low:g} .. {high:g}"
+
+
+def _is_pose(value: Any) -> str:
+    wrong = _numbers(value, (7,))
+    if wrong:
+        return wrong
+    length = float(np.linalg.norm(value[3:]))
+    return (
+        ""
+        if abs(length - 1.0) < 1e-3
+        else f"its quaternion (numbers 4 to 7) has length {length:.4g}, must be 1"
+    )
+
+
+def _is_current(value: Any) -> str:
+    wrong = _numbers(value, (3, 8))
+    if not wrong and len(value) == 8 and not value[7] > value[6]:
+        wrong = f"the depth of the bottom {value[7]:g} m must be below that of the top, {value[6]:g} m"
+    return wrong

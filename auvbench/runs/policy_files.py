@@ -1,0 +1,152 @@
+"""The file of `algo=onnx` on its way into a run: read and checked once, named by its content, copied beside the configuration.
+
+A run is its configuration, and where a file lies is no part of that: its SHA-256 is (`algo.sha256`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import hashlib
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, open_dict
+
+from auvbench.config import algorithms, schema
+from auvbench.errors import ConfigError
+from auvbench.policies import exported
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.durable import sha256, storage
+from auvbench.runs.files import write_atomic
+from auvbench.untrusted import inside
+from auvbench.vehicles.model import VehicleModel
+
+UNNAMED = "onnx"
+"""the name of conf/algo/onnx.yaml, in whose place that of the card or of the file stands"""
+
+LONGEST = 80
+"""characters of a name: it is part of a folder's"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _File:
+    data: bytes
+    card: exported.Card | None
+    card_data: bytes | None
+    digest: str
+
+
+def settled(config: DictConfig, typed: schema.TrainConfig, vehicle: VehicleModel) -> DictConfig:
+    """The configuration with digest and name of its policy's file, where it has one; else as it is.
+
+    Args:
+        config: composed.
+        typed: the same, checked.
+        vehicle: that of the configuration.
+
+    Raises:
+        ConfigError: the file is another than `algo.sha256` says, or its card is of another vehicle, frequency or frame.
+        PolicyError: it cannot be read, is no policy, or not one of this vehicle's size.
+        MissingExtraError: ONNX Runtime is not installed.
+    """
+    algo = typed.algo
+    if not isinstance(algo, algorithms.ONNX):
+        return config
+    if not algo.path:
+        raise ConfigError("algo.path: a value is missing; name the file: algo=onnx algo.path=policy.onnx")
+    path = Path(algo.path)
+    file = _file(path)
+    if algo.sha256 not in ("", file.digest):
+        raise ConfigError(f"algo.sha256={algo.sha256}: algo.path={path} has {file.digest}")
+    if file.card is not None:
+        _compare(file.card, str(path), typed, vehicle)
+    n_u = len(vehicle.actuators)
+    exported.Policy(file.data, str(path), observations=4 + n_u, actions=n_u, card=file.card)
+    result = copy.deepcopy(config)
+    with open_dict(result):
+        result.algo.sha256 = file.digest
+        if algo.name == UNNAMED:
+            result.algo.name = _label(file.card.name if file.card is not None else path.stem)
+    return result
+
+
+def keep(run: RunDirectory, config: dict[str, Any]) -> None:
+    """Copies the file of a settled configuration, and its card, into a run that lacks it.
+
+    Raises:
+        PolicyError: it is not the file that the configuration was settled with.
+        TrainingError: the disk does not take it.
+    """
+    algo = config["algo"]
+    if algo.get("agent") != "onnx":
+        return
+    inside.check(run.path)
+    target = run.model / exported.NETWORK
+    if target.is_file() and _digest_of(target) == algo["sha256"]:
+        return
+    file = _file(Path(algo["path"]))
+    if file.digest != algo["sha256"]:
+        raise exported.PolicyError(
+            f"{algo['path']}: was changed while the run was made; type the command again"
+        )
+    with storage(f"cannot write {run.model}"):
+        # The network last: where it is, its card is.
+        if file.card_data is not None:
+            write_atomic(run.model / exported.CARD, file.card_data)
+        else:
+            (run.model / exported.CARD).unlink(missing_ok=True)
+        write_atomic(target, file.data)
+
+
+def _digest_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _file(path: Path) -> _File:
+    """A grid names one file a hundred times: it is read once, unless it changes."""
+    status = []
+    with contextlib.suppress(OSError, ValueError):  # reading it says what is wrong with its name
+        for one in (path, exported.card_path(path)):
+            found = one.stat()
+            status.append((found.st_mtime_ns, found.st_size))
+    return _read(path.absolute(), str(path), tuple(status))
+
+
+@lru_cache(maxsize=8)
+def _read(path: Path, shown: str, _status: tuple[tuple[int, int], ...]) -> _File:
+    data, card, card_data = exported.read(Path(shown))
+    return _File(data, card, card_data, sha256(data))
+
+
+def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+    """What a file from another vehicle, task or clock would be told about without an error, and steer wrongly."""
+    if card.action != vehicle.actuators:
+        raise ConfigError(
+            f"algo.path={where}: its card is of {card.vehicle}, which has the actuators {', '.join(card.action)}; "
+            f"vehicle={vehicle.name} has {', '.join(vehicle.actuators)}"
+        )
+    if card.position_frame != config.task.position_frame:
+        raise ConfigError(
+            f"task.position_frame={config.task.position_frame}: {where} observes the position error in the "
+            f"{card.position_frame} frame, its card says; type task.position_frame={card.position_frame}"
+        )
+    if card.frequency != config.step.frequency:
+        raise ConfigError(
+            f"step.frequency={config.step.frequency:g}: {where} acts at {card.frequency:g} Hz, its card says; "
+            f"type step.frequency={card.frequency:g} (a protocol may test it at another)"
+        )
+
+
+def _label(name: str) -> str:
+    """What names a folder and a row: of a card's or a file's name, the characters that both can hold.
+
+    >>> _label("my policy (3).best")
+    'my-policy-3-.best'
+    """
+    plain = re.sub(r"[^A-Za-z0-9._+-]+", "-", name).lstrip("._+-")[:LONGEST]
+    return plain or UNNAMED

@@ -1,0 +1,24 @@
+"""Conformance suites: what auvbench asks of every agent and simulator, its own included.
+
+>>> from auvbench.testing import check_agent, check_simulator
+>>> check_agent("algo=pid")
+>>> check_simulator("simulator=fossen")
+
+Each function raises a `ConformanceError`, an `AssertionError`, that says what is wrong. Without a line of code:
+`pytest --auvbench algo=NAME --auvbench simulator=NAME` runs the same checks, one test each.
+"""
+
+from __future__ import annotations
+
+from auvbench.testing.agents import AGENT_CHECKS, LEARNER_CHECKS, check_agent
+from auvbench.testing.failing import ConformanceError
+from auvbench.testing.simulators import SIMULATOR_CHECKS, check_simulator
+
+__all__ = [
+    "AGENT_CHECKS",
+    "LEARNER_CHECKS",
+    "SIMULATOR_CHECKS",
+    "ConformanceError",
+    "check_agent",
+    "check_simulator",
+]

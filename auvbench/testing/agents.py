@@ -1,0 +1,296 @@
+"""What every agent must keep, and what one that learns must keep besides."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.agents import base
+from auvbench.agents.entered import EnteredAgent, action_fault
+from auvbench.config import schema
+from auvbench.config.agents import learns
+from auvbench.config.compose import compose
+from auvbench.config.validate import train_config
+from auvbench.envs.batch import Batch
+from auvbench.errors import AgentError, TrainingError
+from auvbench.evaluation.evaluate import make_agent
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.plan import prepare
+from auvbench.testing import draws
+from auvbench.testing.failing import ConformanceError, same
+from auvbench.training.execute import execute
+from auvbench.training.session import Session
+
+EPISODES, STEPS = 7, 25
+"""how many an agent steers side by side, and for how long, in the checks of its actions"""
+
+SIZES = (1, 3)
+"""of batches in which the same episodes are steered once more"""
+
+Make = Callable[[], base.Agent]
+
+
+@dataclass
+class Flight:
+    """What an agent saw and did in the test's scenarios."""
+
+    config: schema.TrainConfig
+    observations: list[NDArray[np.float32]]  # (n, 4 + n_u) per step
+    actions: list[NDArray[Any]]  # (n, n_u) per step
+
+
+def fly(config: schema.TrainConfig, agent: base.Agent) -> Flight:
+    """Steers `EPISODES` vehicles for `STEPS` steps; each action is looked at.
+
+    Raises:
+        ConformanceError: an action is none, or is out of range.
+    """
+    batch = Batch(config, EPISODES, test=True, autoreset=True)
+    batch.task.assign(np.arange(EPISODES))
+    observation = batch.reset().copy()
+    agent.reset(np.arange(EPISODES))
+    flight = Flight(config, [], [])
+    for step in range(STEPS):
+        seen = observation.copy()
+        action = agent.act(observation)
+        if fault := action_fault(action, EPISODES, len(batch.vehicle.actuators)):
+            raise ConformanceError(f"step {step}: {fault}")
+        same(observation, seen, f"step {step}: act changes the observations that it is given")
+        flight.observations.append(seen)
+        flight.actions.append(np.array(action))
+        observation = batch.step(np.asarray(action)).observation.copy()
+    return flight
+
+
+def replay(flight: Flight, agent: base.Agent, rows: Sequence[int], what: str) -> None:
+    """Shows an agent some episodes of a flight again.
+
+    Raises:
+        ConformanceError: it does not do the same.
+    """
+    chosen = np.asarray(rows)
+    agent.reset(chosen.copy())
+    for step, (seen, done) in enumerate(zip(flight.observations, flight.actions, strict=True)):
+        action = np.asarray(agent.act(seen[chosen]))
+        same(action, done[chosen], f"{what}: step {step}: its actions")
+
+
+def actions_are_in_range(config: schema.TrainConfig, make: Make) -> None:
+    """Actions are (n, n_u) numbers in [-1, 1], and observations stay as they are."""
+    fly(config, make())
+
+
+def actions_do_not_depend_on_the_batch(config: schema.TrainConfig, make: Make) -> None:
+    """An episode is steered by the same actions, to the last bit, in whatever company."""
+    flight = fly(config, make())
+    for size in SIZES:
+        agent = make()
+        for start in range(0, EPISODES, size):
+            rows = range(start, min(start + size, EPISODES))
+            replay(flight, agent, rows, f"in a batch of {len(rows)} instead of {EPISODES}")
+
+
+def nothing_outlives_an_episode(config: schema.TrainConfig, make: Make) -> None:
+    """After `reset` an agent does what a fresh one does."""
+    agent = make()
+    flight = fly(config, agent)
+    replay(flight, agent, range(EPISODES), "in the same episodes once more")
+    fly(config, agent)
+    replay(flight, agent, [EPISODES - 1], "in an episode that follows others")
+
+
+def actions_are_deterministic(config: schema.TrainConfig, make: Make) -> None:
+    """Two agents of one configuration do the same, whatever else the process has drawn; neither moves its generators."""
+    draws.stir(1)
+    agent = make()
+    with draws.untouched("steering"):
+        flight = fly(config, agent)
+    draws.stir(2)
+    replay(flight, make(), range(EPISODES), "made a second time")
+
+
+AGENT_CHECKS: tuple[Callable[[schema.TrainConfig, Make], None], ...] = (
+    actions_are_in_range,
+    actions_do_not_depend_on_the_batch,
+    nothing_outlives_an_episode,
+    actions_are_deterministic,
+)
+"""What every agent must keep."""
+
+
+@dataclass
+class Trainings:
+    """Makes runs of one configuration in a folder of their own.
+
+    Args:
+        overrides: as typed; `train.total_steps` among them.
+        folder: in which the runs lie.
+    """
+
+    overrides: tuple[str, ...]
+    folder: Path
+    _made: dict[str, RunDirectory]
+
+    def run(self, name: str, *more: str) -> RunDirectory:
+        """A run that has not begun."""
+        typed = [*self.overrides, *more, f"output={self.folder}", f"name={name}", "train.progress=false"]
+        return prepare(compose("train", typed))
+
+    def whole(self) -> RunDirectory:
+        """The run that nothing happened to."""
+        if "whole" not in self._made:
+            draws.stir(3)
+            run = self.run("whole")
+            execute(run)
+            self._made["whole"] = run
+        return self._made["whole"]
+
+
+def files(run: RunDirectory) -> dict[str, str]:
+    """Digests of what a run has learned and of the episodes that it has trained on."""
+    paths = [*sorted(run.model.iterdir()), run.train / "episodes.csv"]
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def _compare(there: RunDirectory, here: RunDirectory, what: str) -> None:
+    first, second = files(there), files(here)
+    wrong = [name for name in {**first, **second} if first.get(name) != second.get(name)]
+    if wrong:
+        raise ConformanceError(f"{what} ends with other bits: {', '.join(sorted(wrong))}")
+
+
+def training_is_deterministic(trainings: Trainings) -> None:
+    """The same configuration gives the same bits, whatever else the process has drawn."""
+    draws.stir(4)
+    again = trainings.run("again")
+    execute(again)
+    _compare(trainings.whole(), again, "the same training")
+
+
+def tests_on_the_way_change_nothing(trainings: Trainings) -> None:
+    """A policy that is tested while it is trained becomes the same policy."""
+    total = trainings.whole().manifest()["total_steps"]
+    tested = trainings.run("tested", f"train.evaluate_every={max(1, total // 2)}")
+    execute(tested)
+    _compare(trainings.whole(), tested, "a training with tests on its way (train.evaluate_every)")
+
+
+def nothing_is_pickled(trainings: Trainings) -> None:
+    """The model is there again in a process that has not trained, without unpickling, and its files are no pickles."""
+    run = trainings.whole()
+    saved = sorted(path for path in run.model.rglob("*") if path.is_file())
+    if not saved:
+        raise ConformanceError("save writes no file")
+    pickles = [
+        path.name
+        for path in [*saved, *run.checkpoints.rglob("*")]
+        if path.is_file() and draws.is_pickle(path.read_bytes())
+    ]
+    if pickles:
+        raise ConformanceError(f"{pickles[0]} is a pickle: a file from a stranger could so run code")
+    with draws.no_unpickling("load"):
+        make_agent(run, float(run.config()["step"]["frequency"]))
+
+
+@contextmanager
+def stopped_at(step: int) -> Iterator[None]:
+    """A training that comes so far is struck down."""
+    ordinary = Session.step
+
+    def strike(self: Session, steps: int, transition: Any) -> float:
+        if steps >= step:
+            raise RuntimeError("struck down to see how it goes on")
+        return ordinary(self, steps, transition)
+
+    Session.step = strike  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        Session.step = ordinary  # type: ignore[method-assign]
+
+
+def a_stopped_training_ends_as_it_says(trainings: Trainings) -> None:
+    """With `exact_resume` a training that was stopped ends with the same bits, from a checkpoint; without, it begins anew."""
+    whole = trainings.whole()
+    total = whole.manifest()["total_steps"]
+    struck = trainings.run("struck", f"train.checkpoint.steps={max(1, total // 8)}")
+    try:
+        with stopped_at(max(1, 3 * total // 4)):
+            execute(struck)
+    except TrainingError:
+        pass
+    else:
+        raise ConformanceError(f"learn ends without a step of the environment after step {3 * total // 4}")
+    draws.stir(5)
+    saved = struck.checkpoints.is_dir() and any(path.name.isdigit() for path in struck.checkpoints.iterdir())
+    execute(struck)
+    manifest = struck.manifest()
+    exact = base.learner_of(*_config_and_vehicle(trainings.overrides)).exact_resume
+    if exact and not saved:
+        raise ConformanceError(
+            f"learn never called callbacks.checkpoint before step {3 * total // 4} of {total}"
+        )
+    if not exact and not manifest.get("started_over"):
+        raise ConformanceError("it does not resume exactly, and its manifest has no started_over")
+    _compare(whole, struck, "a training that was stopped")
+
+
+LEARNER_CHECKS: tuple[Callable[[Trainings], None], ...] = (
+    training_is_deterministic,
+    tests_on_the_way_change_nothing,
+    nothing_is_pickled,
+    a_stopped_training_ends_as_it_says,
+)
+"""What an agent that learns must keep besides."""
+
+
+def _config_and_vehicle(overrides: Sequence[str]) -> tuple[schema.TrainConfig, Any]:
+    config = train_config(compose("train", list(overrides)))
+    return config, Batch(config, 1).vehicle
+
+
+def check_agent(
+    *overrides: str,
+    steps: int = 2000,
+    only: Callable[..., None] | None = None,
+) -> None:
+    """Checks an agent against its contract (`auvbench.agents.base`).
+
+    Args:
+        overrides: what one would type behind `auvbench train`: the agent, `algo=NAME`, and whatever else.
+        steps: budget of the trainings of an agent that learns; there are four of them. It must be long enough for the
+            agent to have called `callbacks.checkpoint` a few times.
+        only: one of `AGENT_CHECKS` or `LEARNER_CHECKS`; all of them by default.
+
+    Raises:
+        ConformanceError: it breaks its contract.
+        ConfigError: the overrides are none.
+    """
+    config, vehicle = _config_and_vehicle(overrides)
+    name = " ".join(overrides)
+    checks: list[Any] = [*AGENT_CHECKS, *(LEARNER_CHECKS if learns(config.algo) else ())]
+    with tempfile.TemporaryDirectory(prefix="auvbench-testing-") as folder:
+        trainings = Trainings((f"train.total_steps={steps}", *overrides), Path(folder), {})
+
+        def make() -> base.Agent:
+            made = base.make(config, vehicle)
+            if callable(getattr(made, "load", None)):  # what it was trained to, or the file that it is
+                made = make_agent(trainings.whole(), config.step.frequency)
+            # What stands between an agent and the vehicle in a run would hide some of its faults here.
+            return made.inner if isinstance(made, EnteredAgent) else made
+
+        for check in checks:
+            if only is not None and check is not only:
+                continue
+            try:
+                check(trainings) if check in LEARNER_CHECKS else check(config, make)
+            except (ConformanceError, AgentError) as error:
+                raise ConformanceError(f"{name}: {check.__name__.replace('_', ' ')}: {error}") from error

@@ -1,0 +1,232 @@
+"""What every simulator must keep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config.compose import compose
+from auvbench.config.simulators import Capabilities
+from auvbench.config.validate import train_config
+from auvbench.envs.batch import make_simulator
+from auvbench.simulators.base import Simulator
+from auvbench.testing import draws
+from auvbench.testing.failing import ConformanceError, same
+from auvbench.vehicles import sheet
+
+N, STEPS, DURATION = 3, 12, 0.1
+"""vehicles side by side, steps of a check, s of a step"""
+
+Make = Callable[[int], Simulator]
+"""a simulator with so many vehicles"""
+
+STATE = ("pose", "velocity", "command_force", "power")
+
+
+def start(simulator: Simulator) -> None:
+    """Puts all vehicles at places of their own, at rest."""
+    pose = np.zeros((simulator.n, 7))
+    pose[:, 0], pose[:, 2], pose[:, 3] = 2.0 * np.arange(simulator.n), -20.0, 1.0
+    simulator.reset(np.arange(simulator.n), pose, np.zeros((simulator.n, 6)))
+
+
+def commands(simulator: Simulator, step: int, first: int = 0) -> NDArray[np.float64]:
+    """Commands (n, n_u) in [-1, 1] that differ from vehicle to vehicle and from step to step."""
+    n_u = len(simulator.vehicle.actuators)
+    vehicles = first + np.arange(simulator.n)[:, None]
+    return np.asarray(np.sin(0.7 * step + 1.3 * vehicles + 0.9 * np.arange(n_u)))
+
+
+def fly(simulator: Simulator, steps: range = range(STEPS), first: int = 0) -> dict[str, NDArray[np.float64]]:
+    """Commands for so many steps; the states after each, (steps, n, ...)."""
+    found: dict[str, list[NDArray[np.float64]]] = {name: [] for name in STATE}
+    for step in steps:
+        simulator.step(commands(simulator, step, first), DURATION)
+        for name in STATE:
+            found[name].append(np.array(getattr(simulator, name), dtype=np.float64))
+    return {name: np.asarray(values) for name, values in found.items()}
+
+
+def compare(one: dict[str, Any], other: dict[str, Any], what: str) -> None:
+    for name in one:
+        same(one[name], other[name], f"{what}: {name}")
+
+
+def its_arrays_are_what_they_should(make: Make) -> None:
+    """Pose (n, 7), velocity (n, 6), command_force (n, n_u), power (n,), finite, with unit quaternions; it says what it can."""
+    simulator = make(N)
+    if not isinstance(simulator.capabilities, Capabilities):
+        raise ConformanceError("capabilities is no auvbench.plugin.Capabilities")
+    start(simulator)
+    fly(simulator)
+    n_u = len(simulator.vehicle.actuators)
+    shapes: dict[str, tuple[int, ...]] = {
+        "pose": (N, 7), "velocity": (N, 6), "command_force": (N, n_u), "power": (N,), "effectiveness": (N, n_u),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        array = np.asarray(getattr(simulator, name))
+        if array.shape != shape or array.dtype != np.float64:
+            raise ConformanceError(f"{name} is {array.dtype}{array.shape}; it must be float64{shape}")
+        if not np.isfinite(array).all():
+            raise ConformanceError(f"{name} is not finite after {STEPS} steps")
+    length = np.linalg.norm(simulator.pose[:, 3:], axis=1)
+    if np.abs(length - 1.0).max() > 1e-9:
+        raise ConformanceError(f"the quaternion of a pose has length {length.max():.12g}; it must be 1")
+
+
+def reset_puts_vehicles_where_it_says(make: Make) -> None:
+    """`reset` moves the vehicles it names, and no others."""
+    simulator = make(N)
+    start(simulator)
+    fly(simulator)
+    others = simulator.pose[[0, 2]].copy()
+    pose = np.array([[5.0, -4.0, -30.0, np.cos(0.4), 0.0, 0.0, np.sin(0.4)]])
+    simulator.reset(np.array([1]), pose, np.zeros((1, 6)))
+    if np.abs(simulator.pose[1] - pose[0]).max() > 1e-9:
+        raise ConformanceError(f"reset to {pose[0]} leaves the vehicle at {simulator.pose[1]}")
+    if np.abs(simulator.velocity[1]).max() > 1e-9:
+        raise ConformanceError(f"reset at rest leaves the vehicle a velocity of {simulator.velocity[1]}")
+    same(simulator.pose[[0, 2]], others, "reset of vehicle 1 moves others")
+
+
+def motion_does_not_depend_on_the_batch(make: Make) -> None:
+    """A vehicle moves in the same way in whatever company (deterministic simulators: to the last bit)."""
+    simulator = make(N)
+    start(simulator)
+    together = fly(simulator)
+    pose = np.zeros((1, 7))
+    pose[0, 2], pose[0, 3], pose[0, 0] = -20.0, 1.0, 2.0
+    alone = make(1)
+    alone.reset(np.array([0]), pose, np.zeros((1, 6)))
+    single = fly(alone, first=1)
+    if simulator.capabilities.deterministic:
+        compare(
+            {name: values[:, 1:2] for name, values in together.items()},
+            single,
+            "alone instead of among three",
+        )
+
+
+def nothing_outlives_a_reset(make: Make) -> None:
+    """After `reset` vehicles move as in a fresh simulator."""
+    simulator = make(N)
+    start(simulator)
+    first = fly(simulator)
+    start(simulator)
+    again = fly(simulator)
+    if simulator.capabilities.deterministic:
+        compare(first, again, "after a reset")
+
+
+def motion_is_deterministic(make: Make) -> None:
+    """The same commands give the same bits, if it says so, and no generator of the process moves."""
+    draws.stir(1)
+    simulator = make(N)
+    start(simulator)
+    with draws.untouched("stepping"):
+        first = fly(simulator)
+    draws.stir(2)
+    again = make(N)
+    start(again)
+    if simulator.capabilities.deterministic:
+        compare(first, fly(again), "made a second time")
+
+
+def commands_are_clipped(make: Make) -> None:
+    """A command beyond [-1, 1] is one at its end."""
+    found = []
+    for size in (1.0, 3.0):
+        simulator = make(1)
+        start(simulator)
+        simulator.step(np.full((1, len(simulator.vehicle.actuators)), size), DURATION)
+        found.append(np.array(simulator.command_force))
+    same(found[0], found[1], "commands of 1 and of 3")
+
+
+def its_state_comes_back(make: Make) -> None:
+    """`state_dict` holds plain arrays; with `exact_resume` it brings back the very state, in another simulator too."""
+    simulator = make(N)
+    start(simulator)
+    fly(simulator)
+    state = {name: np.array(value) for name, value in simulator.state_dict().items()}
+    objects = [name for name, value in state.items() if value.dtype.hasobject]
+    if objects:
+        raise ConformanceError(
+            f"state_dict: {objects[0]} holds Python objects, which only a pickle could store"
+        )
+    if not simulator.capabilities.exact_resume:
+        return
+    ahead = range(STEPS, 2 * STEPS)
+    went_on = fly(simulator, ahead)
+    other = make(N)
+    start(other)
+    other.load_state_dict(state)
+    compare(went_on, fly(other, ahead), "from its state_dict on")
+
+
+def it_can_what_it_says(make: Make) -> None:
+    """Currents and numbers of one's own change the motion where it says that it can."""
+    can = make(1).capabilities
+    moved = []
+    for current in (0.0, 0.5) if can.currents != "none" else ():
+        simulator = make(1)
+        start(simulator)
+        simulator.set_current([current, 0.0, 0.0])
+        for _ in range(STEPS):
+            simulator.step(np.zeros((1, len(simulator.vehicle.actuators))), DURATION)
+        moved.append(float(simulator.pose[0, 0]))
+    if moved and not moved[1] > moved[0] + 1e-3:
+        raise ConformanceError(
+            f"a current of 0.5 m/s carries a drifting vehicle {moved[1] - moved[0]:.3g} m in {STEPS * DURATION:g} s"
+        )
+    if can.scales:
+        speeds = []
+        for mass in (1.0, 1.5):
+            simulator = make(1)
+            pose = np.array([[0.0, 0.0, -20.0, 1.0, 0.0, 0.0, 0.0]])
+            simulator.reset(
+                np.array([0]), pose, np.zeros((1, 6)), np.array([[mass, mass, 1.0, 1.0, 1.0, 1.0]])
+            )
+            simulator.step(np.full((1, len(simulator.vehicle.actuators)), 0.5), DURATION)
+            speeds.append(np.array(simulator.velocity))
+        if np.array_equal(speeds[0], speeds[1]):
+            raise ConformanceError("a vehicle of one and a half times the mass moves as one of the sheet's")
+
+
+SIMULATOR_CHECKS: tuple[Callable[[Make], None], ...] = (
+    its_arrays_are_what_they_should,
+    reset_puts_vehicles_where_it_says,
+    motion_does_not_depend_on_the_batch,
+    nothing_outlives_a_reset,
+    motion_is_deterministic,
+    commands_are_clipped,
+    its_state_comes_back,
+    it_can_what_it_says,
+)
+"""What every simulator must keep."""
+
+
+def check_simulator(*overrides: str, only: Callable[[Make], None] | None = None) -> None:
+    """Checks a simulator against its contract (`auvbench.simulators.base.Simulator`).
+
+    Args:
+        overrides: what one would type behind `auvbench train`: the simulator, `simulator=NAME`, a vehicle perhaps.
+        only: one of `SIMULATOR_CHECKS`; all of them by default.
+
+    Raises:
+        ConformanceError: it breaks its contract.
+        ConfigError: the overrides are none.
+    """
+    config = train_config(compose("train", list(overrides)))
+    vehicle = sheet.load(config.vehicle)
+    for check in SIMULATOR_CHECKS:
+        if only is not None and check is not only:
+            continue
+        try:
+            check(lambda n: make_simulator(config.simulator, vehicle, n, config.disturbance.randomisation))
+        except ConformanceError as error:
+            name = " ".join(overrides)
+            raise ConformanceError(f"{name}: {check.__name__.replace('_', ' ')}: {error}") from error

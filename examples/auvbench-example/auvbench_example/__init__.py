@@ -1,0 +1,1 @@
+"""Two contestants for auvbench: one that steers, one that learns."""

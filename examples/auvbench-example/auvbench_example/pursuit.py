@@ -1,0 +1,50 @@
+"""A contestant that steers: thrust towards the waypoint in proportion to what is missing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from auvbench.plugin import AgentConfig, TrainConfig, VehicleModel, number
+
+
+@dataclass(kw_only=True)
+class PursuitConfig(AgentConfig):
+    """Types and ranges of what conf/algo/pursuit.yaml says."""
+
+    force_gain: float = number(0.0, 1e4, open_low=True)  # N/m
+    turn_gain: float = number(0.0, 1e4, open_low=True)  # N m/rad
+    effort: float = number(0.0, 1.0, open_low=True)  # share of each thruster's range
+
+
+def in_body_axes(observation):
+    """Yaw error (n,) in rad and position error (n, 3) in m along the body's axes, from observations in the world's."""
+    yaw_error, x, y, z = observation[:, :4].astype(np.float64).T
+    yaw = np.arctan2(y, x) - yaw_error
+    return yaw_error, np.stack(
+        [np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x, z], axis=1
+    )
+
+
+class Pursuit:
+    """Proportional control of position and heading; the thrusters share the work by the pseudo-inverse."""
+
+    Config = PursuitConfig
+
+    def __init__(self, config: TrainConfig, vehicle: VehicleModel):
+        self.gains = config.algo
+        self.vehicle = vehicle
+        self.inverse = np.linalg.pinv(vehicle.allocation[[0, 1, 2, 5]])  # (n_u, 4): surge, sway, heave, yaw
+        self.limit = config.algo.effort * np.abs(vehicle.force_limits).min()
+
+    def reset(self, episodes):
+        """Nothing is remembered from step to step, so there is nothing to forget."""
+
+    def act(self, observation):
+        """Actions (n, n_u) in [-1, 1] for observations (n, 4 + n_u)."""
+        yaw_error, error = in_body_axes(observation)
+        wanted = np.column_stack([self.gains.force_gain * error, self.gains.turn_gain * yaw_error])
+        wanted[:, 2] -= self.vehicle.buoyancy - self.vehicle.weight
+        # Not a matrix product: it may round differently in a batch of another size.
+        thrust = (wanted[:, None, :] * self.inverse).sum(axis=2)
+        largest = np.abs(thrust).max(axis=1, keepdims=True)
+        return self.vehicle.action(thrust * np.minimum(1.0, self.limit / np.maximum(largest, 1e-9)))

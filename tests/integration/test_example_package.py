@@ -1,0 +1,92 @@
+"""The package in examples/, installed into an environment of its own, stands in the ranked table beside PPO and PID."""
+
+from __future__ import annotations
+
+import csv
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "auvbench-example"
+TRAIN = ("algo=pursuit,search,pid,ppo", "seed=0,1", "train.total_steps=4096", "launcher.workers=2")
+
+
+def said(python: Path, *words: str, cwd: Path) -> str:
+    """What a command of that environment prints; it must end well."""
+    environment = {
+        key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")
+    }
+    done = subprocess.run(
+        [python, *words], cwd=cwd, capture_output=True, text=True, check=False, timeout=900, env=environment
+    )
+    assert done.returncode == 0, f"{' '.join(words)}: {done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    return done.stdout
+
+
+def source(folder: Path) -> Path:
+    """A copy of the example, so that building it leaves nothing in the repository."""
+    return Path(
+        shutil.copytree(EXAMPLE, folder / "source", ignore=shutil.ignore_patterns("build", "*.egg-info"))
+    )
+
+
+def runs_through(python: Path, folder: Path) -> None:
+    assert " pursuit," in said(python, "-m", "auvbench.cli", "train", "--help", cwd=folder)
+    said(python, "-m", "auvbench.cli", "train", "-m", *TRAIN, cwd=folder)
+    said(python, "-m", "auvbench.cli", "evaluate", "outputs", "protocol.episodes=20", "workers=2", cwd=folder)
+    said(python, "-m", "auvbench.cli", "report", "outputs", cwd=folder)
+    with (folder / "outputs/default/report/table.csv").open() as file:
+        rows = {row["agent"]: row for row in csv.DictReader(file)}
+    assert {"pursuit", "search", "PID", "PPO"} <= rows.keys()
+    assert float(rows["pursuit"]["success_rate"]) > 0.9
+
+
+def test_installed_beside_the_packages_that_are_here(tmp_path: Path) -> None:
+    venv.create(tmp_path / "own", with_pip=False, symlinks=True)
+    python = tmp_path / "own" / "bin" / "python"
+    # The packages of the environment that tests, editable ones included; the example goes into the new one alone.
+    here = sysconfig.get_path("purelib")
+    there = Path(
+        said(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=tmp_path).strip()
+    )
+    (there / "beside.pth").write_text(f"import site; site.addsitedir({here!r})\n")
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "--python",
+        str(python),
+        "install",
+        "-q",
+        "--no-deps",
+        "--no-index",
+    ]
+    subprocess.run(
+        [*command, "--no-build-isolation", str(source(tmp_path))],
+        check=True,
+        capture_output=True,
+        timeout=300,
+    )
+    assert (there / "auvbench_example").is_dir()
+    runs_through(python, tmp_path)
+    said(
+        python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "source/tests", "-k", "pursuit", cwd=tmp_path
+    )
+
+
+@pytest.mark.programs
+@pytest.mark.slow
+def test_installed_from_the_package_index(tmp_path: Path) -> None:
+    venv.create(tmp_path / "own", with_pip=True)
+    python = tmp_path / "own" / "bin" / "python"
+    pip = [str(python), "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt")]
+    subprocess.run([*pip, str(ROOT), str(source(tmp_path)), "pytest"], check=True, timeout=3000)
+    runs_through(python, tmp_path)
+    said(python, "-m", "pytest", "-q", "source/tests", cwd=tmp_path)

@@ -1,0 +1,75 @@
+"""All agents and simulators of our own against the suites that we ask others to pass."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+import torch
+
+from auvbench import testing
+from auvbench.config import answers
+from auvbench.config.agents import learns
+from auvbench.config.hints import CLASSES
+from auvbench.simulators.gazebo import bindings
+
+ON_POLICY = ("algo.n_envs=2", "algo.n_steps=32", "algo.batch_size=32", "algo.net_arch=[8]")
+OFF_POLICY = ("algo.n_envs=2", "algo.batch_size=16", "algo.learning_starts=32", "algo.net_arch=[8]")
+OVERRIDES: dict[str, tuple[str, ...]] = {
+    "ppo": ON_POLICY,
+    "sac": OFF_POLICY,
+    "ddpg": OFF_POLICY,
+    "td3": OFF_POLICY,
+    "tqc": OFF_POLICY,
+    "crossq": OFF_POLICY,
+    "trpo": ON_POLICY,
+    "recurrent_ppo": ON_POLICY,
+    "ppo_residual": ON_POLICY,
+    "sac_residual": OFF_POLICY,
+    "pid": (),
+    "lqr": (),
+    "smc": (),
+    "mpc": (),
+    "random": (),
+    "onnx": (),  # and a file, made below
+}
+"""Of each agent, what makes it small enough to be checked in seconds."""
+
+EXTRAS = {"mpc": "casadi", "onnx": "onnxruntime"}
+"""what an agent needs that may be missing"""
+
+STEPS = 192
+
+absent = bindings.missing()
+
+
+def test_no_agent_and_no_simulator_is_left_out() -> None:
+    assert OVERRIDES.keys() == CLASSES.keys()
+    assert set(answers.names("simulator")) <= {"fossen", "gazebo", "ros2"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("agent", [name for name in OVERRIDES if learns({"agent": name})])
+def test_a_learner_keeps_its_contract(agent: str) -> None:
+    torch.set_num_threads(1)
+    testing.check_agent(f"algo={agent}", *OVERRIDES[agent], steps=STEPS)
+
+
+@pytest.mark.parametrize("agent", [name for name in OVERRIDES if not learns({"agent": name})])
+def test_a_controller_keeps_its_contract(agent: str, tmp_path: Path) -> None:
+    if (extra := EXTRAS.get(agent)) and importlib.util.find_spec(extra) is None:
+        pytest.skip(f"{extra} is not installed")
+    overrides = OVERRIDES[agent]
+    if agent == "onnx":
+        from tests import onnx_files
+
+        overrides = (f"algo.path={onnx_files.saved(tmp_path / 'policy.onnx', onnx_files.model())}",)
+    testing.check_agent(f"algo={agent}", *overrides)
+
+
+@pytest.mark.gazebo
+@pytest.mark.skipif(absent is not None, reason=f"Gazebo is not here: {absent}")
+@pytest.mark.parametrize("check", testing.SIMULATOR_CHECKS, ids=lambda check: check.__name__)
+def test_gazebo_keeps_its_contract(check: object) -> None:
+    testing.check_simulator("simulator=gazebo", only=check)  # type: ignore[arg-type]

@@ -1,0 +1,91 @@
+"""Servers without lock-step: by their clock, or by this machine's, as the thesis had it."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from auvbench.config.simulators import Fossen, Ros2
+from auvbench.envs.batch import make_simulator
+from auvbench.ros2.middleware import InterfaceError
+from auvbench.ros2.server import Server
+from auvbench.simulators import ros2
+from auvbench.simulators.ros2 import Ros2Simulator
+from auvbench.vehicles.physical import PhysicalCommands
+from auvbench.vehicles.sheet import load
+from tests import dds
+
+pytestmark = dds.needs_ros
+
+VEHICLE = load("bluerov2")
+START = np.array([[1.0, 2.0, -20.0, 1.0, 0.0, 0.0, 0.0]])
+
+
+@pytest.fixture(params=["with a clock", "without a clock"])
+def foreign(request):
+    """Somebody else's server: the topics and the reset, and no lock-step; in a thread with a context of its own."""
+    with dds.domain():
+        physical = PhysicalCommands(VEHICLE)
+        inner = make_simulator(
+            Fossen(name="fossen", max_step=0.01, threads=1), VEHICLE, 1, None, physical.model
+        )
+        server = Server(
+            inner,
+            physical,
+            VEHICLE.actuators,
+            physical.neutral,
+            ["bluerov2"],
+            start=START[0].tolist(),
+            step_duration=0.02,
+            pace=2.0 if request.param == "with a clock" else 1.0,
+        )
+        node = server.vehicles[0].node
+        lockstep = next(s for s in node.services if s.srv_name.endswith("lockstep"))
+        node.destroy_service(lockstep)
+        if request.param == "without a clock":
+            node.destroy_publisher(server._clock)
+            server._clock = type("Silent", (), {"get_subscription_count": lambda self: 0})()
+        server.session.renew()
+        go_on = [True]
+        thread = threading.Thread(target=server.run, args=(lambda: go_on[0],))
+        thread.start()
+        yield request.param, server
+        ros2._leave()
+        go_on[0] = False
+        thread.join(10.0)
+        server.close()
+
+
+def test_a_server_without_lockstep(foreign):
+    kind, server = foreign
+    settings = Ros2(name="ros2", namespace=None, clock="auto", timeout=5.0)
+    simulator = Ros2Simulator(VEHICLE, 1, settings)
+    assert ros2.clock() == ("clock" if kind == "with a clock" else "wall")
+    assert f"clock {ros2.clock()}" in ros2.used()["ros2"]
+    pose = START.copy()
+    pose[0, :3] = 3.0, 4.0, -10.0
+    simulator.reset(np.arange(1), pose, np.zeros((1, 6)))
+    np.testing.assert_allclose(simulator.pose[0, :3], pose[0, :3], atol=0.05)
+    begun, stamp = time.monotonic(), server.time
+    ahead = VEHICLE.action(np.linalg.pinv(VEHICLE.allocation) @ np.array([60.0, 0, 0, 0, 0, 0]))[None]
+    for _ in range(20):
+        simulator.step(ahead, 0.1)
+    simulated, wall = (server.time - stamp) / 1e9, time.monotonic() - begun
+    # Twenty steps of a tenth of a second, one after the other without a gap: by the server's clock, or by ours.
+    assert 1.8 < (simulated if kind == "with a clock" else wall) < 5.0
+    assert simulator.pose[0, 0] > 3.2
+    assert simulator.velocity[0, 0] > 0.1
+    simulator.set_current(np.array([0.0, 0.5, 0.0]))
+    simulator.effectiveness[:] = 0.0
+    for _ in range(10):
+        simulator.step(ahead, 0.1)
+    assert simulator.pose[0, 1] > 4.02  # drifts north, and no thruster helps it
+    np.testing.assert_array_equal(server.quantities, np.zeros((1, 6)))
+    simulator.reset(np.arange(1), pose, np.zeros((1, 6)))
+    np.testing.assert_allclose(simulator.pose[0, :3], pose[0, :3], atol=0.05)
+    ros2._leave()
+    with pytest.raises(
+        InterfaceError, match=r"/bluerov2/lockstep: not there, and simulator.clock=lockstep needs it"
+    ):
+        Ros2Simulator(VEHICLE, 1, Ros2(name="ros2", namespace=None, clock="lockstep", timeout=5.0))

@@ -1,0 +1,345 @@
+"""A pilot over real DDS: it steers when all is well, and zero thrust is its answer to everything else."""
+
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from auvbench.cli import main
+from auvbench.commands import pilot as command
+from auvbench.errors import RunError
+from auvbench.ros2 import messages
+from auvbench.ros2.middleware import Session
+from auvbench.ros2.mission import Logbook
+from auvbench.ros2.observation import observe
+from auvbench.ros2.pilot import Limits, Pilot
+from auvbench.ros2.thrust import SheetThrust
+from auvbench.vehicles.sheet import load
+from tests import dds
+
+pytestmark = dds.needs_ros
+
+LIMITS = Limits(
+    depth_low=-60.0, depth_high=-1.0, goal_radius=2.0, max_steps=1000, pose_timeout=0.3, lost_after=0.9
+)
+PUSH = 20.0  # N, of an action of one half
+
+
+class Half:
+    """Half thrust, whatever is seen; or what a test wants instead."""
+
+    answer = np.full((1, 6), 0.5)
+    error = None
+
+    def reset(self, episodes):
+        pass
+
+    def act(self, observation):
+        assert observation.shape == (1, 10)
+        if self.error is not None:
+            raise self.error
+        return self.answer
+
+
+class Tank:
+    """A vehicle that lies still, a goal, and somebody who listens to the commands."""
+
+    def __init__(self):
+        self.session = session = Session()
+        ros = session.ros
+        node = self.node = session.node("tank")
+        self.position = [0.0, 0.0, -10.0]
+        self.tells, self.advances = True, True
+        self.stamp = 0
+        self.commands: dict[int, float] = {}
+        self.count = 0
+        self.states: list[str] = []
+        for a in range(6):
+            topic = f"/bluerov2/cmd_thruster{a + 1}"
+            node.create_subscription(
+                ros.std.Float64, topic, lambda m, a=a: self._heard(a, m.data), session.qos
+            )
+        node.create_subscription(
+            ros.std.String, "/bluerov2/pilot/state", lambda m: self.states.append(m.data), session.qos
+        )
+        self._odometry = node.create_publisher(ros.nav.Odometry, "/bluerov2/odom", session.qos)
+        self.goals = node.create_publisher(ros.geometry.PoseStamped, "/goal_pose", session.qos)
+        self.arming = node.create_client(ros.services.SetBool, "/bluerov2/pilot/arm")
+        self.stopping = node.create_client(ros.services.Trigger, "/bluerov2/pilot/stop")
+        session.renew()
+        self._told = 0.0
+        self.pilot = None
+
+    def _heard(self, actuator, value):
+        self.commands[actuator] = value
+        self.count += 1
+
+    def work(self):
+        now = time.monotonic()
+        if self.tells and now - self._told > 0.03:
+            self._told = now
+            self.stamp += self.advances
+            message = messages.odometry(self.session.ros, "bluerov2")
+            messages.write_time(message.header.stamp, self.stamp * 1_000_000)
+            messages.write_pose(message.pose.pose, [*self.position, 1.0, 0.0, 0.0, 0.0])
+            self._odometry.publish(message)
+        self.session.turn(0.0)
+        if self.pilot is not None:
+            self.pilot.turn()
+
+    def until(self, condition, seconds=8.0):
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, (self.commands, self.states)
+            self.work()
+
+    def wait(self, seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.work()
+
+    def ask(self, client, request):
+        self.until(client.service_is_ready)
+        answer = self.session.ask(client, request)
+        self.until(lambda: answer.value is not None)
+        return answer.value
+
+    def arm(self, data=True):
+        return self.ask(self.arming, self.session.ros.services.SetBool.Request(data=data))
+
+    def goal(self, x, y, z, frame="world"):
+        message = self.session.ros.geometry.PoseStamped()
+        message.header.frame_id = frame
+        message.pose.position.x, message.pose.position.y, message.pose.position.z = x, y, z
+        self.goals.publish(message)
+
+    def pushes(self):
+        return len(self.commands) == 6 and set(self.commands.values()) == {PUSH}
+
+    def rests(self):
+        return len(self.commands) == 6 and set(self.commands.values()) == {0.0}
+
+    def said(self, text):
+        return any(text in state for state in self.states)
+
+
+@pytest.fixture(scope="module")
+def domain():
+    with dds.domain() as number:
+        yield number
+
+
+@pytest.fixture
+def tank(domain, tmp_path):
+    tank = Tank()
+    tank.controller = Half()
+    tank.pilot = Pilot(
+        "bluerov2",
+        tank.controller,
+        SheetThrust(load("bluerov2")),
+        frequency=20.0,
+        body_frame=False,
+        limits=LIMITS,
+        logbook=Logbook(tmp_path / "log", {"frequency_hz": 20.0}),
+    )
+    tank.until(lambda: tank.goals.get_subscription_count() > 0)
+    tank.until(lambda: tank.pilot.age < 0.1)
+    yield tank
+    tank.pilot.close("the test is over")
+    tank.session.close()
+
+
+@pytest.fixture
+def steering(tank):
+    tank.goal(20.0, 0.0, -10.0)
+    tank.until(lambda: tank.pilot.waypoint is not None)
+    tank.until(lambda: tank.arm().success)
+    tank.until(tank.pushes)
+    return tank
+
+
+def test_it_starts_disarmed_and_commands_nothing(tank):
+    tank.goal(20.0, 0.0, -10.0)
+    tank.until(lambda: tank.pilot.waypoint is not None)
+    tank.wait(0.4)
+    assert tank.count == 0
+    tank.until(lambda: tank.arm().success)
+    tank.until(tank.pushes)
+    assert tank.arm(False).success
+    tank.until(tank.rests)
+    tank.wait(0.3)
+    silent = tank.count
+    tank.wait(0.3)
+    assert tank.count == silent
+
+
+def test_armed_without_a_waypoint_is_zero_thrust(tank):
+    tank.until(lambda: tank.arm().success)
+    tank.until(tank.rests)
+
+
+def test_what_it_does_not_arm_with(tank):
+    tank.position[2] = -0.5
+    tank.until(lambda: tank.pilot.pose[2] == -0.5)
+    answer = tank.arm()
+    assert not answer.success
+    assert "z = -0.50 m is not within -60 .. -1 m" in answer.message
+    tank.tells = False
+    tank.wait(0.4)
+    assert "/bluerov2/odom is" in tank.arm().message
+    tank.tells = True
+    tank.position[2] = -10.0
+    tank.until(lambda: tank.pilot.age < 0.1)
+    company = tank.node.create_publisher(tank.session.ros.std.Float64, "/bluerov2/cmd_thruster3", 10)
+    tank.until(lambda: "cmd_thruster3: somebody else commands" in tank.arm().message)
+    tank.node.destroy_publisher(company)
+
+
+def test_a_pose_too_old_is_zero_thrust_and_in_the_end_disarmed(steering):
+    tank = steering
+    tank.tells = False
+    begun = time.monotonic()
+    tank.until(tank.rests)
+    assert time.monotonic() - begun < 1.0
+    assert tank.pilot.armed
+    tank.tells = True
+    tank.until(tank.pushes)
+    tank.tells = False
+    tank.until(lambda: not tank.pilot.armed)
+    tank.until(tank.rests)
+    tank.tells = True
+    tank.wait(0.3)
+    assert tank.rests()
+    tank.until(lambda: tank.said("disarmed: /bluerov2/odom is"))
+
+
+def test_the_same_pose_again_and_again_gets_no_younger(steering):
+    steering.advances = False
+    steering.until(steering.rests)
+    steering.until(lambda: steering.said("holding: /bluerov2/odom is"))
+
+
+@pytest.mark.parametrize("z", [-0.9, -60.5, float("nan")])
+def test_depth_limits(steering, z):
+    steering.position[2] = z
+    steering.until(lambda: not steering.pilot.armed)
+    steering.until(steering.rests)
+    if z == z:
+        steering.until(lambda: steering.said("is not within -60 .. -1 m"))
+        record = steering.pilot.logbook._rows[0]
+        assert record["outcome"] == "collision"
+
+
+def test_the_stop_service(steering):
+    answer = steering.ask(steering.stopping, steering.session.ros.services.Trigger.Request())
+    assert answer.success
+    steering.until(steering.rests)
+    assert not steering.pilot.armed
+    assert steering.pilot.waypoint is None
+    steering.until(lambda: steering.said("disarmed: by the service stop"))
+
+
+@pytest.mark.parametrize(
+    ("answer", "error", "message"),
+    [
+        (None, ZeroDivisionError("division by zero"), "division by zero"),
+        (np.full((1, 6), np.nan), None, "not finite"),
+        (np.zeros((1, 5)), None, r"shape \(1, 5\)"),
+    ],
+)
+def test_a_controller_that_fails(steering, answer, error, message):
+    steering.controller.answer, steering.controller.error = answer, error
+    with pytest.raises(RunError, match=message):
+        steering.wait(3.0)
+    assert not steering.pilot.armed
+    steering.pilot, pilot = None, steering.pilot
+    steering.until(steering.rests)
+    steering.pilot = pilot
+
+
+def test_waypoints_that_are_none(tank):
+    tank.goal(1.0, 2.0, 0.0)
+    tank.until(lambda: tank.said("z = 0 m, must be within -60 .. -1 m: ignored"))
+    tank.goal(1.0, 2.0, -5.0, frame="map")
+    tank.until(lambda: tank.said("in the frame 'map', must be 'world': ignored"))
+    assert tank.pilot.waypoint is None
+
+
+def test_a_waypoint_that_is_reached(steering):
+    steering.position[0] = 18.5
+    steering.until(lambda: steering.said("waypoint reached"))
+    steering.until(steering.rests)
+    assert steering.pilot.armed
+    (record,) = steering.pilot.logbook._rows
+    assert record["outcome"] == "success"
+    assert record["path_length_m"] == pytest.approx(18.5)
+
+
+def test_an_unfinished_mission_is_kept(steering):
+    steering.wait(0.2)
+    steering.pilot.close("the pilot was ended")
+    steering.pilot, pilot = None, steering.pilot
+    steering.until(steering.rests)
+    assert pilot.logbook._rows[0]["outcome"] == "aborted"
+    assert pilot.logbook._reasons == ["the pilot was ended"]
+    steering.pilot = pilot
+
+
+def test_a_policy_from_a_file_commands_what_it_answers(domain, tmp_path):
+    learner = ["algo.n_envs=2", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=64"]
+    assert main(["train", "algo=ppo", f"output={tmp_path}", "train.progress=false", *learner]) == 0
+    assert main(["export", str(tmp_path / "default"), "--out", str(tmp_path / "exports")]) == 0
+    (file,) = (tmp_path / "exports").glob("*.onnx")
+    crew = command._crew(command.parser().read([str(file)]))
+    thrust = SheetThrust(crew.vehicle)
+    tank = Tank()
+    tank.pilot = Pilot(
+        "bluerov2", crew.controller, thrust, frequency=10.0, body_frame=False, limits=crew.limits
+    )
+    tank.until(lambda: tank.goals.get_subscription_count() > 0)
+    tank.goal(5.0, -4.0, -12.0)
+    tank.until(lambda: tank.pilot.waypoint is not None)
+    tank.until(lambda: tank.arm().success)
+    tank.until(lambda: tank.pilot.mission is not None)
+    pose, previous = np.array([0.0, 0.0, -10.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(6)
+    expected = []
+    for _ in range(4):
+        seen = observe(pose, np.array([5.0, -4.0, -12.0]), previous, False)
+        previous = np.asarray(crew.controller.act(seen[None])[0], dtype=np.float64)
+        expected.append(thrust.quantities(previous).tolist())
+    tank.until(lambda: [tank.commands.get(a) for a in range(6)] == expected[3])
+    tank.pilot.close("the test is over")
+    tank.session.close()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_mission_from_command_to_replay(number, tmp_path, capsys):
+    with dds.domain(), dds.serving("--pace", "6", "step.frequency=20"):
+        tank = Tank()
+        tank.tells = False
+        tank.node.destroy_publisher(tank._odometry)
+        folder = tmp_path / "missions"
+        words = ["--sim-time", "--goal", "6", "0", "-20", "--record", str(folder), "--pose-timeout", "2"]
+        pilot = dds.Process("pilot", "pid", *words)
+        try:
+            pilot.says("arm it")
+            tank.until(lambda: tank.arm().success, 20.0)
+            pilot.says("waypoint reached")
+            tank.goal(-15.0, 0.0, -30.0)
+            pilot.says("steering to (-15.0, 0.0, -30.0)")
+            tank.until(lambda: any(abs(x) > 1.0 for x in tank.commands.values()))
+            tank.wait(1.0)
+            pilot.send(number)
+            assert pilot.ends() == 0, pilot.output
+            tank.until(tank.rests)
+        finally:
+            pilot.stop()
+            tank.session.close()
+    assert main(["replay", str(folder)]) == 0
+    assert "success after" in capsys.readouterr().out
+    assert (folder / "replays" / "mission-0.png").stat().st_size > 10_000
+    assert main(["replay", str(folder), "--episode", "1"]) == 0
+    assert "aborted after" in capsys.readouterr().out
+    assert main(["replay", str(folder), "--episode", "2"]) == 2
+    assert "holds missions 0 to 1" in capsys.readouterr().err

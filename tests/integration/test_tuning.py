@@ -1,0 +1,295 @@
+"""`auvbench tune` from the command line to the preset: real runs, killed, typed again, refused."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from auvbench import cli
+from auvbench.config import schema
+from auvbench.errors import ConfigError, RunError
+from auvbench.runs import lock
+from auvbench.tuning import folder, outcome, trial
+from auvbench.tuning.folder import StudyFolder
+
+PID = [
+    "algo=pid",
+    "tune.trials=4",
+    "tune.startup=2",
+    "protocol.episodes=4",
+    "tune.fresh_seeds=[7]",
+    "launcher.workers=1",
+]
+PPO = [
+    "algo=ppo",
+    "algo.n_envs=4",
+    "algo.n_steps=choice(16,32)",
+    "algo.batch_size=64",
+    "algo.n_epochs=2",
+    "algo.net_arch=[8]",
+    "tune.trials=6",
+    "tune.startup=3",
+    "tune.rungs=[128,384]",
+    "tune.reduction=2",
+    "tune.fresh_seeds=[]",
+    "protocol.episodes=2",
+    "launcher.workers=1",
+]
+
+
+def tune(folder: Path, *arguments: str) -> int:
+    return cli.main(["tune", *arguments, f"output={folder}"])
+
+
+@pytest.fixture(scope="module")
+def pid(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished study of PID; tests leave it as it is."""
+    output = tmp_path_factory.mktemp("pid")
+    assert tune(output, *PID) == 0
+    return output
+
+
+def test_pid_is_tuned_and_its_preset_can_be_used(
+    pid: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    study = StudyFolder(pid / "tune" / "pid")
+    found = outcome.read(study)
+    assert [len(found.trials), {t.state for t in found.trials}] == [4, {"done"}]
+    assert found.fresh is not None
+    assert found.best is not None
+    page = (study.report / "index.html").read_text()
+    assert f"Trial {found.best.number}" in page
+    assert (study.report / "trials.csv").read_text().count("\n") == 5
+    assert {path.stem for path in (study.report / "figures").glob("*.svg")} >= {
+        "history",
+        "slices",
+        "parallel",
+    }
+    # The preset, where anybody's own presets lie.
+    monkeypatch.chdir(tmp_path)
+    Path("conf/algo").mkdir(parents=True)
+    Path("conf/algo/pid_tuned.yaml").write_bytes(study.best.read_bytes())
+    assert cli.main(["train", "algo=pid_tuned", "seed=0"]) == 0
+    run = next(Path("outputs/default").glob("pid_tuned-*"))
+    assert json.loads(json.dumps(outcome_of(run)))["study"] == "pid"
+
+
+def outcome_of(run: Path) -> dict[str, object]:
+    from auvbench.runs.directory import RunDirectory
+
+    tuned: dict[str, object] = RunDirectory(run).config()["algo"]["tuned"]
+    return tuned
+
+
+def test_a_report_on_the_scenarios_of_the_search_says_that_it_is_no_ranking(
+    pid: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("conf/algo").mkdir(parents=True)
+    Path("conf/algo/pid_tuned.yaml").write_bytes((pid / "tune" / "pid" / "best.yaml").read_bytes())
+    assert cli.main(["train", "-m", "algo=pid_tuned,random", "seed=0"]) == 0
+    for protocol in ("validation", "test"):
+        evaluate = ["evaluate", "outputs", f"protocol={protocol}", "protocol.episodes=3", "workers=1"]
+        assert cli.main(evaluate) == 0
+        capsys.readouterr()
+        assert (
+            cli.main(["report", "outputs", "--protocol", protocol, "--no-figures", "--format", "terminal,md"])
+            == 0
+        )
+        said = "tuned on the scenarios of this table" in capsys.readouterr().out
+        assert said == (protocol == "validation")
+        assert ("no ranking" in (Path("outputs/default/report/report.md")).read_text()) == said
+
+
+def test_typed_again_nothing_is_done_twice_and_more_trials_go_on(
+    pid: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = StudyFolder(pid / "tune" / "pid")
+    before = study.journal.read_bytes()
+    runs = {path: path.stat().st_mtime_ns for path in study.runs.glob("*/manifest.json")}
+    assert tune(pid, *PID) == 0
+    assert study.journal.read_bytes() == before
+    assert {path: path.stat().st_mtime_ns for path in study.runs.glob("*/manifest.json")} == runs
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            ["algo.bandwidth=interval(0.5,2)"],
+            ["algo.bandwidth", "tag(log,interval(0.2,5.0)) -> interval(0.5,2)"],
+        ),
+        (["algo.bandwidth=1.0"], ["algo.bandwidth", "not searched"]),
+        (["seed=3"], ["seed 42 -> 3"]),
+        (["protocol.episodes=5"], ["protocol.episodes 4 -> 5"]),
+        (["vehicle=rexrov"], ["vehicle"]),
+    ],
+)
+def test_another_study_in_the_same_place_is_refused(
+    pid: Path, changes: list[str], words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (pid / "tune" / "pid" / "journal.log").read_bytes()
+    assert tune(pid, *PID, *changes) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    for word in [*words, "name=NAME"]:
+        assert word in error
+    assert (pid / "tune" / "pid" / "journal.log").read_bytes() == before
+
+
+def test_a_second_controller_says_so(pid: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study = StudyFolder(pid / "tune" / "pid")
+    with lock.acquire(study.path / "controller"):
+        assert tune(pid, *PID) == 2
+    assert "is searching here at present" in capsys.readouterr().err
+    assert tune(pid, *PID) == 0
+
+
+def test_a_study_of_another_version_is_refused(
+    pid: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import shutil
+
+    shutil.copytree(pid / "tune", tmp_path / "tune")
+    study = StudyFolder(tmp_path / "tune" / "pid")
+    plan = json.loads(study.plan_path.read_text())
+    for edited, word in (
+        ({**plan, "schema_version": 99}, "schema_version 99"),
+        ({**plan, "seed": "x"}, "damaged"),
+        ({**plan, "protocol": {**plan["protocol"], "scenarios": "test"}}, "scenarios are those of a test"),
+    ):
+        study.plan_path.write_text(json.dumps(edited))
+        assert tune(tmp_path, *PID) == 2
+        error = capsys.readouterr().err
+        assert word in error
+        assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "protocol", ["test", "thesis", "native", "long", "robustness", "transfer", "frequency_sweep"]
+)
+def test_no_protocol_of_a_test_is_accepted(
+    protocol: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tune(tmp_path, *PID, f"protocol={protocol}") == 2
+    assert "which no test shares" in capsys.readouterr().err
+    assert tune(tmp_path, *PID, "protocol.scenarios=test") == 2
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_nothing_of_tuning_ever_draws_a_test_scenario(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The one door to scenarios is the roll-out: whoever comes through it from here asks for validation."""
+    from auvbench.evaluation import evaluate as module
+
+    asked: list[tuple[str, int]] = []
+    real = module.roll_out
+
+    def watched(*arguments: object, **options: object) -> object:
+        asked.append((str(options["scenarios"]), int(str(options["seed"]))))
+        return real(*arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(module, "roll_out", watched)
+    words = [*PID, "tune.trials=1"]
+    assert tune(tmp_path, *words) == 0
+    study = StudyFolder(tmp_path / "tune" / "pid")
+    plan = study.read()
+    for run in [*study.runs.iterdir(), *study.fresh.iterdir()]:
+        from auvbench.runs.directory import RunDirectory
+
+        summaries = list((run / "evaluations").iterdir())
+        for path in summaries:
+            if not path.name.startswith("."):
+                assert json.loads((path / "summary.json").read_text())["scenarios"] == "validation"
+        # What workers do, here in this process.
+        for path in summaries:
+            if not path.name.startswith("."):
+                (path / "summary.json").unlink()
+        trial.test(RunDirectory(run), folder.protocol_of(plan, run))
+    assert {stream for stream, _ in asked} == {"validation"}
+    assert {seed for _, seed in asked} == {plan.protocol.seed, plan.protocol.seed + 1}
+    forbidden = schema.Protocol(**{**vars(plan.protocol), "scenarios": "test"})
+    with pytest.raises(ConfigError, match="those of a test"):
+        trial.test(RunDirectory(next(study.runs.iterdir())), forbidden)
+
+
+def trials(output: Path, name: str) -> list[tuple[object, ...]]:
+    found = outcome.read(StudyFolder(output / "tune" / name))
+    return sorted(
+        (t.number, json.dumps(t.params), json.dumps(t.results, sort_keys=True), t.state) for t in found.trials
+    )
+
+
+@pytest.mark.slow
+def test_three_kills_leave_the_trials_of_an_undisturbed_study(tmp_path: Path) -> None:
+    """PPO, six trials, two rungs, one worker; SIGKILL at random, controller and workers alike."""
+    command = [sys.executable, "-m", "auvbench", "tune", *PPO, f"output={tmp_path}"]
+
+    def begin(name: str) -> subprocess.Popen[bytes]:
+        with open(tmp_path / f"{name}.txt", "ab") as log:
+            return subprocess.Popen(
+                [*command, f"name={name}"], stdout=log, stderr=log, start_new_session=True
+            )
+
+    begun = time.monotonic()
+    assert begin("whole").wait() == 0, (tmp_path / "whole.txt").read_text()
+    took = time.monotonic() - begun
+    draws = random.Random(os.urandom(8).hex())
+    for _ in range(3):
+        process = begin("killed")
+        time.sleep(took * draws.uniform(0.2, 0.7))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert begin("killed").wait() == 0, (tmp_path / "killed.txt").read_text()
+    assert trials(tmp_path, "killed") == trials(tmp_path, "whole")
+    found = outcome.read(StudyFolder(tmp_path / "tune" / "killed"))
+    assert {t.state for t in found.trials} == {"done", "pruned"}
+    assert found.cost.steps < found.cost.restarted
+    # Bit for bit what a run of the larger budget would have been: a promoted run is no approximation.
+    best = found.best
+    assert best is not None
+    straight = [f"{key}={value}" for key, value in best.params.items()]
+    fixed = [word for word in PPO[1:] if word.startswith("algo.") and "choice" not in word]
+    line = [
+        "train",
+        "algo=ppo",
+        *fixed,
+        *straight,
+        "seed=0",
+        "train.total_steps=384",
+        f"output={tmp_path}",
+        "name=straight",
+    ]
+    assert cli.main(line) == 0
+    run = next((tmp_path / "straight").iterdir())
+    promoted = tmp_path / "tune" / "killed" / "runs" / run.name
+    assert (run / "model" / "policy.pt").read_bytes() == (promoted / "model" / "policy.pt").read_bytes()
+
+
+def test_a_journal_damaged_in_its_middle_is_named(
+    pid: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import shutil
+
+    shutil.copytree(pid / "tune", tmp_path / "tune")
+    path = tmp_path / "tune" / "pid" / "journal.log"
+    lines = path.read_bytes().split(b"\n")
+    path.write_bytes(b"\n".join([*lines[:3], b"#", *lines[4:]]))
+    assert tune(tmp_path, *PID) == 2
+    error = capsys.readouterr().err
+    assert "line 4" in error
+    assert error.count("\n") == 1
+    path.write_bytes(b"\n".join(lines)[:-20])
+    assert tune(tmp_path, *PID) == 0
+    assert "cut short" in capsys.readouterr().out
+    with pytest.raises(RunError, match="no study"):
+        StudyFolder(tmp_path).read()

@@ -1,0 +1,176 @@
+"""A learner's action on top of PID's: what is added, what the learner sees, what PID remembers of an episode."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from auvbench.agents.classical import pid
+from auvbench.agents.learned.residual import Base, ResidualAgent, ResidualVecEnv
+from auvbench.config import schema
+from auvbench.config.compose import compose
+from auvbench.config.validate import train_config
+from auvbench.envs.batch import Batch
+from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.errors import ConfigError
+from auvbench.evaluation.rollout import roll_out
+from auvbench.vehicles import sheet
+
+VEHICLES = (
+    *("bluerov2", "bluerov2_realistic_inertia", "bluerov2_wu2018", "bluerov2_heavy"),
+    *("bluerov2_heavy_wu2018", "rexrov", "lrauv"),
+)
+
+
+def configured(*overrides: str) -> schema.TrainConfig:
+    return train_config(compose("train", ["algo=ppo_residual", *overrides]))
+
+
+def wrapped(config: schema.TrainConfig, n: int) -> ResidualVecEnv:
+    batch = Batch(config, n)
+    return ResidualVecEnv(WaypointVecEnv(batch, detailed=False), Base(config, batch.vehicle))
+
+
+def state_of(environment: ResidualVecEnv) -> dict[str, dict[str, np.ndarray]]:
+    parts = {"batch": environment.venv.batch, "base": environment.base}  # type: ignore[attr-defined]
+    return {
+        part: {name: np.array(value) for name, value in carrier.state_dict().items()}
+        for part, carrier in parts.items()
+    }
+
+
+def own_pid(config: schema.TrainConfig) -> pid.PIDController | pid.FinController:
+    return pid.controller(
+        dataclasses.replace(config, algo=config.algo.residual.pid), sheet.load(config.vehicle)
+    )
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_without_a_residual_the_vehicle_does_what_pid_makes_it_do(vehicle: str) -> None:
+    """Over several episodes: PID begins each of them anew, in the very step in which the one before ended."""
+    config = configured(f"vehicle={vehicle}", "task.max_steps=40", "disturbance=severe")
+    environment = wrapped(config, 3)
+    n_u = environment.action_space.shape[0]
+    # The same environments one by one, with a PID of their own that is told when an episode ends.
+    alone = [Batch(config, 1, first=i) for i in range(3)]
+    controllers = [own_pid(config) for _ in range(3)]
+    observations = [batch.reset().copy() for batch in alone]
+    for controller in controllers:
+        controller.reset(np.arange(1))
+    seen = environment.reset()
+    ends = 0
+    for _ in range(130):
+        actions = [c.act(o) for c, o in zip(controllers, observations, strict=True)]
+        np.testing.assert_array_equal(seen[:, : 4 + n_u], np.concatenate(observations))
+        np.testing.assert_array_equal(
+            seen[:, 4 + n_u :], np.clip(np.concatenate(actions), -1, 1).astype(np.float32)
+        )
+        results = [b.step(a) for b, a in zip(alone, actions, strict=True)]
+        observations = [result.observation.copy() for result in results]
+        seen, _, done, infos = environment.step(np.zeros((3, n_u), dtype=np.float32))
+        for i, result in enumerate(results):
+            assert done[i] == bool(len(result.ended))
+            if done[i]:
+                ends += 1
+                last = infos[i]["terminal_observation"]
+                np.testing.assert_array_equal(last[: 4 + n_u], result.final_observation[0])
+                # Of the PID that steered the episode to its end.
+                ended = np.clip(controllers[i].act(result.final_observation), -1, 1)[0]
+                np.testing.assert_array_equal(last[4 + n_u :], ended.astype(np.float32))
+                controllers[i].reset(np.arange(1))
+    assert ends >= 9
+
+
+def test_the_share_bounds_what_is_added() -> None:
+    config = configured("algo.residual.share=0.25")
+    base = Base(config, sheet.load(config.vehicle))
+    base.reset(500)
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        base.extend(rng.normal(0, 20, (500, 10)).astype(np.float32))
+        residual = rng.uniform(-3, 3, (500, 6)).astype(np.float32)
+        action = base.compose(residual)
+        assert np.abs(action).max() <= 1.0
+        assert np.abs(action - base.action).max() <= 0.25 + 1e-12
+        inside = np.abs(base.action) < 0.7
+        exact = base.action + 0.25 * np.clip(residual.astype(float), -1, 1)
+        np.testing.assert_allclose(action[inside], exact[inside], atol=1e-12)
+    assert (np.abs(base.action) > 0.9).any(), "PID asks for nearly all there is somewhere"
+
+
+def test_a_state_saved_in_mid_episode_goes_on_with_the_same_bits() -> None:
+    config = configured("task.max_steps=30", "disturbance=severe")
+    first, second = wrapped(config, 5), wrapped(config, 5)
+    rng = np.random.default_rng(1)
+    actions = rng.uniform(-1, 1, (90, 5, 6)).astype(np.float32)
+    first.reset()
+    for action in actions[:40]:
+        first.step(action)
+    state = state_of(first)
+    second.reset()
+    second.venv.batch.load_state_dict(state["batch"])  # type: ignore[attr-defined]
+    second.base.load_state_dict(state["base"])
+    for action in actions[40:]:
+        one, other = first.step(action), second.step(action)
+        np.testing.assert_array_equal(one[0], other[0])
+        np.testing.assert_array_equal(one[1], other[1])
+    after = state_of(second)
+    for part, arrays in state_of(first).items():
+        for name, value in arrays.items():
+            np.testing.assert_array_equal(value, after[part][name])
+
+
+def test_where_episodes_begin_again_pid_does_too() -> None:
+    config = configured()
+    environment = wrapped(config, 2)
+    environment.reset()
+    for _ in range(20):
+        environment.step(np.ones((2, 6), dtype=np.float32))
+    first = np.random.default_rng(2).normal(0, 10, (2, 10)).astype(np.float32)
+    seen = environment.begin(first)
+    fresh = own_pid(config)
+    fresh.reset(np.arange(2))
+    np.testing.assert_array_equal(seen[:, :10], first)
+    np.testing.assert_array_equal(seen[:, 10:], np.clip(fresh.act(first), -1, 1).astype(np.float32))
+
+
+class Push:
+    """A policy that answers to all that it observes."""
+
+    def reset(self, episodes: np.ndarray) -> None:
+        pass
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        assert observation.shape[1] == 16
+        return np.sin(observation[:, 10:] * 3.0 + observation[:, 1:2])
+
+
+def test_rows_of_a_test_do_not_depend_on_the_batch() -> None:
+    config = configured("task.max_steps=120")
+    tables = []
+    for batch in (24, 7, 1):
+        agent = ResidualAgent(Push(), Base(config, sheet.load(config.vehicle)))
+        tables.append(roll_out(config, agent, episodes=np.arange(24), seed=5, batch=batch).records)
+    assert tables[0] == tables[1] == tables[2]
+
+
+def test_gains_of_pid_are_those_of_its_preset_and_may_be_changed() -> None:
+    preset = train_config(compose("train", ["algo=pid"])).algo
+    assert configured().algo.residual.pid == preset
+    assert configured("algo.residual.pid.bandwidth=2.5").algo.residual.pid.bandwidth == 2.5
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("algo.residual.share=0", "algo.residual.share=0: must be more than 0 and at most 2"),
+        ("algo.residual.share=3", "algo.residual.share=3: must be more than 0 and at most 2"),
+        ("algo.residual.pid.bandwidth=-1", "algo.residual.pid.bandwidth=-1: must be more than 0"),
+        ("algo.residual.pid.agent=lqr", "algo.residual.pid.agent=lqr: must be pid"),
+    ],
+)
+def test_mistakes_name_the_key_and_what_is_valid(override: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        configured(override)

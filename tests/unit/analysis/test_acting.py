@@ -1,0 +1,82 @@
+"""What a report says of solves and of the time an action takes, and that it believes no file blindly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from auvbench.analysis.acting import action_time, solves
+from auvbench.analysis.findings import sentences
+from auvbench.analysis.further import with_columns
+from auvbench.analysis.model import Agent, Evaluation
+from auvbench.analysis.ranking import rank
+from auvbench.reporting.tables import columns
+from tests.unit.analysis.agents import agent
+
+INFERENCE = {"median_ms": 7.5, "p95_ms": 20.0, "cpu": "EPYC", "cores": 2}
+
+
+def evaluated(
+    made: Agent, notes: Any = None, inference: Any = INFERENCE, condition: str = "nominal"
+) -> Agent:
+    """The agent with what its tests' summaries say beside the rates."""
+    summary = {"conditions": [{"name": condition, "notes": notes}], "inference": inference}
+    evaluation = Evaluation("test", made.fingerprint, summary, pd.DataFrame(), Path("nowhere"))
+    runs = tuple(replace(run, evaluations={"test": evaluation}) for run in made.runs)
+    return replace(made, runs=runs)
+
+
+def mpc(**options: Any) -> Agent:
+    return evaluated(agent("mpc", seeds=1), **options)
+
+
+def test_late_and_failed_solves_are_said_with_their_number_and_the_machine() -> None:
+    counts = {"solves": 2000, "failed_solves": 3, "late_solves": 100}
+    agents = [mpc(notes=counts), agent("pid", seeds=1)]
+    ranking = rank(agents)
+    (found,) = [f for f in sentences(ranking, agents) if "solves" in f.text]
+    assert "of 2,000 solves 3 failed and 100 took longer than a step" in found.text
+    assert "(0.15 % and 5 %)" in found.text
+    assert found.statistic == "Tested on EPYC, 2 cores"
+    assert found.run_ids == (agents[0].runs[0].id,)
+
+
+@pytest.mark.parametrize(
+    "notes",
+    [
+        None,
+        {"solves": 2000, "failed_solves": 0, "late_solves": 0},
+        {"solves": "many", "late_solves": 3},
+        {"solves": -5, "late_solves": 3},
+        {"solves": True, "late_solves": 3},
+        ["solves"],
+    ],
+)
+def test_nothing_is_said_where_there_is_nothing_to_say(notes: Any) -> None:
+    assert solves([mpc(notes=notes)], "test", "nominal") is None
+
+
+def test_the_counts_are_those_of_the_condition() -> None:
+    counts = {"solves": 10, "late_solves": 3}
+    assert solves([mpc(notes=counts, condition="current=0.5")], "test", "nominal") is None
+
+
+def test_the_time_of_an_action_is_a_column_on_request() -> None:
+    agents = [mpc(), evaluated(agent("pid", seeds=1), inference={"median_ms": 0.25, "p95_ms": 0.5})]
+    ranking = with_columns(rank(agents), agents, ["action_ms", "action_p95_ms"])
+    median, tail = columns.extra(ranking)[-2:]
+    assert (median.heading, tail.heading) == ("action, median (ms)", "action, 95th percentile (ms)")
+    shown = {row.label: (columns.cell(row, median)[0], columns.cell(row, tail)[0]) for row in ranking.rows}
+    assert float(shown[agents[0].label][0]) == 7.5
+    assert float(shown[agents[1].label][1]) == 0.5
+
+
+@pytest.mark.parametrize(
+    "inference", [None, [], {}, {"median_ms": "fast"}, {"median_ms": True}, {"median_ms": -1.0}]
+)
+def test_a_test_that_does_not_say_gives_no_time(inference: Any) -> None:
+    assert action_time(mpc(inference=inference), "test", "median_ms") is None

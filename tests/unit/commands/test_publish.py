@@ -1,0 +1,155 @@
+"""`auvbench publish`: what is shipped gives the same numbers again, and says nothing of the machine it came from."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import json
+import shutil
+
+import pytest
+import yaml
+
+from auvbench import cli
+from auvbench.runs import integrity
+from tests.synthetic import write_experiment
+
+
+@pytest.fixture
+def runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    protocols = {"test": ("nominal",), "robustness": ("nominal", "current=0.5")}
+    return write_experiment(
+        tmp_path / "outputs" / "grid",
+        algorithms=("ppo", "sac", "pid"),
+        reward_k=(1, 100),
+        frequencies=(10, 25),
+        seeds=(0, 1, 2),
+        protocols=protocols,
+        train_episodes=30,
+    )
+
+
+def publish(*more: str) -> int:
+    return cli.main(["publish", "outputs/grid", "--to", "results/grid", *more])
+
+
+def report(*arguments: str) -> int:
+    return cli.main(["report", *arguments, "--format", "csv", "--no-figures"])
+
+
+@pytest.mark.parametrize("study", [(), ("--study", "thesis")])
+def test_a_report_of_what_is_shipped_has_the_same_numbers(runs, tmp_path, study):
+    assert publish("--pictures", "failures", *study) == 0
+    assert report("outputs/grid", "--out", "before", *study) == 0
+    assert report("results/grid", "--out", "after", *study) == 0
+    names = {path.name for path in (tmp_path / "before").iterdir()}
+    assert {"table.csv", "comparisons.csv"} <= names
+    assert ("verdicts.json" in names) == bool(study)
+    for name in names:
+        shipped = (tmp_path / "results/grid" / name).read_bytes()
+        assert (
+            shipped == (tmp_path / "after" / name).read_bytes() == (tmp_path / "before" / name).read_bytes()
+        )
+
+
+def test_the_verdicts_are_the_claims_of_the_study(runs, tmp_path):
+    assert publish("--pictures", "failures", "--study", "thesis") == 0
+    verdicts = json.loads((tmp_path / "results/grid/verdicts.json").read_text())
+    assert [v["claim"] for v in verdicts] == list(range(1, len(verdicts) + 1))
+    assert {v["verdict"] for v in verdicts} <= {"holds", "does not hold", "cannot be said"}
+    text = (tmp_path / "results/grid/README.md").read_text()
+    assert all(f"{v['claim']}. " in text for v in verdicts)
+
+
+def test_nothing_of_the_machine_and_nothing_that_only_training_needs(runs, tmp_path):
+    for run in runs:
+        manifest = json.loads((run / "manifest.json").read_text())
+        manifest["host"] = {"name": "secret-host", "cpu": "a processor", "cores": 2, "threads": 1}
+        manifest["command"] = "auvbench train -m algo=ppo 'output=/home/somebody/outputs'"
+        (run / "manifest.json").write_text(json.dumps(integrity.sealed(manifest)))
+        config = yaml.safe_load((run / "config.yaml").read_text())
+        (run / "config.yaml").write_text(yaml.safe_dump({**config, "output": "/home/somebody/outputs"}))
+    assert publish("--pictures", "failures") == 0
+    shipped = tmp_path / "results/grid"
+    for path in shipped.rglob("*"):
+        if path.is_file():
+            data = path.read_bytes()
+            data = gzip.decompress(data) if path.suffix == ".gz" else data
+            for secret in (b"secret-host", b"somebody"):
+                assert secret not in data, path
+    kinds = {path.name for path in shipped.glob("runs/*/**/*") if path.is_file()}
+    assert kinds == {"config.yaml", "manifest.json", "summary.json", "episodes.csv.gz", "trajectories.npz"}
+    assert not list(shipped.glob("runs/*/evaluations/robustness/*.npz"))
+    assert "a processor" in (shipped / "README.md").read_text()
+
+
+def test_rows_are_complete_and_vouched_for(runs, tmp_path):
+    assert publish("--pictures", "failures") == 0
+    (shipped,) = (tmp_path / "results/grid/runs").glob(f"{runs[0].name}")
+    rows = gzip.decompress((shipped / "evaluations/test/episodes.csv.gz").read_bytes())
+    assert rows == (runs[0] / "evaluations/test/episodes.csv").read_bytes()
+    training = gzip.decompress((shipped / "train/episodes.csv.gz").read_bytes()).decode().splitlines()
+    assert set(next(csv.reader(training))) == {"outcome", "step", "steps", "return", "final_distance_m"}
+    assert len(training) == 31
+    text = rows.replace(b"success", b"timeout", 1)
+    assert text != rows
+    (shipped / "evaluations/test/episodes.csv.gz").write_bytes(gzip.compress(text))
+    assert report("results/grid", "--out", "after") == 0  # the others are reported
+    with open(tmp_path / "after/table.csv", newline="") as file:
+        counted = {row["agent"]: row["seeds"] for row in csv.DictReader(file)}
+    assert sorted(len(s.split()) for s in counted.values()) == [1, 2, 3, 3, 3, 3, 3, 3, 3]
+
+
+def test_other_protocols_get_tables_of_their_own(runs, tmp_path):
+    assert publish("--pictures", "failures", "--also", "robustness") == 0
+    assert (tmp_path / "results/grid/robustness/conditions.csv").is_file()
+    assert cli.main(["publish", "outputs/grid", "--to", "results/x", "--also", "transfer"]) == 2
+
+
+def test_what_a_person_wrote_stays_and_what_is_gone_goes(runs, tmp_path, capsys):
+    assert publish("--pictures", "failures") == 0
+    readme = tmp_path / "results/grid/README.md"
+    readme.write_text(
+        "# Mine\n\nThe answer.\n\n" + readme.read_text().partition("\n")[2].replace("PPO", "XXX")
+    )
+    shutil.rmtree(runs[0])
+    assert publish("--pictures", "failures") == 0
+    text = readme.read_text()
+    assert text.startswith("# Mine\n\nThe answer.")
+    assert "XXX" not in text
+    assert "PPO" in text
+    assert not (tmp_path / "results/grid/runs" / runs[0].name).exists()
+    assert f"removed results/grid/runs/{runs[0].name}" in capsys.readouterr().out
+    readme.write_text("# Mine\n")
+    assert publish("--pictures", "failures") == 2
+    assert "<!-- begin: table -->" in capsys.readouterr().err
+
+
+def test_published_once_more_from_what_was_published(runs, tmp_path):
+    assert publish("--pictures", "failures") == 0
+    before = {p: p.read_bytes() for p in (tmp_path / "results/grid/runs").rglob("*") if p.is_file()}
+    assert cli.main(["publish", "results/grid", "--to", "results/grid", "--pictures", "failures"]) == 0
+    assert {p: p.read_bytes() for p in (tmp_path / "results/grid/runs").rglob("*") if p.is_file()} == before
+    assert cli.main(["publish", "results/grid", "--to", "results/copy", "--pictures", "failures"]) == 0
+    copies = {
+        p.relative_to(tmp_path / "results/copy"): p.read_bytes()
+        for p in (tmp_path / "results/copy/runs").rglob("*")
+        if p.is_file()
+    }
+    assert copies == {p.relative_to(tmp_path / "results/grid"): data for p, data in before.items()}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["outputs/grid"], "--to"),
+        (["outputs/grid", "--to", "x", "--out", "y"], "--to DIR is the folder"),
+        (["outputs/grid", "--to", "x", "--pictures", "failure"], "did you mean 'failures'"),
+        (["outputs/nothing", "--to", "x"], "no such folder"),
+        (["outputs/grid", "--to", "x", "--protocol", "thesis"], "robustness, test"),
+    ],
+)
+def test_mistakes(runs, arguments, said, capsys):
+    assert cli.main(["publish", *arguments]) == 2
+    assert said in capsys.readouterr().err

@@ -1,0 +1,263 @@
+"""Limits of scenarios: what is proven, what is found, and that it is kept, checked and never mixed up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from omegaconf import OmegaConf
+
+from auvbench.config import schema
+from auvbench.config.compose import compose
+from auvbench.config.validate import evaluate_config
+from auvbench.errors import ConfigError, RunError
+from auvbench.evaluation.bounds import files
+from auvbench.evaluation.bounds.compute import all_scenarios, compute, eligible, tried
+from auvbench.evaluation.bounds.driven import drive
+from auvbench.evaluation.bounds.journal import Journal
+from auvbench.evaluation.bounds.proven import PRICES, Energy
+from auvbench.evaluation.bounds.search import Found, Search
+from auvbench.evaluation.protocol import circumstances, fingerprint
+from auvbench.vehicles import sheet
+from auvbench.vehicles.symbolic import symbolic
+
+NEAR = "task.waypoint_low=[-5,-5,-24]", "task.waypoint_high=[5,5,-16]"
+"""waypoints that are a few seconds away"""
+
+
+def protocol_of(*overrides: str, episodes: int = 3, **changes: Any) -> schema.Protocol:
+    protocol = evaluate_config(compose("evaluate", [f"protocol.episodes={episodes}"])).protocol
+    return replace(protocol, overrides=[*protocol.overrides, *overrides], **changes)
+
+
+def config_of(*overrides: str) -> dict[str, Any]:
+    config = OmegaConf.to_container(compose("train", list(overrides)), resolve=True)
+    assert isinstance(config, dict)
+    return {str(key): value for key, value in config.items()}
+
+
+@pytest.fixture(scope="module")
+def near() -> tuple[schema.Protocol, dict[str, Any]]:
+    return protocol_of(*NEAR), config_of()
+
+
+@pytest.fixture(scope="module")
+def computed(
+    near: tuple[schema.Protocol, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, files.Limits]:
+    root = tmp_path_factory.mktemp("computed")
+    compute(*near, root)
+    limits = files.read(root / "test-bluerov2", commands=True)
+    assert limits is not None
+    return root, limits
+
+
+def test_energy_is_what_thrusters_give_less_what_damping_takes() -> None:
+    """d/dt (K + V) = nu' B f - D(nu), of which the proven bound is made, holds for the equations of motion."""
+    vehicle = sheet.load("bluerov2")
+    model = symbolic(vehicle, by_thrust=True)
+    rng = np.random.default_rng(0)
+    lever = vehicle.buoyancy * vehicle.center_of_buoyancy - vehicle.weight * vehicle.center_of_gravity
+
+    def energy(x: np.ndarray) -> float:
+        w, qx, qy, qz = x[3:7]
+        up = np.array([2 * (qx * qz - w * qy), 2 * (qy * qz + w * qx), 1 - 2 * (qx * qx + qy * qy)])
+        kinetic = 0.5 * x[7:13] @ vehicle.M @ x[7:13]
+        return float(kinetic - (vehicle.buoyancy - vehicle.weight) * x[2] - lever @ up)
+
+    for _ in range(20):
+        q = rng.normal(size=4)
+        x = np.concatenate([rng.normal(size=3), q / np.linalg.norm(q), rng.normal(size=6)])
+        f = rng.uniform(*model.input_limits.T)
+        rate = model.derivative(x, f, np.zeros(3)).full()[:, 0]
+        h = 1e-6
+        slope = (energy(x + h * rate) - energy(x - h * rate)) / (2 * h)
+        nu = x[7:13]
+        taken = vehicle.linear_damping @ nu**2 + vehicle.quadratic_damping @ np.abs(nu) ** 3
+        assert slope == pytest.approx(nu @ vehicle.allocation @ f - taken, rel=1e-5, abs=1e-4)
+
+
+@pytest.mark.parametrize(("name", "share"), [("bluerov2", 0.95), ("bluerov2_heavy", 0.6)])
+def test_no_velocity_and_thrust_gain_more_than_is_proven(name: str, share: float) -> None:
+    """The Heavy's lag may overshoot, which the bound allows for and the steady thrusts here do not reach."""
+    vehicle = sheet.load(name)
+    energy = Energy(vehicle, 3.0)
+    assert np.isfinite(energy.pace).any()
+    rng = np.random.default_rng(1)
+    n = 20_000
+    e = rng.normal(size=(n, 3))
+    e /= np.linalg.norm(e, axis=1, keepdims=True)
+    low, high = vehicle.force_limits.T
+    f = np.where(rng.random((n, len(low))) < 0.5, low, high)
+    tau = f @ vehicle.allocation.T
+    for a, pace in zip(PRICES, energy.pace, strict=True):
+        # The velocity that gains most of this e and these thrusts, and some around it.
+        force = a * tau + np.pad(e, ((0, 0), (0, 3)))
+        d, q = vehicle.linear_damping, vehicle.quadratic_damping
+        nu = np.sign(force) * 2 * np.abs(force) / a / (2 * d + np.sqrt(4 * d**2 + 12 * q * np.abs(force) / a))
+        nu *= rng.uniform(0.9, 1.1, size=nu.shape)
+        gained = np.sum(force * nu, axis=1) - a * (nu**2 @ d + np.abs(nu) ** 3 @ q)
+        assert gained.max() <= pace
+        assert gained.max() >= share * pace, "and the bound is not idle"
+
+
+def test_nobody_arrives_sooner_than_is_proven() -> None:
+    protocol = protocol_of(episodes=40)
+    (condition,) = circumstances(protocol, config_of())
+    there = all_scenarios(condition, protocol)
+    driven = drive(condition.config, np.arange(len(there)), protocol.seed, "test")
+    energy = Energy(sheet.load("bluerov2"), 3.0)
+    least = np.array([energy.steps(scenario, 10.0) for scenario in there])
+    assert (least <= [len(commands) for commands in driven]).all()
+    assert np.median(least) > 20
+
+
+def test_what_is_found_arrives_and_is_no_slower_than_pid(
+    near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits]
+) -> None:
+    protocol, config = near
+    _, limits = computed
+    held = limits.condition("nominal")
+    assert held is not None
+    assert tried(limits, protocol, config) == []
+    (condition,) = circumstances(protocol, config)
+    driven = drive(condition.config, np.arange(3), protocol.seed, "test")
+    assert (held.steps <= [len(commands) for commands in driven]).all()
+    assert (held.steps < [len(commands) for commands in driven]).any()
+    assert (held.least <= held.steps).all()
+    assert [len(commands) for commands in held.commands] == held.steps.tolist()
+
+
+def test_commands_that_do_not_arrive_are_named(
+    near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits]
+) -> None:
+    protocol, config = near
+    _, limits = computed
+    held = limits.conditions[0]
+    far = int(held.steps.argmax())
+    idle = [np.zeros_like(c) if e == far else c for e, c in enumerate(held.commands)]
+    other = replace(held, commands=tuple(idle))
+    (line,) = tried(replace(limits, conditions=(other,)), protocol, config)
+    assert line.startswith(f"nominal, episode {far}: ")
+    assert line.endswith(f"not arrived after {held.steps[far]}")
+
+
+def test_workers_and_interruptions_change_nothing(
+    near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits], tmp_path: Path
+) -> None:
+    class Enough(Exception):
+        pass
+
+    def stop(key: Any, found: Found) -> None:
+        if key[2] == 1:
+            raise Enough
+
+    with pytest.raises(Enough):
+        compute(*near, tmp_path, tell=stop)
+    journal = tmp_path / ".test-bluerov2" / "journal.jsonl"
+    kept = journal.read_bytes()
+    assert kept.count(b"\n") == 3  # the header and two searches
+    journal.write_bytes(kept + b'{"half a line')
+    compute(*near, tmp_path, workers=2)
+    assert not journal.exists()
+    for name in ("limits.csv", "commands.npz", "summary.json"):
+        mine = (tmp_path / "test-bluerov2" / name).read_bytes()
+        assert mine == (computed[0] / "test-bluerov2" / name).read_bytes(), name
+
+
+def test_a_journal_of_another_search_is_begun_anew(tmp_path: Path) -> None:
+    found = Found(2, np.array([[1, -127], [3, 4]], dtype=np.int8), "pid", 1, 0)
+    first = Journal(tmp_path / "j", {"fingerprint": "a"})
+    first.add(("nominal", 1, 7), found)
+    first.close()
+    again = Journal(tmp_path / "j", {"fingerprint": "a"})
+    assert again.found[("nominal", 1, 7)].commands.tolist() == found.commands.tolist()
+    again.close()
+    other = Journal(tmp_path / "j", {"fingerprint": "b"})
+    assert other.found == {}
+    other.close()
+
+
+def test_what_is_known_of_the_same_scenarios_is_taken_over(
+    near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits], tmp_path: Path
+) -> None:
+    protocol, config = near
+    less = replace(protocol, name="less", episodes=2)
+    seen = []
+    limits = compute(
+        less,
+        config,
+        tmp_path,
+        others=[computed[0] / "test-bluerov2"],
+        tell=lambda key, f: seen.append(f.solved),
+    )
+    assert seen == [0] * 4, "nothing is searched"
+    assert limits.conditions[0].steps.tolist() == computed[1].conditions[0].steps[:2].tolist()
+
+
+def test_limits_of_other_scenarios_and_damaged_ones_are_not_used(
+    near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits], tmp_path: Path
+) -> None:
+    root, limits = computed
+    protocol, config = near
+    mine = fingerprint(protocol, circumstances(protocol, config))
+    found, said = files.find("test", "bluerov2", mine, [root])
+    assert found is not None
+    assert said == []
+    none, said = files.find("test", "bluerov2", "0" * 16, [root])
+    assert none is None
+    assert "of other scenarios" in said[0]
+    files.write(tmp_path / "test-bluerov2", limits)
+    table = tmp_path / "test-bluerov2" / "limits.csv"
+    table.write_bytes(table.read_bytes().replace(b"nominal,10.0,0,", b"nominal,10.0,0,1"))
+    none, said = files.find("test", "bluerov2", mine, [tmp_path])
+    assert none is None
+    assert "bytes instead of" in said[0]
+    with pytest.raises(RunError):
+        files.read(tmp_path / "test-bluerov2")
+
+
+def test_what_has_no_limit_is_refused() -> None:
+    config = config_of()
+    with pytest.raises(ConfigError, match="leaves the frequency to each agent"):
+        eligible(circumstances(protocol_of(frequency=None), config))
+    with pytest.raises(ConfigError, match="still water"):
+        eligible(circumstances(protocol_of("disturbance=calm"), config))
+    with pytest.raises(ConfigError, match="simulator=gazebo has other equations"):
+        eligible(circumstances(protocol_of(), config_of("simulator=gazebo")))
+    robust = evaluate_config(compose("evaluate", ["protocol=robustness"])).protocol
+    good, left_out = eligible(circumstances(robust, config))
+    assert {c.name for c in good} >= {"nominal", "noise=2"}
+    assert any(line.startswith("current=0.5: ") for line in left_out)
+    (condition,) = circumstances(protocol_of(), config_of("vehicle=lrauv"))
+    with pytest.raises(ConfigError, match="cover thrusters"):
+        Search(condition.config)
+
+
+def test_thrusters_with_lag_are_covered() -> None:
+    protocol = protocol_of(*NEAR, episodes=1)
+    (condition,) = circumstances(protocol, config_of("vehicle=rexrov"))
+    (scenario,) = all_scenarios(condition, protocol)
+    (driven,) = drive(condition.config, np.arange(1), protocol.seed, "test")
+    search = Search(condition.config)
+    found = search.first(scenario, driven)
+    assert search.trial.run(scenario, found.commands).arrived
+    assert found.steps <= len(driven)
+
+
+SHIPPED = sorted(folder.name for folder in files.shipped().glob("*-*") if folder.is_dir())
+
+
+@pytest.mark.parametrize("name", SHIPPED or [pytest.param("none", marks=pytest.mark.skip("none is shipped"))])
+def test_shipped_limits_are_of_today_s_scenarios_and_arrive(name: str) -> None:
+    limits = files.read(files.shipped() / name, commands=True)
+    assert limits is not None
+    protocol = evaluate_config(compose("evaluate", [f"protocol={limits.protocol}"])).protocol
+    config = config_of(f"vehicle={limits.vehicle}")
+    assert limits.fingerprint == fingerprint(protocol, circumstances(protocol, config))
+    assert tried(limits, protocol, config) == []
+    for held in limits.conditions:
+        assert (held.least <= held.steps).all()

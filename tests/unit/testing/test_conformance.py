@@ -1,0 +1,238 @@
+"""Our own agents and simulators keep the contracts, and who breaks one is told which."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from auvbench import testing
+from auvbench.errors import ConfigError
+from auvbench.testing import ConformanceError, agents, simulators
+from tests.packages import DRAWN, Site, learning, site, steering
+
+__all__ = ["site"]
+
+CONTROLLERS = ("pid", "random", "lqr", "smc")
+
+
+@pytest.mark.parametrize("algo", CONTROLLERS)
+@pytest.mark.parametrize("check", testing.AGENT_CHECKS, ids=lambda check: check.__name__)
+def test_our_controllers(algo: str, check: object) -> None:
+    testing.check_agent(f"algo={algo}", only=check)  # type: ignore[arg-type]
+
+
+def test_pid_on_fins() -> None:
+    testing.check_agent("algo=pid", "vehicle=lrauv")
+
+
+@pytest.mark.parametrize("check", testing.SIMULATOR_CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("vehicle", ["bluerov2", "lrauv"])
+def test_the_embedded_simulator(vehicle: str, check: object) -> None:
+    testing.check_simulator("simulator=fossen", f"vehicle={vehicle}", only=check)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        ("return np.zeros((len(observation), 3))", "shape (7, 3); it must be (7, 6)"),
+        ("return np.full((len(observation), self.n_u), np.nan)", "nan; actions must be in [-1, 1]"),
+        ("return np.full((len(observation), self.n_u), -1.01)", "-1.01; actions must be in [-1, 1]"),
+        (
+            "return np.tile(np.tanh(observation[:, 1:2].mean() + 0.0 * observation[:, 1:2]), (1, self.n_u))",
+            "do not depend on the batch: in a batch of 1 instead of 7",
+        ),
+        (
+            "self.seen = getattr(self, 'seen', 0) + 1\nreturn np.full((len(observation), self.n_u), np.sin(self.seen))",
+            "in a batch of 1 instead of 7",
+        ),
+        ("return np.random.uniform(-1.0, 1.0, (len(observation), self.n_u))", "in a batch of 1"),
+        ("observation += 1.0\nreturn np.zeros((len(observation), self.n_u))", "act changes the observations"),
+    ],
+)
+def test_a_controller_that_breaks_its_contract(site: Site, act: str, message: str) -> None:
+    steering(site, act)
+    with pytest.raises(ConformanceError) as caught:
+        testing.check_agent("algo=mine")
+    assert message in str(caught.value)
+    assert str(caught.value).startswith("algo=mine: ")
+
+
+def test_memory_across_episodes_is_found_by_its_own_check(site: Site) -> None:
+    steering(
+        site,
+        "self.seen = getattr(self, 'seen', 0) + 1\nreturn np.full((len(observation), self.n_u), np.sin(self.seen))",
+    )
+    with pytest.raises(ConformanceError, match="nothing outlives an episode: in the same episodes once more"):
+        testing.check_agent("algo=mine", only=agents.nothing_outlives_an_episode)
+
+
+def test_draws_from_the_process_are_found_by_their_own_check(site: Site) -> None:
+    steering(site, "np.random.uniform()\nreturn np.zeros((len(observation), self.n_u))")
+    with pytest.raises(ConformanceError, match=r"draws from the process's generator of numpy\.random"):
+        testing.check_agent("algo=mine", only=agents.actions_are_deterministic)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_a_learner_that_keeps_its_contract(site: Site, exact: bool) -> None:
+    learning(site, exact=exact)
+    testing.check_agent("algo=slow", steps=400)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (DRAWN, "action = np.random.uniform(-1, 1, (environment.n, self.n_u))", "training is deterministic: the same"),
+        (
+            "return np.full((len(observation), self.n_u), np.tanh(self.sum))",
+            "self.sum += 1e-3; return np.full((len(observation), self.n_u), np.tanh(self.sum))",
+            "do not depend on the batch",
+        ),
+        (
+            "(folder / \"sum.json\").write_text(json.dumps(self.sum))",
+            "import pickle; (folder / \"sum.json\").write_bytes(pickle.dumps(self.sum))",
+            "sum.json is a pickle",
+        ),
+        (
+            "self.sum = json.loads((folder / \"sum.json\").read_text())",
+            "import pickle, pathlib; pickle.loads(pickle.dumps(pathlib.PurePosixPath('/'))); "
+            "self.sum = json.loads((folder / \"sum.json\").read_text())",
+            "load unpickles pathlib",
+        ),
+        (
+            "self.sum, self.generator.bit_generator.state = components.values[\"slow\"]",
+            "self.sum = components.values[\"slow\"][0]",
+            "a training that was stopped ends with other bits",
+        ),
+        ("callbacks.checkpoint(steps)", "pass", "learn never called callbacks.checkpoint before step 300 of 400"),
+    ],
+)  # fmt: skip
+def test_a_learner_that_breaks_its_contract(site: Site, old: str, new: str, message: str) -> None:
+    learning(site)
+    path = site.folder / "slow/learning.py"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    site.look_again()
+    pickles = "pickle" in message
+    only = agents.nothing_is_pickled if pickles and "is a" in message else None
+    with pytest.raises(ConformanceError) as caught:
+        testing.check_agent("algo=slow", steps=400, only=only)
+    assert message in str(caught.value)
+
+
+WATER = """
+    from auvbench.plugin import Capabilities
+    from auvbench.simulators.fossen import FossenSimulator
+    import numpy as np
+
+    class Water(FossenSimulator):
+        capabilities = Capabilities(exact_resume=True, deterministic=True, scales=True, currents="sheared")
+
+        def __init__(self, config, vehicle, n, max_step):
+            super().__init__(vehicle, n, max_step=max_step)
+"""
+
+
+def water(site: Site, more: str = "") -> None:
+    site.install(
+        "water-package",
+        {
+            "water/__init__.py": "",
+            "water/sea.py": WATER + more,
+            "water/conf/simulator/water.yaml": "name: water\n",
+        },
+        simulators={"water": "water.sea:Water"},
+        conf="water.conf",
+    )
+
+
+def test_a_simulator_of_a_package(site: Site) -> None:
+    water(site)
+    testing.check_simulator("simulator=water")
+
+
+@pytest.mark.parametrize(
+    ("more", "check", "message"),
+    [
+        (
+            "def step(self, command, duration): super().step(command + 0.01 * np.random.uniform(), duration)",
+            simulators.motion_is_deterministic,
+            "generator of numpy.random",
+        ),
+        (
+            "def step(self, command, duration): super().step(command * 0.9 ** self.n, duration)",
+            simulators.motion_does_not_depend_on_the_batch,
+            "alone instead of among three",
+        ),
+        ("def state_dict(self): return {}", simulators.its_state_comes_back, "KeyError"),
+        (
+            "def set_current(self, velocity, bottom=None, depths=(0.0, 1.0)): pass",
+            simulators.it_can_what_it_says,
+            "carries a drifting vehicle",
+        ),
+        (
+            "def reset(self, indices, pose, velocity, scales=None): super().reset(np.arange(self.n), "
+            "np.repeat(pose[:1], self.n, 0), np.zeros((self.n, 6)))",
+            simulators.reset_puts_vehicles_where_it_says,
+            "reset of vehicle 1 moves others",
+        ),
+    ],
+)
+def test_a_simulator_that_breaks_its_contract(site: Site, more: str, check: object, message: str) -> None:
+    water(site, f"\n        {more}\n")
+    with pytest.raises((ConformanceError, KeyError)) as caught:
+        testing.check_simulator("simulator=water", only=check)  # type: ignore[arg-type]
+    assert message in f"{type(caught.value).__name__}: {caught.value}"
+
+
+def pytest_says(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-p",
+        "pytest_auvbench",
+        "-p",
+        "no:cacheprovider",
+        "-q",
+        *words,
+    ]
+    root = str(Path(__file__).parents[3])
+    import os
+
+    paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths}
+    )
+
+
+def test_pytest_runs_the_checks_one_by_one(site: Site) -> None:
+    steering(site, "return np.full((len(observation), self.n_u), 1.5)")
+    done = pytest_says("--auvbench", "algo=mine", "--auvbench", "simulator=fossen", "-rA")
+    assert done.returncode == 1
+    assert f"{len(testing.SIMULATOR_CHECKS)} passed" in done.stdout
+    assert f"{len(testing.AGENT_CHECKS)} failed" in done.stdout
+    assert "gets the action 1.5; actions must be in [-1, 1]" in done.stdout
+    assert "Traceback" not in done.stdout
+
+
+def test_pytest_names_what_there_is_not(site: Site) -> None:
+    done = pytest_says("--auvbench", "algo=nobody")
+    assert done.returncode == 4
+    assert "--auvbench 'algo=nobody': algo=nobody: no such option" in done.stderr + done.stdout
+
+
+def test_the_plug_in_costs_nothing_where_it_is_not_used() -> None:
+    code = "import sys; before = set(sys.modules); import pytest; own = set(sys.modules); import pytest_auvbench; "
+    code += "print(sorted({n.partition('.')[0] for n in set(sys.modules) - own} - {'pytest_auvbench'}))"
+    root = str(Path(__file__).parents[3])
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=root)
+    assert done.stdout == "[]\n"
+
+
+def test_a_misspelt_name_is_an_error_of_the_configuration() -> None:
+    with pytest.raises(ConfigError, match="no such option"):
+        testing.check_agent("algo=pidd")

@@ -1,0 +1,155 @@
+"""The controller: bad settings are bad trials, bad luck stops the study, one run serves equal trials."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from auvbench.commands.tune import plan_of, split
+from auvbench.config.compose import compose
+from auvbench.errors import TrainingError
+from auvbench.runs.directory import RunDirectory, freeze
+from auvbench.scheduling.base import Phase, Status
+from auvbench.tuning import controller, runs, scores, view
+from auvbench.tuning.controller import Controller
+from auvbench.tuning.journal import Journal
+from auvbench.tuning.search import Search
+
+WORDS = [
+    "algo=ppo",
+    "tune.trials=6",
+    "tune.startup=6",
+    "tune.rungs=[10,30]",
+    "tune.reduction=2",
+    "tune.fresh_seeds=[]",
+]
+
+
+class Job:
+    mark = None
+
+    def __init__(self, run: Path, code: int, lost: bool = False) -> None:
+        self.run, self.status = run, Status(Phase.ENDED, code, lost=lost)
+
+    def poll(self) -> Status:
+        return self.status
+
+    def cancel(self, *, force: bool = False) -> None: ...
+
+    def __str__(self) -> str:
+        return "job"
+
+
+class Backend:
+    """Carries out a run at once, as `behave` says: by the number of the submission."""
+
+    name = "fake"
+
+    def __init__(self, limit=1, behave=lambda number, run: None) -> None:
+        self.limit, self.behave = limit, behave
+        self.submitted: list[Path] = []
+
+    def submit(self, run: Path) -> Job:
+        self.submitted.append(run)
+        error = self.behave(len(self.submitted), RunDirectory(run))
+        if error is not None:
+            kind, message, code = error
+            if kind:
+                RunDirectory(run).update_manifest(
+                    state="failed", error={"type": kind, "message": message, "step": 1}
+                )
+            return Job(run, code)
+        RunDirectory(run).update_manifest(state="complete", steps=0, files={})
+        return Job(run, 0)
+
+    def adopt(self, run: Path) -> None:
+        return None
+
+    def wait(self, seconds: float) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def carry_out(
+    folder: Path, backend: Backend, monkeypatch: pytest.MonkeyPatch, *more: str
+) -> tuple[Search, str]:
+    words, ranges, fixed = split([*WORDS, *more, f"output={folder}"])
+    plan, study = plan_of(compose("tune", words), ranges, fixed)
+
+    def prepare(plan, study, algo, rung, first, budgets):
+        return [
+            freeze(runs.configuration(plan, study, algo, seed, budgets[rung])) for seed in plan.tune.seeds
+        ]
+
+    def of(self, made, protocol):
+        rate = made[0].config()["algo"]["learning_rate"]
+        return scores.Score(rate, rate, rate, rate, 1.0, tuple(run.id for run in made))
+
+    monkeypatch.setattr(runs, "prepare", prepare)
+    monkeypatch.setattr(controller, "test", lambda run, protocol: None)
+    monkeypatch.setattr(scores.Objective, "of", of)
+    study.path.mkdir(parents=True, exist_ok=True)
+    search = Search(plan, Journal(study.journal, plan.dimensions, plan.budgets))
+    objective = scores.objective("success_rate", "par1_steps")
+    text = io.StringIO()
+    shown = view.view(search, objective, Console(file=text, width=200))
+    try:
+        Controller(plan, study, search, objective, backend, shown).carry_out()
+    finally:
+        search.text = text.getvalue()
+    return search, text.getvalue()
+
+
+def test_every_trial_is_carried_out_and_the_best_reach_the_top(tmp_path, monkeypatch):
+    search, text = carry_out(tmp_path, Backend(limit=3), monkeypatch, "tune.seeds=[0,1]")
+    assert len(search.progress) == 6
+    assert search.counts()["running"] == 0
+    best = max(range(6), key=lambda number: search.journal.params[number]["algo.learning_rate"])
+    assert search.best == best
+    assert "6 of 6 trials begun" in text
+
+
+def test_settings_that_ruin_a_training_are_a_failed_trial(tmp_path, monkeypatch):
+    def behave(number, run):
+        return ("TrainingError", "step 7: train/loss became nan", 1) if number == 2 else None
+
+    search, text = carry_out(tmp_path, Backend(behave=behave), monkeypatch)
+    assert [bool(error) for error in search.journal.errors].count(True) == 1
+    assert len(search.progress) == 6
+    assert "became nan" in text
+
+
+def test_what_is_not_the_settings_fault_stops_the_study_and_it_goes_on_later(tmp_path, monkeypatch):
+    def behave(number, run):
+        return ("TrainingError", "cannot write: the disk is full", 1) if number == 3 else None
+
+    with pytest.raises(TrainingError, match=r"disk is full.*the same command goes on"):
+        carry_out(tmp_path, Backend(behave=behave), monkeypatch)
+    search, _ = carry_out(tmp_path, Backend(), monkeypatch)
+    assert not any(search.journal.errors)
+    assert len(search.progress) == 6
+
+
+def test_a_worker_that_was_killed_is_started_again_a_few_times(tmp_path, monkeypatch):
+    backend = Backend(behave=lambda number, run: ("", "", -9) if number == 2 else None)
+    search, text = carry_out(tmp_path, backend, monkeypatch)
+    assert "it is resumed" in text
+    assert not any(search.journal.errors)
+    always = Backend(behave=lambda number, run: ("", "", -9))
+    with pytest.raises(TrainingError, match="SIGKILL"):
+        carry_out(tmp_path / "other", always, monkeypatch)
+    assert len(always.submitted) == controller.TRIES
+
+
+def test_equal_settings_share_a_run(tmp_path, monkeypatch):
+    backend = Backend(limit=4)
+    fixed = [
+        f"algo.{key}" for key in ("n_epochs=3", "gamma=0.9", "gae_lambda=0.9", "clip_range=0.2", "ent_coef=0")
+    ]
+    fixed += ["algo.log_std_init=0", "algo.net_arch=[8]", "algo.n_steps=64", "algo.batch_size=64"]
+    search, _ = carry_out(tmp_path, backend, monkeypatch, *fixed, "algo.learning_rate=choice(0.001,0.002)")
+    assert len(search.progress) == 6
+    assert len(set(backend.submitted)) == len(backend.submitted) <= 4

@@ -1,0 +1,113 @@
+"""What is searched: the grammar, and what is refused in one line."""
+
+import pytest
+
+from auvbench.commands.tune import plan_of, split
+from auvbench.config.compose import compose
+from auvbench.errors import ConfigError, UserError
+
+
+def planned(*arguments, tmp="/nowhere"):
+    words, ranges, fixed = split([*arguments, f"output={tmp}"])
+    return plan_of(compose("tune", words), ranges, fixed)[0]
+
+
+def searched(*arguments):
+    return {dimension.key: dimension for dimension in planned(*arguments).dimensions}
+
+
+def test_the_space_is_that_of_the_algorithm_and_typed_keys_narrow_it():
+    found = searched("algo=sac", "algo.gamma=0.99", "algo.tau=tag(log,interval(0.002,0.03))")
+    assert "algo.gamma" not in found
+    tau = found["algo.tau"]
+    assert (tau.kind, tau.low, tau.high, tau.log) == ("float", 0.002, 0.03, True)
+    assert planned("algo=sac", "algo.gamma=0.99").base["algo"]["gamma"] == 0.99
+
+
+def test_kinds_follow_the_schema():
+    found = searched(
+        "algo=ppo",
+        "algo.n_epochs=interval(2,6)",
+        "algo.gae_lambda=range(0.8,1.0,0.05)",
+        "algo.activation=choice(tanh,relu)",
+        "algo.net_arch=choice([8,8],[16,16])",
+        "algo.vf_coef=0.2,0.5",
+    )
+    assert (found["algo.n_epochs"].kind, list(found["algo.n_epochs"].points())) == ("int", [2, 3, 4, 5, 6])
+    assert found["algo.gae_lambda"].points() == pytest.approx([0.8, 0.85, 0.9, 0.95])
+    assert found["algo.net_arch"].plain("[16,16]") == [16, 16]
+    assert found["algo.activation"].plain("relu") == "relu"
+    assert found["algo.vf_coef"].plain("0.5") == 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["algo=random"], ["nothing to search"]),
+        (["algo=ppo_thesis"], ["nothing to search", "./conf/search"]),
+        (["algo=ppo", "algo.gamm=interval(0.9,0.99)"], ["algo.gamm", "algo.gamma"]),
+        (["algo=ppo", "algo.tau=interval(0.01,0.02)"], ["algo.tau", "sac"]),
+        (["algo=ppo", "algo.gamma=interval(0.99,0.9)"], ["algo.gamma=interval(0.99,0.9)", "empty"]),
+        (["algo=ppo", "algo.gamma=choice()"], ["algo.gamma=choice()", "empty"]),
+        (["algo=ppo", "algo.n_epochs=range(5,2)"], ["algo.n_epochs=range(5,2)", "empty"]),
+        (["algo=ppo", "algo.gamma=tag(log,interval(0,0.9))"], ["above 0"]),
+        (["algo=ppo", "algo.gamma=tag(exp,interval(0.1,0.9))"], ["'exp'", "log"]),
+        (["algo=ppo", "algo.gamma=0.9", "algo.gamma=interval(0.9,0.99)"], ["fixed", "searched"]),
+        (["algo=ppo", "algo.gamma=interval(0.9,0.99)", "algo.gamma=interval(0.9,0.95)"], ["already"]),
+        (["algo=ppo", "algo.gamma=interval(0.9,1.2)"], ["algo.gamma=1.2", "at most 1"]),
+        (["algo=ppo", "algo.n_epochs=interval(2.5,8)"], ["whole numbers"]),
+        (["algo=ppo", "algo.batch_size=choice(1000,512)"], ["contradicts itself", "algo.batch_size=1000"]),
+        (["algo=ppo", "algo.activation=choice(tanh,softsign)"], ["softsign"]),
+        (["algo=ppo", "reward.k=interval(1,40)"], ["reward.k", "settings of the algorithm"]),
+        (["algo=ppo", "tune.sampler=grid"], ["algo.learning_rate", "grid"]),
+        (["algo=ppo", "tune.rungs=[100,50]"], ["tune.rungs=[100, 50]", "grow"]),
+        (["algo=ppo", "tune.rungs=[]"], ["tune.rungs=[]"]),
+        (["algo=ppo", "tune.fresh_seeds=[0]"], ["tune.fresh_seeds", "fresh"]),
+        (["algo=ppo", "tune.seeds=[]"], ["tune.seeds"]),
+        (["algo=ppo", "tune.objective=succes_rate"], ["tune.objective", "success_rate"]),
+        (["algo=ppo", "tune.sampler=tpee"], ["tune.sampler=tpee", "tpe"]),
+        (
+            ["algo=ppo", "algo.learning_rate_schedule=linear"],
+            ["algo.learning_rate_schedule=linear", "tune.pruner=none"],
+        ),
+    ],
+)
+def test_what_is_no_space_is_refused_in_one_line(arguments, words):
+    with pytest.raises(UserError) as caught:
+        planned(*arguments)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_every_space_that_is_shipped_is_taken_by_its_algorithm():
+    from auvbench.config import answers
+
+    names = answers.names("search")
+    assert {"ppo", "sac", "ddpg", "td3", "pid", "lqr", "smc", "mpc"} <= set(names)
+    for name in names:
+        found = planned(f"algo={name}")
+        assert len(found.dimensions) >= 3, name
+
+
+def test_equal_budgets_are_one_line(monkeypatch):
+    """Every learner and every controller but the floor has a study of as many trials."""
+    from auvbench.commands import tune
+    from auvbench.config import answers
+
+    seen = []
+    monkeypatch.setattr(tune, "_studies", lambda configs, *_: seen.extend(configs) or 0)
+    assert tune.main(["experiment=tune_all", "tune.trials=7"]) == 0
+    plans = [plan_of(config, {}, {})[0] for config in seen]
+    assert {plan.tune.trials for plan in plans} == {7}
+    assert {tuple(plan.budgets) for plan in plans} == {(50000, 150000, 400000)}
+    assert {plan.name for plan in plans} == set(answers.names("search"))
+
+
+def test_a_range_of_a_question_is_left_to_a_grid():
+    words, ranges, _ = split(["algo=ppo,sac", "algo.gamma=interval(0.9,0.99)", "-m"])
+    assert "algo=ppo,sac" in words
+    assert ranges == {"algo.gamma": "interval(0.9,0.99)"}
+    with pytest.raises(ConfigError, match="tune -m"):
+        compose("tune", ["algo=ppo,sac"])
