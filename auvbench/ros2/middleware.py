@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,6 +25,14 @@ LAST_DOMAIN = 232
 
 SLICE = 0.05
 """s, the longest wait at a time: signals are looked at between two."""
+
+PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+"""The variable in which Fast DDS of ROS 2 Jazzy looks for a file of profiles."""
+
+OWN_PROFILES = "DEFAULT_FASTRTPS_PROFILES.xml"
+"""In the working directory it is read without being named."""
+
+DISCOVERY = Path(__file__).with_name("discovery.xml")
 
 _MODULES = {
     "rclpy": "rclpy",
@@ -57,6 +66,8 @@ def load() -> Any:
         ConfigError: it is installed and does not load, or the environment asks for what is not there.
     """
     check_surroundings()  # the middleware itself would end the process
+    if not Path(OWN_PROFILES).exists():
+        os.environ.setdefault(PROFILES, str(DISCOVERY))
     found = {}
     for name, module in _MODULES.items():
         try:

@@ -59,7 +59,7 @@ def foreign(request):
 
 def test_a_server_without_lockstep(foreign):
     kind, server = foreign
-    settings = Ros2(name="ros2", namespace=None, clock="auto", timeout=5.0)
+    settings = Ros2(name="ros2", namespace=None, clock="auto", timeout=20.0)
     simulator = Ros2Simulator(VEHICLE, 1, settings)
     assert ros2.clock() == ("clock" if kind == "with a clock" else "wall")
     assert f"clock {ros2.clock()}" in ros2.used()["ros2"]
@@ -88,4 +88,4 @@ def test_a_server_without_lockstep(foreign):
     with pytest.raises(
         InterfaceError, match=r"/bluerov2/lockstep: not there, and simulator.clock=lockstep needs it"
     ):
-        Ros2Simulator(VEHICLE, 1, Ros2(name="ros2", namespace=None, clock="lockstep", timeout=5.0))
+        Ros2Simulator(VEHICLE, 1, Ros2(name="ros2", namespace=None, clock="lockstep", timeout=20.0))

@@ -77,16 +77,19 @@ def test_another_namespace_another_vehicle_and_company(server):
     with pytest.raises(
         InterfaceError, match=r"/bluerov3/odom: .* simulator.namespace: did you mean 'bluerov2'"
     ):
-        connected("bluerov3", timeout=5.0)
+        connected("bluerov3", timeout=15.0)
     with pytest.raises(InterfaceError, match=r"/bluerov2/cmd_thruster9: nobody listens"):
-        Connection("bluerov2", ("thruster1", "thruster9"), "auto", 1.0)
+        Connection("bluerov2", ("thruster1", "thruster9"), "auto", 8.0)
     first = connected()
     with pytest.raises(InterfaceError, match=r"/bluerov2/cmd_thruster1: somebody else commands this vehicle"):
         connected()
     first.step(STILL, 0.1)
     # A second server in the same namespace sees the first one and leaves.
     second = dds.Process("serve")
-    assert second.ends() == 2
+    try:
+        assert second.ends() == 2
+    finally:
+        second.stop()
     assert "/bluerov2/odom: somebody else publishes it too" in second.output
     assert "--namespace" in second.output
     # Somebody else moves the clock of a server in lock-step.
@@ -127,7 +130,7 @@ def test_what_the_server_refuses(server):
 
 
 def test_delayed_is_not_lost_and_halted_is_said(server):
-    connection = connected(timeout=3.0)
+    connection = connected()
     connection.step(STILL, 0.1)
     before = connection._stamp.copy()
     server.send(signal.SIGSTOP)
@@ -156,7 +159,7 @@ LEARNER = [
     "train.checkpoint.steps=64",
     "train.progress=false",
     "simulator=ros2",
-    "simulator.timeout=2",
+    "simulator.timeout=10",  # DDS announces itself again every 3 s: on a busy machine the first ones may be lost
     "task.max_steps=30",
 ]
 
@@ -172,7 +175,7 @@ def test_a_training_whose_server_is_killed_goes_on_with_the_next_one(elsewhere, 
     (path,) = (tmp_path / "default").glob("ppo-*")
     error = capsys.readouterr().err
     assert "/bluerov2/" in error
-    assert "for 2 s" in error or "within 2 s" in error
+    assert "for 10 s" in error or "within 10 s" in error
     manifest = RunDirectory(path).manifest()
     assert manifest["state"] == "failed"
     assert "/bluerov2/" in manifest["error"]["message"]
