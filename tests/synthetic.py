@@ -22,8 +22,8 @@ import pandas as pd
 import yaml
 from numpy.typing import NDArray
 
+from auvbench.record import RECORD_COLUMNS
 from auvbench.runs import identity, integrity
-from auvbench.tasks.record import RECORD_COLUMNS
 
 FloatArray = NDArray[np.float64]
 

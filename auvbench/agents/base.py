@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from auvbench.agents.components import Components
 from auvbench.config import schema
-from auvbench.tasks.record import Record
+from auvbench.record import Record
 from auvbench.vehicles.model import VehicleModel
 
 Integers = NDArray[np.int64]

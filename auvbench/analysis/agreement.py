@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import identity, integrity
-from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.untrusted import documents, reading
 
 TOLERANCE = 1e-6

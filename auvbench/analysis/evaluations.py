@@ -12,8 +12,8 @@ import pandas as pd
 
 from auvbench.analysis import agreement
 from auvbench.analysis.model import Evaluation
+from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import integrity
-from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.untrusted import documents, packed, reading, tables
 from auvbench.untrusted.text import LONGEST, plain, short
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from auvbench.analysis.measures import measure
 from auvbench.analysis.model import NO_POLICY, Agent, Finding
 from auvbench.analysis.prose import counted, difference, listed
+from auvbench.record import OUTCOMES
 from auvbench.statistics import holm
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray
 from auvbench.statistics.spread import Spread
-from auvbench.tasks.record import OUTCOMES
 
 NEAR_THE_LIMIT = 5.0
 """m; a waypoint so close to the surface or the floor counts as near it"""

@@ -17,7 +17,7 @@ from auvbench.analysis.model import NO_POLICY, Agent, Evaluation, Problem, RunRe
 from auvbench.analysis.refining import differing, level, refined, trained
 from auvbench.analysis.timing import in_seconds
 from auvbench.errors import ReportError, closest
-from auvbench.tasks.record import OUTCOMES
+from auvbench.record import OUTCOMES
 
 DEFAULT_GROUPING = ("algo.name", "reward.k", "step.frequency")
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from auvbench.analysis.model import Agent
 from auvbench.errors import ReportError, closest
+from auvbench.record import OUTCOMES
 from auvbench.statistics import Crossed, crossed
 from auvbench.statistics.intervals import FloatArray
-from auvbench.tasks.record import OUTCOMES
 
 
 class Kind(NamedTuple):

@@ -7,7 +7,7 @@ import pandas as pd
 from auvbench.analysis import agreement
 from auvbench.analysis.evaluations import Damage, finite
 from auvbench.analysis.model import RunRecord
-from auvbench.tasks.record import OUTCOMES
+from auvbench.record import OUTCOMES
 from auvbench.untrusted import packed, tables
 from auvbench.untrusted.text import short
 

@@ -18,7 +18,7 @@ KEYS = ("algo", "vehicle", "reward.k", "step.frequency", "seed", "disturbance", 
 
 def measures() -> list[str]:
     """What agents can be ranked by."""
-    from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
+    from auvbench.record import OUTCOMES, RECORD_COLUMNS
 
     first, end = RECORD_COLUMNS.index("steps"), RECORD_COLUMNS.index("waypoint_x_m")
     columns = [name for name in RECORD_COLUMNS[first:end] if name != "initial_distance_m"]

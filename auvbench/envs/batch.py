@@ -17,11 +17,11 @@ from auvbench.config import installed, plugins, schema, simulators
 from auvbench.config.disturbance import SCALES
 from auvbench.envs.actions import admit
 from auvbench.errors import ConfigError, closest
+from auvbench.record import Record
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks import disturbances
 from auvbench.tasks.kernels import C_EPISODE, COLLISION, F_DISTANCE, F_WAYPOINT, SUCCESS, TIMEOUT
-from auvbench.tasks.record import Record
 from auvbench.tasks.waypoint import WaypointTask
 from auvbench.vehicles import pace, sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant

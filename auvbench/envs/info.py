@@ -5,7 +5,7 @@
 `waypoint`     (3,) x, y, z in m
 `distance`     m, from the one to the other
 `is_success`   whether the episode has ended at the waypoint
-`record`       when an episode ends: its row of the tables (`auvbench.tasks.record`), `outcome` as a code: 0 success,
+`record`       when an episode ends: its row of the tables (`auvbench.record`), `outcome` as a code: 0 success,
                1 collision, 2 timeout
 =============  ==================================================================================================
 
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.envs.batch import State
-from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
+from auvbench.record import OUTCOMES, RECORD_COLUMNS, Record
 
 WHOLE = ("episode", "environment", "outcome", "steps")
 """columns of a record that are whole numbers"""

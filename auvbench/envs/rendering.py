@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from auvbench.envs.batch import Batch
 from auvbench.envs.sharded import ShardedBatch
 from auvbench.errors import ConfigError, closest
-from auvbench.tasks.record import OUTCOMES
+from auvbench.record import OUTCOMES
 
 if TYPE_CHECKING:
     from auvbench.envs.scene import Scene, Trail

@@ -18,7 +18,7 @@ from auvbench.envs import info, options, rendering, settings, spaces
 from auvbench.envs.batch import Batch, Transition
 from auvbench.envs.sharded import ShardedBatch, make_batch
 from auvbench.errors import ConfigError
-from auvbench.tasks.record import Record
+from auvbench.record import Record
 
 
 def make(

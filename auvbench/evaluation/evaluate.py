@@ -29,12 +29,12 @@ from auvbench.evaluation.protocol import (
     fingerprint_parts,
 )
 from auvbench.evaluation.rollout import Rollout, roll_out
+from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import integrity, lock, provenance
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.durable import fsync_directory, make_folder, storage, write_durable
 from auvbench.runs.files import as_json
 from auvbench.runs.plan import load_config
-from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.untrusted import archives, documents, inside, reading
 from auvbench.vehicles import sheet
 

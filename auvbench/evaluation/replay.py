@@ -12,8 +12,8 @@ from auvbench.errors import RunError, UserError, closest
 from auvbench.evaluation.evaluate import make_agent
 from auvbench.evaluation.protocol import circumstances
 from auvbench.evaluation.rollout import roll_out
+from auvbench.record import Record
 from auvbench.runs.directory import RunDirectory
-from auvbench.tasks.record import Record
 
 Floats = NDArray[np.float32]
 

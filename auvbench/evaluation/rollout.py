@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Agent
 from auvbench.config import schema
 from auvbench.envs.batch import Batch, at_once
+from auvbench.record import Record
 from auvbench.tasks.kernels import F_WAYPOINT
-from auvbench.tasks.record import Record
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

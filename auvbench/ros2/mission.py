@@ -19,36 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import RunError
+from auvbench.record import RECORD_COLUMNS, Record
 from auvbench.ros2.observation import yaw_of
 
 Floats = NDArray[np.float64]
-
-Record = dict[str, float | int | str]
-
-COLUMNS = (
-    "episode",
-    "environment",
-    "outcome",
-    "steps",
-    "duration_s",
-    "return",
-    "initial_distance_m",
-    "final_distance_m",
-    "deviation_mean_m",
-    "deviation_std_m",
-    "command_norm_mean_N",
-    "command_norm_sum_N",
-    "energy_J",
-    "path_length_m",
-    "path_efficiency",
-    "smoothness_per_s",
-    "depth_margin_m",
-    "waypoint_x_m",
-    "waypoint_y_m",
-    "waypoint_z_m",
-    "start_yaw_rad",
-)
-"""Those of every row of an episode (`auvbench/tasks/record.py`), which this room stands below; a test compares."""
 
 FORMAT = "auvbench-mission"
 SCHEMA_VERSION = 1
@@ -137,7 +111,7 @@ class Mission:
         return self.outcome
 
     def record(self, number: int) -> Record:
-        """The row, columns COLUMNS."""
+        """The row of an episode, columns RECORD_COLUMNS."""
         steps = self.steps
         n = max(steps, 1)
         mean = self._deviation / n
@@ -162,7 +136,7 @@ class Mission:
             *self.waypoint.tolist(),
             self.start_yaw,
         )
-        return dict(zip(COLUMNS, values, strict=True))
+        return dict(zip(RECORD_COLUMNS, values, strict=True))
 
     def trajectory(self) -> dict[str, NDArray[np.float32]]:
         """Arrays as those of a test: position (T + 1, 3), yaw, command (T, n_u), waypoint (3,), time."""
@@ -219,7 +193,7 @@ class Logbook:
     def _write(self) -> None:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(("condition", "frequency_hz", *COLUMNS))
+        writer.writerow(("condition", "frequency_hz", *RECORD_COLUMNS))
         for row in self._rows:
             writer.writerow((CONDITION, self._about["frequency_hz"], *row.values()))
         arrays = io.BytesIO()

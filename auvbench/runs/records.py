@@ -8,7 +8,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from auvbench.tasks.record import RECORD_COLUMNS, Record
+from auvbench.record import RECORD_COLUMNS, Record
 
 COLUMNS = ("step", *RECORD_COLUMNS)
 

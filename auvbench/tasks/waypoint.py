@@ -15,8 +15,8 @@ from auvbench.config import schema
 from auvbench.config.clock import step_limit
 from auvbench.dynamics.random import TEST, VALIDATION
 from auvbench.errors import TrainingError
+from auvbench.record import OUTCOMES, RECORD_COLUMNS, Record
 from auvbench.tasks import kernels as k
-from auvbench.tasks.record import OUTCOMES, RECORD_COLUMNS, Record
 from auvbench.vehicles.model import VehicleModel
 
 Floats = NDArray[np.float64]

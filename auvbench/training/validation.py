@@ -25,7 +25,7 @@ from auvbench.agents.base import Agent
 from auvbench.config import schema
 from auvbench.evaluation.protocol import circumstances, fingerprint
 from auvbench.evaluation.rollout import roll_out
-from auvbench.tasks.record import OUTCOMES, Record
+from auvbench.record import OUTCOMES, Record
 
 COLUMNS = (
     "step",

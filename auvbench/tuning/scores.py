@@ -13,10 +13,10 @@ from auvbench.analysis.evaluations import Damage, read_evaluation
 from auvbench.analysis.measures import Measure, to_rank_by
 from auvbench.analysis.model import Agent
 from auvbench.errors import RunError
+from auvbench.record import OUTCOMES
 from auvbench.runs.directory import RunDirectory
 from auvbench.statistics import crossed, means
 from auvbench.statistics.estimate import Estimate
-from auvbench.tasks.record import OUTCOMES
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.envs.batch import Batch
+from auvbench.record import Record
 from auvbench.tasks.kernels import F_START_YAW, F_WAYPOINT
-from auvbench.tasks.record import Record
 
 Floats = NDArray[np.float64]
 Commands = NDArray[np.int8]

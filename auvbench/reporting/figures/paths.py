@@ -12,10 +12,10 @@ from matplotlib.ticker import MaxNLocator
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import Agent
 from auvbench.analysis.paths import paths
+from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown, without
 from auvbench.reporting.figures.testing import depth_limits, goal_radius
-from auvbench.tasks.record import OUTCOMES
 
 MOST = 6
 """paths in one picture"""

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from auvbench.analysis.model import Agent
 from auvbench.analysis.study.testing_claims import FEWEST_AGENTS, rank_correlation
+from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import (
     MANY,
@@ -21,7 +22,6 @@ from auvbench.reporting.figures.scene import (
     wants_symlog,
 )
 from auvbench.statistics.estimate import Estimate
-from auvbench.tasks.record import OUTCOMES
 
 MOST_LABELS = 12
 """points with their names written beside them; more would overlap"""

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from auvbench.analysis.model import Agent
+from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import multiples, style
 from auvbench.reporting.figures.scene import (
     Drawing,
@@ -19,7 +20,6 @@ from auvbench.reporting.figures.scene import (
     wants_symlog,
     without,
 )
-from auvbench.tasks.record import OUTCOMES
 
 RECORDS = "training records"
 BINS = 60

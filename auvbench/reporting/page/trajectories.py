@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import Agent, Problem, RunRecord
 from auvbench.analysis.paths import paths
-from auvbench.tasks.record import OUTCOMES
+from auvbench.record import OUTCOMES
 
 POINTS = 320
 """most positions kept of one path"""

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from auvbench.tasks.record import RECORD_COLUMNS
+from auvbench.record import RECORD_COLUMNS
 from tests.synthetic import write_experiment
 
 

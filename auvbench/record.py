@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 OUTCOMES = ("success", "collision", "timeout")
-"""How an episode ends, in the order of the codes 0, 1, 2 (`SUCCESS`, `COLLISION`, `TIMEOUT` in kernels.py)."""
+"""How an episode ends, in the order of the codes 0, 1, 2 (`SUCCESS`, `COLLISION`, `TIMEOUT` in tasks/kernels.py)."""
 
 RECORD_COLUMNS = (
     "episode",
