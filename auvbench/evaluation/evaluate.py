@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -32,8 +31,8 @@ from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import integrity, lock, provenance
 from auvbench.runs.directory import RunDirectory, now
-from auvbench.runs.durable import fsync_directory, make_folder, storage, write_durable
-from auvbench.runs.files import as_json
+from auvbench.runs.durable import make_folder
+from auvbench.runs.files import as_json, write_folder
 from auvbench.runs.plan import load_config
 from auvbench.untrusted import archives, documents, inside, reading
 from auvbench.vehicles import sheet
@@ -301,32 +300,15 @@ def _condition_summary(condition: Circumstance, rollout: Rollout) -> dict[str, A
 
 
 def _write(folder: Path, summary: dict[str, Any], rollouts: list[tuple[Circumstance, Rollout]]) -> None:
-    """Staged in a folder beside and renamed, so that an evaluation is there whole or not at all, also after a
-    loss of power.
+    """Writes the three files of an evaluation.
 
     Raises:
         TrainingError: the disk is full, read-only or failing.
     """
-    staged, former = (folder.with_name(f".{folder.name}.{what}") for what in ("staged", "former"))
     files = {"episodes.csv": _rows(rollouts), "trajectories.npz": _trajectories(rollouts)}
     table = {name: integrity.entry(data) for name, data in files.items()}
     files["summary.json"] = as_json(integrity.sealed({**summary, integrity.FILES: table}))
-    with storage(f"cannot write {folder}"):
-        make_folder(folder.parent)
-        for leftover in (staged, former):
-            shutil.rmtree(leftover, ignore_errors=True)
-        staged.mkdir()
-        try:
-            for name, data in files.items():
-                write_durable(staged / name, data)
-            fsync_directory(staged)
-            if folder.exists():
-                folder.rename(former)
-            staged.rename(folder)
-            fsync_directory(folder.parent)
-        finally:
-            for leftover in (staged, former):
-                shutil.rmtree(leftover, ignore_errors=True)
+    write_folder(folder, files)
 
 
 def _rows(rollouts: list[tuple[Circumstance, Rollout]]) -> bytes:

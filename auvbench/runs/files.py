@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from auvbench.runs.durable import fsync_directory, make_folder
+from auvbench.runs.durable import fsync_directory, make_folder, storage, write_durable
 
 
 def write_atomic(path: Path, data: bytes, *, sync_folder: bool = True) -> None:
@@ -59,6 +61,38 @@ def _stage(path: Path, data: bytes) -> Path:
         Path(name).unlink(missing_ok=True)
         raise
     return Path(name)
+
+
+def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Makes or replaces a folder: staged beside it and renamed, so that it is there whole or not at all, also
+    after a loss of power; what was there stays where the writing fails.
+
+    Args:
+        folder: those above it are made.
+        files: all that it is to hold, by name.
+
+    Raises:
+        TrainingError: the disk is full, read-only or failing.
+    """
+    staged, former = (folder.with_name(f".{folder.name}.{what}") for what in ("staged", "former"))
+    with storage(f"cannot write {folder}"):
+        make_folder(folder.parent)
+        for leftover in (staged, former):
+            shutil.rmtree(leftover, ignore_errors=True)
+        staged.mkdir()
+        try:
+            for name, data in files.items():
+                write_durable(staged / name, data)
+            fsync_directory(staged)
+            if folder.exists():
+                folder.rename(former)
+            staged.rename(folder)
+            fsync_directory(folder.parent)
+        finally:
+            if former.exists() and not folder.exists():
+                former.rename(folder)
+            for leftover in (staged, former):
+                shutil.rmtree(leftover, ignore_errors=True)
 
 
 def write_json(path: Path, value: Any) -> None:

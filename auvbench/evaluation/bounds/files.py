@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import csv
 import io
-import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata, resources
@@ -24,8 +23,7 @@ from numpy.typing import NDArray
 from auvbench.errors import RunError
 from auvbench.evaluation.bounds.trial import Commands, Scenario
 from auvbench.runs import integrity
-from auvbench.runs.durable import fsync_directory, make_folder, storage, write_durable
-from auvbench.runs.files import as_json
+from auvbench.runs.files import as_json, write_folder
 from auvbench.untrusted import archives, documents, reading, tables
 from auvbench.untrusted.text import short
 
@@ -103,7 +101,7 @@ def folder_of(root: Path, protocol: str, vehicle: str) -> Path:
 
 
 def write(folder: Path, limits: Limits) -> None:
-    """Writes the three files, staged and renamed: the folder is there whole or as it was.
+    """Writes the three files.
 
     Raises:
         TrainingError: the disk is full, read-only or failing.
@@ -122,23 +120,7 @@ def write(folder: Path, limits: Limits) -> None:
         integrity.FILES: {name: integrity.entry(data) for name, data in files.items()},
     }
     files["summary.json"] = as_json(integrity.sealed(summary))
-    staged, former = (folder.with_name(f".{folder.name}.{what}") for what in ("staged", "former"))
-    with storage(f"cannot write {folder}"):
-        make_folder(folder.parent)
-        for leftover in (staged, former):
-            shutil.rmtree(leftover, ignore_errors=True)
-        staged.mkdir()
-        try:
-            for name, data in files.items():
-                write_durable(staged / name, data)
-            fsync_directory(staged)
-            if folder.exists():
-                folder.rename(former)
-            staged.rename(folder)
-            fsync_directory(folder.parent)
-        finally:
-            for leftover in (staged, former):
-                shutil.rmtree(leftover, ignore_errors=True)
+    write_folder(folder, files)
 
 
 def read(folder: Path, *, commands: bool = False) -> Limits | None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
 import pytest
 
+from auvbench.errors import TrainingError
 from auvbench.runs import files
 
 
@@ -45,3 +47,24 @@ def test_a_model_is_written_without_the_drafts_of_a_killed_attempt(tmp_path: Pat
     table = run.write_model({"policy.pt": b"whole"})
     assert [path.name for path in run.model.iterdir()] == ["policy.pt"]
     assert table["model/policy.pt"]["bytes"] == 5
+
+
+def test_a_folder_is_replaced_whole_and_stays_where_that_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "new" / "folder"
+    for names in (("one", "two"), ("three",)):
+        files.write_folder(folder, {name: name.encode() for name in names})
+        assert {path.name: path.read_text() for path in folder.iterdir()} == {name: name for name in names}
+    rename = Path.rename
+
+    def fails(path: Path, target: Path) -> Path:
+        if path.name == ".folder.staged":
+            raise OSError(errno.EIO, "no")
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", fails)
+    with pytest.raises(TrainingError, match=r"cannot write .*folder.*input/output error"):
+        files.write_folder(folder, {"four": b"four"})
+    assert [path.name for path in folder.iterdir()] == ["three"]
+    assert list(folder.parent.iterdir()) == [folder]
