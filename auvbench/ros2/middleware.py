@@ -201,26 +201,19 @@ class Session:
         for client in clients:
             wait.add_client(client.handle)
         wait.wait(max(0, int(seconds * 1e9)))
-        some = False
-        ready = set(wait.get_ready_entities("subscription"))
-        if ready:
-            some = True
-            for subscription in subscriptions:
-                if subscription.handle.pointer in ready:
-                    self._read(subscription)
-        ready = set(wait.get_ready_entities("service"))
-        if ready:
-            some = True
-            for service in services:
-                if service.handle.pointer in ready:
-                    self._serve(service)
-        ready = set(wait.get_ready_entities("client"))
-        if ready:
-            some = True
-            for client in clients:
-                if client.handle.pointer in ready:
-                    self._hear(client)
-        return some
+        came = False
+        for kind, entities, take in (
+            ("subscription", subscriptions, self._read),
+            ("service", services, self._serve),
+            ("client", clients, self._hear),
+        ):
+            ready = set(wait.get_ready_entities(kind))
+            if ready:
+                came = True
+                for one in entities:
+                    if one.handle.pointer in ready:
+                        take(one)
+        return came
 
     def _collect(self) -> None:
         subscriptions = [one for node in self._nodes for one in node.subscriptions]
