@@ -128,7 +128,6 @@ def write(
 
 def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
     """The page of some runs as HTML; `shown` replaces parts of a page that shows nothing."""
-    script = "\n".join(_asset(name) for name in SCRIPTS)
     nothing: dict[str, Any] = {
         "parts": (),
         "above": "",
@@ -152,26 +151,16 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         "command": "",
         "limit": (),
     }
-    return (
-        _environment()
-        .get_template("page.html")
-        .render(
-            nothing
-            | {
-                "question": QUESTION,
-                "style": Markup(_asset("page.css")),
-                "script": Markup(script),
-                "policy": _policy(script),
-                "ranking": ranking,
-                "ranked_by": table.order_in_words(ranking),
-                "pairs_note": of_pairs(ranking),
-                "vehicles": sources.vehicles(found),
-                "runs_found": len(found),
-                "confidence": f"{100 * ranking.confidence:g}",
-            }
-            | shown
-        )
-    )
+    always = {
+        "question": QUESTION,
+        "ranking": ranking,
+        "ranked_by": table.order_in_words(ranking),
+        "pairs_note": of_pairs(ranking),
+        "vehicles": sources.vehicles(found),
+        "runs_found": len(found),
+        "confidence": f"{100 * ranking.confidence:g}",
+    }
+    return filled("page.html", SCRIPTS, **(nothing | always | shown))
 
 
 def over_all(table: Across | None) -> dict[str, Any] | None:
@@ -198,14 +187,25 @@ def title_of(runs: Sequence[RunRecord]) -> str:
     return f"auvbench report: {', '.join(names[:3])}{more}"
 
 
-def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
+def filled(template: str, scripts: Sequence[str], **shown: Any) -> str:
+    """A page of the templates in `assets/`, with its style, its one script and the policy that lets only this one run.
+
+    Args:
+        template: its name.
+        scripts: of `assets/`, joined in this order.
+        shown: what the template names.
+    """
+    script = "\n".join(_asset(name) for name in scripts)
+    environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_asset),
         # Labels, ids and messages come from files that anybody may have written.
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+    )
+    return environment.get_template(template).render(
+        style=Markup(_asset("page.css")), script=Markup(script), policy=_policy(script), **shown
     )
 
 

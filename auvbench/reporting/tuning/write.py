@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
-
 from auvbench.analysis import rounding
 from auvbench.analysis.measures import Measure
 from auvbench.reporting.figures import Figure
@@ -94,37 +92,31 @@ def _steps(found: Outcome, trial: Trial) -> int:
 def page(found: Outcome, drawn: Sequence[Figure], path: Path) -> str:
     """The page as HTML; links are relative to where it will lie."""
     plan = found.plan
-    script = "\n".join(writer._asset(name) for name in SCRIPTS)
     embedded, _ = figures_.embed(drawn, Links(path, [], [], plan.protocol.name))
     name = preset.name_of(plan)
-    return (
-        writer._environment()
-        .get_template("study.html")
-        .render(
-            style=Markup(writer._asset("page.css")),
-            script=Markup(script),
-            policy=writer._policy(script),
-            title=f"auvbench tune: {plan.name}",
-            algorithm=str(plan.base["algo"]["name"]),
-            vehicle=str(plan.base["vehicle"]["name"]),
-            protocol=plan.protocol.name,
-            dimensions=plan.dimensions,
-            sentences=[numbers.minus(sentence) for sentence in sentences.summary(found)],
-            best=_best(found),
-            important=bool(found.importances),
-            best_number=found.best.number if found.best else None,
-            preset_href=os.path.relpath(found.folder.best, path.parent),
-            usage=f"cp {shlex.quote(str(found.folder.best))} conf/algo/{name}.yaml\n"
-            f"auvbench train algo={name} seed=0",
-            figures=embedded,
-            objective=found.objective.measure.name,
-            then=found.objective.then.name,
-            heads=_heads(found),
-            trials=[_line(found, place, trial, path) for place, trial in enumerate(found.trials, 1)],
-            failures=[(trial.number, trial.error) for trial in found.trials if trial.error],
-            facts=_facts(found),
-            command=plan.command,
-        )
+    return writer.filled(
+        "study.html",
+        SCRIPTS,
+        title=f"auvbench tune: {plan.name}",
+        algorithm=str(plan.base["algo"]["name"]),
+        vehicle=str(plan.base["vehicle"]["name"]),
+        protocol=plan.protocol.name,
+        dimensions=plan.dimensions,
+        sentences=[numbers.minus(sentence) for sentence in sentences.summary(found)],
+        best=_best(found),
+        important=bool(found.importances),
+        best_number=found.best.number if found.best else None,
+        preset_href=os.path.relpath(found.folder.best, path.parent),
+        usage=f"cp {shlex.quote(str(found.folder.best))} conf/algo/{name}.yaml\n"
+        f"auvbench train algo={name} seed=0",
+        figures=embedded,
+        objective=found.objective.measure.name,
+        then=found.objective.then.name,
+        heads=_heads(found),
+        trials=[_line(found, place, trial, path) for place, trial in enumerate(found.trials, 1)],
+        failures=[(trial.number, trial.error) for trial in found.trials if trial.error],
+        facts=_facts(found),
+        command=plan.command,
     )
 
 
