@@ -51,7 +51,7 @@ def agents(
     """
     keys = {_short(name): _resolve(name, runs) for name in by}
     rows, problems = _rows(runs, protocol, condition)
-    failed = {run.id for run in runs if _failed(run)} if failed_trainings == "zero" else set()
+    failed = {run.id for run in runs if failed_training(run)} if failed_trainings == "zero" else set()
     counted = [run for run in runs if run.id in rows or run.id in failed]
     fingerprint = next(run.evaluations[protocol].fingerprint for run in counted if run.id in rows)
     pooled = {_resolve(name, runs) for name in DEFAULT_GROUPING if name in _known(runs)} - set(keys.values())
@@ -166,7 +166,7 @@ def _same_episodes(rows: Mapping[str, pd.DataFrame], problems: list[Problem]) ->
     return kept
 
 
-def _failed(run: RunRecord) -> bool:
+def failed_training(run: RunRecord) -> bool:
     """Whether a training ended without a policy, by divergence for example; interrupted ones have not ended."""
     return run.state == "failed" and run_learns(run)
 

@@ -21,6 +21,7 @@ from auvbench.config import answers
 from auvbench.errors import ReportError, closest
 from auvbench.runs import integrity
 from auvbench.runs import where as filters
+from auvbench.runs.manifest_fields import SHIPPED
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.text import short
 
@@ -245,7 +246,10 @@ def _flat(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 
 def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
-    """One run per id, in the order of the ids. Of copies, the evaluated one counts; of several, the last that ended.
+    """One run per id, in the order of the ids. Of copies the fullest counts.
+
+    That is, in this order: complete, evaluated, by more of the protocols, the run itself and no shipped copy of it, the
+    last that ended, and the last by the name of its folder.
 
     What is wrong with the copies that do not count keeps nothing out of the tables, and is not said.
     """
@@ -259,6 +263,7 @@ def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
                 copy[0].state == "complete",
                 protocol in copy[0].evaluations,
                 len(copy[0].evaluations),
+                copy[0].manifest.get(SHIPPED) is not True,
                 str(copy[0].manifest.get("ended") or ""),
                 str(copy[0].directory),
             )
@@ -273,6 +278,10 @@ def _second(copy: RunRecord, counts: RunRecord, protocol: str) -> Problem:
         why = f" ({copy.state})"
     elif protocol not in copy.evaluations and protocol in counts.evaluations:
         why = f" (not evaluated by protocol {protocol})"
+    elif len(copy.evaluations) < len(counts.evaluations):
+        why = " (fewer evaluations)"
+    elif copy.manifest.get(SHIPPED) is True and counts.manifest.get(SHIPPED) is not True:
+        why = " (a shipped copy)"
     else:
         why = ""
     message = f"the same configuration twice: {counts.directory} is reported, {copy.directory}{why} is not"

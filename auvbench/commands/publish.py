@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,10 +16,14 @@ from auvbench.errors import ReportError, UserError, closest
 from auvbench.untrusted import inside
 
 if TYPE_CHECKING:
+    from auvbench.analysis.model import Problem, RunRecord
     from auvbench.commands.grammar import Parser
     from auvbench.commands.report import Report
+    from auvbench.runs.lock_files import Holder
 
 PICTURES = "success_over_grid,training_success,failures"
+NAMED = 3
+"""runs found twice of which the one that is taken is named; more alike are counted"""
 LARGEST = 25 * 10**6
 """bytes of a study beyond which a repository is the wrong place for it"""
 
@@ -79,30 +82,99 @@ def _pictures(text: str) -> tuple[str, ...]:
 
 
 def _ship(paths: Sequence[Path], options: Options, also: Sequence[str], folder: Path) -> int:
-    """Copies the runs; returns how many were left out.
+    """Copies the runs; returns how many things were left out, each of which is named.
 
     Raises:
-        ReportError: not one can be shipped.
+        ReportError: not one can be shipped, or the folder holds what publish did not write; nothing was changed then.
     """
+    from auvbench.analysis.grouping import failed_training
     from auvbench.analysis.load import load, require
-    from auvbench.reporting import shipped
+    from auvbench.reporting import copies, shipped
 
-    protocols = (options.protocol, *also)
-    runs, problems = load(paths, protocols, options.where)
+    copies.prepare(folder)
+    runs, problems = load(paths, (options.protocol, *also), options.where)
     require(runs, problems, options.protocol)
-    chosen = [run for run in runs if run.evaluations]
     for name in also:
-        if not any(name in run.evaluations for run in chosen):
+        if not any(name in run.evaluations for run in runs):
             raise ReportError(f"--also {name}: none of the {len(runs)} runs was evaluated by it")
-    kept = {shipped.ship(run, folder, options.protocol).name for run in chosen}
-    for path in sorted((folder / shipped.RUNS).iterdir()):
-        if path.is_dir() and not path.is_symlink() and path.name not in kept:
-            print(f"removed {path}: it is not among the runs that were named")
-            shutil.rmtree(path)
-    left = [run for run in runs if not run.evaluations]
-    for problem in problems:
-        print(f"not published: {problem.where}: {problem.message}")
+    _refuse_own(runs, folder)
+    held = {run.id: holder for run in runs if (holder := _holder(run)) is not None}
+    chosen = [run for run in runs if (run.evaluations or failed_training(run)) and run.id not in held]
+    if not any(options.protocol in run.evaluations for run in chosen):
+        raise ReportError(f"all runs that could be published are at work; {_at_work(held)}")
+    # Of a run that is there and cannot be shipped now, an earlier copy stays.
+    found = {run.id for run in runs} | {Path(problem.where).name for problem in problems}
+    gone = [name for name in copies.names(folder) if name not in found]
+    _refuse_named(paths, folder, gone)
+    left = [f"{run.id}: {said}" for run in chosen for said in shipped.ship(run, folder, options.protocol)]
+    for name in gone:
+        copies.remove(folder / copies.RUNS / name)
+        print(f"removed {folder / copies.RUNS / name}: it is not among the runs that were named")
+    ids = {run.id for run in chosen}
+    left += [
+        f"{p.where}: {p.message}"
+        for p in problems
+        if p.kind not in ("duplicate", "unverified") and not (p.kind == "failed" and p.where in ids)
+    ]
+    left += [_at_work({name: holder}) for name, holder in held.items()]
+    for line in left:
+        print(f"not published: {line}")
+    _say_which([p for p in problems if p.kind == "duplicate"])
     return len(left)
+
+
+def _holder(run: RunRecord) -> Holder | None:
+    """Who works on a run at present; nobody works on a copy."""
+    from auvbench.runs import lock
+    from auvbench.runs.manifest_fields import SHIPPED
+
+    return None if run.manifest.get(SHIPPED) is True else lock.living_holder(run.directory)
+
+
+def _at_work(held: Mapping[str, Holder]) -> str:
+    name, holder = next(iter(held.items()))
+    return f"{name}: {holder} works on it at present; publish again when it is done"
+
+
+def _refuse_own(runs: Sequence[RunRecord], folder: Path) -> None:
+    """
+    Raises:
+        ReportError: the folder to publish into is one of runs, whose reports would hold each of them twice.
+    """
+    from auvbench.reporting import copies
+
+    for run in runs:
+        inner = run.directory.resolve()
+        if folder.resolve() in inner.parents and inner.parent != (folder / copies.RUNS).resolve():
+            raise ReportError(
+                f"--to {folder}: {run.directory} lies there itself; name a folder apart from runs"
+            )
+
+
+def _refuse_named(paths: Sequence[Path], folder: Path, gone: Sequence[str]) -> None:
+    """
+    Raises:
+        ReportError: a copy would go that lies in a folder that was named: it may be all there is of that run.
+    """
+    from auvbench.reporting import copies
+
+    named = {path.resolve() for path in paths}
+    for name in gone:
+        copy = folder / copies.RUNS / name
+        if named & {copy.resolve(), *copy.resolve().parents}:
+            raise ReportError(
+                f"{copy}: --where leaves it out, and it would be removed from the folder that was named; "
+                "publish the choice into another folder"
+            )
+
+
+def _say_which(twice: Sequence[Problem]) -> None:
+    for problem in twice[:NAMED]:
+        print(f"{problem.where}: {problem.message}")
+    if len(twice) > NAMED:
+        print(
+            f"{len(twice) - NAMED} more runs were found twice, and taken by the same rule (docs/publishing.md)"
+        )
 
 
 def _say(
@@ -114,11 +186,11 @@ def _say(
     command: str,
 ) -> int:
     """Computes the report from what was shipped, and writes it; returns how many runs it has."""
-    from auvbench.reporting import readme, shipped
+    from auvbench.reporting import copies, readme
     from auvbench.reporting import write as files
 
     chosen = replace(options, format=("csv",), where=(), out=folder)
-    source = [folder / shipped.RUNS]
+    source = [folder / copies.RUNS]
     reports = _tables(source, chosen, folder)
     for name in also:
         _tables(source, replace(chosen, protocol=name, condition=None, study=None), folder / name)

@@ -1,7 +1,7 @@
 """Runs as a study ships them: what its numbers were computed from, compressed, and nothing that only training needs.
 
     <folder>/runs/<run id>/config.yaml                            as it was, without the place where the run lay
-    <folder>/runs/<run id>/manifest.json                          as it was, without the machine's name and the place
+    <folder>/runs/<run id>/manifest.json                          as it was, marked, without the machine's name and the place
     <folder>/runs/<run id>/evaluations/<protocol>/summary.json    as it was, but for the digest of the next but one
     <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.gz as it was, compressed
     <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths without commands, of the first protocol alone
@@ -25,17 +25,19 @@ from typing import Any
 import numpy as np
 
 from auvbench.analysis import agreement
+from auvbench.analysis.evaluations import Damage, json_object
 from auvbench.analysis.model import Evaluation, RunRecord
 from auvbench.analysis.training import NUMBERS
 from auvbench.analysis.watched import NAME as VALIDATION
 from auvbench.errors import RunError
+from auvbench.reporting import copies
 from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.files import write_atomic, write_json
+from auvbench.runs.manifest_fields import SHIPPED
 from auvbench.untrusted import archives, packed, reading, tables
 from auvbench.untrusted.text import short
 
-RUNS = "runs"
 PATHS = "trajectories.npz"
 OUTPUT = "outputs"
 """what config.yaml says of where the run lay: no part of a run's identity"""
@@ -44,47 +46,74 @@ TRAINING = "train/episodes.csv"
 TRAINING_COLUMNS = ("outcome", *NUMBERS)
 
 
-def ship(run: RunRecord, folder: Path, paths_of: str) -> Path:
-    """Copies what a report reads of a complete run, and replaces an earlier copy.
+def ship(run: RunRecord, folder: Path, paths_of: str) -> list[str]:
+    """Copies what a report reads of a run, and replaces an earlier copy; one that lies there already stays as it is.
 
     Args:
-        run: as `load` read it; the evaluations that it holds are shipped.
-        folder: of the study.
+        run: as `load` read it, complete or failed; the evaluations that it holds are shipped. Those that an earlier copy
+            has beside them stay, where they are of the same model.
+        folder: of the study, in which `copies.prepare` found nothing foreign.
         paths_of: the protocol whose kept paths are shipped, too.
 
     Returns:
-        the run's folder there.
+        what of the run was left out, in words.
 
     Raises:
         OSError: it cannot be read or written.
-        RunError: a file of it is damaged.
+        RunError: it was changed since `load` read it, a file of it is damaged, or its id names no folder.
     """
-    there = RunDirectory(run.directory)
-    here = RunDirectory(folder / RUNS / run.id)
-    if here.path.is_symlink() or here.path.resolve() == there.path.resolve():
-        return here.path
-    shutil.rmtree(here.path, ignore_errors=True)
-    here.write_config({**there.config(), "output": OUTPUT})
-    manifest = without_place(there.manifest())
+    if Path(run.id).name != run.id or run.id.startswith("."):
+        raise RunError(f"{run.directory}: its id is {short(repr(run.id), 60)}, which names no folder")
+    copy = folder / copies.RUNS / run.id
+    if copy.resolve() == run.directory.resolve():
+        return []
+    config = RunDirectory(run.directory).config()
+    if wrong := agreement.of_run(run.manifest, config):
+        raise RunError(f"{run.directory}: {wrong}: it was changed meanwhile; publish again")
+    staged = copies.stage(copy)
+    here = RunDirectory(staged)
+    here.write_config(_placeless(config))
+    manifest = without_place(run)
     files = dict(integrity.table(manifest) or {})
-    training = packed.beside(run.directory / TRAINING)
-    if training is not None:
-        rows = slim(packed.content(run.directory / TRAINING, tables.LARGEST))
-        write_atomic(here.path / f"{TRAINING}{packed.SUFFIX}", packed.packed(rows))
-        files[TRAINING] = integrity.entry(rows)
+    problems = []
+    try:
+        if (rows := _training(run)) is not None:
+            write_atomic(staged / f"{TRAINING}{packed.SUFFIX}", packed.packed(rows))
+            files[TRAINING] = integrity.entry(rows)
+    except (OSError, ValueError) as error:  # of csv and of UTF-8, too
+        problems.append(f"{TRAINING}: {short(error)}")
+        files.pop(TRAINING, None)
     if packed.beside(run.directory / VALIDATION) is not None:
         data = packed.content(run.directory / VALIDATION, tables.LARGEST)
-        write_atomic(here.path / f"{VALIDATION}{packed.SUFFIX}", packed.packed(data))
+        write_atomic(staged / f"{VALIDATION}{packed.SUFFIX}", packed.packed(data))
     for evaluation in run.evaluations.values():
         _ship_evaluation(evaluation, here.evaluation(evaluation.protocol), evaluation.protocol == paths_of)
+    _keep_evaluations(copy, staged, run.manifest)
     if integrity.table(manifest) is not None:
         manifest[integrity.FILES] = files
-    write_json(here.manifest_path, integrity.sealed(manifest))  # last: a folder without it is no run
-    return here.path
+    write_json(here.manifest_path, integrity.sealed({**manifest, SHIPPED: True}))
+    copies.put(staged, copy)
+    return problems
+
+
+def _training(run: RunRecord) -> bytes | None:
+    """The training rows that a report reads; None without any.
+
+    Raises:
+        OSError, ValueError: they cannot be read, or are not those that the manifest vouches for.
+    """
+    if packed.beside(run.directory / TRAINING) is None:
+        return None
+    data = packed.content(run.directory / TRAINING, tables.LARGEST)
+    if wrong := agreement.of_file(run.manifest, TRAINING, data):
+        raise ValueError(wrong)  # else the digest of the slimmed rows would vouch for them
+    return slim(data)
 
 
 def _ship_evaluation(evaluation: Evaluation, target: Path, with_paths: bool) -> None:
     rows = packed.content(evaluation.directory / "episodes.csv", tables.LARGEST)
+    if wrong := agreement.of_file(evaluation.summary, "episodes.csv", rows):
+        raise RunError(f"{evaluation.directory}: {wrong}: it was changed meanwhile; publish again")
     write_atomic(target / f"episodes.csv{packed.SUFFIX}", packed.packed(rows))
     summary = dict(evaluation.summary)
     files = dict(integrity.table(summary) or {})
@@ -98,6 +127,19 @@ def _ship_evaluation(evaluation: Evaluation, target: Path, with_paths: bool) -> 
     if integrity.table(summary) is not None:
         summary = integrity.sealed({**summary, integrity.FILES: files})
     write_json(target / "summary.json", summary)
+
+
+def _keep_evaluations(former: Path, staged: Path, manifest: Mapping[str, Any]) -> None:
+    """Takes over the evaluations of an earlier copy that were not asked for now: their rows may be nowhere else."""
+    for summary in sorted(former.glob("evaluations/*/summary.json")):
+        folder = summary.parent
+        target = staged / "evaluations" / folder.name
+        try:
+            found = json_object(summary)
+        except Damage:
+            continue
+        if not target.exists() and not agreement.of_evaluation(manifest, found, folder.name):
+            shutil.copytree(folder, target)
 
 
 def only_paths(file: Path) -> bytes:
@@ -123,9 +165,9 @@ def only_paths(file: Path) -> bytes:
     return stream.getvalue()
 
 
-def without_place(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """A manifest that does not say on whose machine, or in which folder of it, the run was made."""
-    kept = dict(manifest)
+def without_place(run: RunRecord) -> dict[str, Any]:
+    """The manifest of a run, silent on whose machine, and in which folder of it, the run was made."""
+    kept = dict(run.manifest)
     host = kept.get("host")
     if isinstance(host, Mapping):
         kept["host"] = {key: value for key, value in host.items() if key != "name"}
@@ -134,6 +176,21 @@ def without_place(manifest: Mapping[str, Any]) -> dict[str, Any]:
     except ValueError:  # somebody's own text
         words = []
     kept["command"] = shlex.join(word for word in words if not word.startswith("output="))
+    error = kept.get("error")
+    if isinstance(error, Mapping):  # a traceback is full of places, and a message may name the run's
+        message = str(error.get("message", "no message"))
+        for place in (run.directory.absolute().parent, run.directory.parent):
+            message = message.replace(f"{place}/", "")
+        kept["error"] = {"message": message, "step": error.get("step")}
+    return kept
+
+
+def _placeless(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A configuration without the folders in which the run, and a policy's file, lay: neither is part of its identity."""
+    kept = {**config, "output": OUTPUT}
+    algo = config.get("algo")
+    if isinstance(algo, Mapping) and algo.get("path"):
+        kept["algo"] = {**algo, "path": Path(str(algo["path"])).name}
     return kept
 
 

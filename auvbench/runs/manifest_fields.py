@@ -10,6 +10,9 @@ from auvbench.untrusted.text import short
 
 STATES = ("pending", "running", "interrupted", "failed", "complete")
 
+SHIPPED = "shipped"
+"""true in the manifest of a copy that `auvbench publish` made: rows, and nothing to train on or to test"""
+
 
 def wrong(manifest: Mapping[str, Any]) -> str:
     """The first field that is missing or of another kind, in words; empty where all are right."""
@@ -87,4 +90,5 @@ _OPTIONAL: dict[str, _Rule] = {
     "versions": (lambda value: isinstance(value, dict), "table"),
     "git": (lambda value: isinstance(value, dict), "table"),
     "host": (lambda value: isinstance(value, dict), "table"),
+    SHIPPED: (lambda value: isinstance(value, bool), "true or false"),
 }
