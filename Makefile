@@ -89,8 +89,8 @@ lock: $(STAMP) ## the hashes of all files that an installation may take
 fuzz: $(STAMP) ## random command lines, files and sheets for a long time (MINUTES=60)
 	$(BIN)/python -m tests.fuzz.campaign --minutes $(MINUTES)
 
-test-cluster: $(STAMP) ## SLURM and Ray backends against real ones (installs them: root, Debian)
-	tests/cluster/run.sh
+test-cluster: $(STAMP) ## SLURM and Ray backends against real ones (installs them: root, Debian; ARGS="-k tuning" for some)
+	tests/cluster/run.sh $(ARGS)
 
 test-programs: $(STAMP) ## other people's programs on the environments (installs some 20 GB; PROGRAMS=FOLDER keeps them)
 	$(if $(PROGRAMS),AUVBENCH_PROGRAMS=$(abspath $(PROGRAMS))) $(BIN)/python -m pytest -q -m programs tests/programs

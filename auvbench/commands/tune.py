@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.errors import ConfigError, RunError
+from auvbench.errors import ConfigError, RunError, closest
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -25,13 +25,24 @@ def main(arguments: Sequence[str]) -> int:
     own_sheets.check(arguments)
     words, ranges, fixed = split(arguments)
     command = shlex.join(["auvbench", "tune", *arguments])
-    result = run(
-        "tune",
-        words,
-        job=lambda config: _studies([config], ranges, fixed, command),
-        grid=lambda configs: _studies(configs, ranges, fixed, command),
-    )
-    return int(result or 0)
+
+    def studies(configs: Sequence[DictConfig]) -> int:
+        _check_search(configs, arguments)
+        return _studies(configs, ranges, fixed, command)
+
+    return int(run("tune", words, job=lambda config: studies([config]), grid=studies) or 0)
+
+
+def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> None:
+    """Not every algorithm has a file of ranges, so Hydra passes over one that is not there; one that was typed is meant."""
+    from auvbench.config import answers
+
+    for word in arguments:
+        name = word.partition("=")[2]
+        if re.match(r"\+*search=", word) and any(config.get("search") is None for config in configs):
+            raise ConfigError(
+                f"{word}: no such file in conf/search; {closest(name, answers.names('search'))}"
+            )
 
 
 def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str, str]]:
@@ -82,7 +93,9 @@ def _is_range(key: str, text: str) -> bool:
         return bool(OverridesParser.create().parse_override(read([f"{key}={text}"])[0]).is_sweep_override())
     except HydraException as error:
         if re.match(r"(choice|interval|range|tag|int|float)\(", text):
-            raise ConfigError(f"{key}={text}: {' '.join(str(error).split())}") from error
+            from auvbench.tuning.space import FORMS
+
+            raise ConfigError(f"{key}={text}: {' '.join(str(error).split())}; write {FORMS}") from error
         return False  # whoever composes says what is wrong
 
 

@@ -19,6 +19,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -34,7 +35,7 @@ from auvbench.training.worker import LOG, TARGET
 from auvbench.untrusted import documents, inside, reading
 
 SCRIPTS = "slurm"
-"""In the run directory: the batch scripts that submitit wrote for it."""
+"""In the run directory: copies of the batch scripts that submitit wrote for it."""
 
 RESERVED = frozenset(
     [
@@ -149,8 +150,15 @@ class SlurmBackend:
         run = run.absolute()
         inside.check(run)
         (run / LOG).parent.mkdir(exist_ok=True)
-        number = submit(self.executor(run), self.worker(run))
-        (run / JOB_FILE).write_text(json.dumps({"job": number, "submitted": time.time()}), encoding="utf-8")
+        (run / SCRIPTS).mkdir(exist_ok=True)
+        # submitit leaves a symbolic link beside its script, and a run that holds one is refused (untrusted.inside).
+        with tempfile.TemporaryDirectory(prefix="auvbench-") as scratch:
+            number = submit(self.executor(run, Path(scratch)), self.worker(run))
+            (run / JOB_FILE).write_text(
+                json.dumps({"job": number, "submitted": time.time()}), encoding="utf-8"
+            )
+            for script in Path(scratch).glob("*_submission.sh"):
+                shutil.copyfile(script, run / SCRIPTS / script.name)
         return self._watch(run, number)
 
     def adopt(self, run: Path) -> SlurmJob | None:
@@ -170,21 +178,19 @@ class SlurmBackend:
     def close(self) -> None:
         """Jobs that are still queued or running go on; the next sweep finds them (`adopt`)."""
 
-    def executor(self, run: Path) -> Executor:
-        """Submitit's executor for a run: sbatch's options and the shell lines before the worker.
+    def executor(self, run: Path, folder: Path) -> Executor:
+        """Submitit's executor for a run, which writes into `folder`: sbatch's options and the shell lines before the worker.
 
         The worker takes the place of the batch shell, without srun, so that signals reach it alone. Until it
         listens, an announcement of the time limit is ignored rather than deadly: what follows it at the limit,
         SIGTERM, makes the run save as well.
         """
         options = self.options
-        folder = run / SCRIPTS
-        if "%j" in str(folder):
+        if "%j" in str(run):
             raise UserError(
                 f"output: {str(run)!r} has a %j, which SLURM's tools replace by the job's number; "
                 "valid: a folder without"
             )
-        folder.mkdir(exist_ok=True)
         executor = Executor(folder=folder)
         executor.options = options.sbatch
         executor.update_parameters(

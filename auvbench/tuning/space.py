@@ -21,6 +21,8 @@ from auvbench.errors import ConfigError
 GROUP = "algo."
 NEVER = ("algo.name", "algo.agent", "algo.tuned")
 """Say what an algorithm is, not how it is set."""
+FORMS = "interval(LOW,HIGH), range(FROM,TO,STEP) or choice(A,B)"
+"""What a range looks like"""
 COMBINATIONS = 128
 """Combinations of choices that are checked before a study begins; of more, each choice by itself."""
 
@@ -141,13 +143,11 @@ def _dimension(key: str, text: Any, known: Sequence[str]) -> Dimension:
     if key not in known:
         raise ConfigError(f"{key}: unknown key; {hints.unknown_key(key, known, {}, 'auvbench tune')}")
     if not isinstance(text, str):
-        raise ConfigError(
-            f"{key}={text}: no range; write interval(LOW,HIGH), range(FROM,TO,STEP) or choice(A,B)"
-        )
+        raise ConfigError(f"{key}={text}: no range; write {FORMS}")
     try:
         override = OverridesParser.create().parse_override(f"{key}={text}")
     except HydraException as error:
-        raise ConfigError(f"{key}={text}: {' '.join(str(error).split())}") from error
+        raise ConfigError(f"{key}={text}: {' '.join(str(error).split())}; write {FORMS}") from error
     sweep = override.value()
     if isinstance(sweep, IntervalSweep):
         return _interval(key, text, sweep)
@@ -155,7 +155,7 @@ def _dimension(key: str, text: Any, known: Sequence[str]) -> Dimension:
         return _range(key, text, sweep)
     if isinstance(sweep, ChoiceSweep):
         return _choice(key, text, sweep)
-    raise ConfigError(f"{key}={text}: no range; write interval(LOW,HIGH), range(FROM,TO,STEP) or choice(A,B)")
+    raise ConfigError(f"{key}={text}: no range; write {FORMS}")
 
 
 def _interval(key: str, text: str, sweep: IntervalSweep) -> Dimension:
@@ -179,6 +179,8 @@ def _range(key: str, text: str, sweep: RangeSweep) -> Dimension:
     points = list(itertools.islice(sweep.range(), 100_001))
     if not points:
         raise ConfigError(f"{key}={text}: empty; range(FROM,TO,STEP) ends before TO")
+    if len(points) == 1:
+        raise ConfigError(_one_value(key, text, points[0]))
     if len(points) > 100_000:
         raise ConfigError(f"{key}={text}: more than 100000 values; interval(LOW,HIGH) has all of them")
     low, high = float(min(points)), float(max(points))
@@ -198,6 +200,8 @@ def _choice(key: str, text: str, sweep: ChoiceSweep) -> Dimension:
     choices = tuple(str(Override._get_value_element_as_str(item)) for item in sweep.list)
     if len(set(choices)) < len(choices):
         raise ConfigError(f"{key}={text}: has a choice twice")
+    if len(choices) == 1:
+        raise ConfigError(_one_value(key, text, choices[0]))
     return Dimension(
         key,
         text,
@@ -205,6 +209,10 @@ def _choice(key: str, text: str, sweep: ChoiceSweep) -> Dimension:
         choices=choices,
         values=tuple(Override._convert_value(item) for item in sweep.list),
     )
+
+
+def _one_value(key: str, text: str, value: object) -> str:
+    return f"{key}={text}: has one value, so there is nothing to choose; {key}={value} fixes it"
 
 
 def _logarithmic(key: str, text: str, tags: set[str], *, allowed: bool = True) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import yaml
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.testing_claims import WEAK, rank_correlation
 from auvbench.analysis.study.trend import trend
+from auvbench.commands import COMMANDS
 from auvbench.scheduling import estimate, paces
 
 ROOT = Path(__file__).parents[3]
@@ -26,6 +28,11 @@ def grid(algo: str) -> dict[str, Any]:
 
 def values(algo: str, key: str) -> list[float]:
     return [float(value) for value in grid(algo)[key].split(",")]
+
+
+def test_every_command_has_a_row_in_the_readme() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^\| `auvbench ([\w-]+)", text, re.M)) == sorted(COMMANDS)
 
 
 def test_what_thesis_small_cannot_answer_is_said() -> None:

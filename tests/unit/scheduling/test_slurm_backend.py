@@ -19,6 +19,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling import grid, slurm
 from auvbench.scheduling.base import Phase, SubmitError
 from auvbench.scheduling.slurm import SlurmBackend
+from auvbench.untrusted import inside
 from tests import fake_training
 
 SBATCH = """\
@@ -159,6 +160,14 @@ def test_a_sweep_inside_a_job_does_not_hand_on_its_settings(
 def test_nothing_pickled_is_handed_over(cluster: Cluster, run: RunDirectory) -> None:
     backend().submit(run.path)
     assert sorted({file.suffix for file in (run.path / slurm.SCRIPTS).iterdir()}) == [".sh"]
+
+
+def test_a_submitted_run_holds_no_link_so_that_whoever_works_on_it_takes_it(
+    cluster: Cluster, run: RunDirectory
+) -> None:
+    backend().submit(run.path)
+    inside.check(run.path)
+    assert [file.name for file in (run.path / slurm.SCRIPTS).iterdir()] == ["101_submission.sh"]
 
 
 def test_a_job_waits_runs_and_ends(cluster: Cluster, run: RunDirectory) -> None:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from auvbench import cli
 from auvbench.commands.tune import plan_of, split
 from auvbench.config.compose import compose
 from auvbench.errors import ConfigError, UserError
@@ -49,6 +50,9 @@ def test_kinds_follow_the_schema():
         (["algo=ppo", "algo.tau=interval(0.01,0.02)"], ["algo.tau", "sac"]),
         (["algo=ppo", "algo.gamma=interval(0.99,0.9)"], ["algo.gamma=interval(0.99,0.9)", "empty"]),
         (["algo=ppo", "algo.gamma=choice()"], ["algo.gamma=choice()", "empty"]),
+        (["algo=ppo", "algo.gamma=choice(0.9)"], ["one value", "algo.gamma=0.9 fixes it"]),
+        (["algo=ppo", "algo.n_epochs=range(5,6)"], ["one value", "algo.n_epochs=5 fixes it"]),
+        (["algo=ppo", "algo.gamma=interval(0.9,"], ["algo.gamma=interval(0.9,", "interval(LOW,HIGH)"]),
         (["algo=ppo", "algo.n_epochs=range(5,2)"], ["algo.n_epochs=range(5,2)", "empty"]),
         (["algo=ppo", "algo.gamma=tag(log,interval(0,0.9))"], ["above 0"]),
         (["algo=ppo", "algo.gamma=tag(exp,interval(0.1,0.9))"], ["'exp'", "log"]),
@@ -79,6 +83,16 @@ def test_what_is_no_space_is_refused_in_one_line(arguments, words):
     assert "\n" not in message
     for word in words:
         assert word in message
+
+
+def test_a_search_that_is_not_there_is_not_passed_over(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["tune", "algo=pid", "search=pdi", "algo.bandwidth=interval(1,2)"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "search=pdi: no such file" in error
+    assert "did you mean 'pid'?" in error
+    assert not list(tmp_path.iterdir())
 
 
 def test_every_space_that_is_shipped_is_taken_by_its_algorithm():
