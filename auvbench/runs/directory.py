@@ -17,7 +17,7 @@ from auvbench.runs.identity import SCHEMA_VERSION
 from auvbench.runs.manifest_fields import STATES
 from auvbench.untrusted import documents, inside, reading
 
-__all__ = ["STATES", "RunDirectory", "find_runs", "freeze", "now", "place"]
+__all__ = ["STATES", "RunDirectory", "damaged", "find_runs", "freeze", "now", "place"]
 
 HEADER = (
     "# The resolved configuration of this run. Its hash is part of the folder's name: do not edit;\n"
@@ -28,6 +28,12 @@ HEADER = (
 def now() -> str:
     """UTC, ISO 8601, seconds."""
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def damaged(path: Path, why: object, what: str = "run") -> RunError:
+    """The error of a file of a run, or of what else has a folder, that cannot be used, with what can be done about it."""
+    reason = (why.strerror if isinstance(why, OSError) else None) or str(why) or type(why).__name__
+    return RunError(f"{path}: damaged: {reason.splitlines()[0]}; restore it, or remove the {what}'s folder")
 
 
 class RunDirectory:
@@ -128,8 +134,7 @@ class RunDirectory:
             if not self.config_path.is_file() and not self.manifest_path.is_file():
                 return RunError(f"{self.path}: this is no run directory ({path.name} is missing)")
             return RunError(f"{path}: missing; restore it, or remove the run's folder")
-        reason = (why.strerror if isinstance(why, OSError) else None) or str(why) or type(why).__name__
-        return RunError(f"{path}: damaged: {reason.splitlines()[0]}; restore it, or remove the run's folder")
+        return damaged(path, why)
 
     def update_manifest(self, **changes: Any) -> dict[str, Any]:
         """Writes the manifest with some entries replaced; returns it."""

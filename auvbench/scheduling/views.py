@@ -26,15 +26,22 @@ LONG = 3600.0  # s; a sweep that takes longer says so when it starts
 
 
 class Watch:
-    """Keeps the rows up to date; the base of both views."""
+    """Keeps the rows of runs up to date; the base of every view of a loop.
 
-    def __init__(self, runs: Sequence[RunDirectory], slots: int | None, console: Console) -> None:
+    Args:
+        console: where it is shown.
+        runs: those that are known from the start.
+    """
+
+    def __init__(self, console: Console, runs: Sequence[RunDirectory] = ()) -> None:
         self.console = console
-        self.slots = slots
         self.rows: dict[Path, Row] = {}
         for run in runs:
-            self.rows[run.path] = Row.of(run)
+            self.add(run)
         self._next_read = 0.0
+
+    def add(self, run: RunDirectory) -> None:
+        self.rows[run.path] = Row.of(run)
 
     def begin(self) -> None:
         pass
@@ -45,17 +52,21 @@ class Watch:
     def say(self, text: str) -> None:
         self.console.print(text, highlight=False, markup=False, soft_wrap=True)
 
+    def event(self, text: str) -> None:
+        """A line with the time of day."""
+        self.say(f"{datetime.now().astimezone():%H:%M:%S} {text}")
+
     def started(self, run: RunDirectory, job: Job) -> None:
         row = self.rows[run.path]
         row.state, row.job = Phase.QUEUED, job
 
+    def marked(self, run: RunDirectory, job: Job) -> None:
+        """Says what a cluster knows the run as from now on, whatever becomes of this process."""
+        if job.mark:
+            self.event(f"{run.path.name}: {Phase.QUEUED} as {job}")
+
     def polled(self, run: RunDirectory, phase: Phase) -> None:
         self.rows[run.path].state = phase
-
-    def ended(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
-        row = self.rows[run.path]
-        row.state, row.message = outcome, message
-        row.progress = progress.read(run.path) or row.progress
 
     def read(self) -> bool:
         """Reads the progress of what runs, about once a second; whether it did."""
@@ -69,6 +80,19 @@ class Watch:
 
     def refresh(self) -> None:
         self.read()
+
+
+class SweepView(Watch):
+    """What is known of a sweep, all of whose runs are known from the start; the base of both its views."""
+
+    def __init__(self, runs: Sequence[RunDirectory], slots: int | None, console: Console) -> None:
+        super().__init__(console, runs)
+        self.slots = slots
+
+    def ended(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
+        row = self.rows[run.path]
+        row.state, row.message = outcome, message
+        row.progress = progress.read(run.path) or row.progress
 
     def remaining(self) -> float | None:
         """Seconds until the sweep's end; None where nobody knows."""
@@ -101,7 +125,7 @@ class Watch:
         return f"{', '.join(parts)} · {time_left}, until {clock_after(left)}"
 
 
-class PlainView(Watch):
+class PlainView(SweepView):
     """A line per event, and from time to time one per running run."""
 
     def __init__(self, runs: Sequence[RunDirectory], slots: int | None, console: Console) -> None:
@@ -111,36 +135,35 @@ class PlainView(Watch):
 
     def started(self, run: RunDirectory, job: Job) -> None:
         super().started(run, job)
-        if job.mark:  # a cluster knows it from now on, whatever becomes of this process
-            self.say(f"{_clock()} {run.path.name}: {Phase.QUEUED} as {job}")
+        self.marked(run, job)
 
     def polled(self, run: RunDirectory, phase: Phase) -> None:
         row = self.rows[run.path]
         if row.state != phase:  # the job knows by now who it is, a process id for example
-            self.say(f"{_clock()} {run.path.name}: {phase} as {row.job}")
+            self.event(f"{run.path.name}: {phase} as {row.job}")
         super().polled(run, phase)
 
     def ended(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
         super().ended(run, outcome, message)
         if outcome is not Outcome.NOT_STARTED:
-            self.say(f"{_clock()} {run.path.name}: {outcome}{f' ({message})' if message else ''}")
+            self.event(f"{run.path.name}: {outcome}{f' ({message})' if message else ''}")
 
     def refresh(self) -> None:
         if not self.read():
             return
         if not self._announced and shown(list(self.rows.values())) and self.remaining() is not None:
             self._announced = True
-            self.say(f"{_clock()} {self.counts()}")
+            self.event(self.counts())
         if time.monotonic() < self._next_lines:
             return
         self._next_lines = time.monotonic() + LINES_EVERY
         for row in self.rows.values():
             if row.state == Phase.RUNNING and row.progress is not None:
-                self.say(f"{_clock()} {row.name}: {sentence(row.progress)}")
-        self.say(f"{_clock()} {self.counts()}")
+                self.event(f"{row.name}: {sentence(row.progress)}")
+        self.event(self.counts())
 
 
-class TableView(Watch):
+class TableView(SweepView):
     """A table that is drawn anew in place."""
 
     def __init__(self, runs: Sequence[RunDirectory], slots: int | None, console: Console) -> None:
@@ -174,7 +197,7 @@ class TableView(Watch):
         return Group(*lines, *more, Text(self.counts(), "bold"))
 
 
-def view(runs: Sequence[RunDirectory], slots: int | None, console: Console) -> Watch:
+def view(runs: Sequence[RunDirectory], slots: int | None, console: Console) -> SweepView:
     """The view that suits where the output goes."""
     return (TableView if console.is_terminal else PlainView)(runs, slots, console)
 
@@ -194,7 +217,3 @@ def sentence(at: Progress) -> str:
 
 def _fit(text: str, width: int) -> str:
     return text if len(text) <= width else f"{text[: width - 1]}…"
-
-
-def _clock() -> str:
-    return f"{datetime.now().astimezone():%H:%M:%S}"

@@ -16,7 +16,7 @@ from auvbench.config.tuning import Tune, refuse_test
 from auvbench.config.validate import check, evaluate_protocol
 from auvbench.errors import AuvbenchError, ConfigError, RunError
 from auvbench.runs import identity, interpolations, lock
-from auvbench.runs.directory import now
+from auvbench.runs.directory import damaged, now
 from auvbench.runs.durable import make_folder, storage
 from auvbench.runs.files import write_json
 from auvbench.tuning import space
@@ -112,9 +112,7 @@ class StudyFolder:
         except FileNotFoundError as error:
             raise RunError(f"{self.path}: this is no study (study.json is missing)") from error
         except (OSError, ValueError) as error:
-            raise RunError(
-                f"{self.plan_path}: damaged: {error}; restore it, or remove the study's folder"
-            ) from error
+            raise damaged(self.plan_path, error, "study") from error
         version = data.get("schema_version") if isinstance(data, dict) else None
         if version != SCHEMA_VERSION:
             raise RunError(
@@ -133,10 +131,7 @@ class StudyFolder:
             ValueError,
             AttributeError,
         ) as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise RunError(
-                f"{self.plan_path}: damaged: {reason}; restore it, or remove the study's folder"
-            ) from error
+            raise damaged(self.plan_path, error, "study") from error
 
 
 def _plain(plan: Plan) -> dict[str, Any]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from datetime import datetime
-from pathlib import Path
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -13,20 +11,18 @@ from rich.text import Text
 from auvbench.analysis import rounding
 from auvbench.analysis.measures import Measure
 from auvbench.runs.directory import RunDirectory
-from auvbench.scheduling import live_table, progress
-from auvbench.scheduling.base import Job, Phase
+from auvbench.scheduling import live_table
+from auvbench.scheduling.base import Job
 from auvbench.scheduling.estimate import clock_after, duration
 from auvbench.scheduling.loop import Outcome
 from auvbench.scheduling.rows import Row
+from auvbench.scheduling.views import Watch
 from auvbench.statistics.estimate import Estimate
 from auvbench.tuning.scores import Objective, Score
 from auvbench.tuning.search import Search, Step
 
-READ_EVERY = 1.0
-"""s between two looks at the runs' progress"""
 
-
-class Lines:
+class Lines(Watch):
     """A line per result; the base of the live view.
 
     Args:
@@ -36,66 +32,39 @@ class Lines:
     """
 
     def __init__(self, search: Search, objective: Objective, console: Console) -> None:
-        self.search, self.objective, self.console = search, objective, console
-        self.rows: dict[Path, Row] = {}
+        super().__init__(console)
+        self.search, self.objective = search, objective
         self.begun = self.last = time.monotonic()
         self.steps_before = search.steps_done()
         self.results = 0
-        self._next_read = 0.0
         self.fresh = 0
 
-    def begin(self) -> None:
-        pass
-
-    def end(self) -> None:
-        pass
-
-    def say(self, text: str) -> None:
-        self.console.print(text, highlight=False, markup=False, soft_wrap=True)
-
-    def add(self, run: RunDirectory) -> None:
-        self.rows[run.path] = Row.of(run)
-
     def started(self, run: RunDirectory, job: Job) -> None:
-        row = self.rows.setdefault(run.path, Row.of(run))
-        row.state, row.job = Phase.QUEUED, job
-        if job.mark:  # a cluster knows it from now on, whatever becomes of this process
-            self.say(f"{_clock()} {run.path.name}: {Phase.QUEUED} as {job}")
-
-    def polled(self, run: RunDirectory, phase: Phase) -> None:
-        self.rows[run.path].state = phase
+        if run.path not in self.rows:
+            self.add(run)
+        super().started(run, job)
+        self.marked(run, job)
 
     def ended(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
         self.rows.pop(run.path, None)
         if outcome in (Outcome.FAILED, Outcome.HELD):
-            self.say(f"{_clock()} {run.path.name}: {outcome} ({message})")
+            self.event(f"{run.path.name}: {outcome} ({message})")
 
     def told(self, step: Step, score: Score) -> None:
         self.results, self.last = self.results + 1, time.monotonic()
         budget = self.search.ladder.budgets[step.rung]
         at = f" at {budget:,} steps" if len(self.search.ladder.budgets) > 1 else ""
-        self.say(f"{_clock()} trial {step.trial}{at}: {worth(score, self.objective)} · {self.counts()}")
+        self.event(f"trial {step.trial}{at}: {worth(score, self.objective)} · {self.counts()}")
 
     def failed(self, step: Step, why: str) -> None:
-        self.say(f"{_clock()} trial {step.trial} failed: {why}")
+        self.event(f"trial {step.trial} failed: {why}")
 
     def confirming(self, best: int, count: int) -> None:
         self.fresh = count
-        self.say(
-            f"{_clock()} search done: trial {best} is best; it and the untuned settings are trained with fresh seeds "
+        self.event(
+            f"search done: trial {best} is best; it and the untuned settings are trained with fresh seeds "
             f"({count} runs)"
         )
-
-    def refresh(self) -> None:
-        self.read()
-
-    def read(self) -> None:
-        if time.monotonic() < self._next_read:
-            return
-        self._next_read = time.monotonic() + READ_EVERY
-        for row in self.rows.values():
-            if row.state == Phase.RUNNING:
-                row.progress = progress.read(row.run.path) or row.progress
 
     def counts(self) -> str:
         """`12 of 50 trials begun: 2 done, 1 running, 9 pruned · 3 min 10 s to go`."""
@@ -185,7 +154,3 @@ def plain(value: float, measure: Measure) -> str:
 
 def _left(row: Row) -> float | None:
     return None if row.pace is None else row.to_go / row.pace
-
-
-def _clock() -> str:
-    return f"{datetime.now().astimezone():%H:%M:%S}"
