@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from auvbench import statistics as st
 from auvbench.analysis import limit
 from auvbench.analysis.further import with_columns
 from auvbench.analysis.model import Agent, Ranking, RunRecord
 from auvbench.analysis.ranking import rank
 from auvbench.evaluation.bounds import files
 from auvbench.reporting import tables
+from auvbench.statistics import crossed
 from tests.unit.analysis.agents import agent
 
 EPISODES = 30
@@ -80,6 +82,21 @@ def test_the_ratio_is_a_geometric_mean_over_successes(tmp_path: Path) -> None:
         found = row.estimates[limit.COLUMN]
         assert found.value == pytest.approx(expected)
         assert 1.0 <= found.low <= found.value <= found.high
+
+
+def test_the_interval_does_not_reach_below_the_limit(tmp_path: Path) -> None:
+    """Two seeds that differ: by Student's t alone it would reach far below 1, where no agent of the table can be."""
+    write(tmp_path)
+    quick, slow = timed("sac", tmp_path, 1.0), timed("ppo", tmp_path, 1.01)
+    slow.metrics["time_to_goal_s"][1] *= 1.3
+    ranking = ranked([quick, slow])
+    row = next(row for row in ranking.rows if row.label == slow.label)
+    found = row.estimates[limit.COLUMN]
+    logs = np.log(slow.metrics["time_to_goal_s"] * FREQUENCY / best())
+    free = st.means(crossed([logs], paired=False), 0.95)[0]
+    assert np.exp(free.low) < 0.9, "otherwise this shows nothing"
+    assert found.low == 1.0
+    assert found.high == pytest.approx(np.exp(free.high))
 
 
 def test_a_table_has_the_column_where_it_is_asked_for_and_the_csv_always(tmp_path: Path) -> None:
