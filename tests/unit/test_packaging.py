@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from importlib import resources
+from itertools import takewhile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,18 +24,49 @@ def test_the_list_of_packages_is_complete():
     assert listed == found | folders_of_data()
 
 
-def folders_of_data() -> set[str]:
-    """Folders without code whose files are installed, as setuptools names them.
-
-    It looks at those whose names could be a package's: `test-bluerov2` is none, and is data of the package above it.
-    """
+def kept() -> list[Path]:
+    """Files of the package that git keeps."""
     git = subprocess.run(
         ["git", "ls-files", "conf", "auvbench"], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    folders = {Path(line).parent for line in git.stdout.splitlines()}
-    folders = {folder for folder in folders if not (ROOT / folder / "__init__.py").is_file()} | {Path("conf")}
-    names = (f.parts if f.parts[0] == "auvbench" else ("auvbench", *f.parts) for f in folders)
-    return {".".join(parts) for parts in names if all(part.isidentifier() for part in parts)}
+    return [Path(line) for line in git.stdout.splitlines()]
+
+
+def folders_of_data() -> set[str]:
+    """Folders without code whose files are installed, as setuptools names them.
+
+    A folder whose name no package could have, such as `test-bluerov2`, is data of the one above it.
+    """
+    found = set()
+    for folder in {path.parent for path in kept()}:
+        parts = folder.parts if folder.parts[0] == "auvbench" else ("auvbench", *folder.parts)
+        named = list(takewhile(str.isidentifier, parts))
+        if not ROOT.joinpath(*named, "__init__.py").is_file():
+            found.add(".".join(named))
+    return found
+
+
+def test_a_build_takes_every_file_and_warns_of_none(tmp_path):
+    code = (
+        "import sys; from setuptools import Distribution\n"
+        "built = Distribution({'script_name': 'setup.py'})\n"
+        "built.parse_config_files()\n"
+        "built.get_command_obj('egg_info').egg_base = sys.argv[1]\n"  # leaves nothing here
+        "step = built.get_command_obj('build_py')\n"
+        "step.build_lib = 'lib'; step.ensure_finalized()\n"
+        "print('\\n'.join(step.get_outputs(include_bytecode=False)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "always", "-c", code, tmp_path],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "absent from" not in done.stderr
+    taken = {Path(line).relative_to("lib") for line in done.stdout.splitlines() if line.startswith("lib")}
+    wanted = {path if path.parts[0] == "auvbench" else "auvbench" / path for path in kept()}
+    assert not wanted - taken
 
 
 def test_the_configuration_is_installed():
