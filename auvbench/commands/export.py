@@ -39,7 +39,7 @@ def main(arguments: Sequence[str]) -> int:
     runs = find_runs(options.paths)
     wanted = where.parse(options.where)
     runs = where.select(runs, wanted, where.facts) if wanted else runs
-    _require()
+    require()
     from auvbench.evaluation.exporting import NoNetworkError, export
 
     done = None
@@ -70,8 +70,12 @@ def main(arguments: Sequence[str]) -> int:
     return 1 if failed else 0
 
 
-def _require() -> None:
-    """Both packages, before torch is imported for seconds."""
+def require() -> None:
+    """Both packages, before torch is imported for seconds.
+
+    Raises:
+        MissingExtraError: one of them is not installed.
+    """
     from importlib.util import find_spec
 
     from auvbench.errors import MissingExtraError

@@ -6,10 +6,11 @@ import os
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from auvbench.commands import export, publish_readme
+from auvbench.commands.publish_readme import Study
 from auvbench.commands.report_options import Options, read
 from auvbench.commands.report_options import parser as report_parser
 from auvbench.errors import ReportError, UserError, closest
@@ -18,7 +19,6 @@ from auvbench.untrusted import inside
 if TYPE_CHECKING:
     from auvbench.analysis.model import Problem, RunRecord
     from auvbench.commands.grammar import Parser
-    from auvbench.commands.report import Report
     from auvbench.runs.lock_files import Holder
 
 PICTURES = "success_over_grid,training_success,failures"
@@ -36,39 +36,58 @@ def parser() -> Parser:
         "checkpoints), computes the report from these files, and writes its tables, some figures and a README whose "
         "parts between markers are renewed each time. Takes report's flags, too."
     )
-    parser.epilog = "example: auvbench publish outputs/thesis --to results/thesis --study thesis"
+    parser.epilog = "example: auvbench publish outputs/thesis --to results/thesis --study thesis --policies"
     add = parser.add_argument
     add("--to", metavar="DIR", required=True, help="folder of the study: results/thesis")
     add("--title", metavar="TEXT", help="first line of a new README")
+    add("--question", metavar="TEXT", help="what the study asks, in a new README")
     add("--also", metavar="NAME,...", default="", help="further protocols, each with tables of its own")
     add("--pictures", metavar="NAME,...", default=PICTURES, help=f"figures of the README; default {PICTURES}")
+    add("--policies", action="store_true", help="each agent's best run as an ONNX file with its card")
     return parser
 
 
 def main(argv: Sequence[str]) -> int:
-    """Exit code 1 where runs had to be left out: each is named."""
+    """Exit code 1 where something had to be left out: each is named."""
     for flag in ("--out", "--format"):
         if any(word.partition("=")[0] == flag for word in argv):
             raise UserError(f"{flag}: publish decides itself; --to DIR is the folder")
     paths, options, own = read(parser(), argv)
-    also = _names(own["also"])
-    pictures = _pictures(own["pictures"])
-    folder = Path(own["to"])
-    inside.check_output(folder)
+    study = Study(
+        folder=Path(own["to"]),
+        also=_names(own["also"]),
+        pictures=_pictures(own["pictures"]),
+        title=_line("--title", own["title"]) or Path(own["to"]).resolve().name,
+        question=_line("--question", own["question"]),
+        policies=own["policies"],
+        command=shlex.join(["auvbench", "publish", *map(_placeless, argv)]),
+    )
+    inside.check_output(study.folder)
+    if study.folder.exists() and not study.folder.is_dir():
+        raise UserError(f"--to {study.folder}: is a file; name a folder")
+    if study.policies:
+        export.require()
     from auvbench.runs.durable import storage
 
-    with storage(f"cannot write {folder}"):
-        left_out = _ship(paths, options, also, folder)
-        runs = _say(folder, options, also, pictures, own, shlex.join(["auvbench", "publish", *argv]))
-    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    print(f"{runs} runs, {size / 1e6:.1f} MB in {os.path.relpath(folder)}")
-    if size > LARGEST:
-        print(f"auvbench: more than {LARGEST / 1e6:.0f} MB: much for a repository", file=sys.stderr)
-    return 1 if left_out else 0
+    publish_readme.check(study, options)
+    with storage(f"cannot write {study.folder}"):
+        runs, left_out = _ship(paths, options, study.also, study.folder)
+        count, without = publish_readme.write(study, options, {run.id: run for run in runs})
+    _close(study.folder, count)
+    return 1 if left_out or without else 0
 
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _line(flag: str, text: str | None) -> str:
+    """A text that becomes a line of the README, as it is: the author's own Markdown."""
+    if text is None:
+        return ""
+    if not text.strip() or not text.isprintable():
+        raise UserError(f"{flag} {text!r}: give one line of text")
+    return text.strip()
 
 
 def _pictures(text: str) -> tuple[str, ...]:
@@ -81,8 +100,43 @@ def _pictures(text: str) -> tuple[str, ...]:
     return names
 
 
-def _ship(paths: Sequence[Path], options: Options, also: Sequence[str], folder: Path) -> int:
-    """Copies the runs; returns how many things were left out, each of which is named.
+def _placeless(word: str) -> str:
+    """A word of the command without the place on this machine that it may name."""
+    flag, given, value = word.partition("=")
+    if flag.startswith("--") and given:
+        return f"{flag}={_placeless(value)}"
+    path = Path(word)
+    if not path.is_absolute():
+        return word
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else path.name
+
+
+def _close(folder: Path, runs: int) -> None:
+    """The closing line: how many runs, and how many bytes of what."""
+    sizes = dict.fromkeys(("test episodes", "training rows", "paths", "policies", "figures", "the rest"), 0)
+    for path in folder.rglob("*"):
+        if path.is_file():
+            sizes[_kind(path.relative_to(folder).parts)] += path.stat().st_size
+    size = sum(sizes.values())
+    parts = ", ".join(f"{kind} {count / 1e6:.1f}" for kind, count in sizes.items() if count)
+    print(f"{runs} runs, {size / 1e6:.1f} MB in {os.path.relpath(folder)}: {parts}")
+    if size > LARGEST:
+        print(f"auvbench: more than {LARGEST / 1e6:.0f} MB: much for a repository", file=sys.stderr)
+
+
+def _kind(parts: Sequence[str]) -> str:
+    """What a file is counted as, by where it lies in the folder."""
+    if parts[0] == "runs" and len(parts) > 3:
+        if parts[2] == "train":
+            return "training rows"
+        return {"episodes.csv.gz": "test episodes", "trajectories.npz": "paths"}.get(parts[-1], "the rest")
+    return next((kind for kind in ("policies", "figures") if kind in parts[:-1]), "the rest")
+
+
+def _ship(
+    paths: Sequence[Path], options: Options, also: Sequence[str], folder: Path
+) -> tuple[list[RunRecord], int]:
+    """Copies the runs; returns them as they were found, and how many things were left out, each of which is named.
 
     Raises:
         ReportError: not one can be shipped, or the folder holds what publish did not write; nothing was changed then.
@@ -120,7 +174,7 @@ def _ship(paths: Sequence[Path], options: Options, also: Sequence[str], folder: 
     for line in left:
         print(f"not published: {line}")
     _say_which([p for p in problems if p.kind == "duplicate"])
-    return len(left)
+    return chosen, len(left)
 
 
 def _holder(run: RunRecord) -> Holder | None:
@@ -175,82 +229,3 @@ def _say_which(twice: Sequence[Problem]) -> None:
         print(
             f"{len(twice) - NAMED} more runs were found twice, and taken by the same rule (docs/publishing.md)"
         )
-
-
-def _say(
-    folder: Path,
-    options: Options,
-    also: Sequence[str],
-    pictures: Sequence[str],
-    own: Mapping[str, Any],
-    command: str,
-) -> int:
-    """Computes the report from what was shipped, and writes it; returns how many runs it has."""
-    from auvbench.reporting import copies, readme
-    from auvbench.reporting import write as files
-
-    chosen = replace(options, format=("csv",), where=(), out=folder)
-    source = [folder / copies.RUNS]
-    reports = _tables(source, chosen, folder)
-    for name in also:
-        _tables(source, replace(chosen, protocol=name, condition=None, study=None), folder / name)
-    runs = [run for report in reports for run in report.runs]
-    figures = _figures(reports, pictures, folder)
-    blocks = {
-        "table": _ranked(reports),
-        "figures": "\n\n".join(figures) or "No figure.",
-        **({"claims": _claims(reports)} if options.study else {}),
-        "provenance": readme.provenance(runs, command),
-    }
-    files.text(folder / "README.md", readme.fill(folder / "README.md", own["title"] or folder.name, blocks))
-    return len(runs)
-
-
-def _tables(source: Sequence[Path], options: Options, folder: Path) -> list[Report]:
-    """table.csv and its companions of one protocol, in folders of their own where there are several sections."""
-    from auvbench.commands.report import analysed, over_all, write
-    from auvbench.commands.report_sections import write_sections
-
-    reports = analysed(source, options)
-    over = over_all(reports, options)
-    if len(reports) == 1:
-        write(reports[0], options, "", folder, over=over)
-    else:
-        write_sections(reports, options, "", folder, over)
-    return reports
-
-
-def _ranked(reports: Sequence[Report]) -> str:
-    from auvbench.reporting import tables
-
-    parts = []
-    for report in reports:
-        if len(reports) > 1:
-            parts.append(f"### {report.section.title[:1].upper()}{report.section.title[1:]}")
-        parts.append(tables.markdown(report.ranking).rstrip())
-    return "\n\n".join(parts)
-
-
-def _claims(reports: Sequence[Report]) -> str:
-    """The verdicts of a study and its numbers beside ours, of each section that has them."""
-    from auvbench.analysis import study
-    from auvbench.reporting.write import finding_in_markdown
-
-    parts = []
-    for report in reports:
-        parts += [f"{i}. {finding_in_markdown(claim)}" for i, claim in enumerate(report.claims, 1)]
-        if report.beside:
-            parts.append("\n" + study.markdown(report.beside).rstrip())
-    return "\n".join(parts) or "Nothing can be said of the study's claims."
-
-
-def _figures(reports: Sequence[Report], pictures: Sequence[str], folder: Path) -> list[str]:
-    """Markdown of the pictures of the first section that has them."""
-    from auvbench.reporting.figures.draw import draw
-    from auvbench.reporting.tables.markdown import escape
-
-    first = reports[0]
-    drawn = draw(pictures, first.agents, first.ranking, folder)
-    for figure in drawn:
-        figure.svg.unlink(missing_ok=True)
-    return [f"![{escape(f.title)}](figures/{f.png.name})\n\n{escape(f.caption)}" for f in drawn]

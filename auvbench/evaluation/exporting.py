@@ -58,12 +58,13 @@ class Export:
     """largest difference of an action from the run's own, on so many observations"""
 
 
-def export(run: RunDirectory, folder: Path | None = None) -> Export:
+def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any] | None = None) -> Export:
     """Writes `<run id>.onnx` and `<run id>.json`; what was there under these names is replaced.
 
     Args:
         run: a complete run of an agent that learns.
         folder: where to; None for the run's own `exports/`.
+        more: further entries of the card.
 
     Raises:
         RunError: the run is not complete, has no network, its files are damaged, or the file's actions are not the run's.
@@ -99,6 +100,7 @@ def export(run: RunDirectory, folder: Path | None = None) -> Export:
     card = make_card(run, config, vehicle, data, target.name)
     card["check"] = {"observations": count, "largest_difference": difference, "limit": LIMIT}
     card["versions"] = _versions()
+    card |= more or {}
     inside.check_output(target.parent, (target.name, exported.card_path(target).name))
     with storage(f"cannot write into {target.parent}"):
         # The card first: it names the file's digest, so that an old file beside it is noticed.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,33 +14,71 @@ from auvbench.errors import UserError
 from auvbench.reporting.tables.markdown import escape
 from auvbench.scheduling.estimate import duration
 from auvbench.untrusted import reading
+from auvbench.untrusted.text import short
+
+PARTS = {
+    "table": "Result",
+    "figures": "Figures",
+    "claims": "Claims of the study",
+    "policies": "Policies",
+    "provenance": "How the numbers came about",
+}
+"""blocks in the order of a new README, with their headings"""
+QUESTION = "*(The question that this study answers, in a sentence or two: written by its author.)*"
+ANSWER = (
+    "*(The answer in five sentences, written by its author: what was compared; who is best, by how much, and how sure that "
+    "is; what was not expected; where it does not hold; what to use.)*"
+)
+COMMANDS = 5
+"""of training, that are shown"""
 
 SHOWN_VERSIONS = ("auvbench", "python", "torch", "stable-baselines3", "numpy", "numba")
 
 
-def fill(path: Path, title: str, blocks: Mapping[str, str]) -> str:
+def fill(path: Path, title: str, question: str, blocks: Mapping[str, str]) -> str:
     """The text of a README with its computed blocks renewed.
 
     Args:
-        path: the README; where it is missing, one with the blocks alone is begun.
+        path: the README; where it is missing, a new one is begun, with places for its author.
         title: of a new one.
-        blocks: text by the name of the block.
+        question: of a new one; empty for a place in which the author writes it.
+        blocks: text by the name of the block; names are those of `PARTS`.
 
     Raises:
-        UserError: the file is there and a block's markers are not, or not in their order.
+        UserError: as `check`.
     """
     if not path.exists():
-        parts = [f"# {title}", *(_block(name, text) for name, text in blocks.items())]
+        parts = [f"# {title}", "## Question", question or QUESTION, "## Answer", ANSWER]
+        for name, heading in PARTS.items():
+            if name in blocks:
+                parts += [f"## {heading}", _block(name, blocks[name])]
         return "\n\n".join(parts) + "\n"
-    text = reading.text(path)
+    text = check(path, blocks)
     for name, content in blocks.items():
+        begin, end = _markers(name)
+        head, rest = text.split(begin)
+        text = head + _block(name, content) + rest.split(end)[1]
+    return text
+
+
+def check(path: Path, names: Iterable[str]) -> str:
+    """The text of a README that has a place for each block; empty where there is none yet.
+
+    Raises:
+        UserError: it cannot be read, or a block's markers are not there, or not in their order.
+    """
+    try:
+        text = reading.text(path)
+    except FileNotFoundError:
+        return ""
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: cannot be read: {short(error)}") from error
+    for name in names:
         begin, end = _markers(name)
         if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
             raise UserError(
                 f"{path}: the block {name} has no place: put the lines {begin} and {end} where it belongs"
             )
-        head, rest = text.split(begin)
-        text = head + _block(name, content) + rest.split(end)[1]
     return text
 
 
@@ -54,15 +92,17 @@ def _block(name: str, text: str) -> str:
 
 
 def provenance(runs: Sequence[RunRecord], command: str) -> str:
-    """How the numbers came about: runs, machines, time, versions and the command, as a Markdown list."""
+    """How the numbers came about: runs, time, machines, versions and commands, as Markdown."""
     manifests = [run.manifest for run in runs]
     wall = sum(float(m.get("wall_time_s") or 0.0) for m in manifests)
     core = sum(float(m.get("wall_time_s") or 0.0) * _threads(m) for m in manifests)
     days = sorted(str(m[key])[:10] for m in manifests for key in ("started", "ended") if m.get(key))
     steps = sum(int(m.get("steps") or 0) for m in manifests)
+    tested = sum(len(e.episodes) for run in runs for e in run.evaluations.values())
     lines = [
-        f"{counted(len(runs), 'run')}, {steps:,} environment steps of training",
-        f"trained in {duration(wall)}, one run after another; {duration(core)} of processor cores",
+        f"{counted(len(runs), 'run')}, {steps:,} environment steps of training, {tested:,} test episodes",
+        f"trained in {duration(wall)}, one run after another; {duration(core)} of processor cores; how long the tests took "
+        "is not recorded",
         f"machine: {_tally(_machine(m) for m in manifests)}",
         f"versions: {_tally(_versions(m) for m in manifests)}",
         f"source: {_tally(_commit(m) for m in manifests)}",
@@ -70,7 +110,24 @@ def provenance(runs: Sequence[RunRecord], command: str) -> str:
     if days:
         lines.append(f"dates: {days[0]}" + (f" to {days[-1]}" if days[-1] != days[0] else ""))
     items = "\n".join(f"* {escape(line)}" for line in lines)
-    return f"{items}\n\nThe runs were copied, and all between markers computed from the copies, by\n\n    {command}"
+    made = f"The runs were copied, and all between markers computed from the copies, by\n\n    {short(command, LONGEST)}"
+    return f"{items}\n\n{_trained_by(manifests)}\n\n{made}"
+
+
+LONGEST = 2000
+"""characters of a command"""
+
+
+def _trained_by(manifests: Sequence[Mapping[str, Any]]) -> str:
+    """The commands that made the runs, those of the most runs first."""
+    found = Counter(str(m["command"]) for m in manifests if m.get("command"))
+    if not found:
+        return "By which command the runs were trained is not recorded."
+    lines = [f"    {short(command, LONGEST)}" for command, _ in found.most_common(COMMANDS)]
+    text = "The runs were trained by\n\n" + "\n".join(lines)
+    if more := len(found) - COMMANDS:
+        text += f"\n\nand {more} more different commands, each in its run's manifest" if more > 0 else ""
+    return text
 
 
 def _threads(manifest: Mapping[str, Any]) -> int:

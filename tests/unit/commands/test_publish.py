@@ -107,6 +107,16 @@ def test_other_protocols_get_tables_of_their_own(runs, tmp_path):
     assert cli.main(["publish", "outputs/grid", "--to", "results/x", "--also", "transfer"]) == 2
 
 
+def test_the_closing_line_says_what_takes_the_room_and_what_is_the_author_s(runs, capsys):
+    assert publish("--pictures", "failures", "--question", "Which?") == 0
+    *_, last, closing = capsys.readouterr().out.splitlines()
+    assert "README.md: question and answer are the author's" in last
+    kinds = ["test episodes", "training rows", "paths", "figures", "the rest"]
+    assert [part.rpartition(" ")[0] for part in closing.partition(": ")[2].split(", ")] == kinds
+    assert publish("--pictures", "failures", "--question", "Which other?") == 0
+    assert "its own question stays" in capsys.readouterr().out
+
+
 def test_what_a_person_wrote_stays_and_what_is_gone_goes(runs, tmp_path, capsys):
     assert publish("--pictures", "failures") == 0
     readme = tmp_path / "results/grid/README.md"
@@ -145,11 +155,15 @@ def test_published_once_more_from_what_was_published(runs, tmp_path):
     [
         (["outputs/grid"], "--to"),
         (["outputs/grid", "--to", "x", "--out", "y"], "--to DIR is the folder"),
+        (["outputs/grid", "--to", "a-file"], "is a file"),
+        (["outputs/grid", "--to", "x", "--question", ""], "give one line of text"),
+        (["outputs/grid", "--to", "x", "--title", "a\nb"], "give one line of text"),
         (["outputs/grid", "--to", "x", "--pictures", "failure"], "did you mean 'failures'"),
         (["outputs/nothing", "--to", "x"], "no such folder"),
         (["outputs/grid", "--to", "x", "--protocol", "thesis"], "robustness, test"),
     ],
 )
-def test_mistakes(runs, arguments, said, capsys):
+def test_mistakes(runs, arguments, said, tmp_path, capsys):
+    (tmp_path / "a-file").write_text("mine")
     assert cli.main(["publish", *arguments]) == 2
     assert said in capsys.readouterr().err

@@ -1,0 +1,161 @@
+"""What `auvbench publish` computes from the copies: tables, figures, policies, and the blocks of the README."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from auvbench.commands.report_options import Options
+
+if TYPE_CHECKING:
+    from auvbench.analysis.model import RunRecord
+    from auvbench.commands.report import Report
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """What was typed, beside report's flags."""
+
+    folder: Path
+    also: tuple[str, ...]
+    pictures: tuple[str, ...]
+    title: str
+    question: str
+    """empty: the author writes it"""
+    policies: bool
+    command: str
+
+
+def check(study: Study, options: Options) -> None:
+    """Before anything is written: has the README that is there a place for each block?
+
+    Raises:
+        UserError: it has not.
+    """
+    from auvbench.reporting import readme
+
+    readme.check(study.folder / "README.md", _blocks(study, options))
+
+
+def _blocks(study: Study, options: Options) -> list[str]:
+    from auvbench.reporting import best_policies
+
+    policies = study.policies or best_policies.any_of_ours(study.folder)
+    chosen = {"claims": bool(options.study), "policies": policies}
+    return [
+        name for name in ("table", "figures", "claims", "policies", "provenance") if chosen.get(name, True)
+    ]
+
+
+def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> tuple[int, int]:
+    """Computes the report from what was shipped, and writes it.
+
+    Args:
+        study: what was typed.
+        options: of the report.
+        sources: the runs as they were found, by id: where the weights are.
+
+    Returns:
+        how many runs the report has, and how many policies should have been exported and were not.
+    """
+    from auvbench.reporting import copies, readme
+    from auvbench.reporting import write as files
+
+    folder = study.folder
+    chosen = replace(options, format=("csv",), where=(), out=folder)
+    source = [folder / copies.RUNS]
+    reports = _tables(source, chosen, folder)
+    for name in study.also:
+        _tables(source, replace(chosen, protocol=name, condition=None, study=None), folder / name)
+    runs = [run for report in reports for run in report.runs]
+    missing = 0
+    texts = {}
+    for name in _blocks(study, options):
+        if name == "table":
+            texts[name] = _ranked(reports)
+        elif name == "figures":
+            texts[name] = "\n\n".join(_figures(reports, study.pictures, folder)) or "No figure."
+        elif name == "claims":
+            texts[name] = _claims(reports)
+        elif name == "policies":
+            texts[name], missing = _policies(reports, study, sources)
+        else:
+            texts[name] = readme.provenance(runs, study.command)
+    path = folder / "README.md"
+    _say_kept(path, study)
+    text = files.text(path, readme.fill(path, study.title, study.question, texts)).read_text("utf-8")
+    if readme.QUESTION in text or readme.ANSWER in text:
+        print(f"next: write what stands in brackets in {path}: question and answer are the author's")
+    return len(runs), missing
+
+
+def _say_kept(path: Path, study: Study) -> None:
+    """A README that is there keeps its author's title and question, whatever was typed."""
+    if path.exists():
+        text = path.read_text("utf-8")
+        if study.question and study.question not in text:
+            print(f"{path}: its own question stays, not that of --question")
+
+
+def _policies(reports: Sequence[Report], study: Study, sources: Mapping[str, RunRecord]) -> tuple[str, int]:
+    """The block, and how many files are missing that should be there."""
+    from auvbench.reporting import best_policies
+
+    chosen = [pair for r in reports for pair in best_policies.best(r.agents, r.ranking.rank_by)]
+    rows = best_policies.renew(chosen, sources, study.folder, export=study.policies)
+    for row in rows:
+        if row.reason and study.policies:
+            print(f"no policy of {row.agent} ({row.run}): {row.reason}")
+    return best_policies.markdown(rows), sum(row.failed for row in rows)
+
+
+def _tables(source: Sequence[Path], options: Options, folder: Path) -> list[Report]:
+    """table.csv and its companions of one protocol, in folders of their own where there are several sections."""
+    from auvbench.commands.report import analysed, over_all, write
+    from auvbench.commands.report_sections import write_sections
+
+    reports = analysed(source, options)
+    over = over_all(reports, options)
+    if len(reports) == 1:
+        write(reports[0], options, "", folder, over=over)
+    else:
+        write_sections(reports, options, "", folder, over)
+    return reports
+
+
+def _ranked(reports: Sequence[Report]) -> str:
+    from auvbench.reporting import tables
+
+    parts = []
+    for report in reports:
+        if len(reports) > 1:
+            parts.append(f"### {report.section.title[:1].upper()}{report.section.title[1:]}")
+        parts.append(tables.markdown(report.ranking).rstrip())
+    return "\n\n".join(parts)
+
+
+def _claims(reports: Sequence[Report]) -> str:
+    """The verdicts of a study and its numbers beside ours, of each section that has them."""
+    from auvbench.analysis import study
+    from auvbench.reporting.write import finding_in_markdown
+
+    parts = []
+    for report in reports:
+        parts += [f"{i}. {finding_in_markdown(claim)}" for i, claim in enumerate(report.claims, 1)]
+        if report.beside:
+            parts.append("\n" + study.markdown(report.beside).rstrip())
+    return "\n".join(parts) or "Nothing can be said of the study's claims."
+
+
+def _figures(reports: Sequence[Report], pictures: Sequence[str], folder: Path) -> list[str]:
+    """Markdown of the pictures of the first section that has them."""
+    from auvbench.reporting.figures.draw import draw
+    from auvbench.reporting.tables.markdown import escape
+
+    first = reports[0]
+    drawn = draw(pictures, first.agents, first.ranking, folder)
+    for figure in drawn:
+        figure.svg.unlink(missing_ok=True)
+    return [f"![{escape(f.title)}](figures/{f.png.name})\n\n{escape(f.caption)}" for f in drawn]

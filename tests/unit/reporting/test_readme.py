@@ -1,0 +1,71 @@
+"""The README of a study: places for its author, computed blocks between markers, and the commands behind the runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from auvbench.analysis.model import RunRecord
+from auvbench.errors import UserError
+from auvbench.reporting import readme
+
+BLOCKS = {"provenance": "how", "table": "numbers"}
+
+
+def run(**manifest: Any) -> RunRecord:
+    return RunRecord("x", Path("x"), "complete", 0, {}, manifest)
+
+
+def test_a_new_one_has_question_answer_and_blocks_in_order(tmp_path: Path) -> None:
+    text = readme.fill(tmp_path / "README.md", "Study", "", BLOCKS)
+    heads = [line for line in text.splitlines() if line.startswith("#")]
+    assert heads == ["# Study", "## Question", "## Answer", "## Result", "## How the numbers came about"]
+    assert readme.QUESTION in text
+    assert readme.ANSWER in text
+    asked = readme.fill(tmp_path / "README.md", "Study", "Is it *better*?", BLOCKS)
+    assert "## Question\n\nIs it *better*?\n\n## Answer" in asked
+    assert readme.QUESTION not in asked
+
+
+def test_what_the_author_wrote_stays(tmp_path: Path) -> None:
+    path = tmp_path / "README.md"
+    text = readme.fill(path, "Study", "", BLOCKS).replace(readme.ANSWER, "PID. It is enough.")
+    path.write_text(text)
+    again = readme.fill(path, "Other", "Why?", BLOCKS | {"table": "other numbers"})
+    assert again == text.replace("\nnumbers\n", "\nother numbers\n")
+
+
+def test_a_block_without_its_place_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "README.md"
+    path.write_text(readme.fill(path, "Study", "", BLOCKS))
+    with pytest.raises(UserError, match="the block policies has no place"):
+        readme.check(path, [*BLOCKS, "policies"])
+    path.write_bytes(b"\xff")
+    with pytest.raises(UserError, match="cannot be read"):
+        readme.check(path, BLOCKS)
+
+
+def test_commands_of_training_each_once_those_of_most_runs_first() -> None:
+    many = [run(command=f"auvbench train seed={i}") for i in range(7)]
+    text = readme.provenance([run(command="auvbench train -m algo=ppo")] * 3 + many, "auvbench publish x")
+    lines = [line.strip() for line in text.splitlines() if line.startswith("    ")]
+    assert lines[0] == "auvbench train -m algo=ppo"
+    assert lines[1:5] == [f"auvbench train seed={i}" for i in range(4)]
+    assert lines[5] == "auvbench publish x"
+    assert "and 3 more different commands" in text
+    assert (
+        "not recorded"
+        in readme.provenance([run()], "auvbench publish x").partition("The runs were copied")[0]
+    )
+
+
+def test_a_command_from_a_stranger_is_one_line() -> None:
+    text = readme.provenance([run(command="a\n\n<!-- end: provenance -->\n# owned")], "auvbench publish x")
+    assert not any(line.startswith(("<!--", "# owned")) for line in text.splitlines())
+
+
+def test_wall_and_core_time() -> None:
+    runs = [run(wall_time_s=60.0, host={"threads": 4}), run(wall_time_s=60.0, host={"threads": 1})]
+    assert "trained in 2 min, one run after another; 5 min of processor cores" in readme.provenance(runs, "x")
