@@ -19,6 +19,7 @@ from typing import Any
 
 from auvbench.errors import ConfigError, MissingExtraError, closest
 from auvbench.ros2 import interface
+from auvbench.untrusted.text import first_line
 
 LAST_DOMAIN = 232
 """Beyond, a domain's ports would lie above 65535."""
@@ -79,12 +80,8 @@ def load() -> Any:
                 purpose="simulator=ros2, auvbench serve and auvbench pilot",
             ) from error
         except (ImportError, OSError) as error:
-            raise ConfigError(f"ROS 2 is installed and does not load: {_first(error)}") from error
+            raise ConfigError(f"ROS 2 is installed and does not load: {first_line(error)}") from error
     return SimpleNamespace(**found)
-
-
-def _first(error: BaseException) -> str:
-    return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)
 
 
 def surroundings() -> str:
@@ -141,7 +138,7 @@ class Session:
             self.ros.rclpy.init(args=[], context=self.context, signal_handler_options=no)
         except Exception as error:  # of the C library: RCLError, RuntimeError, ImportError of an rmw
             raise ConfigError(
-                f"ROS 2 does not start: {_first(error)} (check ROS_DOMAIN_ID, RMW_IMPLEMENTATION and the network;"
+                f"ROS 2 does not start: {first_line(error)} (check ROS_DOMAIN_ID, RMW_IMPLEMENTATION and the network;"
                 f" here {surroundings()})"
             ) from error
         self._nodes: list[Any] = []
@@ -173,7 +170,7 @@ class Session:
             )
         except Exception as error:
             raise ConfigError(
-                f"ROS 2 cannot make the node {name}: {_first(error)} (check the network; here {surroundings()})"
+                f"ROS 2 cannot make the node {name}: {first_line(error)} (check the network; here {surroundings()})"
             ) from error
         self._nodes.append(node)
         self._set = None

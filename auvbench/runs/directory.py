@@ -16,6 +16,7 @@ from auvbench.runs.files import as_json, create_atomic, write_atomic, write_json
 from auvbench.runs.identity import SCHEMA_VERSION
 from auvbench.runs.manifest_fields import STATES
 from auvbench.untrusted import documents, inside, reading
+from auvbench.untrusted.text import first_line
 
 __all__ = ["STATES", "RunDirectory", "damaged", "find_runs", "freeze", "now", "place"]
 
@@ -32,8 +33,8 @@ def now() -> str:
 
 def damaged(path: Path, why: object, what: str = "run") -> RunError:
     """The error of a file of a run, or of what else has a folder, that cannot be used, with what can be done about it."""
-    reason = (why.strerror if isinstance(why, OSError) else None) or str(why) or type(why).__name__
-    return RunError(f"{path}: damaged: {reason.splitlines()[0]}; restore it, or remove the {what}'s folder")
+    reason = (why.strerror if isinstance(why, OSError) else None) or first_line(why)
+    return RunError(f"{path}: damaged: {reason}; restore it, or remove the {what}'s folder")
 
 
 class RunDirectory:

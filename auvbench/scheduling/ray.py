@@ -20,6 +20,7 @@ from auvbench.errors import UserError
 from auvbench.runs import lock
 from auvbench.scheduling.base import Phase, Status
 from auvbench.training.worker import TARGET
+from auvbench.untrusted.text import first_line
 
 
 @dataclass(slots=True, eq=False)
@@ -105,15 +106,11 @@ class RayBackend:
         except errors.TaskCancelledError:
             return Status(Phase.ENDED, code=128 + signal.SIGTERM)
         except (errors.WorkerCrashedError, errors.OutOfMemoryError) as error:
-            return Status(Phase.ENDED, reason=_first_line(error))
+            return Status(Phase.ENDED, reason=first_line(error))
         except (errors.NodeDiedError, errors.ObjectLostError, errors.OwnerDiedError) as error:
-            return Status(Phase.ENDED, reason=_first_line(error), lost=True)
+            return Status(Phase.ENDED, reason=first_line(error), lost=True)
         except errors.RayError as error:
-            return Status(Phase.ENDED, reason=_first_line(error))
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0]
+            return Status(Phase.ENDED, reason=first_line(error))
 
 
 def carry_out(run: str, target: str) -> int:

@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from auvbench.untrusted.text import first_line
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -93,4 +95,4 @@ def weights(data: bytes) -> dict[str, Any]:
 def _reason(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "it says that it holds more than fits into memory"
-    return (str(error).strip() or type(error).__name__).splitlines()[0]
+    return first_line(error)

@@ -26,6 +26,15 @@ def short(text: object, limit: int = LONGEST) -> str:
     return f"{shown[: limit - 1]}…"
 
 
+def first_line(error: object) -> str:
+    r"""What an error says, without what follows its first line; its type where it says nothing.
+
+    >>> first_line(ValueError("no number\nin line 3")), first_line(ValueError())
+    ('no number', 'ValueError')
+    """
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
 def cell(value: object) -> object:
     r"""A value for a CSV file that a spreadsheet takes for what it is: a text that would be a formula gets a '.
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 
 from auvbench.errors import MissingExtraError, RunError
+from auvbench.untrusted.text import first_line
 
 OPSET = 18
 IR_VERSION = 9
@@ -151,8 +152,9 @@ def _recorded(policy: BasePolicy, n_observations: int) -> torch.export.ExportedP
             f"a {type(policy).__name__} keeps a state between observations, and is not written as a file: {error}"
         ) from error
     except Exception as error:  # whatever PyTorch finds that cannot be recorded
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise RunError(f"a {type(policy).__name__} cannot be written as a file: {reason}") from error
+        raise RunError(
+            f"a {type(policy).__name__} cannot be written as a file: {first_line(error)}"
+        ) from error
     finally:
         distribution.set_default_validate_args(checked)
 
