@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +26,24 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
     algo = config.algo
     who = f"{algo.agent} of {algo.package}"
     factory = installed.thing_of(plugins.AGENTS, algo.agent, algo.package)
-    try:
+    with _telling(who, "cannot be made"):
         made = factory(config, vehicle)
-    except AuvbenchError:
-        raise
-    except Exception as error:
-        raise AgentError(f"{who}: cannot be made: {plugins.told(error)}") from error
     lacking = [name for name in ("reset", "act") if not callable(getattr(made, name, None))]
     if lacking:
         raise AgentError(f"{who}: what it makes, a {type(made).__name__}, lacks {' and '.join(lacking)}")
     kind = EnteredLearner if algo.learns else EnteredAgent
     return kind(made, who, len(vehicle.actuators))
+
+
+@contextmanager
+def _telling(who: str, what: str) -> Iterator[None]:
+    """Turns what somebody else's code raises into the `AgentError` that says who failed, and at what."""
+    try:
+        yield
+    except AuvbenchError:
+        raise
+    except Exception as error:
+        raise AgentError(f"{who}: {what}: {plugins.told(error)}") from error
 
 
 class EnteredAgent:
@@ -61,20 +70,12 @@ class EnteredAgent:
                 setattr(self, name, checked)
 
     def _ended(self, rows: Integers) -> None:
-        try:
+        with _telling(self._who, "ended fails"):
             self.inner.ended(rows.copy())
-        except AuvbenchError:
-            raise
-        except Exception as error:
-            raise AgentError(f"{self._who}: ended fails: {plugins.told(error)}") from error
 
     def _notes(self) -> dict[str, int]:
-        try:
+        with _telling(self._who, "notes fails"):
             found = dict(self.inner.notes())
-        except AuvbenchError:
-            raise
-        except Exception as error:
-            raise AgentError(f"{self._who}: notes fails: {plugins.told(error)}") from error
         if not all(isinstance(name, str) and type(number) is int for name, number in found.items()):
             raise AgentError(f"{self._who}: notes gives something else than whole numbers by name")
         return found
@@ -85,12 +86,8 @@ class EnteredAgent:
         Raises:
             AgentError: it fails.
         """
-        try:
+        with _telling(self._who, "reset fails"):
             self.inner.reset(episodes.copy())
-        except AuvbenchError:
-            raise
-        except Exception as error:
-            raise AgentError(f"{self._who}: reset fails: {plugins.told(error)}") from error
 
     def act(self, observation: Observations) -> Actions:
         """As the contract says; it gets a copy of the observations.
@@ -98,12 +95,8 @@ class EnteredAgent:
         Raises:
             AgentError: it fails, or its actions are none: of another shape, no numbers, not finite, out of range.
         """
-        try:
+        with _telling(self._who, "act fails"):
             action = self.inner.act(observation.copy())
-        except AuvbenchError:
-            raise
-        except Exception as error:
-            raise AgentError(f"{self._who}: act fails: {plugins.told(error)}") from error
         if fault := action_fault(action, len(observation), self._n_u):
             raise AgentError(f"{self._who}: {fault}")
         return np.asarray(action)
@@ -159,12 +152,8 @@ class EnteredLearner(EnteredAgent):
         Raises:
             AgentError: it fails.
         """
-        try:
+        with _telling(self._who, f"load fails on {folder}"):
             self.inner.load(folder)
-        except AuvbenchError:
-            raise
-        except Exception as error:
-            raise AgentError(f"{self._who}: load fails on {folder}: {plugins.told(error)}") from error
 
     def state(self) -> Components:
         """As the contract says.
