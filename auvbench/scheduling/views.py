@@ -82,6 +82,22 @@ class Watch:
         self.read()
 
 
+class InPlace(Watch):
+    """A view that is drawn anew in place."""
+
+    def begin(self) -> None:
+        self.live = Live(
+            console=self.console, get_renderable=self.table, refresh_per_second=2, transient=True
+        )
+        self.live.start()
+
+    def end(self) -> None:
+        self.live.stop()
+
+    def table(self) -> Group:
+        raise NotImplementedError
+
+
 class SweepView(Watch):
     """What is known of a sweep, all of whose runs are known from the start; the base of both its views."""
 
@@ -163,18 +179,8 @@ class PlainView(SweepView):
         self.event(self.counts())
 
 
-class TableView(SweepView):
-    """A table that is drawn anew in place."""
-
-    def __init__(self, runs: Sequence[RunDirectory], slots: int | None, console: Console) -> None:
-        super().__init__(runs, slots, console)
-        self.live = Live(console=console, get_renderable=self.table, refresh_per_second=2, transient=True)
-
-    def begin(self) -> None:
-        self.live.start()
-
-    def end(self) -> None:
-        self.live.stop()
+class TableView(InPlace, SweepView):
+    """A table of the runs."""
 
     def ended(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
         super().ended(run, outcome, message)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 from rich.console import Console, Group
-from rich.live import Live
 from rich.text import Text
 
 from auvbench.analysis import rounding
@@ -16,7 +15,7 @@ from auvbench.scheduling.base import Job
 from auvbench.scheduling.estimate import clock_after, duration
 from auvbench.scheduling.loop import Outcome
 from auvbench.scheduling.rows import Row
-from auvbench.scheduling.views import Watch
+from auvbench.scheduling.views import InPlace, Watch
 from auvbench.statistics.estimate import Estimate
 from auvbench.tuning.scores import Objective, Score
 from auvbench.tuning.search import Search, Step
@@ -101,18 +100,8 @@ class Lines(Watch):
         return f"best so far: trial {number}{at}, {worth(score, self.objective)} on validation scenarios"
 
 
-class Table(Lines):
-    """Drawn anew in place: what runs, the counts, the best."""
-
-    def __init__(self, search: Search, objective: Objective, console: Console) -> None:
-        super().__init__(search, objective, console)
-        self.live = Live(console=console, get_renderable=self.table, refresh_per_second=2, transient=True)
-
-    def begin(self) -> None:
-        self.live.start()
-
-    def end(self) -> None:
-        self.live.stop()
+class Table(InPlace, Lines):
+    """What runs, the counts, the best."""
 
     def told(self, step: Step, score: Score) -> None:
         self.results, self.last = self.results + 1, time.monotonic()
