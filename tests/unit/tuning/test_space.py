@@ -1,5 +1,8 @@
 """What is searched: the grammar, and what is refused in one line."""
 
+from copy import deepcopy
+from functools import cache
+
 import pytest
 
 from auvbench import cli
@@ -8,9 +11,15 @@ from auvbench.config.compose import compose
 from auvbench.errors import ConfigError, UserError
 
 
+@cache
+def composed(*words):
+    """Composing takes most of the time, and most tests type the same words beside their ranges."""
+    return compose("tune", list(words))
+
+
 def planned(*arguments, tmp="/nowhere"):
     words, ranges, fixed = split([*arguments, f"output={tmp}"])
-    return plan_of(compose("tune", words), ranges, fixed)[0]
+    return plan_of(deepcopy(composed(*words)), ranges, fixed)[0]
 
 
 def searched(*arguments):
