@@ -157,21 +157,20 @@ def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["auvbench.evaluation.evaluate", "auvbench.agents.learned.sb3"])
     # Workers die with this process, however it ends: killed, it could not tell them.
-    us = (os.getpid(), processes.start_mark(os.getpid()) or "")
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=processes.die_with, initargs=us)
+    pool = ProcessPoolExecutor(
+        count, mp_context=context, initializer=processes.die_with, initargs=processes.myself()
+    )
     try:
-        with interruption.immediate():
-            with _deaf_to_the_terminal():
-                forkserver.ensure_running()
-            ready = context.Process(target=int)  # the server imports for seconds before it answers
-            ready.start()
-            ready.join()
-        yield pool
-    finally:
         # An evaluation is there whole or not at all: nothing is lost by ending it half way.
-        for process in list((pool._processes or {}).values()):
-            process.kill()
-        pool.shutdown(wait=False, cancel_futures=True)
+        with processes.killed(pool):
+            with interruption.immediate():
+                with _deaf_to_the_terminal():
+                    forkserver.ensure_running()
+                ready = context.Process(target=int)  # the server imports for seconds before it answers
+                ready.start()
+                ready.join()
+            yield pool
+    finally:
         _end_server()
 
 

@@ -14,8 +14,14 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
 
 _PR_SET_PDEATHSIG = 1
 _STARTTIME = 19  # field 22 of /proc/PID/stat, counted from the state (field 3), see proc(5)
@@ -80,6 +86,22 @@ def die_with(pid: int, mark: str) -> None:
         mark: its `start_mark`, so that nobody who was given the same pid later is waited for.
     """
     threading.Thread(target=_outlive_not, args=(pid, mark), name="die-with", daemon=True).start()
+
+
+def myself() -> tuple[int, str]:
+    """This process as `die_with` asks for it."""
+    return os.getpid(), start_mark(os.getpid()) or ""
+
+
+@contextmanager
+def killed(pool: ProcessPoolExecutor) -> Iterator[ProcessPoolExecutor]:
+    """A pool whose processes are killed at the end of the context, whatever they do then."""
+    try:
+        yield pool
+    finally:
+        for process in list((pool._processes or {}).values()):
+            process.kill()
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _outlive_not(pid: int, mark: str) -> None:

@@ -7,7 +7,6 @@ depends on the pass before alone, not on who computes it or when.
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -322,24 +321,21 @@ def _work(job: Job) -> Found:
 
 
 def _apart(jobs: Sequence[Job], config: schema.TrainConfig, count: int) -> Iterator[tuple[Key, Found]]:
-    us = (os.getpid(), processes.start_mark(os.getpid()) or "")
-    pool = ProcessPoolExecutor(
-        count, mp_context=multiprocessing.get_context("spawn"), initializer=_begin, initargs=(config, *us)
+    workers = ProcessPoolExecutor(
+        count,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_begin,
+        initargs=(config, *processes.myself()),
     )
-    try:
-        with interruption.deferred() as request:
-            submitted: Mapping[Future[Found], Key] = {pool.submit(_work, job): job.key for job in jobs}
-            waiting = set(submitted)
-            while waiting:
-                ended, waiting = wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED)
-                for future in ended:
-                    yield submitted[future], _result(future)
-                if request.signal is not None:
-                    raise interruption.Interrupted(request.signal)
-    finally:
-        for process in list((pool._processes or {}).values()):
-            process.kill()
-        pool.shutdown(wait=False, cancel_futures=True)
+    with processes.killed(workers) as pool, interruption.deferred() as request:
+        submitted: Mapping[Future[Found], Key] = {pool.submit(_work, job): job.key for job in jobs}
+        waiting = set(submitted)
+        while waiting:
+            ended, waiting = wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED)
+            for future in ended:
+                yield submitted[future], _result(future)
+            if request.signal is not None:
+                raise interruption.Interrupted(request.signal)
 
 
 def _result(future: Future[Found]) -> Found:
