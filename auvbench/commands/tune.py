@@ -178,8 +178,7 @@ def _study(plan: Plan, study: StudyFolder, config: DictConfig) -> int:
         if result.signal is not None:
             print(f"{study.path}: interrupted; the same command goes on", flush=True)
             return result.exit_code
-        _conclude(plan, study)
-    return result.exit_code
+        return _conclude(plan, study)
 
 
 def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
@@ -220,11 +219,17 @@ def begin(search: Search) -> str:
     if len(budgets) > 1:
         what += f", {plan.tune.pruner} over {' / '.join(f'{budget:,}' for budget in budgets)} steps"
     begun = len(search.progress)
-    return f"{'goes on' if begun else 'starts'}: {what}" + (f"; {begun} trials begun" if begun else "")
+    if not begun:
+        return f"starts: {what}"
+    kept = ", which are kept; none is added" if begun > search.trials else ""
+    return f"goes on: {what}; {begun} trials begun{kept}"
 
 
-def _conclude(plan: Plan, study: StudyFolder) -> None:
-    """The preset, the report, and what was found in a few lines."""
+def _conclude(plan: Plan, study: StudyFolder) -> int:
+    """The preset, the report, and what was found in a few lines; 1 where that is not what was asked for.
+
+    A trial that fails is a result. No trial that does not, or no gain with fresh seeds, is none.
+    """
     from auvbench.reporting.tuning import sentences, write
     from auvbench.tuning import outcome, preset
     from auvbench.tuning.space import with_values
@@ -251,3 +256,4 @@ def _conclude(plan: Plan, study: StudyFolder) -> None:
             f"{study.best}: cp it to conf/algo/{preset.name_of(plan)}.yaml, then algo={preset.name_of(plan)}"
         )
     print(f"{page}", flush=True)
+    return int(best is None or bool(found.broken))

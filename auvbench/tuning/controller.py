@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from auvbench.errors import RunError, TrainingError
-from auvbench.runs import standing
+from auvbench.runs import lock, standing
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.base import Backend
 from auvbench.scheduling.loop import Loop, Outcome, Result, View
@@ -145,11 +145,13 @@ class Controller(Loop):
     def _enter(self, job: Job) -> None:
         job.left = {run.path for run in job.runs}
         self.jobs.append(job)
+        # What another trial of the same settings brings, or what goes on although its trial has failed.
         claimed = {path for other in self.jobs if other is not job for path in other.left}
+        claimed |= {run.path for run in (*self.waiting, *self.active.values())}
         for run in job.runs:
-            if standing.finished(run):
+            if standing.finished(run) and lock.living_holder(run.path) is None:
                 self._arrived(run.path)
-            elif run.path not in claimed:  # else another trial of the same settings brings it
+            elif run.path not in claimed:
                 self.shown.add(run)
                 self.waiting.append(run)
 
@@ -162,7 +164,11 @@ class Controller(Loop):
                     job.done()
 
     def _settle(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
-        if outcome is Outcome.HELD and not self.signals and self._may_wait(run):
+        # Who holds a complete run is testing it.
+        held = outcome is Outcome.HELD or (
+            outcome is Outcome.COMPLETE and lock.living_holder(run.path) is not None
+        )
+        if held and not self.signals and self._may_wait(run):
             return
         super()._settle(run, outcome, message)
         self.held.pop(run.path, None)

@@ -20,6 +20,7 @@ from auvbench.runs.directory import damaged, now
 from auvbench.runs.durable import make_folder, storage
 from auvbench.runs.files import write_json
 from auvbench.tuning import space
+from auvbench.tuning.journal import CONTROLLER
 from auvbench.tuning.space import Dimension
 from auvbench.untrusted import documents, inside, reading
 
@@ -84,9 +85,9 @@ class StudyFolder:
         Raises:
             RunError: somebody else holds it, or the folder cannot be written.
         """
-        place = self.path / "controller"
+        place = self.path / CONTROLLER
         with storage(f"cannot write {self.path}"):
-            inside.check_output(self.path, ("controller", RUNS, FRESH, "report", "journal.log", "study.json"))
+            inside.check_output(self.path, (CONTROLLER, RUNS, FRESH, "report", "journal.log", "study.json"))
             make_folder(place)
         try:
             return lock.acquire(place)

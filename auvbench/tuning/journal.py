@@ -10,26 +10,27 @@ study's lock (`folder.hold`) keeps others out, so the file needs none.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from auvbench.errors import RunError
+from auvbench.runs import lock
 from auvbench.runs.durable import storage
-from auvbench.tuning import samplers
+from auvbench.tuning import journal_lines, samplers
 from auvbench.tuning.rungs import FAILED, Progress
 from auvbench.tuning.space import Dimension, Value
-from auvbench.untrusted import documents, reading
 
 if TYPE_CHECKING:
     from optuna.storages import BaseStorage
     from optuna.trial import FrozenTrial
 
-LARGEST = 1 << 28
-"""bytes of a journal that is read"""
+CONTROLLER = "controller"
+"""The folder beside the journal whose lock the study's controller holds"""
 
 TARGET, FIRST, RESULT, ERROR = "rung", "first_rung", "result", "error"
 """Attributes of a trial: where it is to go, where it began, what it showed (`result 50000`), why it failed."""
@@ -55,10 +56,10 @@ class Journal:
         self.path = path
         self.dimensions = tuple(dimensions)
         self.budgets = tuple(budgets)
-        lines, torn = read(path)
+        lines, torn = journal_lines.read(path)
         self.repaired = ""
         if torn and write:
-            self.repaired = _take_out(path, torn)
+            self.repaired = journal_lines.take_out(path, torn)
         self._storage = _open(path, None if write else lines)
         self._study = self._find_study(write, lines)
         self._ids: list[int] = [trial._trial_id for trial in self.trials()]
@@ -86,12 +87,19 @@ class Journal:
             )
         if not write:
             return None
-        with storage(f"cannot write {self.path}"):
+        with self._writing():
             return self._storage.create_new_study([StudyDirection.MAXIMIZE], "study")
 
     def trials(self) -> list[FrozenTrial]:
         """As Optuna has them."""
         return [] if self._study is None else self._storage.get_all_trials(self._study, deepcopy=False)
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Whoever was suspended so long that another took the study over writes no more into it."""
+        lock.verify(self.path.parent / CONTROLLER, look=False)
+        with storage(f"cannot write {self.path}"):
+            yield
 
     def _take_in(self, trial: FrozenTrial) -> None:
         """Raises RunError where a trial is none of this study's."""
@@ -148,7 +156,7 @@ class Journal:
             distributions=samplers.distributions_of(self.dimensions),
             user_attrs={TARGET: first, FIRST: first},
         )
-        with storage(f"cannot write {self.path}"):
+        with self._writing():
             assert self._study is not None
             self._ids.append(self._storage.create_new_trial(self._study, template))
         self.params.append(dict(params))
@@ -162,7 +170,7 @@ class Journal:
         from optuna.trial import TrialState
 
         trial = self.progress[number]
-        with storage(f"cannot write {self.path}"):
+        with self._writing():
             # This line is the decision; the state is for those who read the journal with Optuna.
             self._storage.set_trial_user_attr(self._ids[number], TARGET, trial.target + 1)
             self._storage.set_trial_state_values(self._ids[number], TrialState.RUNNING)
@@ -176,7 +184,7 @@ class Journal:
         trial = self.progress[number]
         budget, score = self.budgets[trial.target], float(result["score"])
         top = trial.target == len(self.budgets) - 1
-        with storage(f"cannot write {self.path}"):
+        with self._writing():
             self._storage.set_trial_intermediate_value(self._ids[number], budget, score)
             self._storage.set_trial_user_attr(self._ids[number], f"{RESULT} {budget}", dict(result))
             if top:
@@ -191,7 +199,7 @@ class Journal:
         """The trial's training came to nothing, through its own settings."""
         from optuna.trial import TrialState
 
-        with storage(f"cannot write {self.path}"):
+        with self._writing():
             self._storage.set_trial_user_attr(self._ids[number], ERROR, why)
             self._storage.set_trial_state_values(self._ids[number], TrialState.FAIL)
         trial = self.progress[number]
@@ -207,7 +215,7 @@ class Journal:
             progress = self.progress[trial.number]
             if trial.state.is_finished() or progress.target not in progress.scores:
                 continue
-            with storage(f"cannot write {self.path}"):
+            with self._writing():
                 # A kill between a result and the state that follows it leaves the state behind.
                 if self.errors[trial.number]:
                     self._storage.set_trial_state_values(trial._trial_id, TrialState.FAIL)
@@ -217,52 +225,6 @@ class Journal:
                 else:
                     self._storage.set_trial_state_values(trial._trial_id, TrialState.PRUNED)
             progress.closed = True
-
-
-def read(path: Path) -> tuple[int, bytes]:
-    """How many whole lines a journal has, and what a kill left of one at its end.
-
-    Raises:
-        RunError: a line that is not the last is damaged, or the file cannot be read.
-    """
-    try:
-        data = reading.content(path, LARGEST)
-    except FileNotFoundError:
-        return 0, b""
-    except (OSError, ValueError) as error:
-        raise RunError(f"{path}: cannot be read: {error}") from error
-    lines = data.split(b"\n")
-    torn = lines.pop()
-    for number, line in enumerate(lines, 1):
-        if why := _wrong(line):
-            if number == len(lines) and not torn:
-                return number - 1, line + b"\n"
-            raise RunError(
-                f"{path} line {number} of {len(lines) + bool(torn)} is damaged ({why}), and what came after it builds on it: "
-                "restore the file from a copy, or give the study another name; its runs are whole and are not trained again"
-            )
-    return len(lines), torn
-
-
-def _wrong(line: bytes) -> str:
-    try:
-        event = documents.json_value(line)
-    except ValueError as error:
-        return str(error).splitlines()[0] or "no JSON"
-    if not isinstance(event, dict) or type(event.get("op_code")) is not int:
-        return "no event of a journal"
-    return ""
-
-
-def _take_out(path: Path, torn: bytes) -> str:
-    """Cuts off a line that is not whole, keeps it beside, and says so."""
-    beside = path.with_name(f"{path.name}.torn")
-    with storage(f"cannot write {path}"):
-        with open(beside, "ab") as kept:
-            kept.write(torn.rstrip(b"\n") + b"\n")
-        with open(path, "r+b") as file:
-            file.truncate(path.stat().st_size - len(torn))
-    return f"{path}: its last line was cut short, by a kill perhaps; it is in {beside.name} now, and the study goes on before it"
 
 
 def _open(path: Path, lines: int | None) -> BaseStorage:

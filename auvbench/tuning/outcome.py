@@ -83,6 +83,8 @@ class Outcome:
     """share of each key in what tells good trials from bad; empty where there are too few trials"""
     cost: Cost
     fresh: Fresh | None
+    broken: tuple[str, ...] = ()
+    """what failed with fresh seeds: the best settings' trainings, and the untuned ones', in words"""
 
     @property
     def best(self) -> Trial | None:
@@ -116,6 +118,7 @@ def read(study: StudyFolder) -> Outcome:
         importances(search),
         _cost(search, study),
         _fresh(search, study, objective),
+        _broken(search, study),
     )
 
 
@@ -192,6 +195,21 @@ def _before(
     place = [each.path for each in runs.of_trial(plan, study, algo, budgets[rung])].index(run.path)
     found = [runs.of_trial(plan, study, algo, budgets[r])[place] for r in range(first, rung)]
     return [each for each in found if each.exists()]
+
+
+def _broken(search: Search, study: StudyFolder) -> tuple[str, ...]:
+    """`tuned, seed 1001: <why>` for each training with a fresh seed that failed."""
+    best, plan = search.best, search.plan
+    if best is None:
+        return ()
+    found = []
+    for label, algo in (("tuned", search.algo(best)), ("untuned", plan.base["algo"])):
+        for run, seed in zip(runs.of_fresh(plan, study, algo), plan.tune.fresh_seeds, strict=False):
+            manifest = run.manifest() if run.exists() else None
+            if manifest is not None and manifest["state"] == "failed":
+                why = " ".join(str((manifest["error"] or {}).get("message", "no reason given")).split())
+                found.append(f"{label}, seed {seed}: {why}")
+    return tuple(found)
 
 
 def _fresh(search: Search, study: StudyFolder, objective: scores.Objective) -> Fresh | None:

@@ -69,7 +69,7 @@ class Lines(Watch):
         """`12 of 50 trials begun: 2 done, 1 running, 9 pruned · 3 min 10 s to go`."""
         counts = self.search.counts()
         begun = len(self.search.progress)
-        text = f"{begun} of {self.search.trials} trials begun: {counts['done']} done, {counts['running']} running, "
+        text = f"{begun} of {max(begun, self.search.trials)} trials begun: {counts['done']} done, {counts['running']} running, "
         text += f"{counts['pruned']} waiting or pruned"
         text += f", {counts['failed']} failed" if counts["failed"] else ""
         left = self.seconds_left()
@@ -81,9 +81,9 @@ class Lines(Watch):
             return None
         here = self.search.steps_done() - self.steps_before
         left = self.search.steps_expected() - self.search.steps_done()
-        if here <= 0:
+        if here <= 0 or left <= 0:  # more were promoted than expected: nobody knows
             return None
-        expected = (self.last - self.begun) * max(0, left) / here
+        expected = (self.last - self.begun) * left / here
         return max(0.0, expected - (time.monotonic() - self.last))
 
     def best(self) -> str:

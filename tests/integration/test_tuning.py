@@ -120,6 +120,14 @@ def test_typed_again_nothing_is_done_twice_and_more_trials_go_on(
     assert {path: path.stat().st_mtime_ns for path in study.runs.glob("*/manifest.json")} == runs
 
 
+def test_fewer_trials_than_there_are_take_none_away(pid: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (pid / "tune" / "pid" / "journal.log").read_bytes()
+    assert tune(pid, *PID, "tune.trials=2") == 0
+    assert "4 trials begun, which are kept; none is added" in capsys.readouterr().out
+    assert (pid / "tune" / "pid" / "journal.log").read_bytes() == before
+    assert tune(pid, *PID) == 0
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -129,6 +137,7 @@ def test_typed_again_nothing_is_done_twice_and_more_trials_go_on(
         ),
         (["algo.bandwidth=1.0"], ["algo.bandwidth", "not searched"]),
         (["seed=3"], ["seed 42 -> 3"]),
+        (["tune.rungs=[50000,150000]"], ["tune.rungs [50000, 150000, 400000] -> [50000, 150000]"]),
         (["protocol.episodes=5"], ["protocol.episodes 4 -> 5"]),
         (["vehicle=rexrov"], ["vehicle"]),
     ],
@@ -275,6 +284,33 @@ def test_three_kills_leave_the_trials_of_an_undisturbed_study(tmp_path: Path) ->
     assert (run / "model" / "policy.pt").read_bytes() == (promoted / "model" / "policy.pt").read_bytes()
 
 
+def test_a_trial_that_cannot_be_is_a_result_and_no_failure_of_the_study(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """156 combinations, more than are checked before: most rollouts are no multiple of most batches."""
+    steps = "algo.n_steps=choice(48,17,19,23,29,31,37,41,43,47,53,59)"
+    batches = "algo.batch_size=choice(2,3,4,6,8,12,16,24,32,48,64,96,192)"
+    fixed = [
+        f"algo.{key}" for key in ("learning_rate=0.001", "gamma=0.9", "gae_lambda=0.9", "clip_range=0.2")
+    ]
+    fixed += [
+        "algo.n_envs=8",
+        "algo.n_epochs=2",
+        "algo.ent_coef=0",
+        "algo.log_std_init=0",
+        "tune.rungs=[64]",
+        "tune.trials=5",
+        "tune.startup=5",
+    ]
+    words = [word for word in PPO if not word.startswith(("algo.n_", "algo.batch", "tune."))]
+    assert tune(tmp_path, *words, *fixed, steps, batches, "tune.fresh_seeds=[]") == 0
+    found = outcome.read(StudyFolder(tmp_path / "tune" / "ppo"))
+    failed = [trial for trial in found.trials if trial.state == "failed"]
+    assert 0 < len(failed) < 5
+    assert all("batch_size" in trial.error for trial in failed)
+    assert f"{len(failed)} failed" in capsys.readouterr().out
+
+
 def test_a_journal_damaged_in_its_middle_is_named(
     pid: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -288,6 +324,12 @@ def test_a_journal_damaged_in_its_middle_is_named(
     error = capsys.readouterr().err
     assert "line 4" in error
     assert error.count("\n") == 1
+    # The way out that the message names: decided anew, from runs that are there.
+    path.rename(tmp_path / "elsewhere.log")
+    runs = {run: run.stat().st_mtime_ns for run in path.parent.glob("runs/*/manifest.json")}
+    assert tune(tmp_path, *PID) == 0
+    assert {run: run.stat().st_mtime_ns for run in path.parent.glob("runs/*/manifest.json")} == runs
+    assert trials(tmp_path, "pid") == trials(pid, "pid")
     path.write_bytes(b"\n".join(lines)[:-20])
     assert tune(tmp_path, *PID) == 0
     assert "cut short" in capsys.readouterr().out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from auvbench.analysis import rounding
 from auvbench.analysis.measures import Measure
-from auvbench.analysis.prose import listed
+from auvbench.analysis.prose import counted, listed
 from auvbench.reporting.page.numbers import duration
 from auvbench.statistics.estimate import Estimate
 from auvbench.tuning.outcome import Fresh, Outcome
@@ -16,6 +16,8 @@ def summary(found: Outcome) -> list[str]:
     """Most important first."""
     best = found.best
     lines = [fresh(found, found.fresh)] if found.fresh is not None else []
+    if found.broken:
+        lines.append(broken(found))
     if best is not None:
         result = best.result
         estimate = Estimate(result["objective"], result["low"], result["high"])
@@ -103,8 +105,15 @@ def cost(found: Outcome) -> str:
     return text
 
 
+def broken(found: Outcome) -> str:
+    """What failed with fresh seeds, so that nothing is known of the gain."""
+    return f"With fresh seeds {counted(len(found.broken), 'training')} failed, so no gain is shown: {listed(found.broken, 3)}."
+
+
 def evidence(found: Outcome) -> str:
     """For the header of the preset."""
+    if found.broken:
+        return broken(found)
     if found.fresh is None:
         return "Not yet trained with fresh seeds: what it showed in the search is lucky."
     return fresh(found, found.fresh)

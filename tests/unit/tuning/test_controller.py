@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ from rich.console import Console
 from auvbench.commands.tune import plan_of, split
 from auvbench.config.compose import compose
 from auvbench.errors import TrainingError
+from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory, freeze
 from auvbench.scheduling.base import Phase, Status
 from auvbench.tuning import controller, runs, scores, view
@@ -74,7 +77,7 @@ class Backend:
 
 
 def carry_out(
-    folder: Path, backend: Backend, monkeypatch: pytest.MonkeyPatch, *more: str
+    folder: Path, backend: Backend, monkeypatch: pytest.MonkeyPatch, *more: str, of=None
 ) -> tuple[Search, str]:
     words, ranges, fixed = split([*WORDS, *more, f"output={folder}"])
     plan, study = plan_of(compose("tune", words), ranges, fixed)
@@ -84,13 +87,13 @@ def carry_out(
             freeze(runs.configuration(plan, study, algo, seed, budgets[rung])) for seed in plan.tune.seeds
         ]
 
-    def of(self, made, protocol):
+    def by_rate(self, made, protocol):
         rate = made[0].config()["algo"]["learning_rate"]
         return scores.Score(rate, rate, rate, rate, 1.0, tuple(run.id for run in made))
 
     monkeypatch.setattr(runs, "prepare", prepare)
     monkeypatch.setattr(controller, "test", lambda run, protocol: None)
-    monkeypatch.setattr(scores.Objective, "of", of)
+    monkeypatch.setattr(scores.Objective, "of", of or by_rate)
     study.path.mkdir(parents=True, exist_ok=True)
     search = Search(plan, Journal(study.journal, plan.dimensions, plan.budgets))
     objective = scores.objective("success_rate", "par1_steps")
@@ -142,6 +145,65 @@ def test_a_worker_that_was_killed_is_started_again_a_few_times(tmp_path, monkeyp
     with pytest.raises(TrainingError, match="SIGKILL"):
         carry_out(tmp_path / "other", always, monkeypatch)
     assert len(always.submitted) == controller.TRIES
+
+
+def test_a_run_that_goes_on_after_its_trial_failed_is_not_begun_twice(tmp_path, monkeypatch):
+    """Two trials of the same settings and two seeds; the first seed fails while the second is still being trained."""
+    backend = Backend(limit=4, behave=lambda number, run: None)
+    submit, late = backend.submit, []
+
+    def submitted(run: Path) -> Job:
+        job = submit(run)
+        if run.name.split("-")[3] == "s0":
+            RunDirectory(run).update_manifest(
+                state="failed", error={"type": "TrainingError", "message": "a loss became nan", "step": 1}
+            )
+            job.status = Status(Phase.ENDED, 1)
+        else:  # ends at the fifth look
+            late.append(job)
+            RunDirectory(run).update_manifest(state="running")
+            job.poll = partial(look, run, job.status, iter([Status(Phase.RUNNING)] * 4))
+        return job
+
+    def look(run: Path, ended: Status, looks: Iterator[Status]) -> Status:
+        status = next(looks, ended)
+        if status.ended:
+            RunDirectory(run).update_manifest(state="complete")
+        return status
+
+    backend.submit = submitted
+    fixed = [f"algo.{key}" for key in ("n_epochs=3", "gae_lambda=0.9", "clip_range=0.2", "ent_coef=0")]
+    fixed += ["algo.log_std_init=0", "algo.net_arch=[8]", "algo.n_steps=64", "algo.batch_size=64"]
+    fixed += ["algo.gamma=0.9", "algo.learning_rate=choice(0.001,0.002)", "tune.seeds=[0,1]"]
+    search, _ = carry_out(tmp_path, backend, monkeypatch, *fixed)
+    assert all(search.journal.errors)
+    assert late
+    seconds = [job.run for job in late]
+    assert len(set(seconds)) == len(seconds)
+
+
+def test_a_complete_run_that_is_being_tested_is_waited_for(tmp_path, monkeypatch):
+    """By a worker of an earlier controller, which was killed: its score is asked for when it has let go."""
+    monkeypatch.setattr(controller, "LOOK", 0.0)
+    backend, held, tested = Backend(), [], []
+
+    def behave(number: int, run: RunDirectory) -> None:
+        if number == 1:
+            held.append(lock.acquire(run.path))
+        if number == 3:
+            held[0].release()
+
+    backend.behave = behave
+    words = ["tune.trials=1", "tune.rungs=[10]"]
+
+    def of(self, made, protocol):
+        tested.append(lock.living_holder(made[0].path))
+        return scores.Score(1.0, 1.0, 1.0, 1.0, 1.0, (made[0].id,))
+
+    search, _ = carry_out(tmp_path, backend, monkeypatch, *words, of=of)
+    assert tested == [None]
+    assert len(backend.submitted) == 3
+    assert search.counts()["done"] == 1
 
 
 def test_equal_settings_share_a_run(tmp_path, monkeypatch):

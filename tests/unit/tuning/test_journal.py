@@ -5,7 +5,8 @@ import json
 import pytest
 
 from auvbench.errors import RunError
-from auvbench.tuning.journal import Journal
+from auvbench.runs import lock
+from auvbench.tuning.journal import CONTROLLER, Journal
 from auvbench.tuning.rungs import FAILED
 from auvbench.tuning.space import Dimension
 
@@ -86,6 +87,32 @@ def test_damage_in_the_middle_is_named_and_nothing_is_touched(tmp_path, line, ba
         Journal(path, DIMENSIONS, BUDGETS)
     assert "\n" not in str(caught.value)
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("line", [4, 14])
+def test_an_event_of_another_version_is_named_and_not_cut_off(tmp_path, line):
+    path = tmp_path / "journal.log"
+    a_study(path)
+    lines = path.read_bytes().splitlines()
+    lines[line - 1] = json.dumps({**json.loads(lines[line - 1]), "op_code": 99}).encode()
+    path.write_bytes(b"\n".join([*lines, b""]))
+    before = path.read_bytes()
+    with pytest.raises(RunError, match=rf"line {line}: an event of kind 99.*use the auvbench that wrote it"):
+        Journal(path, DIMENSIONS, BUDGETS)
+    assert path.read_bytes() == before
+
+
+def test_who_lost_the_study_writes_no_more_into_it(tmp_path):
+    path = tmp_path / "journal.log"
+    journal = a_study(path)
+    place = tmp_path / CONTROLLER
+    place.mkdir()
+    with lock.acquire(place) as held:
+        held._lost = "somebody has taken it over"
+        before = path.read_bytes()
+        with pytest.raises(lock.LockLostError):
+            journal.start({"algo.a": 0.1, "algo.d": "y"}, 0)
+        assert path.read_bytes() == before
 
 
 def test_events_that_make_no_study_are_refused(tmp_path):
