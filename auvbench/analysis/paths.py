@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.analysis import agreement
+from auvbench.analysis import agreement, packed_paths
 from auvbench.analysis.evaluations import Damage, finite
 from auvbench.untrusted import archives, reading
 from auvbench.untrusted.text import short
@@ -28,17 +30,13 @@ def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
     Raises:
         Damage: the file cannot be read, or holds what is no path; a pickle in it is never loaded.
     """
-    name = re.compile(rf"position_{re.escape(condition)}_(\d+)")
     try:
         data = reading.content(file, archives.UNPACKED)
         found: list[Path3] = []
         with archives.opened(data) as arrays:
-            numbers = sorted(int(match[1]) for key in arrays.files if (match := name.fullmatch(key)))
-            for episode in numbers[:episodes]:
+            for episode, *path in _raw(arrays, condition, episodes):
+                waypoint, position, time = (np.asarray(array, dtype=np.float64) for array in path)
                 suffix = f"{condition}_{episode}"
-                position = np.asarray(arrays[f"position_{suffix}"], dtype=np.float64)
-                time = np.asarray(arrays[f"time_{suffix}"], dtype=np.float64)
-                waypoint = np.asarray(arrays[f"waypoint_{suffix}"], dtype=np.float64)
                 if position.ndim != 2 or position.shape[1] != 3 or len(position) == 0:
                     raise ValueError(f"position_{suffix} has shape {position.shape}, expected (steps + 1, 3)")
                 if time.shape != (len(position),):
@@ -55,3 +53,15 @@ def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
     if wrong := agreement.of_neighbour(file, data):
         raise Damage(wrong)
     yield from found
+
+
+def _raw(arrays: Any, condition: str, episodes: int) -> Iterator[packed_paths.Packed]:
+    """Episode, waypoint, positions and times as they lie in the file."""
+    if packed_paths.holds(arrays.files):
+        yield from itertools.islice(packed_paths.unpack(arrays, condition), episodes)
+        return
+    name = re.compile(rf"position_{re.escape(condition)}_(\d+)")
+    numbers = sorted(int(match[1]) for key in arrays.files if (match := name.fullmatch(key)))
+    for episode in numbers[:episodes]:
+        suffix = f"{condition}_{episode}"
+        yield episode, arrays[f"waypoint_{suffix}"], arrays[f"position_{suffix}"], arrays[f"time_{suffix}"]

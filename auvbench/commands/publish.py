@@ -129,7 +129,7 @@ def _kind(parts: Sequence[str]) -> str:
     if parts[0] == "runs" and len(parts) > 3:
         if parts[2] == "train":
             return "training rows"
-        return {"episodes.csv.gz": "test episodes", "trajectories.npz": "paths"}.get(parts[-1], "the rest")
+        return {"episodes.csv.bz2": "test episodes", "trajectories.npz": "paths"}.get(parts[-1], "the rest")
     return next((kind for kind in ("policies", "figures") if kind in parts[:-1]), "the rest")
 
 

@@ -21,8 +21,8 @@ from auvbench.untrusted.text import short
 RUNS = "runs"
 
 WRITTEN = re.compile(
-    r"config\.yaml|manifest\.json|train/(episodes|validation)\.csv\.gz"
-    r"|evaluations/[^/]+/(summary\.json|episodes\.csv\.gz|trajectories\.npz)"
+    r"config\.yaml|manifest\.json|train/(episodes|validation)\.csv\.bz2"
+    r"|evaluations/[^/]+/(summary\.json|episodes\.csv\.bz2|trajectories\.npz)"
 )
 """names of the files of a copy, relative to it"""
 

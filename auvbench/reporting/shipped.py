@@ -3,10 +3,10 @@
     <folder>/runs/<run id>/config.yaml                            as it was, without the place where the run lay
     <folder>/runs/<run id>/manifest.json                          as it was, marked, without the machine's name and the place
     <folder>/runs/<run id>/evaluations/<protocol>/summary.json    as it was, but for the digest of the next but one
-    <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.gz as it was, compressed
-    <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths without commands, of the first protocol alone
-    <folder>/runs/<run id>/train/episodes.csv.gz                  the columns that a report reads
-    <folder>/runs/<run id>/train/validation.csv.gz                as it was, compressed
+    <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.bz2 as it was, compressed
+    <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths, packed, of the first protocol alone
+    <folder>/runs/<run id>/train/episodes.csv.bz2                  the columns that a report reads
+    <folder>/runs/<run id>/train/validation.csv.bz2                as it was, compressed
 
 A report reads such a folder as it reads runs, and gives the same numbers. The digests still hold: of compressed files
 they are those of the content.
@@ -22,9 +22,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from auvbench.analysis import agreement
+from auvbench.analysis import agreement, packed_paths
 from auvbench.analysis.evaluations import Damage, json_object
 from auvbench.analysis.model import Evaluation, RunRecord
 from auvbench.analysis.training import NUMBERS
@@ -143,7 +141,7 @@ def _keep_evaluations(former: Path, staged: Path, manifest: Mapping[str, Any]) -
 
 
 def only_paths(file: Path) -> bytes:
-    """The trajectories.npz of an evaluation without the commands, which are half of it; nothing is unpickled.
+    """The paths in the trajectories.npz of an evaluation, packed, without the commands; nothing is unpickled.
 
     Raises:
         RunError: it is damaged, or not the one that the summary beside it vouches for.
@@ -153,16 +151,16 @@ def only_paths(file: Path) -> bytes:
         if wrong := agreement.of_neighbour(file, data):
             raise RunError(f"{file.parent}: {wrong}")
         with archives.opened(data) as found:
+            if packed_paths.holds(found.files):
+                return data
             kept = {
                 name: found[name]
                 for name in found.files
                 if name.startswith(("position_", "time_", "waypoint_"))
             }
+        return packed_paths.pack(kept)
     except archives.FAULTS as error:
         raise RunError(f"{file}: cannot be read: {short(error)}") from error
-    stream = io.BytesIO()
-    np.savez_compressed(stream, **kept)  # type: ignore[arg-type]
-    return stream.getvalue()
 
 
 def without_place(run: RunRecord) -> dict[str, Any]:

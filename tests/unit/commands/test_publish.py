@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import bz2
 import csv
-import gzip
 import json
 import shutil
 
@@ -75,11 +75,11 @@ def test_nothing_of_the_machine_and_nothing_that_only_training_needs(runs, tmp_p
     for path in shipped.rglob("*"):
         if path.is_file():
             data = path.read_bytes()
-            data = gzip.decompress(data) if path.suffix == ".gz" else data
+            data = bz2.decompress(data) if path.suffix == ".bz2" else data
             for secret in (b"secret-host", b"somebody"):
                 assert secret not in data, path
     kinds = {path.name for path in shipped.glob("runs/*/**/*") if path.is_file()}
-    assert kinds == {"config.yaml", "manifest.json", "summary.json", "episodes.csv.gz", "trajectories.npz"}
+    assert kinds == {"config.yaml", "manifest.json", "summary.json", "episodes.csv.bz2", "trajectories.npz"}
     assert not list(shipped.glob("runs/*/evaluations/robustness/*.npz"))
     assert "a processor" in (shipped / "README.md").read_text()
 
@@ -87,14 +87,14 @@ def test_nothing_of_the_machine_and_nothing_that_only_training_needs(runs, tmp_p
 def test_rows_are_complete_and_vouched_for(runs, tmp_path):
     assert publish("--pictures", "failures") == 0
     (shipped,) = (tmp_path / "results/grid/runs").glob(f"{runs[0].name}")
-    rows = gzip.decompress((shipped / "evaluations/test/episodes.csv.gz").read_bytes())
+    rows = bz2.decompress((shipped / "evaluations/test/episodes.csv.bz2").read_bytes())
     assert rows == (runs[0] / "evaluations/test/episodes.csv").read_bytes()
-    training = gzip.decompress((shipped / "train/episodes.csv.gz").read_bytes()).decode().splitlines()
+    training = bz2.decompress((shipped / "train/episodes.csv.bz2").read_bytes()).decode().splitlines()
     assert set(next(csv.reader(training))) == {"outcome", "step", "steps", "return", "final_distance_m"}
     assert len(training) == 31
     text = rows.replace(b"success", b"timeout", 1)
     assert text != rows
-    (shipped / "evaluations/test/episodes.csv.gz").write_bytes(gzip.compress(text))
+    (shipped / "evaluations/test/episodes.csv.bz2").write_bytes(bz2.compress(text))
     assert report("results/grid", "--out", "after") == 0  # the others are reported
     with open(tmp_path / "after/table.csv", newline="") as file:
         counted = {row["agent"]: row["seeds"] for row in csv.DictReader(file)}

@@ -113,7 +113,7 @@ def test_a_damaged_copy_is_named_and_stays(first, capsys):
     (copy / "config.yaml").write_text("seed: 77\n")
     assert publish(TO) == 1
     assert f"not published: {copy}: config.yaml" in capsys.readouterr().out
-    assert (copy / "evaluations/test/episodes.csv.gz").is_file()
+    assert (copy / "evaluations/test/episodes.csv.bz2").is_file()
 
 
 def test_a_choice_removes_nothing_from_a_folder_that_was_named(first, capsys):

@@ -147,7 +147,7 @@ def test_rows_that_were_changed_are_not_vouched_for_anew(run: Path, tmp_path: Pa
     rows.write_bytes(rows.read_bytes().replace(b"timeout", b"success"))
     (said,) = ship(run, tmp_path / "study")
     assert "train/episodes.csv" in said
-    assert not (tmp_path / "study/runs" / run.name / "train/episodes.csv.gz").exists()
+    assert not (tmp_path / "study/runs" / run.name / "train/episodes.csv.bz2").exists()
     assert load([tmp_path / "study"])[0][0].evaluations
 
 

@@ -1,0 +1,98 @@
+"""Packed paths are the same bits again, in less room; what is no such file is refused."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from auvbench.analysis import packed_paths
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.paths import paths
+
+
+def drawn(dtype: Any, *conditions: str) -> dict[str, Any]:
+    rng = np.random.default_rng(1)
+    found: dict[str, Any] = {}
+    for condition in conditions:
+        for episode in (10, 2, 0):
+            n = 50 + episode
+            found |= {
+                f"position_{condition}_{episode}": np.cumsum(rng.normal(0, 0.05, (n, 3)), axis=0).astype(
+                    dtype
+                ),
+                f"time_{condition}_{episode}": (np.arange(n) * 0.1).astype(dtype),
+                f"waypoint_{condition}_{episode}": rng.normal(size=3).astype(dtype),
+            }
+    return found
+
+
+def opened(data: bytes) -> dict[str, Any]:
+    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+        return dict(archive)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_same_bits_in_the_order_of_the_episodes(dtype: Any) -> None:
+    arrays = drawn(dtype, "nominal", "current_x=0.5")
+    arrays["position_nominal_2"][3] = [-0.0, np.nan, np.inf]
+    again = opened(packed_paths.pack(arrays))
+    assert packed_paths.holds(list(again))
+    for condition in ("nominal", "current_x=0.5"):
+        found = list(packed_paths.unpack(again, condition))
+        assert [episode for episode, *_ in found] == [0, 2, 10]
+        for episode, waypoint, position, time in found:
+            for kind, array in (("position", position), ("time", time), ("waypoint", waypoint)):
+                wanted = arrays[f"{kind}_{condition}_{episode}"]
+                assert array.dtype == wanted.dtype
+                assert np.ascontiguousarray(array).tobytes() == wanted.tobytes()
+    assert list(packed_paths.unpack(again, "other")) == []
+
+
+def test_they_take_less_room() -> None:
+    stream = io.BytesIO()
+    arrays = drawn(np.float32, "nominal")
+    np.savez_compressed(stream, **arrays)
+    assert len(packed_paths.pack(arrays)) < 0.7 * len(stream.getvalue())
+
+
+def test_paths_reads_both(tmp_path: Path) -> None:
+    arrays = drawn(np.float32, "nominal")
+    for name, data in (("plain", None), ("packed", packed_paths.pack(arrays))):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "summary.json").write_text("{}")
+        if data is None:
+            np.savez_compressed(tmp_path / name / "trajectories.npz", **arrays)
+        else:
+            (tmp_path / name / "trajectories.npz").write_bytes(data)
+    one, other = (list(paths(tmp_path / n / "trajectories.npz", "nominal", 2)) for n in ("plain", "packed"))
+    assert [p[0] for p in one] == [p[0] for p in other] == [0, 2]
+    for a, b in zip(one, other, strict=True):
+        assert a[1] == b[1]
+        np.testing.assert_array_equal(a[2], b[2])
+        np.testing.assert_array_equal(a[3], b[3])
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("planes_nominal", np.zeros((4, 5, 4))),
+        ("planes_nominal", np.zeros((3, 162, 4), dtype=np.uint8)),
+        ("planes_nominal", np.zeros((4, 161, 4), dtype=np.uint8)),
+        ("points_nominal", np.array([50, 52])),
+        ("points_nominal", np.array([0, 102, 60])),
+        ("points_nominal", np.array(["a", "b", "c"])),
+        ("episodes_nominal", np.zeros((3, 2))),
+        ("waypoints_nominal", np.zeros((3, 2))),
+        ("waypoints_nominal", None),
+    ],
+)
+def test_damage_is_named(tmp_path: Path, name: str, value: Any) -> None:
+    arrays = opened(packed_paths.pack(drawn(np.float32, "nominal"))) | {name: value}
+    np.savez(tmp_path / "trajectories.npz", **{k: v for k, v in arrays.items() if v is not None})
+    (tmp_path / "summary.json").write_text("{}")
+    with pytest.raises(Damage, match=r"trajectories\.npz cannot be read"):
+        list(paths(tmp_path / "trajectories.npz", "nominal", 10))
