@@ -11,6 +11,7 @@ import yaml
 
 from auvbench import __version__
 from auvbench.config.tuning import STREAM
+from auvbench.runs import provenance
 from auvbench.runs.files import write_atomic
 from auvbench.tuning.folder import Plan
 
@@ -37,7 +38,7 @@ def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps
     searched = [dimension.key.partition(".")[2] for dimension in plan.dimensions]
     head = [
         f"# {name}: found by {plan.command or 'auvbench tune'}",
-        f"# on {now} with auvbench {__version__}: {trials} trials, {steps:,} environment steps of training, scenarios of",
+        f"# on {now} with auvbench {_version()}: {trials} trials, {steps:,} environment steps of training, scenarios of",
         f"# protocol={plan.protocol.name} (seed {plan.protocol.seed}, {plan.protocol.episodes} episodes); no test was looked at.",
         f"# {evidence}",
         f"# Searched: {', '.join(searched)}.",
@@ -63,6 +64,14 @@ def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps
     text = "\n".join(head) + "\n" + yaml.dump(body, Dumper=_Dumper, sort_keys=False, width=100)
     write_atomic(path, text.encode())
     return text
+
+
+def _version() -> str:
+    """`0.1.0`, of a checkout `0.1.0 (commit 1a2b3c4d5e6f)`, and `, modified` where files differ from it."""
+    git = provenance.git()
+    if not git["commit"]:
+        return __version__
+    return f"{__version__} (commit {git['commit'][:12]}{', modified' if git['dirty'] else ''})"
 
 
 class _Dumper(yaml.SafeDumper):

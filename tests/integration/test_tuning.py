@@ -16,7 +16,7 @@ import pytest
 from auvbench import cli
 from auvbench.config import schema
 from auvbench.errors import ConfigError, RunError
-from auvbench.runs import lock
+from auvbench.runs import lock, provenance
 from auvbench.tuning import folder, outcome, trial
 from auvbench.tuning.folder import StudyFolder
 
@@ -73,6 +73,9 @@ def test_pid_is_tuned_and_its_preset_can_be_used(
         "slices",
         "parallel",
     }
+    commit = provenance.git()["commit"]
+    assert ("commit" in study.best.read_text()) == bool(commit)
+    assert (commit or "")[:12] in study.best.read_text()
     # The preset, where anybody's own presets lie.
     monkeypatch.chdir(tmp_path)
     Path("conf/algo").mkdir(parents=True)

@@ -49,9 +49,13 @@ def _shown(found: Outcome) -> list[Trial]:
 
 
 def telling(found: Outcome) -> tuple[Measure, str]:
-    """The measure that tells trials apart, and its key in their results: the second where the first mostly ties."""
+    """The measure that tells trials apart, and its key in their results: the second where the first mostly ties.
+
+    Trials that came as far as the best are looked at, if it has company: among them the study is decided.
+    """
     shown = _shown(found)
-    values = [trial.result["objective"] for trial in shown]
+    highest = [trial for trial in shown if trial.rung == shown[0].rung]
+    values = [trial.result["objective"] for trial in (highest if len(highest) > 1 else shown)]
     ties = sum(value == values[0] for value in values)
     if 2 * ties > len(values):
         return found.objective.then, "then"
@@ -162,7 +166,8 @@ def climbing(found: Outcome) -> Drawing | None:
     shown = _shown(found)
     if len(found.budgets) < 2 or not any(len(trial.results) > 1 for trial in shown):
         return None
-    scale, label = _scaled(found.objective.measure)
+    measure, key = telling(found)
+    scale, label = _scaled(measure)
     figure = style.canvas(5.4, 3.4)
     ax = figure.subplots()
     for trial in reversed(shown):
@@ -170,7 +175,7 @@ def climbing(found: Outcome) -> Drawing | None:
         best = trial is shown[0]
         ax.plot(
             [found.budgets[rung] for rung in rungs],
-            [scale * trial.results[rung]["objective"] for rung in rungs],
+            [scale * trial.results[rung][key] for rung in rungs],
             color=BEST if best else "#7f8c94",
             alpha=1.0 if best else 0.45,
             linewidth=2.0 if best else 1.0,
@@ -186,7 +191,8 @@ def climbing(found: Outcome) -> Drawing | None:
     return Drawing(
         figure,
         "Rungs",
-        "Each line is a trial from rung to rung; it goes on from its own last checkpoint. Coloured: the best.",
+        f"Each line is a trial from rung to rung, {_direction(measure)}; it goes on from its own last checkpoint. "
+        "Coloured: the best.",
     )
 
 

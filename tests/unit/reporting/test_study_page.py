@@ -37,7 +37,10 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     for number in range(12):
         params = {d.key: d.ends()[number % len(d.ends())] for d in plan.dimensions}
         params["algo.n_epochs"] = 2 + number
-        results = {0: result(0.5 + 0.01 * number, 900.0), **({1: result(0.9, 300.0)} if number < 3 else {})}
+        results = {
+            0: result(0.5 + 0.01 * number, 900.0),
+            **({1: result(0.95 - 0.01 * number, 300.0)} if number < 3 else {}),
+        }
         trials.append(Trial(number, params, max(results), results, "done" if number < 3 else "pruned"))
     trials.append(Trial(12, trials[0].params, -1, {}, "failed", "step 3: train/loss became nan"))
     estimate = Estimate(0.95, 0.9, 0.98)
@@ -114,3 +117,9 @@ def test_the_measure_that_tells_trials_apart_is_drawn(found: Outcome) -> None:
         replace(t, results={r: {**v, "objective": 1.0} for r, v in t.results.items()}) for t in found.trials
     )
     assert figures.telling(replace(found, trials=tied))[1] == "then"
+    # The best of those that came as far as the best decide, however the others fared.
+    top = tuple(
+        replace(t, results={r: {**v, "objective": 1.0} if r else v for r, v in t.results.items()})
+        for t in found.trials
+    )
+    assert figures.telling(replace(found, trials=top))[1] == "then"
