@@ -39,6 +39,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.runs.directory import find_runs
 
     runs = find_runs(paths)
+    _refuse_copies(runs)
     if total is not None:
         runs = _extended(runs, total, shlex.join(["auvbench", "resume", *arguments]))
     return _one(runs[0]) if len(runs) == 1 else _several(runs, given.workers)
@@ -56,6 +57,21 @@ def parser() -> Parser:
     )
     parser.add_argument("--workers", type=int, default=0, help="runs at once (default: as many as cores)")
     return parser
+
+
+def _refuse_copies(runs: Sequence[RunDirectory]) -> None:
+    """
+    Raises:
+        RunError: one of them is a copy that publish made; those whose manifest is damaged are named later.
+    """
+    from auvbench.runs import standing
+
+    for run in runs:
+        try:
+            manifest = run.manifest()
+        except RunError:
+            continue
+        standing.refuse_copy(run, manifest)
 
 
 def _is_override(text: str) -> bool:

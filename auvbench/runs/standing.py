@@ -12,8 +12,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from auvbench.errors import RunError
 from auvbench.runs import integrity, lock, lock_files
 from auvbench.runs.directory import RunDirectory
+from auvbench.runs.manifest_fields import SHIPPED
 
 
 class State(StrEnum):
@@ -68,11 +70,25 @@ def finished(run: RunDirectory, manifest: dict[str, Any] | None = None) -> bool:
     return manifest["state"] == "complete" and not lost_model(run, manifest)
 
 
+def refuse_copy(run: RunDirectory, manifest: dict[str, Any]) -> None:
+    """
+    Raises:
+        RunError: it is the copy of a run that `auvbench publish` made: nothing is trained in it.
+    """
+    if manifest.get(SHIPPED) is True:
+        raise RunError(
+            f"{run.path}: a copy that auvbench publish made, without weights and checkpoints; nothing is trained in it"
+        )
+
+
 def lost_model(run: RunDirectory, manifest: dict[str, Any], *, deep: bool = True) -> str:
     """Which file of a complete run's model is missing or damaged, in words; empty where the model is whole.
 
-    Of a run that was trained before digests were kept, only a missing or empty file can be told.
+    Of a run that was trained before digests were kept, only a missing or empty file can be told. A shipped copy of a run has
+    lost nothing: it has rows, and never had a model.
     """
+    if manifest.get(SHIPPED) is True:
+        return ""
     if integrity.table(manifest) is not None:
         return integrity.lacking(run.path, manifest, f"{run.model.name}/", deep=deep)
     if manifest["steps"] == 0:  # a controller that does not learn has no model

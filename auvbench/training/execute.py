@@ -33,6 +33,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
     manifest = run.manifest()
     if standing.finished(run, manifest):
         return manifest
+    standing.refuse_copy(run, manifest)
     config = load_config(run)
     begun = time.monotonic()
     before = float(manifest["wall_time_s"])

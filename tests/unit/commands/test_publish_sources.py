@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from auvbench import cli
+from auvbench.errors import RunError
 from auvbench.runs import lock
+from auvbench.runs.directory import RunDirectory
+from auvbench.training.execute import execute
 from tests.synthetic import set_state, write_experiment
 
 TO = "results/grid"
@@ -132,3 +136,28 @@ def test_a_folder_of_runs_is_no_place_to_publish_into(first, to, capsys):
     assert publish("first/outputs", to=to) == 2
     assert "lies there itself" in capsys.readouterr().err
     assert files("first") == before
+
+
+@pytest.mark.parametrize("state", ["complete", "failed"])
+def test_nothing_is_trained_in_a_copy(first, capsys, state):
+    set_state([first[1]], state)
+    assert publish("first/outputs") == 0
+    before = files(TO)
+    copy = f"{TO}/runs/{first[1].name}"
+    capsys.readouterr()
+    for words in ([TO], [copy], [copy, "train.total_steps=99999"]):
+        assert cli.main(["resume", *words]) == 2
+        assert "a copy that auvbench publish made" in capsys.readouterr().err
+    with pytest.raises(RunError, match="a copy") if state == "failed" else nullcontext():
+        execute(RunDirectory(copy))
+    assert cli.main(["runs", TO]) == 0
+    assert "interrupted" not in capsys.readouterr().out
+    assert files(TO) == before
+
+
+def test_a_training_that_failed_counts_in_the_published_table_too(first):
+    set_state([first[2]], "failed", "NaN")
+    assert publish("first/outputs") == 0
+    assert (Path(TO) / "table.csv").read_bytes() == table("first/outputs") == table(TO)
+    set_state([first[2]], "complete")
+    assert table("first/outputs") != table(TO)
