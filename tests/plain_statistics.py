@@ -118,17 +118,22 @@ def mean_interval(x: pd.DataFrame, confidence: float, least: float, most: float)
     return max(p.mean - half, least), min(p.mean + half, most)
 
 
-def pooled(table: list[Pieces], seeds: list[int]) -> list[Pieces]:
-    """A no smaller than the average variance of a seed over the agents with several, divided by the seeds."""
+def pooled(table: list[Pieces], seeds: list[int], assumed: tuple[bool, ...] = ()) -> list[Pieces]:
+    """A no smaller than the average variance of a seed over the agents with several, divided by the seeds.
+
+    An A that is `assumed`, for no failure or no success was seen, has all degrees of freedom, too.
+    """
     several = [i for i, S in enumerate(seeds) if S > 1]
     if not several:
         return table
     freedom = sum(seeds[i] - 1 for i in several)
     average = sum((seeds[i] - 1) * seeds[i] * table[i].a for i in several) / freedom
     found = []
-    for p, S in zip(table, seeds, strict=True):
+    for p, S, stand_in in zip(table, seeds, assumed or (False,) * len(seeds), strict=True):
         raised = S > 1 and p.a < average / S
-        found.append(Pieces(p.mean, average / S, freedom, p.b, p.r, p.columns) if raised else p)
+        if raised or (stand_in and S > 1):
+            p = Pieces(p.mean, average / S if raised else p.a, freedom, p.b, p.r, p.columns)
+        found.append(p)
     return found
 
 
@@ -169,7 +174,7 @@ def resolution(agents: list[Plain], measure: str, least: float, most: float) -> 
         Pieces(log(f / (1 - f)), s**2 * p.a, p.df, s**2 * p.b, s**2 * p.r, s * p.columns)
         for f, s, p in zip(shares, slope, plain, strict=True)
     ]
-    odds = pooled(on_odds, seeds)
+    odds = pooled(on_odds, seeds, tuple(p.mean in (least, most) for p in plain))
     found = {}
     for i, j in combinations(range(len(agents)), 2):
         p = p_value(own[i], own[j], (1.0, 1.0), (own[i].mean, own[j].mean))

@@ -190,3 +190,17 @@ def test_a_mean_beyond_the_limit_that_its_record_names_is_tested_without_a_warni
     p = resolution(crossed(data, bounds=(1.0, 300.0)))
     assert p[0, 1] < 0.05
     assert not recwarn.list
+
+
+def test_trainings_that_never_fail_differ_from_a_policy_that_nearly_always_does():
+    perfect, random = np.ones((5, 500)), np.zeros((1, 500))
+    random[0, :6] = 1.0
+    worlds = [World(5.0, 1.0), World(4.0, 1.0), World(2.5, 2.0)]
+    rng = np.random.default_rng(7)
+    hard = rng.normal(size=500)
+    others = [world.draw(5, 500, hard, rng)[0] for world in worlds]
+    table = crossed([perfect, random, *others], rate=True)
+    p = resolution(table)
+    assert p[0, 1] < 1e-5
+    # What was not seen is not certain either: it takes more than the others' failures to tell it from them.
+    assert p[0, 2] > 0.05
