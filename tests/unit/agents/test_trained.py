@@ -7,11 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
 from omegaconf import OmegaConf
+from stable_baselines3.common.policies import ActorCriticPolicy
 
+from auvbench.agents.learned import forward
 from auvbench.agents.learned.learners import LearnedPolicy, _policy
 from auvbench.config.compose import compose, typed
 from auvbench.errors import RunError
@@ -163,3 +166,19 @@ def test_a_recurrent_policy_forgets_where_an_episode_begins(tmp_path: Path) -> N
     assert not np.array_equal(first, second), "it remembers"
     policy.reset(np.arange(3))
     np.testing.assert_array_equal(policy.act(observation), first)
+
+
+@pytest.mark.parametrize("net_arch", [[8], [10, 64], [9, 10]])
+def test_actions_do_not_depend_on_the_row(net_arch):
+    torch.manual_seed(0)
+    spaces = gymnasium.spaces.Box(-1.0, 1.0, (10,)), gymnasium.spaces.Box(-1.0, 1.0, (6,))
+    policy = ActorCriticPolicy(*spaces, lambda _: 1e-3, net_arch=net_arch)
+    policy.set_training_mode(False)
+    act = forward.of(policy)
+    act.reset(forward.ROWS)
+    with torch.no_grad():
+        for row in torch.rand(5, 10):
+            actions = act(0, row.repeat(forward.ROWS, 1))
+            assert torch.equal(actions, actions[:1].expand_as(actions))
+    # What was hung into the network for the pass is gone: a policy that is being trained stays as it is.
+    assert not any(module._forward_pre_hooks for module in policy.modules())
