@@ -1,0 +1,59 @@
+"""The published studies: a report of their files gives the numbers that are shipped, and the pages quote them rightly."""
+
+import csv
+import re
+from pathlib import Path
+
+import pytest
+
+from auvbench.cli import main
+
+ROOT = Path(__file__).parents[2]
+STUDIES = {
+    "thesis": ["--study", "thesis"],
+    "leaderboard": ["--rank-by", "par1_steps", "--columns", "action_ms"],
+}
+
+
+def rows(file):
+    with file.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_report_gives_the_numbers_that_are_shipped(name, tmp_path, capsys):
+    shipped = ROOT / "results" / name
+    words = [*STUDIES[name], "--format", "csv", "--no-figures", "--out", str(tmp_path / "report")]
+    assert main(["report", str(shipped), *words]) == 0
+    for file in ("table.csv", "comparisons.csv"):
+        there, here = rows(shipped / file), rows(tmp_path / "report" / file)
+        assert len(there) == len(here) > 5
+        for one, other in zip(there, here, strict=True):
+            assert one.keys() == other.keys()
+            for key in one:
+                assert _same(one[key], other[key]), (file, key, one[key], other[key])
+
+
+def _same(one, other):
+    try:
+        return float(one) == pytest.approx(float(other), rel=1e-9, abs=1e-12, nan_ok=True)
+    except ValueError:
+        return one == other
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
+def test_the_leaderboard_is_quoted_rightly(page):
+    names = {"SMC, tuned": "smc_tuned", "LQR, tuned": "lqr_tuned", "PID, tuned": "pid_tuned"}
+    names |= {"PPO added to PID": "ppo_residual"}
+    table = {row["agent"]: row for row in rows(ROOT / "results" / "leaderboard" / "table.csv")}
+    found = 0
+    for line in (ROOT / page).read_text(encoding="utf-8").splitlines():
+        if not (
+            match := re.search(r"\| ([\w ,]+?)(?:, 5 seeds)? \| ([\d.]+) \[([\d.]+), ([\d.]+)\] \|", line)
+        ):
+            continue
+        row = table[names.get(match[1], match[1])]
+        for value, key in zip(match.groups()[1:], ("", "_low", "_high"), strict=True):
+            assert float(value) == pytest.approx(float(row[f"par1_steps{key}"]), abs=0.051), line
+        found += 1
+    assert found >= 5
