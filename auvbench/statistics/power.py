@@ -96,39 +96,63 @@ class SeedSpread:
     sd: float
     df: float
     """degrees of freedom: seeds beyond the first, summed over agents"""
+    seen: tuple[tuple[float, float, int], ...] = ()
+    """of each agent: variance of its seeds, what of it drawing episodes makes, degrees of freedom; where that is known"""
 
     def upper(self, confidence: float = 0.9) -> float:
-        """Limit below which the standard deviation lies with this confidence (chi-squared; of normal spreads)."""
+        """Limit below which the standard deviation lies with this confidence (chi-squared; of normal spreads).
+
+        Where episodes were drawn, by the Q profile (Viechtbauer 2007, Stat. Med. 26:37): the largest spread with which
+        the agents' variances would be as small as these with a chance of 1 - confidence.
+        """
         from scipy.stats import chi2  # half a second of imports that most commands do not need
 
-        return float(self.sd * np.sqrt(self.df / chi2.ppf(1 - confidence, self.df)))
+        quantile = float(chi2.ppf(1 - confidence, self.df))
+        if self.seen:
+            return float(np.sqrt(_profiled(self.seen, quantile)))
+        return float(self.sd * np.sqrt(self.df / quantile))
+
+
+def _profiled(seen: Sequence[tuple[float, float, int]], q: float) -> float:
+    """Variance between trainings at which the agents' variances, each over its own expectation, sum to `q`; at least 0."""
+
+    def excess(between: float) -> float:
+        return sum(df * variance / (noise + between) for variance, noise, df in seen) - q
+
+    if excess(0.0) <= 0.0:
+        return 0.0
+    from scipy.optimize import brentq  # half a second of imports that most commands do not need
+
+    return float(brentq(excess, 0.0, 1.0 + 2.0 * sum(df * variance for variance, _, df in seen) / q))
 
 
 def spread_of_rates(data: Sequence[FloatArray]) -> tuple[SeedSpread, float]:
     """Spread of the seeds in logits and of the scenarios in probits, pooled over agents' successes (S_i, E).
 
-    Seeds: the variance of the empirical logits log((x + 1/2)/(E - x + 1/2)) less that of drawing episodes,
-    1/(x + 1/2) + 1/(E - x + 1/2), weighted by degrees of freedom; agents with one seed say nothing of it.
+    Seeds: of the variance of the empirical logits log((x + 1/2)/(E - x + 1/2)) what drawing episodes, which makes
+    1/(x + 1/2) + 1/(E - x + 1/2), leaves over. Agents count by how well that is known (Paule & Mandel 1982, J. Res. Natl.
+    Bur. Stand. 87:377): of one that never failed nearly nothing is. Those with one seed say nothing of it.
     Scenarios: the standard deviation at which the model's scenarios differ as much as these do (1 where none do).
 
     Raises:
         ValueError: no agent has several seeds.
     """
-    excess, df, shares = 0.0, 0, []
+    seen: list[tuple[float, float, int]] = []
+    shares = []
     for x in data:
         S, E = x.shape
         if S > 1:
             good = x.sum(axis=1) + 0.5
             bad = E - x.sum(axis=1) + 0.5
-            excess += (S - 1) * float(np.log(good / bad).var(ddof=1) - (1 / good + 1 / bad).mean())
-            df += S - 1
+            seen.append((float(np.log(good / bad).var(ddof=1)), float((1 / good + 1 / bad).mean()), S - 1))
         p = float(x.mean())
         if S > 1 and E > 1 and 0.02 < p < 0.98:
             table = crossed([x], rate=True)
             shares.append((p, max(float(table.between_scenarios[0, 0] - table.residual[0]), 0.0) * E))
-    if not df:
+    if not seen:
         raise ValueError("no agent has several seeds")
-    return SeedSpread(float(np.sqrt(max(excess / df, 0.0))), df), _scenario_sd(shares)
+    df = sum(freedom for *_, freedom in seen)
+    return SeedSpread(float(np.sqrt(_profiled(seen, df))), df, tuple(seen)), _scenario_sd(shares)
 
 
 def _scenario_sd(shares: Sequence[tuple[float, float]]) -> float:

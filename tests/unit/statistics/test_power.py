@@ -39,6 +39,28 @@ def test_the_spread_of_trainings_is_found_again() -> None:
     assert equal.sd < 0.1
 
 
+def test_an_agent_that_never_fails_does_not_hide_how_much_another_s_trainings_differ() -> None:
+    alike = np.ones((5, 500))
+    spread = np.zeros((5, 500))
+    for row, successes in zip(spread, (491, 487, 452, 491, 497), strict=True):
+        row[:successes] = 1.0
+    alone, _ = pw.spread_of_rates([spread])
+    both, _ = pw.spread_of_rates([spread, alike])
+    assert alone.sd > 0.6
+    assert both.sd > 0.4
+    assert both.upper() > both.sd
+    # No spread to be seen is not known to be none.
+    none, _ = pw.spread_of_rates([np.tile(np.arange(500) < 450, (5, 1)).astype(float) for _ in range(2)])
+    assert none.sd == 0.0
+    drawn, _ = pw.spread_of_rates(pw.Rates(0.0, 0.5).draw([0.8, 0.9], 5, 500, RNG(3)))
+    assert drawn.upper() > 0.0
+
+
+def test_the_limit_of_the_spread_holds_where_episodes_are_drawn() -> None:
+    found = [pw.spread_of_rates(pw.Rates(0.6).draw([0.7, 0.9], 5, 500, RNG(i)))[0] for i in range(200)]
+    assert 0.85 <= np.mean([one.upper(0.9) > 0.6 for one in found]) <= 0.96
+
+
 def test_the_spread_of_means_is_found_again() -> None:
     model = pw.Means(20.0, 50.0, 80.0)
     data = [x for i in range(150) for x in model.draw([300.0], 4, 200, RNG(i))]
