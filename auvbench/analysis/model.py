@@ -217,6 +217,11 @@ class Ranking:
     more_seeds: str = ""
     """the command that trains further seeds of the rows that are not compared; '' where there are none"""
 
+    @property
+    def order(self) -> str:
+        """By what it is ranked, in words."""
+        return ", then ".join(dict.fromkeys((self.rank_by, self.then)))
+
     def resolved(self, one: Row, other: Row) -> bool:
         """Whether the tests of all pairs tell the two rows apart; a row that is not compared never is told apart."""
         return one.compared and other.compared and not shared(one.group, other.group)

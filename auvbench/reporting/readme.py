@@ -94,15 +94,12 @@ def _block(name: str, text: str) -> str:
 def provenance(runs: Sequence[RunRecord], command: str) -> str:
     """How the numbers came about: runs, time, machines, versions and commands, as Markdown."""
     manifests = [run.manifest for run in runs]
-    wall = sum(float(m.get("wall_time_s") or 0.0) for m in manifests)
-    core = sum(float(m.get("wall_time_s") or 0.0) * _threads(m) for m in manifests)
     days = sorted(str(m[key])[:10] for m in manifests for key in ("started", "ended") if m.get(key))
     steps = sum(int(m.get("steps") or 0) for m in manifests)
     tested = sum(len(e.episodes) for run in runs for e in run.evaluations.values())
     lines = [
         f"{counted(len(runs), 'run')}, {steps:,} environment steps of training, {tested:,} test episodes",
-        f"trained in {duration(wall)}, one run after another; {duration(core)} of processor cores; how long the tests took "
-        "is not recorded",
+        f"{_time(manifests)}; how long the tests took is not recorded",
         f"machine: {_tally(_machine(m) for m in manifests)}",
         f"versions: {_tally(_versions(m) for m in manifests)}",
         f"source: {_tally(_commit(m) for m in manifests)}",
@@ -130,10 +127,15 @@ def _trained_by(manifests: Sequence[Mapping[str, Any]]) -> str:
     return text
 
 
-def _threads(manifest: Mapping[str, Any]) -> int:
-    host = manifest.get("host")
-    threads = host.get("threads") if isinstance(host, Mapping) else 1
-    return threads if isinstance(threads, int) else 1
+def _time(manifests: Sequence[Mapping[str, Any]]) -> str:
+    """What training took by the clock and of processor cores; these are not in the manifests of older versions."""
+    wall = sum(float(m.get("wall_time_s") or 0.0) for m in manifests)
+    timed = [float(m["cpu_time_s"]) for m in manifests if m.get("cpu_time_s") is not None]
+    text = f"trained in {duration(wall)} by the clock, one run after another"
+    if not timed:
+        return f"{text}; processor time is not recorded"
+    which = "" if len(timed) == len(manifests) else f" for {len(timed)} of the runs, not recorded for the others"
+    return f"{text}; {duration(sum(timed))} of processor cores{which}"
 
 
 def _machine(manifest: Mapping[str, Any]) -> str:

@@ -2,14 +2,15 @@
 
     <folder>/runs/<run id>/config.yaml                            as it was, without the place where the run lay
     <folder>/runs/<run id>/manifest.json                          as it was, marked, without the machine's name and the place
-    <folder>/runs/<run id>/evaluations/<protocol>/summary.json    as it was, but for the digest of the next but one
-    <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.bz2 as it was, compressed
+    <folder>/runs/<run id>/evaluations/<protocol>/summary.json    as it was, but for the digests of the next two
+    <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.bz2  numbers to nine significant digits; of further
+                                                                  protocols the columns that every report needs
     <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths, packed, of the first protocol alone
     <folder>/runs/<run id>/train/episodes.csv.bz2                  the columns that a report reads
     <folder>/runs/<run id>/train/validation.csv.bz2                as it was, compressed
 
-A report reads such a folder as it reads runs, and gives the same numbers. The digests still hold: of compressed files
-they are those of the content.
+A report reads such a folder as it reads runs, and gives the numbers that are shipped, which are computed from it. The
+digests hold: of compressed files they are those of the content.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ import csv
 import io
 import shlex
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from auvbench.analysis import agreement, packed_paths
-from auvbench.analysis.evaluations import Damage, json_object
+from auvbench.analysis.evaluations import CORE_COLUMNS, Damage, json_object
 from auvbench.analysis.model import Evaluation, RunRecord
 from auvbench.analysis.training import NUMBERS
 from auvbench.analysis.watched import NAME as VALIDATION
@@ -42,6 +43,12 @@ OUTPUT = "outputs"
 
 TRAINING = "train/episodes.csv"
 TRAINING_COLUMNS = ("outcome", *NUMBERS)
+
+FURTHER_COLUMNS = ("condition", "frequency_hz", "episode", "outcome", *CORE_COLUMNS)
+"""of the rows of protocols that are shipped beside the first: a robustness test has thousands of episodes for each run"""
+
+DIGITS = 9
+"""significant ones of a shipped number: a nanometre of what is measured in metres, and 60 % of the room of all 17"""
 
 
 def ship(run: RunRecord, folder: Path, paths_of: str) -> list[str]:
@@ -108,15 +115,16 @@ def _training(run: RunRecord) -> bytes | None:
     return slim(data)
 
 
-def _ship_evaluation(evaluation: Evaluation, target: Path, with_paths: bool) -> None:
+def _ship_evaluation(evaluation: Evaluation, target: Path, first: bool) -> None:
     rows = packed.content(evaluation.directory / "episodes.csv", tables.LARGEST)
     if wrong := agreement.of_file(evaluation.summary, "episodes.csv", rows):
         raise RunError(f"{evaluation.directory}: {wrong}: it was changed meanwhile; publish again")
+    rows = rounded(rows, None if first else FURTHER_COLUMNS)
     write_atomic(target / f"episodes.csv{packed.SUFFIX}", packed.packed(rows))
     summary = dict(evaluation.summary)
-    files = dict(integrity.table(summary) or {})
+    files = dict(integrity.table(summary) or {}) | {"episodes.csv": integrity.entry(rows)}
     source = evaluation.directory / PATHS
-    if with_paths and source.is_file():
+    if first and source.is_file():
         data = only_paths(source)
         write_atomic(target / PATHS, data)
         files[PATHS] = integrity.entry(data)
@@ -194,9 +202,30 @@ def _placeless(config: Mapping[str, Any]) -> dict[str, Any]:
 
 def slim(data: bytes) -> bytes:
     """The rows of training with the columns that a report reads, each number as it was written."""
+    return _table(csv.DictReader(io.StringIO(data.decode("utf-8"))), TRAINING_COLUMNS)
+
+
+def rounded(data: bytes, columns: Sequence[str] | None) -> bytes:
+    """The rows of a test, numbers to `DIGITS` significant digits; those of `columns` that are there, all with None."""
     rows = csv.DictReader(io.StringIO(data.decode("utf-8")))
+    there = rows.fieldnames or ()
+    kept = [name for name in there if columns is None or name in columns]
+    return _table(({name: _rounded(row[name]) for name in kept} for row in rows), kept)
+
+
+def _rounded(written: str) -> str:
+    """A number with a point or an exponent, shortened; whatever else there is, as it was."""
+    if not any(character in written for character in ".e"):
+        return written
+    try:
+        return repr(float(f"{float(written):.{DIGITS}g}"))
+    except ValueError:
+        return written
+
+
+def _table(rows: Iterable[Mapping[str, str]], columns: Sequence[str]) -> bytes:
     text = io.StringIO()
-    writer = csv.DictWriter(text, TRAINING_COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue().encode()

@@ -250,6 +250,7 @@ def _fresh_manifest(run: RunDirectory, config: Mapping[str, Any], command: str) 
         "started": None,
         "ended": None,
         "wall_time_s": 0.0,
+        "cpu_time_s": 0.0,
         "phases": {},
         "attempts": 0,
         "error": None,

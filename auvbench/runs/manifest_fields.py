@@ -87,6 +87,7 @@ _OPTIONAL: dict[str, _Rule] = {
     "ended": (_is_text, "text"),
     "command": (_is_text, "text"),
     "phases": (_is_phases, "table of seconds"),
+    "cpu_time_s": (_is_duration, "number of seconds"),
     "versions": (lambda value: isinstance(value, dict), "table"),
     "git": (lambda value: isinstance(value, dict), "table"),
     "host": (lambda value: isinstance(value, dict), "table"),

@@ -37,6 +37,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
     config = load_config(run)
     begun = time.monotonic()
     before = float(manifest["wall_time_s"])
+    used, used_before = time.process_time(), float(manifest.get("cpu_time_s") or 0.0)
     with storage(f"cannot write {run.path}"):
         run.update_manifest(
             state="running",
@@ -51,7 +52,8 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
 
     def note(**changes: Any) -> dict[str, Any]:
         wall = before + time.monotonic() - begun
-        return run.update_manifest(wall_time_s=round(wall, 3), **changes)
+        cpu = used_before + time.process_time() - used
+        return run.update_manifest(wall_time_s=round(wall, 3), cpu_time_s=round(cpu, 3), **changes)
 
     def close(state: str, **changes: Any) -> dict[str, Any]:
         return note(state=state, ended=now(), **changes)

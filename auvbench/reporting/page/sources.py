@@ -130,7 +130,7 @@ def facts(ranking: Ranking, agents: Sequence[Agent], runs: Sequence[RunRecord]) 
         Fact("Scenarios", (f"fingerprint {ranking.fingerprint}", *_scenario_seed(summaries))),
         Fact("Test episodes", (f"{_span(episodes)} for each training seed",)),
         Fact("Training seeds", (f"{_span(seeds)} for each agent",)),
-        Fact("Ranked by", (f"{ranking.rank_by}, then {ranking.then}",)),
+        Fact("Ranked by", (ranking.order,)),
         Fact("Vehicle", _distinct(run.config.get("vehicle.name") for run in runs)),
         Fact("Simulator", _distinct(run.config.get("simulator.name") for run in runs)),
         Fact("Versions", _versions(run.manifest.get("versions") for run in runs)),

@@ -32,7 +32,7 @@ def notes(ranking: Ranking) -> list[str]:
     lines = [
         f"Protocol {ranking.protocol}, condition {ranking.condition}, scenarios {ranking.fingerprint}: "
         f"{episodes} episodes per training seed, the same for every agent. Training seeds: {_seeds(ranking)}.",
-        f"{units(ranking)}Ranked by {ranking.rank_by}, then {ranking.then}{_penalised(ranking)}. Brackets are {percent} intervals; a rank in "
+        f"{units(ranking)}Ranked by {ranking.order}{_penalised(ranking)}. Brackets are {percent} intervals; a rank in "
         f"parentheses is its {percent} interval; {resolution(ranking)}.",
     ]
     trained = [row for row in ranking.rows if row.trained]

@@ -9,7 +9,7 @@ import pytest
 
 from auvbench.commands.tune import plan_of, split
 from auvbench.config.compose import compose
-from auvbench.reporting.tuning import figures, sentences, write
+from auvbench.reporting.tuning import looks, sentences, write
 from auvbench.statistics.estimate import Estimate
 from auvbench.tuning import scores
 from auvbench.tuning.folder import StudyFolder
@@ -112,14 +112,14 @@ def test_a_study_without_a_result_has_a_page_too(found: Outcome, tmp_path: Path)
 
 
 def test_the_measure_that_tells_trials_apart_is_drawn(found: Outcome) -> None:
-    assert figures.telling(found)[1] == "objective"
+    assert looks.telling(found)[1] == "objective"
     tied = tuple(
         replace(t, results={r: {**v, "objective": 1.0} for r, v in t.results.items()}) for t in found.trials
     )
-    assert figures.telling(replace(found, trials=tied))[1] == "then"
+    assert looks.telling(replace(found, trials=tied))[1] == "then"
     # The best of those that came as far as the best decide, however the others fared.
     top = tuple(
         replace(t, results={r: {**v, "objective": 1.0} if r else v for r, v in t.results.items()})
         for t in found.trials
     )
-    assert figures.telling(replace(found, trials=top))[1] == "then"
+    assert looks.telling(replace(found, trials=top))[1] == "then"
