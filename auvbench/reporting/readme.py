@@ -134,7 +134,9 @@ def _time(manifests: Sequence[Mapping[str, Any]]) -> str:
     text = f"trained in {duration(wall)} by the clock, one run after another"
     if not timed:
         return f"{text}; processor time is not recorded"
-    which = "" if len(timed) == len(manifests) else f" for {len(timed)} of the runs, not recorded for the others"
+    which = (
+        "" if len(timed) == len(manifests) else f" for {len(timed)} of the runs, not recorded for the others"
+    )
     return f"{text}; {duration(sum(timed))} of processor cores{which}"
 
 
