@@ -1,6 +1,6 @@
-"""What tests say of how agents came to their actions: solves that failed or were late, and the time an action takes.
+"""What agents cost beside what they do: solves that failed or were late, the time of an action, and of a training.
 
-Neither is part of a row: time differs from machine to machine, and a simulation waits for a late action.
+None is part of a row: time differs from machine to machine, and a simulation waits for a late action.
 """
 
 from __future__ import annotations
@@ -62,6 +62,15 @@ def action_time(agent: Agent, protocol: str, which: str) -> Estimate | None:
     found = [_timed(run, protocol).get(which) for run in agent.runs if protocol in run.evaluations]
     numbers = [float(v) for v in found if isinstance(v, int | float) and not isinstance(v, bool)]
     if not numbers or len(numbers) < len(found) or not all(0 <= v <= LARGEST for v in numbers):
+        return None
+    return Estimate(float(np.mean(numbers)), np.nan, np.nan, 0.95)
+
+
+def training_time(agent: Agent) -> Estimate | None:
+    """Seconds of processor cores that a training took, the mean over the agent's runs; None where a manifest does not say."""
+    found = [run.manifest.get("cpu_time_s") for run in agent.runs]
+    numbers = [float(v) for v in found if isinstance(v, int | float) and not isinstance(v, bool)]
+    if not numbers or len(numbers) < len(found) or not all(0 < v <= LARGEST for v in numbers):
         return None
     return Estimate(float(np.mean(numbers)), np.nan, np.nan, 0.95)
 

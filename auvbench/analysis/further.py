@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from auvbench.analysis import limit
-from auvbench.analysis.acting import action_time
+from auvbench.analysis.acting import action_time, training_time
 from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import NO_POLICY, Agent, Problem, Ranking
@@ -113,11 +113,14 @@ COLUMNS: Mapping[str, Callable[[Agent, str, float, int], Estimate | None]] = {
     "auc_simulated_time": _learned("simulated_s"),
     "action_ms": _action_time("median_ms"),
     "action_p95_ms": _action_time("p95_ms"),
+    "training_cpu_s": lambda agent, protocol, confidence, seed: (
+        training_time(agent) if learns(agent) else None
+    ),
     # Set beside all rows at once: `limit.beside`.
     limit.COLUMN: lambda agent, protocol, confidence, seed: None,
 }
-"""by name of --columns; docs/report.md defines them. All but the times of an action, in ms, and the ratio of times are
-shares of 1."""
+"""by name of --columns; docs/report.md defines them. All but the times of an action, in ms, of a training, in s, and the ratio of
+times are shares of 1."""
 
 
 def check(names: Sequence[str]) -> None:

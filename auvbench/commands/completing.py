@@ -56,6 +56,7 @@ FURTHER = (
     "time_over_optimum",
     "action_ms",
     "action_p95_ms",
+    "training_cpu_s",
 )
 """of `report --columns`; those of `analysis.further`, whose import takes too long for a key press"""
 

@@ -68,6 +68,7 @@ FURTHER = {
     ),
     "action_ms": Column("action_ms", "action, median", "ms", "action, median (ms)"),
     "action_p95_ms": Column("action_p95_ms", "action, 95th percentile", "ms", "action, 95th percentile (ms)"),
+    "training_cpu_s": Column("training_cpu_s", "a training, cores", "s", "a training, cores (s)"),
     limit.COLUMN: Column(limit.COLUMN, "time over optimum", "", "time over optimum"),
 }
 """columns on request, by their name in --columns"""

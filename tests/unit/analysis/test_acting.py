@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from auvbench.analysis.acting import action_time, solves
+from auvbench.analysis.acting import action_time, solves, training_time
 from auvbench.analysis.findings import sentences
 from auvbench.analysis.further import with_columns
 from auvbench.analysis.model import Agent, Evaluation
@@ -73,6 +73,17 @@ def test_the_time_of_an_action_is_a_column_on_request() -> None:
     shown = {row.label: (columns.cell(row, median)[0], columns.cell(row, tail)[0]) for row in ranking.rows}
     assert float(shown[agents[0].label][0]) == 7.5
     assert float(shown[agents[1].label][1]) == 0.5
+
+
+@pytest.mark.parametrize("times", [(10.0, 20.0), (10.0, None), (10.0, "much"), (10.0, 0.0)])
+def test_the_cores_of_a_training_are_a_column_where_all_manifests_say(times: Any) -> None:
+    learner = agent("ppo", seeds=2)
+    runs = [
+        replace(run, manifest={**run.manifest, "cpu_time_s": t})
+        for run, t in zip(learner.runs, times, strict=True)
+    ]
+    found = training_time(replace(learner, runs=tuple(runs)))
+    assert (found.value if found else None) == (15.0 if times == (10.0, 20.0) else None)
 
 
 @pytest.mark.parametrize(
