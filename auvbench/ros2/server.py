@@ -19,6 +19,10 @@ Floats = NDArray[np.float64]
 
 LOOK = 1.0
 """s between two looks at whether somebody else serves the same namespace"""
+NEW = 15.0
+"""s for which a server that nobody uses is the newcomer, who leaves: on a busy machine another one is seen late"""
+
+REMEDY = "stop one of the two, or give one another name with --namespace"
 
 
 class Simulated(Protocol):
@@ -97,8 +101,8 @@ class Server:
         self.session = Session()
         self._missing = n * n_u
         self._due = time.monotonic()
-        self._looked = self._due
-        self._told = False
+        self._looked = self._began = self._due
+        self._told = self._used = False
         ros = self.session.ros
         self.vehicles = [
             VehicleNode(self, i, name, start, about or {}) for i, name in enumerate(self.namespaces)
@@ -203,6 +207,7 @@ class Server:
 
         Raises:
             AuvbenchError: the simulator cannot go on.
+            InterfaceError: this is the newcomer, and somebody serves these namespaces already.
         """
         self._due = time.monotonic()
         while go_on():
@@ -215,9 +220,12 @@ class Server:
             self._looked = now
             company = self._company()
             if company and not self._told:
+                if now - self._began < NEW and not self._used:
+                    raise InterfaceError(f"{company}; {REMEDY}")
                 # The newcomer leaves by itself if it is one of ours; this one was here first.
                 warnings.warn(company, AuvbenchWarning, stacklevel=2)
             self._told = bool(company)
+            self._used |= not company and self._watched()
         if self.lockstep or self.paused:
             self.session.turn(SLICE)
             return
@@ -244,9 +252,7 @@ class Server:
         while time.monotonic() < end:
             self.session.turn(SLICE)
             if company := self._company():
-                raise InterfaceError(
-                    f"{company}; stop one of the two, or give one another name with --namespace"
-                )
+                raise InterfaceError(f"{company}; {REMEDY}")
 
     def _company(self) -> str:
         """Who publishes what this publishes, in words; empty where nobody does."""
@@ -255,6 +261,11 @@ class Server:
             if self.vehicles[0].node.count_publishers(topic) > 1:
                 return f"{topic}: somebody else publishes it too, another server in the namespace {name}"
         return ""
+
+    def _watched(self) -> bool:
+        """Whether somebody listens to where a vehicle is."""
+        node = self.vehicles[0].node
+        return any(node.count_subscribers(interface.Names(name).odometry) for name in self.namespaces)
 
     def close(self) -> None:
         """Leaves the network."""

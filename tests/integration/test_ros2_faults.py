@@ -107,6 +107,24 @@ def test_another_namespace_another_vehicle_and_company(server):
     first.close()
 
 
+BLIND = (
+    "from auvbench.ros2.server import Server; Server.alone = lambda *_: None; from auvbench.cli import main; "
+)
+
+
+def test_a_server_that_sees_the_first_one_late_leaves_and_the_first_one_stays(server):
+    first = connected()
+    first.step(STILL, 0.1)
+    code = f"{BLIND}raise SystemExit(main(['serve']))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert "/bluerov2/odom: somebody else publishes it too" in done.stderr
+    assert "--namespace" in done.stderr
+    assert server.process.poll() is None
+    first.close()
+    connected().close()
+
+
 def test_two_servers_that_both_live(domain):
     stranger = Session()
     node = stranger.node("stranger")

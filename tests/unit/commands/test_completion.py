@@ -33,7 +33,7 @@ def complete(line: str) -> list[str]:
     ("line", "expected"),
     [
         ("auvbench tr", ["train"]),
-        ("auvbench train algo=sa", ["algo=sac", "algo=sac_residual", "algo=sac_thesis"]),
+        ("auvbench train algo=sa", ["algo=sac", "algo=sac_residual", "algo=sac_thesis", "algo=sac_tuned"]),
         ("auvbench train algo=sac algo.buf", ["algo.buffer_size="]),
         ("auvbench train reward.k", ["reward.k="]),
         ("auvbench evaluate outputs protocol=f", ["protocol=frequency_sweep"]),
