@@ -33,7 +33,10 @@ def complete(line: str) -> list[str]:
     ("line", "expected"),
     [
         ("auvbench tr", ["train"]),
-        ("auvbench train algo=sa", ["algo=sac", "algo=sac_residual", "algo=sac_thesis", "algo=sac_tuned"]),
+        (
+            "auvbench train algo=sa",
+            ["algo=sac", "algo=sac_residual", "algo=sac_residual_tuned", "algo=sac_thesis", "algo=sac_tuned"],
+        ),
         ("auvbench train algo=sac algo.buf", ["algo.buffer_size="]),
         ("auvbench train reward.k", ["reward.k="]),
         ("auvbench evaluate outputs protocol=f", ["protocol=frequency_sweep"]),
