@@ -226,7 +226,7 @@ def _number(text: str) -> int:
 def _weathered(skill: Skill, condition: str) -> Skill:
     """The skill under a condition of the robustness, frequency_sweep or transfer protocol."""
     name, _, text = condition.partition("=")
-    value = 0.0 if name in ("nominal", "level", "dead-thruster", "vehicle") else float(text)
+    value = 0.0 if not text or name in ("level", "vehicle") else float(text)
     harm = {
         "level": {"moderate": 0.8, "severe": 2.2}.get(text, 0.0),
         "current": 3.5 * value**2,

@@ -59,18 +59,18 @@ def action_time(agent: Agent, protocol: str, which: str) -> Estimate | None:
         protocol: by which.
         which: median_ms or p95_ms.
     """
-    found = [_timed(run, protocol).get(which) for run in agent.runs if protocol in run.evaluations]
-    numbers = [float(v) for v in found if isinstance(v, int | float) and not isinstance(v, bool)]
-    if not numbers or len(numbers) < len(found) or not all(0 <= v <= LARGEST for v in numbers):
-        return None
-    return Estimate(float(np.mean(numbers)), np.nan, np.nan, 0.95)
+    return _mean([_timed(run, protocol).get(which) for run in agent.runs if protocol in run.evaluations])
 
 
 def training_time(agent: Agent) -> Estimate | None:
     """Seconds of processor cores that a training took, the mean over the agent's runs; None where a manifest does not say."""
-    found = [run.manifest.get("cpu_time_s") for run in agent.runs]
+    return _mean([run.manifest.get("cpu_time_s") or None for run in agent.runs])  # 0.0: nothing was trained
+
+
+def _mean(found: Sequence[Any]) -> Estimate | None:
+    """The mean of times that files state; None where one of them states none, or no time."""
     numbers = [float(v) for v in found if isinstance(v, int | float) and not isinstance(v, bool)]
-    if not numbers or len(numbers) < len(found) or not all(0 < v <= LARGEST for v in numbers):
+    if not numbers or len(numbers) < len(found) or not all(0 <= v <= LARGEST for v in numbers):
         return None
     return Estimate(float(np.mean(numbers)), np.nan, np.nan, 0.95)
 

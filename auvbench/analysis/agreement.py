@@ -74,7 +74,7 @@ def of_rows(summary: Mapping[str, Any], frame: pd.DataFrame) -> str:
     columns = {name: frame[name].to_numpy(dtype=np.float64) for name in _MEASURED if name in frame.columns}
     outcomes = frame["outcome"].to_numpy(dtype=object)
     alone = len(summary["conditions"]) == 1
-    names = None if alone else frame["condition"].astype(str).to_numpy(dtype=object)
+    names = None if alone else frame["condition"].to_numpy(dtype=object)
     for condition in summary["conditions"]:
         mine = np.ones(len(frame), dtype=np.bool_) if names is None else names == condition["name"]
         found = {f"{outcome}_rate": float(np.mean(outcomes[mine] == outcome)) for outcome in OUTCOMES}

@@ -31,7 +31,7 @@ def of_conditions(agent: Agent, protocol: str) -> FloatArray | None:
         if (evaluation := run.evaluations.get(protocol)) is None:
             return None
         frame = evaluation.episodes
-        rates = (frame["outcome"] == "success").groupby(frame["condition"].astype(str)).mean()
+        rates = (frame["outcome"] == "success").groupby(frame["condition"]).mean()
         if names is not None and list(rates.index) != names:
             return None
         names = list(rates.index)

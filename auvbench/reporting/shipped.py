@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.analysis import agreement, packed_paths
-from auvbench.analysis.evaluations import CORE_COLUMNS, Damage, json_object
+from auvbench.analysis.evaluations import CORE_COLUMNS, MEASURED, Damage, json_object
 from auvbench.analysis.model import Evaluation, RunRecord
 from auvbench.analysis.training import NUMBERS
 from auvbench.analysis.watched import NAME as VALIDATION
@@ -206,21 +206,22 @@ def slim(data: bytes) -> bytes:
 
 
 def rounded(data: bytes, columns: Sequence[str] | None) -> bytes:
-    """The rows of a test, numbers to `DIGITS` significant digits; those of `columns` that are there, all with None."""
+    """The rows of a test, what was measured to `DIGITS` significant digits; those of `columns` that are there, all with None.
+
+    What a row is known by (its condition, its step frequency) stays as it was: a summary names it, too.
+    """
     rows = csv.DictReader(io.StringIO(data.decode("utf-8")))
     there = rows.fieldnames or ()
     kept = [name for name in there if columns is None or name in columns]
-    return _table(({name: _rounded(row[name]) for name in kept} for row in rows), kept)
+    return _table(
+        ({name: _rounded(row[name]) if name in MEASURED else row[name] for name in kept} for row in rows),
+        kept,
+    )
 
 
 def _rounded(written: str) -> str:
-    """A number with a point or an exponent, shortened; whatever else there is, as it was."""
-    if not any(character in written for character in ".e"):
-        return written
-    try:
-        return repr(float(f"{float(written):.{DIGITS}g}"))
-    except ValueError:
-        return written
+    """A number, shortened; a whole one as it was written."""
+    return repr(float(f"{float(written):.{DIGITS}g}")) if "." in written or "e" in written else written
 
 
 def _table(rows: Iterable[Mapping[str, str]], columns: Sequence[str]) -> bytes:

@@ -225,7 +225,7 @@ class Server:
                 # The newcomer leaves by itself if it is one of ours; this one was here first.
                 warnings.warn(company, AuvbenchWarning, stacklevel=2)
             self._told = bool(company)
-            self._used |= not company and self._watched()
+            self._used = self._used or (not company and self._watched())
         if self.lockstep or self.paused:
             self.session.turn(SLICE)
             return

@@ -37,7 +37,9 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
     config = load_config(run)
     begun = time.monotonic()
     before = float(manifest["wall_time_s"])
-    used, used_before = time.process_time(), float(manifest.get("cpu_time_s") or 0.0)
+    used = time.process_time()
+    # None where attempts of an older auvbench did not say: the time of the later ones alone would be no training's.
+    used_before = manifest.get("cpu_time_s", None if manifest["attempts"] else 0.0)
     with storage(f"cannot write {run.path}"):
         run.update_manifest(
             state="running",
@@ -52,8 +54,9 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
 
     def note(**changes: Any) -> dict[str, Any]:
         wall = before + time.monotonic() - begun
-        cpu = used_before + time.process_time() - used
-        return run.update_manifest(wall_time_s=round(wall, 3), cpu_time_s=round(cpu, 3), **changes)
+        if used_before is not None:
+            changes["cpu_time_s"] = round(used_before + time.process_time() - used, 3)
+        return run.update_manifest(wall_time_s=round(wall, 3), **changes)
 
     def close(state: str, **changes: Any) -> dict[str, Any]:
         return note(state=state, ended=now(), **changes)

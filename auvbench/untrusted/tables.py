@@ -13,8 +13,8 @@ LARGEST = 1024**3
 """bytes of the longest table that is read: some million training episodes"""
 
 
-def csv(data: bytes, only: Collection[str] | None = None) -> pd.DataFrame:
-    """The table, or those of the columns `only` that are there.
+def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str] = ()) -> pd.DataFrame:
+    """The table, or those of the columns `only` that are there; what stands in the columns `words` as it is written.
 
     Raises:
         ValueError: it is no table.
@@ -23,6 +23,8 @@ def csv(data: bytes, only: Collection[str] | None = None) -> pd.DataFrame:
 
     wanted = None if only is None else (lambda name: name in only)
     try:
-        return pd.read_csv(io.BytesIO(data), usecols=wanted, engine="c", low_memory=False)
+        return pd.read_csv(
+            io.BytesIO(data), usecols=wanted, engine="c", low_memory=False, dtype=dict.fromkeys(words, str)
+        )
     except (ValueError, OverflowError, MemoryError) as error:  # pandas' own are ValueErrors
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error

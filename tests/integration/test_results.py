@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from auvbench.cli import main
+from tests.numbers import assert_same_numbers
 
 ROOT = Path(__file__).parents[2]
 STUDIES = {
@@ -26,19 +27,9 @@ def test_a_report_gives_the_numbers_that_are_shipped(name, tmp_path, capsys):
     words = [*STUDIES[name], "--format", "csv", "--no-figures", "--out", str(tmp_path / "report")]
     assert main(["report", str(shipped), *words]) == 0
     for file in ("table.csv", "comparisons.csv"):
-        there, here = rows(shipped / file), rows(tmp_path / "report" / file)
-        assert len(there) == len(here) > 5
-        for one, other in zip(there, here, strict=True):
-            assert one.keys() == other.keys()
-            for key in one:
-                assert _same(one[key], other[key]), (file, key, one[key], other[key])
-
-
-def _same(one, other):
-    try:
-        return float(one) == pytest.approx(float(other), rel=1e-9, abs=1e-12, nan_ok=True)
-    except ValueError:
-        return one == other
+        there, here = shipped / file, tmp_path / "report" / file
+        assert len(rows(there)) > 5
+        assert_same_numbers(here.read_text(), there.read_text(), rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/results.md"])

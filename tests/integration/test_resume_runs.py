@@ -16,8 +16,9 @@ import torch
 from auvbench.agents.learned.sb3 import Follower
 from auvbench.cli import main
 from auvbench.errors import ConfigError, RunError, TrainingError
-from auvbench.runs import lock
+from auvbench.runs import integrity, lock
 from auvbench.runs.directory import RunDirectory
+from auvbench.runs.files import write_json
 from auvbench.runs.interruption import Interrupted
 from auvbench.training.checkpoint.extending import prepare
 from auvbench.training.checkpoint.store import CheckpointStore, CheckpointWarning
@@ -116,13 +117,26 @@ def test_signals_save_and_leave(
     steps = CheckpointStore(run.path).steps()
     assert steps[0] >= 600
     assert run.manifest()["steps"] == steps[0]
-    before = run.manifest()["phases"]
+    before, used = run.manifest()["phases"], run.manifest()["cpu_time_s"]
     assert before["training_s"] > 0
     execute(run)
     assert bits(run.path) == whole
+    assert run.manifest()["cpu_time_s"] > used > 0
     after = run.manifest()["phases"]  # of both attempts
     assert all(after[name] >= before[name] for name in before)
     assert after["setup_s"] > before["setup_s"]
+
+
+def test_the_processor_time_of_half_a_training_is_not_said(run: RunDirectory, strike: Strike) -> None:
+    """An auvbench of before it was measured began the run."""
+    strike(600, lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    with pytest.raises(Interrupted):
+        execute(run)
+    manifest = run.manifest()
+    del manifest["cpu_time_s"]
+    write_json(run.manifest_path, integrity.sealed(manifest))
+    assert execute(run)["state"] == "complete"
+    assert "cpu_time_s" not in run.manifest()
 
 
 def test_a_run_without_normalisation_resumes_as_well(case: str, tmp_path: Path, strike: Strike) -> None:

@@ -161,7 +161,7 @@ def _checked(path: Path, summary: Mapping[str, Any]) -> bytes:
 
 
 def _limits(summary: Mapping[str, Any], text: bytes, packed: bytes | None) -> Limits:
-    frame = tables.csv(text)
+    frame = tables.csv(text, words=("condition",))
     if missing := [name for name in COLUMNS if name not in frame.columns]:
         raise ValueError(f"limits.csv lacks {', '.join(missing)}")
     arrays = {}
@@ -169,8 +169,8 @@ def _limits(summary: Mapping[str, Any], text: bytes, packed: bytes | None) -> Li
         with archives.opened(packed) as archive:
             arrays = {name: np.asarray(archive[name]) for name in archive.files}
     found = []
-    for number, name in enumerate(dict.fromkeys(frame["condition"].astype(str))):
-        rows = frame[frame["condition"].astype(str) == name]
+    for number, name in enumerate(dict.fromkeys(frame["condition"])):
+        rows = frame[frame["condition"] == name]
         steps = rows["steps"].to_numpy(dtype=np.int64)
         least = rows["least_steps"].to_numpy(dtype=np.int64)
         if (steps < 1).any() or (least < 1).any() or (least > steps).any():

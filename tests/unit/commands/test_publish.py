@@ -6,17 +6,16 @@ import bz2
 import csv
 import io
 import json
-import re
 import shutil
-import zlib
 
 import pandas as pd
 import pytest
 import yaml
 
 from auvbench import cli
-from auvbench.reporting.shipped import FURTHER_COLUMNS
+from auvbench.reporting.shipped import FURTHER_COLUMNS, rounded
 from auvbench.runs import integrity
+from tests.numbers import assert_same_numbers
 from tests.synthetic import write_experiment
 
 
@@ -54,20 +53,7 @@ def test_a_report_of_what_is_shipped_has_the_same_numbers(runs, tmp_path, study)
     for name in names:
         shipped, before = tmp_path / "results/grid" / name, tmp_path / "before" / name
         assert shipped.read_bytes() == (tmp_path / "after" / name).read_bytes()
-        assert numbers(shipped) == pytest.approx(numbers(before), rel=1e-6, abs=1e-8, nan_ok=True)
-
-
-def numbers(file):
-    """Every number that a file holds; what is not one stands for itself, by its place in an alphabet."""
-    words = re.split(r"[\s,:]+", file.read_text())
-    return [number(word) for word in words]
-
-
-def number(word):
-    try:
-        return float(word)
-    except ValueError:
-        return float(zlib.crc32(word.encode()))
+        assert_same_numbers(shipped.read_text(), before.read_text())
 
 
 def test_the_verdicts_are_the_claims_of_the_study(runs, tmp_path):
@@ -99,6 +85,20 @@ def test_nothing_of_the_machine_and_nothing_that_only_training_needs(runs, tmp_p
     assert kinds == {"config.yaml", "manifest.json", "summary.json", "episodes.csv.bz2", "trajectories.npz"}
     assert not list(shipped.glob("runs/*/evaluations/robustness/*.npz"))
     assert "a processor" in (shipped / "README.md").read_text()
+
+
+def test_what_a_row_is_known_by_is_not_rounded():
+    rows = b"condition,frequency_hz,steps,energy_J\n1.30,33.333333333333336,17,12345.678912345\n"
+    assert rounded(rows, None) == rows.replace(b"678912345", b"6789")
+    assert rounded(rows, ("condition", "steps")) == b"condition,steps\n1.30,17\n"
+
+
+def test_a_condition_may_be_called_as_a_number(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_experiment(tmp_path / "outputs/grid", algorithms=("pid",), protocols={"test": ("1.30",)})
+    assert publish("--pictures", "failures") == 0
+    assert report("results/grid", "--out", "after") == 0
+    assert "PID" in (tmp_path / "after/table.csv").read_text()
 
 
 def test_rows_are_complete_and_vouched_for(runs, tmp_path):

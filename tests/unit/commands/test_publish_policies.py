@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 pytest.importorskip("onnx")
 
 from auvbench import cli
+from tests.numbers import assert_same_numbers
 from tests.synthetic import seal, write_evaluation
 from tests.unit.evaluation.test_policies_as_files import trained
 from tests.unit.runs.test_damage import frozen
@@ -70,8 +69,7 @@ def test_the_best_of_each_agent_is_exported_and_named(runs, capsys):
     assert f"100.0 | [{name}.onnx](<policies/{name}.onnx>)" in readme
     assert "no file of PID" in readme
     assert table(str(TO)) == (TO / "table.csv").read_text()
-    shipped, original = (pd.read_csv(io.StringIO(text)) for text in (table(str(TO)), table("outputs")))
-    pd.testing.assert_frame_equal(shipped, original, rtol=1e-6, atol=1e-8)
+    assert_same_numbers(table(str(TO)), table("outputs"))
 
 
 def test_what_is_there_is_kept_also_without_the_weights(runs, capsys):
