@@ -209,10 +209,12 @@ def _refuse_others(run: RunDirectory, config: schema.TrainConfig) -> None:
     if config.algo.agent == "onnx":
         raise NoNetworkError(f"{run.path}: its policy is an ONNX file already: {run.model / NETWORK}")
     if not learns(config.algo):
-        raise NoNetworkError(
-            f"{run.path}: {config.algo.name} is a controller that auvbench computes, not a trained network; "
-            "there is nothing to export"
-        )
+        raise NoNetworkError(f"{run.path}: {computed(config.algo.name)}")
+
+
+def computed(name: str) -> str:
+    """Why an agent that learns nothing has no file."""
+    return f"{name} is a controller that auvbench computes, not a trained network; there is nothing to export"
 
 
 def _observation(frame: str, vehicle: VehicleModel) -> list[dict[str, str]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from auvbench.analysis.effects import run_learns
 from auvbench.analysis.measures import to_rank_by
 from auvbench.analysis.model import NO_POLICY, Agent, RunRecord
 from auvbench.errors import AuvbenchError
@@ -81,6 +82,8 @@ def renew(
         run = agent.runs[i]
         reason, failed = _there(there, run.id), False
         if reason is None:
+            reason = _nothing(run)
+        if reason is None:
             reason, failed = _export(sources.get(run.id), there, run.id) if export else (NOT_ASKED, False)
         rows.append(
             Best(agent.label, run.id, float(agent.success[i].mean()), reason, failed or bool(_taken(reason)))
@@ -88,6 +91,15 @@ def renew(
     if export:
         _remove_others(there, {row.run for row in rows})
     return rows
+
+
+def _nothing(run: RunRecord) -> str | None:
+    """Why there is nothing to export, also of a copy; None of an agent that learns, and of a policy that was a file."""
+    from auvbench.evaluation.exporting import computed
+
+    if run_learns(run) or run.config.get("algo.agent") == "onnx":
+        return None
+    return computed(str(run.config.get("algo.name")))
 
 
 def _taken(reason: str) -> bool:

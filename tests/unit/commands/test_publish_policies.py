@@ -84,7 +84,9 @@ def test_what_is_there_is_kept_also_without_the_weights(runs, capsys):
     for name in there():
         (TO / "policies" / name).unlink()
     assert publish(str(TO), "--policies") == 0
-    assert "weights are not in the folders that were named" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert f"no policy of PPO ({runs[1].id}): its weights are not in the folders that were named" in said
+    assert f"no policy of PID ({runs[2].id}): pid is a controller" in said
     assert "weights are not" in (TO / "README.md").read_text()
     assert there() == []
     assert "## Policies" in readme
