@@ -70,6 +70,7 @@ def main(argv: Sequence[str]) -> int:
     from auvbench.runs.durable import storage
 
     publish_readme.check(study, options)
+    publish_readme.rehearse(paths, study, options)
     with storage(f"cannot write {study.folder}"):
         runs, left_out = _ship(paths, options, study.also, study.folder)
         count, without = publish_readme.write(study, options, {run.id: run for run in runs})
@@ -148,9 +149,6 @@ def _ship(
     copies.prepare(folder)
     runs, problems = load(paths, (options.protocol, *also), options.where)
     require(runs, problems, options.protocol)
-    for name in also:
-        if not any(name in run.evaluations for run in runs):
-            raise ReportError(f"--also {name}: none of the {len(runs)} runs was evaluated by it")
     _refuse_own(runs, folder)
     held = {run.id: holder for run in runs if (holder := _holder(run)) is not None}
     chosen = [run for run in runs if (run.evaluations or failed_training(run)) and run.id not in held]

@@ -39,6 +39,23 @@ def check(study: Study, options: Options) -> None:
     readme.check(study.folder / "README.md", _blocks(study, options))
 
 
+def rehearse(paths: Sequence[Path], study: Study, options: Options) -> None:
+    """Before anything is written: can the runs that were named be reported on as it was asked?
+
+    Raises:
+        UserError: they cannot, or an option names what there is not.
+    """
+    from auvbench.commands.report import analysed, over_all
+
+    over_all(analysed(paths, options), options)
+    for name in study.also:
+        analysed(paths, _further(options, name))
+
+
+def _further(options: Options, protocol: str) -> Options:
+    return replace(options, protocol=protocol, condition=None, study=None)
+
+
 def _blocks(study: Study, options: Options) -> list[str]:
     from auvbench.reporting import best_policies
 
@@ -68,7 +85,7 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     source = [folder / copies.RUNS]
     reports = _tables(source, chosen, folder)
     for name in study.also:
-        _tables(source, replace(chosen, protocol=name, condition=None, study=None), folder / name)
+        _tables(source, _further(chosen, name), folder / name)
     runs = [run for report in reports for run in report.runs]
     missing = 0
     texts = {}

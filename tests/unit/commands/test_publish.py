@@ -183,9 +183,14 @@ def test_published_once_more_from_what_was_published(runs, tmp_path):
         (["outputs/grid", "--to", "x", "--pictures", "failure"], "did you mean 'failures'"),
         (["outputs/nothing", "--to", "x"], "no such folder"),
         (["outputs/grid", "--to", "x", "--protocol", "thesis"], "robustness, test"),
+        (["outputs/grid", "--to", "x", "--also", "transfer"], "evaluated by protocol 'transfer'"),
+        (["outputs/grid", "--to", "x", "--baseline", "pdi"], "--baseline 'pdi' is not among the agents"),
+        (["outputs/grid", "--to", "x", "--columns", "energies"], "energies"),
+        (["outputs/grid", "--to", "x", "--rank-by", "luck"], "luck"),
     ],
 )
-def test_mistakes(runs, arguments, said, tmp_path, capsys):
+def test_mistakes_are_said_before_anything_is_written(runs, arguments, said, tmp_path, capsys):
     (tmp_path / "a-file").write_text("mine")
     assert cli.main(["publish", *arguments]) == 2
     assert said in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
