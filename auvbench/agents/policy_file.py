@@ -7,7 +7,7 @@ from pathlib import Path
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.config import algorithms, schema
-from auvbench.policies import exported
+from auvbench.policies import cards, exported
 from auvbench.vehicles.model import VehicleModel
 
 
@@ -36,7 +36,7 @@ class PolicyFile:
         path = folder / exported.NETWORK
         data, card, _ = exported.read(path)
         if sha256(data).hexdigest() != self._sha256:
-            raise exported.PolicyError(
+            raise cards.PolicyError(
                 f"{path}: is not the file that the run was made with (algo.sha256 differs)"
             )
         sizes = {"observations": 4 + self._n_u, "actions": self._n_u}

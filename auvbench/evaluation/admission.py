@@ -7,7 +7,8 @@ import numpy as np
 from auvbench.agents.policy_file import PolicyFile
 from auvbench.config import schema
 from auvbench.evaluation import observations
-from auvbench.policies.exported import SLACK, Policy, PolicyError
+from auvbench.policies.cards import PolicyError
+from auvbench.policies.exported import SLACK, Policy
 
 STEPS = 32
 """of the episodes on which it is tried"""

@@ -20,8 +20,9 @@ from auvbench.config.clock import step_limit
 from auvbench.errors import RunError
 from auvbench.evaluation import observations
 from auvbench.evaluation.evaluate import adopt, make_agent, read_summary
-from auvbench.policies import exported
-from auvbench.policies.exported import FORMAT, NETWORK, SCHEMA_VERSION
+from auvbench.policies import cards, exported
+from auvbench.policies.cards import FORMAT, SCHEMA_VERSION
+from auvbench.policies.exported import NETWORK
 from auvbench.runs import identity, integrity, provenance
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.durable import sha256, storage
@@ -101,12 +102,12 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
     card["check"] = {"observations": count, "largest_difference": difference, "limit": LIMIT}
     card["versions"] = _versions()
     card |= more or {}
-    inside.check_output(target.parent, (target.name, exported.card_path(target).name))
+    inside.check_output(target.parent, (target.name, cards.card_path(target).name))
     with storage(f"cannot write into {target.parent}"):
         # The card first: it names the file's digest, so that an old file beside it is noticed.
-        write_atomic(exported.card_path(target), as_text(card))
+        write_atomic(cards.card_path(target), as_text(card))
         write_atomic(target, data)
-    return Export(run, target, exported.card_path(target), count, difference)
+    return Export(run, target, cards.card_path(target), count, difference)
 
 
 def compare(config: schema.TrainConfig, agent: Agent, data: bytes, n_u: int, where: str) -> tuple[int, float]:

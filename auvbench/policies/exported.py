@@ -5,22 +5,21 @@ compiled. The network takes raw observations (n, 4 + n_u) in the units of the en
 (n, n_u) in [-1, 1]; scaling and clipping are in the file. Files and cards may come from anybody: they are bounded and
 looked at (`auvbench/untrusted/onnx_file.py`) before a runtime gets them.
 
-What a card holds is in docs/policies-as-files.md.
+The card is `auvbench/policies/cards.py`.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.errors import MissingExtraError, RunError
-from auvbench.untrusted import json_text, onnx_file, reading
+from auvbench.errors import MissingExtraError
+from auvbench.policies.cards import MOST, Card, PolicyError, card_path, content, parse_card, unread
+from auvbench.untrusted import onnx_file, reading
 from auvbench.untrusted.onnx_file import OnnxFile, Port
 from auvbench.untrusted.text import plain, short
 
@@ -29,46 +28,12 @@ Floats = NDArray[np.float32]
 NETWORK, CARD = "policy.onnx", "policy.json"
 """The files of a run of `algo=onnx`, in its `model/`."""
 
-FORMAT = "auvbench-policy"
-SCHEMA_VERSION = 1
-"""of the card"""
-
 SLACK = 1e-6
 """by which an action may leave [-1, 1], for rounding; it is clipped then"""
 
 ROWS = 64
 """of each forward pass: matrix products of another shape may round differently, and an answer must not depend on how
 many are asked for together"""
-
-LONGEST_NAME = 200
-"""characters of a name on a card"""
-
-MOST = 1000
-"""observations or actions"""
-
-
-class PolicyError(RunError):
-    """A policy's file or card cannot be used, or the policy answers what is no action."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Card:
-    """What is known of a policy beside its network."""
-
-    name: str
-    vehicle: str
-    frequency: float
-    """Hz of its actions"""
-    position_frame: str
-    """world | body: of the position error that it observes"""
-    observation: tuple[str, ...]
-    """names of what it observes, in order"""
-    action: tuple[str, ...]
-    """names of the actuators, in order"""
-    sha256: str
-    """of the ONNX file"""
-    document: Mapping[str, Any]
-    """the whole of it"""
 
 
 class Policy:
@@ -183,14 +148,14 @@ def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
     if path.suffix == ".json" or path.is_dir():
         what = "is a folder" if path.is_dir() else "is a card"
         raise PolicyError(f"{path}: {what}; name the ONNX file")
-    data = _content(path, onnx_file.LARGEST)
+    data = content(path, onnx_file.LARGEST)
     beside = card_path(path)
     try:
         text = reading.content(beside)
     except FileNotFoundError:
         return data, None, None
     except (OSError, ValueError) as error:
-        raise PolicyError(f"{beside}: {_unread(error)}") from error
+        raise PolicyError(f"{beside}: {unread(error)}") from error
     card = parse_card(text, str(beside))
     if card is None:
         return data, None, None
@@ -200,56 +165,6 @@ def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
             "export again, or remove the card"
         )
     return data, card, text
-
-
-def card_path(path: Path | str) -> Path:
-    """Where the card of an ONNX file lies: under the same stem.
-
-    >>> card_path("policies/ppo.onnx").name
-    'ppo.json'
-    """
-    return Path(path).with_suffix(".json")
-
-
-def read_card(path: Path | str) -> Card:
-    """A card by itself.
-
-    Raises:
-        PolicyError: it is missing, or no card.
-    """
-    card = parse_card(_content(Path(path), reading.DOCUMENT), str(path))
-    if card is None:
-        raise PolicyError(f'{path}: is no card of a policy ("format" is not "{FORMAT}")')
-    return card
-
-
-def parse_card(data: bytes, where: str) -> Card | None:
-    """A card from its bytes; None where the JSON is of something else.
-
-    Raises:
-        PolicyError: it is no JSON, of another schema version, or an entry is missing or impossible.
-    """
-    try:
-        document = json_text.json_value(data)
-    except ValueError as error:
-        raise PolicyError(f"{where}: is no JSON: {short(error)}") from error
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
-        return None
-    version = document.get("schema_version")
-    if version != SCHEMA_VERSION:
-        raise PolicyError(
-            f"{where}: schema_version {short(version, 40)}, but this auvbench reads {SCHEMA_VERSION}"
-        )
-    return Card(
-        name=_name(document, where, "name"),
-        vehicle=_name(document, where, "vehicle", "name"),
-        frequency=_frequency(document, where),
-        position_frame=_frame(document, where),
-        observation=_names(document, where, "observation"),
-        action=_names(document, where, "action"),
-        sha256=_name(document, where, "file", "sha256"),
-        document=document,
-    )
 
 
 def check(
@@ -338,62 +253,3 @@ def _session(data: bytes, where: str) -> Any:
 def _reason(error: BaseException) -> str:
     text = plain(" ".join(str(error).split())) or type(error).__name__
     return short(text.removeprefix("[ONNXRuntimeError] : "), 300)
-
-
-def _content(path: Path, limit: int) -> bytes:
-    try:
-        return reading.content(path, limit)
-    except (OSError, ValueError) as error:
-        raise PolicyError(f"{path}: {_unread(error)}") from error
-
-
-def _unread(error: OSError | ValueError) -> str:
-    if isinstance(error, FileNotFoundError):
-        return "no such file"
-    return f"cannot be read: {getattr(error, 'strerror', None) or error}"
-
-
-def _entry(document: Mapping[str, Any], where: str, *keys: str) -> Any:
-    node: Any = document
-    for key in keys:
-        if not isinstance(node, Mapping) or key not in node:
-            raise PolicyError(f"{where}: {'.'.join(keys)} is missing")
-        node = node[key]
-    return node
-
-
-def _name(document: Mapping[str, Any], where: str, *keys: str) -> str:
-    value = _entry(document, where, *keys)
-    if not is_name(value):
-        raise PolicyError(f"{where}: {'.'.join(keys)} is {short(repr(value), 40)}, which is no name")
-    return str(value)
-
-
-def is_name(value: Any) -> bool:
-    """Whether it is a text of one line that can be shown."""
-    return isinstance(value, str) and 0 < len(value) <= LONGEST_NAME and plain(value) == value
-
-
-def _frequency(document: Mapping[str, Any], where: str) -> float:
-    value = _entry(document, where, "frequency_hz")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= 1000:
-        raise PolicyError(
-            f"{where}: frequency_hz is {short(repr(value), 40)}; must be above 0 and at most 1000"
-        )
-    return float(value)
-
-
-def _frame(document: Mapping[str, Any], where: str) -> str:
-    value = _entry(document, where, "task", "position_frame")
-    if value not in ("world", "body"):
-        raise PolicyError(f"{where}: task.position_frame is {short(repr(value), 40)}; valid: body, world")
-    return str(value)
-
-
-def _names(document: Mapping[str, Any], where: str, key: str) -> tuple[str, ...]:
-    items = _entry(document, where, key)
-    if not isinstance(items, list) or not 0 < len(items) <= MOST:
-        raise PolicyError(f"{where}: {key} is no list of what the network takes or gives")
-    return tuple(
-        _name({"entry": item}, f"{where}: {key}[{i}]", "entry", "name") for i, item in enumerate(items)
-    )

@@ -12,7 +12,7 @@ from auvbench.analysis.effects import run_learns
 from auvbench.analysis.measures import to_rank_by
 from auvbench.analysis.model import NO_POLICY, Agent, RunRecord
 from auvbench.errors import AuvbenchError
-from auvbench.policies import exported
+from auvbench.policies import cards, exported
 from auvbench.reporting.tables.markdown import escape, pipes
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.manifest_fields import SHIPPED
@@ -111,9 +111,7 @@ def _there(there: Path, run: str) -> str | None:
     file = there / f"{run}.onnx"
     if not file.exists() and not file.is_symlink():
         return (
-            None
-            if _ours(exported.card_path(file), run) or not exported.card_path(file).exists()
-            else _other(file)
+            None if _ours(cards.card_path(file), run) or not cards.card_path(file).exists() else _other(file)
         )
     try:
         _, card, _ = exported.read(file)
@@ -130,7 +128,7 @@ def _other(file: Path) -> str:
 def _ours(card: Path, run: str) -> bool:
     """Whether a card was written by publish, for this run."""
     try:
-        document = exported.read_card(card).document
+        document = cards.read_card(card).document
     except AuvbenchError:
         return False
     named = document.get("run")

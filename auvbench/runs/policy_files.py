@@ -18,7 +18,7 @@ from omegaconf import DictConfig, open_dict
 
 from auvbench.config import algorithms, schema
 from auvbench.errors import ConfigError
-from auvbench.policies import exported
+from auvbench.policies import cards, exported
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.durable import sha256, storage
 from auvbench.runs.files import write_atomic
@@ -35,7 +35,7 @@ LONGEST = 80
 @dataclass(frozen=True, slots=True, eq=False)
 class _File:
     data: bytes
-    card: exported.Card | None
+    card: cards.Card | None
     card_data: bytes | None
     digest: str
 
@@ -90,9 +90,7 @@ def keep(run: RunDirectory, config: dict[str, Any]) -> None:
         return
     file = _file(Path(algo["path"]))
     if file.digest != algo["sha256"]:
-        raise exported.PolicyError(
-            f"{algo['path']}: was changed while the run was made; type the command again"
-        )
+        raise cards.PolicyError(f"{algo['path']}: was changed while the run was made; type the command again")
     with storage(f"cannot write {run.model}"):
         # The network last: where it is, its card is.
         if file.card_data is not None:
@@ -111,7 +109,7 @@ def _file(path: Path) -> _File:
     """A grid names one file a hundred times: it is read once, unless it changes."""
     status = []
     with contextlib.suppress(OSError, ValueError):  # reading it says what is wrong with its name
-        for one in (path, exported.card_path(path)):
+        for one in (path, cards.card_path(path)):
             found = one.stat()
             status.append((found.st_mtime_ns, found.st_size))
     return _read(path.absolute(), str(path), tuple(status))
@@ -123,7 +121,7 @@ def _read(path: Path, shown: str, _status: tuple[tuple[int, int], ...]) -> _File
     return _File(data, card, card_data, sha256(data))
 
 
-def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+def _compare(card: cards.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
     """What a file from another vehicle, task or clock would be told about without an error, and steer wrongly."""
     if card.action != vehicle.actuators:
         raise ConfigError(
