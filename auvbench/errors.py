@@ -84,14 +84,17 @@ def plain_warnings() -> None:
 
 
 def closest(name: str, valid: Iterable[str]) -> str:
-    """The hint that ends an error message: the closest valid name, or all of them.
+    """The hint that ends an error message: the closest valid name, letter case aside, and all of them.
 
     >>> closest("bluerov", ["bluerov2", "rexrov"])
     "did you mean 'bluerov2'? valid: bluerov2, rexrov"
     >>> closest("zzz", ["pid", "ppo"])
     'valid: pid, ppo'
+    >>> closest("pdi", ["PID", "SAC K=1"])
+    "did you mean 'PID'? valid: PID, SAC K=1"
     """
     names = sorted(set(valid))
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? " if near else ""
+    by_letters = {known.casefold(): known for known in reversed(names)}
+    near = difflib.get_close_matches(name.casefold(), by_letters, n=1, cutoff=0.5)
+    hint = f"did you mean {by_letters[near[0]]!r}? " if near else ""
     return f"{hint}valid: {', '.join(names)}"
