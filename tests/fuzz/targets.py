@@ -65,11 +65,12 @@ def keys() -> tuple[str, ...]:
     """Dotted keys of the configurations, and of Hydra's own."""
     from omegaconf import OmegaConf
 
-    from auvbench.config.compose import _leaves, compose
+    from auvbench.config.compose import compose
+    from auvbench.config.mistakes import leaves
 
     found = [
-        *_leaves(OmegaConf.to_container(compose("train"))),
-        *_leaves(OmegaConf.to_container(compose("evaluate"))),
+        *leaves(OmegaConf.to_container(compose("train"))),
+        *leaves(OmegaConf.to_container(compose("evaluate"))),
     ]
     vehicle = [key for key in found if key.startswith("vehicle.")]
     rest = [key for key in found if not key.startswith("vehicle.")]
