@@ -113,7 +113,7 @@ def test_what_can_be_reported_is_and_the_rest_is_named(
         (("--then", "mean_stps"), "did you mean 'mean_steps'?"),
         (("--rankby", "x"), "unknown option '--rankby' of report; did you mean '--rank-by'?"),
         (("--group-by", "algo,reward.kk"), "did you mean 'reward.k'?"),
-        (("--baseline", "pit"), "is not among the agents; valid: PID"),
+        (("--baseline", "pit"), "is not among the agents; did you mean 'PID'? valid: PID"),
         (("--baseline", "ppo"), "PPO K=1"),
         (("--protocol", "robust"), "robust"),
         (("--condition", "nominel"), "did you mean 'nominal'?"),
