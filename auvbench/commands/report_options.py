@@ -93,7 +93,12 @@ def parser() -> Parser:
     add("--protocol", metavar="NAME", help="the evaluation that is reported: test, thesis, robustness")
     add("--condition", metavar="NAME", help="the test condition within the protocol: nominal, current=0.5")
     add("--format", metavar="NAME,...", help=",".join(FORMATS))
-    add("--figures", action=argparse.BooleanOptionalAction, default=None, help="draw the figures")
+    add(
+        "--figures",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="draw the figures; formats md and html show them",
+    )
     add("--out", metavar="DIR", help="folder of the report; default <experiment>/report")
     add("--study", metavar="NAME", help=f"answer the claims of a study: {', '.join(STUDIES)}")
     add("--confidence", metavar="P", help="of every interval, between 0.5 and 0.999")

@@ -41,7 +41,7 @@ def success(scene: Scene) -> Drawing | None:
         for i, (ax, agent) in enumerate(zip(axes, chosen, strict=True)):
             multiples.behind(ax, curves[:i] + curves[i + 1 :])
             multiples.band(ax, scene, agent, curves[i], dots=True, alone=True)
-            ax.set_title(agent.label, loc="left")
+            style.title(ax, agent.label)
             ax.tick_params(labelbottom=i + columns >= len(chosen))
         for ax in list(grid.flat)[len(chosen) :]:
             ax.set_visible(False)
@@ -53,8 +53,9 @@ def success(scene: Scene) -> Drawing | None:
         if len(axes) == 1 or i + multiples.columns_of(len(axes)) >= len(axes):
             ax.set_xlabel("environment steps")
     caption = (
-        f"Share of the training episodes that reached the goal, in up to {SPANS} equal spans of environment steps. "
-        "Training explores: these episodes are not the test. In the first spans only short episodes have ended."
+        f"Share of the training episodes that reached the goal, in up to {SPANS} equal spans of environment steps, none shorter than "
+        "the longest episode of all environments together while at least four are left. "
+        "Training explores: these episodes are not the test."
         + multiples.lines_sentence(chosen, dots=True)
         + multiples.grey_sentence(len(chosen))
         + shown(wanted, learners)

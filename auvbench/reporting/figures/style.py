@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -76,6 +77,14 @@ def canvas(width: float, height: float) -> Canvas:
     figure = Canvas(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def title(ax: Axes, text: str, width: int = 26, more: str = "") -> None:
+    """A panel's title, in lines of at most `width` characters where its words allow, and `more` in a line below."""
+    ax.set_title(
+        "\n".join([*textwrap.wrap(text, width, break_long_words=False), *([more] if more else [])]),
+        loc="left",
+    )
 
 
 def save(figure: Canvas, path: Path) -> tuple[Path, Path]:

@@ -228,7 +228,7 @@ def failures(scene: Scene) -> Drawing | None:
         _waypoints(grid[0, column], x, y, agent.outcome.ravel())
         _waypoints(grid[1, column], x, z, agent.outcome.ravel())
         failed = int((agent.outcome != 0).sum())
-        grid[0, column].set_title(f"{agent.label}\n{failed} of {agent.outcome.size} failed", loc="left")
+        style.title(grid[0, column], agent.label, more=f"{failed} of {agent.outcome.size} failed")
         grid[0, column].set_aspect("equal")
         grid[1, column].set_xlabel("x (m)")
     low, high = depth_limits(chosen[0])

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from auvbench.analysis.model import Agent
+from auvbench.analysis.model import Agent, RunRecord
 from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import multiples, style
 from auvbench.reporting.figures.scene import (
@@ -23,6 +23,8 @@ from auvbench.reporting.figures.scene import (
 
 RECORDS = "training records"
 BINS = 60
+FEWEST = 4
+"""spans of a training"""
 WINDOW = 100
 """episodes of a success share, as in the thesis"""
 MOST_POINTS = 1500
@@ -44,7 +46,8 @@ def curves(scene: Scene) -> Drawing | None:
     if log:
         style.symlog(figure.axes[1])
     caption = (
-        f"Mean episode length and return during training, in up to {BINS} equal spans of environment steps."
+        f"Mean episode length and return during training, in up to {BINS} equal spans of environment steps, none shorter "
+        "than the longest episode of all environments together while at least four are left."
         + multiples.lines_sentence(chosen)
         + multiples.grey_sentence(len(chosen))
         + shown(wanted, learners)
@@ -100,7 +103,7 @@ def _apart(scene: Scene, agents: Sequence[Agent], found: Found, log: bool) -> Ca
             style.engineering(ax.xaxis)
             if log and name == "return" and ax is not first[name]:
                 style.symlog(ax)
-        grid[2 * (i // columns), i % columns].set_title(agent.label, loc="left")
+        style.title(grid[2 * (i // columns), i % columns], agent.label, 21)
         if i + columns >= len(agents):
             ax.tick_params(labelbottom=True)
             ax.set_xlabel("environment steps")
@@ -110,11 +113,15 @@ def _apart(scene: Scene, agents: Sequence[Agent], found: Found, log: bool) -> Ca
 def binned(scene: Scene, agent: Agent, column: str, most: int = BINS) -> multiples.Curve:
     """Centres of the spans (B,) and the means in them by seed (seeds, B), NaN where no episode ended.
 
-    The column `success` is 100 where an episode reached the goal and else 0.
+    The column `success` is 100 where an episode reached the goal and else 0. A span is as long as the longest episode
+    in all environments at once, where that leaves at least `FEWEST` of them: environments that begin together end their
+    long episodes together, and a shorter span would hold nothing but failures, or nothing but what ended early.
     """
-    frames = [f for run in agent.runs if (f := scene.training(run)) is not None]
+    found = [(f, run) for run in agent.runs if (f := scene.training(run)) is not None]
+    frames = [f for f, _ in found]
     last = min(int(f["step"].iloc[-1]) for f in frames)  # where all seeds have a value
-    bins = int(np.clip(min(len(f) for f in frames) // 5, 4, most))
+    longest = max(float(f["steps"].max()) * _environments(run) for f, run in found)
+    bins = int(np.clip(min(min(len(f) for f in frames) // 5, last // max(longest, 1.0)), FEWEST, most))
     edges = np.linspace(0, last, bins + 1)
     rows = []
     for frame in frames:
@@ -125,6 +132,12 @@ def binned(scene: Scene, agent: Agent, column: str, most: int = BINS) -> multipl
         total = np.bincount(spans, weights=values.to_numpy(np.float64), minlength=bins)
         rows.append(np.divide(total, count, out=np.full(bins, np.nan), where=count > 0))
     return (edges[1:] + edges[:-1]) / 2, np.array(rows).reshape(-1, bins)
+
+
+def _environments(run: RunRecord) -> int:
+    """How many environments fed the learner."""
+    n = run.config.get("algo.n_envs")
+    return n if type(n) is int and n > 0 else 1
 
 
 def reward_by_outcome(scene: Scene) -> Drawing | None:
@@ -148,7 +161,7 @@ def reward_by_outcome(scene: Scene) -> Drawing | None:
         top.tick_params(labelbottom=False)
         frame = scene.training(agent.runs[0])
         assert frame is not None
-        top.set_title(f"{agent.label}, seed {agent.runs[0].seed}", loc="left")
+        style.title(top, f"{agent.label}, seed {agent.runs[0].seed}", 32)
         _scatter_by_outcome(top, frame)
         _success_share(bottom, frame)
         if i % columns == 0:
@@ -207,7 +220,7 @@ def logs(scene: Scene) -> Drawing | None:
     grid = figure.subplots(3, len(chosen), squeeze=False, sharex="col", sharey="row")
     returns = []
     for column, agent in enumerate(chosen):
-        grid[0, column].set_title(agent.label, loc="left")
+        style.title(grid[0, column], agent.label)
         grid[2, column].set_xlabel("training episode")
         for row, name in enumerate(titles):
             ax = grid[row, column]

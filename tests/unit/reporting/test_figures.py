@@ -3,7 +3,9 @@
 import json
 import shutil
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,7 +15,7 @@ from auvbench.analysis import processes
 from auvbench.analysis.conditions import successes
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.rounding import rounded
-from auvbench.reporting.figures import FIGURES, colour_of, draw_all, multiples, style
+from auvbench.reporting.figures import FIGURES, colour_of, draw_all, multiples, style, training
 from auvbench.reporting.figures.colours import _rgb, oklab
 from auvbench.reporting.figures.scene import Scene, scene, wants_symlog
 from auvbench.statistics import wilson
@@ -182,6 +184,44 @@ def test_success_over_steps_has_a_dot_for_each_seed_and_span(tmp_path: Path) -> 
     spans = pd.cut(frames[0]["step"][frames[0]["step"] <= last], edges)
     expected = 100 * (frames[0]["outcome"] == "success").groupby(spans, observed=False).mean()
     assert np.allclose(y[0], expected, equal_nan=True)
+
+
+def test_no_span_is_shorter_than_what_all_environments_need_for_their_longest_episode() -> None:
+    """32 environments of which each second episode times out, all together, after 1000 steps."""
+    ends = [
+        (32 * (1000 * k + at), outcome)
+        for k in range(6)
+        for at, outcome in ((300, "success"), (1000, "timeout"))
+    ]
+    frame = pd.DataFrame(
+        [
+            (step, outcome, steps)
+            for step, outcome in ends
+            for steps in [1000 if outcome == "timeout" else 300] * 32
+        ],
+        columns=["step", "outcome", "steps"],
+    )
+    trained = SimpleNamespace(runs=[SimpleNamespace(config={"algo.n_envs": 32})])
+    drawn_from = SimpleNamespace(training=lambda run: frame)
+    x, y = training.binned(drawn_from, trained, "success", 30)  # type: ignore[arg-type]
+    assert y.tolist() == [[50.0] * 6]  # with 30 spans 100 and 0 in turn, and nothing between
+    assert x[0] == 16_000
+    alone = SimpleNamespace(runs=[SimpleNamespace(config={"algo.n_envs": 1})])
+    assert len(training.binned(drawn_from, alone, "success", 30)[0]) == 30  # type: ignore[arg-type]
+
+
+def test_a_long_label_is_broken_into_lines(tmp_path: Path) -> None:
+    grid = {"algorithms": ("ppo", "sac", "td3"), "reward_k": (1, 40), "seeds": (0, 1), "episodes": 5}
+    six = build(tmp_path / "six", train_episodes=60, **grid)
+    long = "PPO 25 Hz sign=positive 200k steps, and more"
+    first = replace(six.agents[0], label=long)
+    canvas = draw(
+        "training_success", scene([first, *six.agents[1:]], plain_ranking([first, *six.agents[1:]]))
+    )
+    assert canvas is not None
+    titles = [ax.get_title(loc="left") for ax in canvas.axes if ax.get_visible()]
+    (found,) = (title for title in titles if title.replace("\n", " ") == long)
+    assert max(map(len, found.split("\n"))) <= 26
 
 
 def test_the_interquartile_mean_is_that_of_the_seeds_that_are_there() -> None:
