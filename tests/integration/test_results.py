@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[2]
 STUDIES = {
     "thesis": ["--study", "thesis"],
     "leaderboard": ["--rank-by", "par1_steps", "--columns", "action_ms"],
+    "differences": [],
 }
 
 
@@ -30,6 +31,16 @@ def test_a_report_gives_the_numbers_that_are_shipped(name, tmp_path, capsys):
         there, here = shipped / file, tmp_path / "report" / file
         assert len(rows(there)) > 5
         assert_same_numbers(here.read_text(), there.read_text(), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("protocol", ["transfer", "robustness"])
+def test_so_does_one_by_another_protocol(protocol, tmp_path, capsys):
+    shipped = ROOT / "results/leaderboard"
+    words = ["--rank-by", "par1_steps", "--format", "csv", "--no-figures", "--out", str(tmp_path)]
+    assert main(["report", str(shipped), "--protocol", protocol, *words]) == 0
+    there, here = shipped / protocol / "conditions.csv", tmp_path / "conditions.csv"
+    assert len(rows(there)) > 50
+    assert_same_numbers(here.read_text(), there.read_text(), rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/results.md"])

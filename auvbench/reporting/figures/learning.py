@@ -54,7 +54,7 @@ def success(scene: Scene) -> Drawing | None:
             ax.set_xlabel("environment steps")
     caption = (
         f"Share of the training episodes that reached the goal, in up to {SPANS} equal spans of environment steps, none shorter than "
-        "the longest episode of all environments together while at least four are left. "
+        "the longest episode of all environments together while at least two are left. "
         "Training explores: these episodes are not the test."
         + multiples.lines_sentence(chosen, dots=True)
         + multiples.grey_sentence(len(chosen))

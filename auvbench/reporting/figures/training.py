@@ -23,7 +23,7 @@ from auvbench.reporting.figures.scene import (
 
 RECORDS = "training records"
 BINS = 60
-FEWEST = 4
+FEWEST = 2
 """spans of a training"""
 WINDOW = 100
 """episodes of a success share, as in the thesis"""
@@ -47,7 +47,7 @@ def curves(scene: Scene) -> Drawing | None:
         style.symlog(figure.axes[1])
     caption = (
         f"Mean episode length and return during training, in up to {BINS} equal spans of environment steps, none shorter "
-        "than the longest episode of all environments together while at least four are left."
+        "than the longest episode of all environments together while at least two are left."
         + multiples.lines_sentence(chosen)
         + multiples.grey_sentence(len(chosen))
         + shown(wanted, learners)
