@@ -50,12 +50,50 @@ def test_the_leaderboard_is_quoted_rightly(page):
     table = {row["agent"]: row for row in rows(ROOT / "results" / "leaderboard" / "table.csv")}
     found = 0
     for line in (ROOT / page).read_text(encoding="utf-8").splitlines():
-        if not (
-            match := re.search(r"\| ([\w ,]+?)(?:, 5 seeds)? \| ([\d.]+) \[([\d.]+), ([\d.]+)\] \|", line)
-        ):
+        if (
+            not (
+                match := re.search(r"\| ([\w ,]+?)(?:, 5 seeds)? \| ([\d.]+) \[([\d.]+), ([\d.]+)\] \|", line)
+            )
+            or match[1].isdecimal()
+        ):  # of the table of conditions
             continue
         row = table[names.get(match[1], match[1])]
         for value, key in zip(match.groups()[1:], ("", "_low", "_high"), strict=True):
             assert float(value) == pytest.approx(float(row[f"par1_steps{key}"]), abs=0.051), line
         found += 1
     assert found >= 5
+
+
+def test_conditions_are_quoted_rightly():
+    names = {"SMC, tuned": "smc_tuned", "LQR, tuned": "lqr_tuned", "PPO, tuned": "ppo_tuned"}
+    names |= {"PPO added to PID": "ppo_residual"}
+    conditions = {
+        "still water, its own vehicle": "nominal",
+        "the BlueROV2 with Wu's hydrodynamics": "vehicle=bluerov2-wu2018",
+        "current of 0.75 m/s": "current=0.75",
+        "current of 1 m/s": "current=1",
+        "one thruster dead": "dead-thruster",
+        "a delay of 0.5 s": "delay=0.5",
+        "noise eight times as strong": "noise=8",
+    }
+    shipped = [
+        rows(ROOT / "results/leaderboard" / name / "conditions.csv") for name in ("robustness", "transfer")
+    ]
+    table = {(row["agent"], row["condition"]): row for file in shipped for row in file}
+    lines = (ROOT / "docs/results.md").read_text(encoding="utf-8").splitlines()
+    start = lines.index("| | MPC | PID | SMC | LQR, tuned | PPO added to PID | PPO | PPO, tuned |")
+    agents = [names.get(cell.strip(), cell.strip()) for cell in lines[start].split("|")[2:-1]]
+    found = 0
+    for line in lines[start + 2 : start + 2 + len(conditions)]:
+        _, condition, *cells, _ = (cell.strip(" *") for cell in line.split("|"))
+        for agent, cell in zip(agents, cells, strict=True):
+            if cell == "–":
+                assert (agent, conditions[condition]) not in table
+                continue
+            row = table[agent, conditions[condition]]
+            quoted = [float(n) for n in re.findall(r"[\d.]+", cell)]
+            keys = ("", "_low", "_high")[: len(quoted)]
+            for value, key in zip(quoted, keys, strict=True):
+                assert abs(value - 100 * float(row[f"success_rate{key}"])) <= 0.51, (line, agent)
+                found += 1
+    assert found > 50
