@@ -133,6 +133,28 @@ def test_a_file_that_acts_otherwise_is_not_written(tmp_path: Path, monkeypatch: 
     assert not (run.path / "exports").exists()
 
 
+def test_large_weights_magnify_rounding_in_the_run_as_in_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As DDPG's grow in 200,000 steps: the file is 5e-5 from the run, whose own last bits are worth as much."""
+    run = trained(tmp_path / "runs", "algo=ddpg")
+    ordinary = exporting.make_agent
+
+    def magnified(*words: Any) -> Any:
+        agent = ordinary(*words)
+        with torch.no_grad():
+            for name, weights in agent.network()[0].named_parameters():
+                if name.startswith("actor.") and name.endswith("weight"):
+                    weights.mul_(8.0)
+        return agent
+
+    monkeypatch.setattr(exporting, "make_agent", magnified)
+    done = exporting.export(run)
+    assert done.difference > exporting.LIMIT
+    check = exported.load(done.path).card.document["check"]
+    assert done.difference <= check["limit"] < 1e-2
+
+
 @pytest.mark.parametrize("algo", ["recurrent_ppo", "ppo_residual"])
 def test_what_is_more_than_a_network_is_not_exported(
     tmp_path: Path, algo: str, capsys: pytest.CaptureFixture[str]
