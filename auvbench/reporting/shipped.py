@@ -3,9 +3,9 @@
     <folder>/runs/<run id>/config.yaml                            as it was, without the place where the run lay
     <folder>/runs/<run id>/manifest.json                          as it was, marked, without the machine's name and the place
     <folder>/runs/<run id>/evaluations/<protocol>/summary.json    as it was, but for the digests of the next two
-    <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.bz2  numbers to nine significant digits; of further
-                                                                  protocols the columns that every report needs
-    <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths, packed, of the first protocol alone
+    <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.bz2  numbers to six significant digits; of further
+                                                                  protocols to four, and the columns that every report needs
+    <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths to 0.1 mm, packed, of the first protocol alone
     <folder>/runs/<run id>/train/episodes.csv.bz2                  the columns that a report reads
     <folder>/runs/<run id>/train/validation.csv.bz2                as it was, compressed
 
@@ -47,18 +47,20 @@ TRAINING_COLUMNS = ("outcome", *NUMBERS)
 FURTHER_COLUMNS = ("condition", "frequency_hz", "episode", "outcome", *CORE_COLUMNS)
 """of the rows of protocols that are shipped beside the first: a robustness test has thousands of episodes for each run"""
 
-DIGITS = 9
-"""significant ones of a shipped number: a nanometre of what is measured in metres, and 60 % of the room of all 17"""
+DIGITS = 6
+"""significant ones of a shipped number: a tenth of a millimetre of a way of 100 m, and 44 % of the room of all 17"""
+FURTHER_DIGITS = 4
+"""of the rows of further protocols"""
 
 
-def ship(run: RunRecord, folder: Path, paths_of: str) -> list[str]:
+def ship(run: RunRecord, folder: Path, protocol: str) -> list[str]:
     """Copies what a report reads of a run, and replaces an earlier copy; one that lies there already stays as it is.
 
     Args:
         run: as `load` read it, complete or failed; the evaluations that it holds are shipped. Those that an earlier copy
             has beside them stay, where they are of the same model.
         folder: of the study, in which `copies.prepare` found nothing foreign.
-        paths_of: the protocol whose kept paths are shipped, too.
+        protocol: the first one, of which all columns are shipped, and the kept paths.
 
     Returns:
         what of the run was left out, in words.
@@ -92,7 +94,7 @@ def ship(run: RunRecord, folder: Path, paths_of: str) -> list[str]:
         data = packed.content(run.directory / VALIDATION, tables.LARGEST)
         write_atomic(staged / f"{VALIDATION}{packed.SUFFIX}", packed.packed(data))
     for evaluation in run.evaluations.values():
-        _ship_evaluation(evaluation, here.evaluation(evaluation.protocol), evaluation.protocol == paths_of)
+        _ship_evaluation(evaluation, here.evaluation(evaluation.protocol), evaluation.protocol == protocol)
     _keep_evaluations(copy, staged, run.manifest)
     if integrity.table(manifest) is not None:
         manifest[integrity.FILES] = files
@@ -119,7 +121,7 @@ def _ship_evaluation(evaluation: Evaluation, target: Path, first: bool) -> None:
     rows = packed.content(evaluation.directory / "episodes.csv", tables.LARGEST)
     if wrong := agreement.of_file(evaluation.summary, "episodes.csv", rows):
         raise RunError(f"{evaluation.directory}: {wrong}: it was changed meanwhile; publish again")
-    rows = rounded(rows, None if first else FURTHER_COLUMNS)
+    rows = rounded(rows, DIGITS) if first else rounded(rows, FURTHER_DIGITS, FURTHER_COLUMNS)
     write_atomic(target / f"episodes.csv{packed.SUFFIX}", packed.packed(rows))
     summary = dict(evaluation.summary)
     files = dict(integrity.table(summary) or {}) | {"episodes.csv": integrity.entry(rows)}
@@ -205,8 +207,8 @@ def slim(data: bytes) -> bytes:
     return _table(csv.DictReader(io.StringIO(data.decode("utf-8"))), TRAINING_COLUMNS)
 
 
-def rounded(data: bytes, columns: Sequence[str] | None) -> bytes:
-    """The rows of a test, what was measured to `DIGITS` significant digits; those of `columns` that are there, all with None.
+def rounded(data: bytes, digits: int, columns: Sequence[str] | None = None) -> bytes:
+    """The rows of a test, what was measured to so many significant digits; those of `columns` that are there, all with None.
 
     What a row is known by (its condition, its step frequency) stays as it was: a summary names it, too.
     """
@@ -214,14 +216,17 @@ def rounded(data: bytes, columns: Sequence[str] | None) -> bytes:
     there = rows.fieldnames or ()
     kept = [name for name in there if columns is None or name in columns]
     return _table(
-        ({name: _rounded(row[name]) if name in MEASURED else row[name] for name in kept} for row in rows),
+        (
+            {name: _rounded(row[name], digits) if name in MEASURED else row[name] for name in kept}
+            for row in rows
+        ),
         kept,
     )
 
 
-def _rounded(written: str) -> str:
+def _rounded(written: str, digits: int) -> str:
     """A number, shortened; a whole one as it was written."""
-    return repr(float(f"{float(written):.{DIGITS}g}")) if "." in written or "e" in written else written
+    return repr(float(f"{float(written):.{digits}g}")) if "." in written or "e" in written else written
 
 
 def _table(rows: Iterable[Mapping[str, str]], columns: Sequence[str]) -> bytes:

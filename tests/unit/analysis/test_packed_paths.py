@@ -1,4 +1,4 @@
-"""Packed paths are the same bits again, in less room; what is no such file is refused."""
+"""Packed paths are the same to a tenth of a millimetre, in a third of the room; what is no such file is refused."""
 
 from __future__ import annotations
 
@@ -36,27 +36,52 @@ def opened(data: bytes) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_the_same_bits_in_the_order_of_the_episodes(dtype: Any) -> None:
+def test_the_same_paths_in_the_order_of_the_episodes(dtype: Any) -> None:
     arrays = drawn(dtype, "nominal", "current_x=0.5")
-    arrays["position_nominal_2"][3] = [-0.0, np.nan, np.inf]
+    arrays["position_nominal_2"][3] = [-54321.0, -0.0, 1e-5]
     again = opened(packed_paths.pack(arrays))
     assert packed_paths.holds(list(again))
     for condition in ("nominal", "current_x=0.5"):
         found = list(packed_paths.unpack(again, condition))
         assert [episode for episode, *_ in found] == [0, 2, 10]
         for episode, waypoint, position, time in found:
-            for kind, array in (("position", position), ("time", time), ("waypoint", waypoint)):
-                wanted = arrays[f"{kind}_{condition}_{episode}"]
-                assert array.dtype == wanted.dtype
-                assert np.ascontiguousarray(array).tobytes() == wanted.tobytes()
+            assert waypoint.tobytes() == arrays[f"waypoint_{condition}_{episode}"].tobytes()
+            wanted = arrays[f"position_{condition}_{episode}"].astype(np.float64)
+            np.testing.assert_allclose(position, wanted, rtol=0, atol=0.5001e-4)
+            wanted = arrays[f"time_{condition}_{episode}"].astype(np.float64)
+            np.testing.assert_allclose(time, wanted, rtol=0, atol=0.5001e-6)
     assert list(packed_paths.unpack(again, "other")) == []
+
+
+def test_packed_once_more_they_are_the_same_bits() -> None:
+    again = opened(packed_paths.pack(drawn(np.float32, "nominal")))
+    kept = {}
+    for episode, waypoint, position, time in packed_paths.unpack(again, "nominal"):
+        kept |= {
+            f"position_nominal_{episode}": position,
+            f"time_nominal_{episode}": time,
+            f"waypoint_nominal_{episode}": waypoint,
+        }
+    twice = opened(packed_paths.pack(kept))
+    assert again.keys() == twice.keys()
+    assert all(again[name].tobytes() == twice[name].tobytes() for name in again)
+
+
+@pytest.mark.parametrize("value", [np.nan, -np.inf, 1e9])
+def test_what_is_no_place_is_refused(value: float) -> None:
+    arrays = drawn(np.float32, "nominal")
+    arrays["position_nominal_2"][3, 1] = value
+    with pytest.raises(ValueError, match="position_nominal_2 and its times are not finite"):
+        packed_paths.pack(arrays)
 
 
 def test_they_take_less_room() -> None:
     stream = io.BytesIO()
     arrays = drawn(np.float32, "nominal")
     np.savez_compressed(stream, **arrays)
-    assert len(packed_paths.pack(arrays)) < 0.7 * len(stream.getvalue())
+    assert len(packed_paths.pack(arrays)) < 0.7 * len(
+        stream.getvalue()
+    )  # a drunken walk: a vehicle's has a third
 
 
 def test_paths_reads_both(tmp_path: Path) -> None:
@@ -72,16 +97,16 @@ def test_paths_reads_both(tmp_path: Path) -> None:
     assert [p[0] for p in one] == [p[0] for p in other] == [0, 2]
     for a, b in zip(one, other, strict=True):
         assert a[1] == b[1]
-        np.testing.assert_array_equal(a[2], b[2])
-        np.testing.assert_array_equal(a[3], b[3])
+        np.testing.assert_allclose(a[2], b[2], rtol=0, atol=1e-4)
+        np.testing.assert_allclose(a[3], b[3], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("planes_nominal", np.zeros((4, 5, 4))),
-        ("planes_nominal", np.zeros((3, 162, 4), dtype=np.uint8)),
-        ("planes_nominal", np.zeros((4, 161, 4), dtype=np.uint8)),
+        ("changes_nominal", np.zeros((4, 5, 4))),
+        ("changes_nominal", np.zeros((9, 162, 4), dtype=np.uint8)),
+        ("changes_nominal", np.zeros((4, 161, 4), dtype=np.uint8)),
         ("points_nominal", np.array([50, 52])),
         ("points_nominal", np.array([0, 102, 60])),
         ("points_nominal", np.array(["a", "b", "c"])),
