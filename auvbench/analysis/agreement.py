@@ -6,7 +6,7 @@ written before digests were kept, only what they say of themselves can be compar
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -70,15 +70,7 @@ def of_neighbour(file: Path, data: bytes) -> str:
 
 def of_rows(summary: Mapping[str, Any], frame: pd.DataFrame) -> str:
     """Whether rates, means and frequencies of a summary are those of the rows, condition by condition."""
-    # Column by column: to bring whole numbers and others into one table takes longer than all the rest.
-    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in _MEASURED if name in frame.columns}
-    outcomes = frame["outcome"].to_numpy(dtype=object)
-    alone = len(summary["conditions"]) == 1
-    names = None if alone else frame["condition"].to_numpy(dtype=object)
-    for condition in summary["conditions"]:
-        mine = np.ones(len(frame), dtype=np.bool_) if names is None else names == condition["name"]
-        found = {f"{outcome}_rate": float(np.mean(outcomes[mine] == outcome)) for outcome in OUTCOMES}
-        found |= {f"mean_{name}": float(values[mine].mean()) for name, values in columns.items()}
+    for condition, mine, found in _found(summary, frame):
         for key, value in found.items():
             if key in condition and not _same(condition[key], value):
                 return (
@@ -89,6 +81,31 @@ def of_rows(summary: Mapping[str, Any], frame: pd.DataFrame) -> str:
         if said is not None and not _all_at(frame, mine, said):
             return f"its rows of condition {condition['name']!r} are not all of the {said} Hz of summary.json"
     return ""
+
+
+def renewed(summary: Mapping[str, Any], frame: pd.DataFrame) -> dict[str, Any]:
+    """A summary with the rates and means of these rows: of a copy whose numbers were shortened."""
+    conditions = [
+        {**condition, **{key: value for key, value in found.items() if key in condition}}
+        for condition, _, found in _found(summary, frame)
+    ]
+    return {**summary, "conditions": conditions}
+
+
+def _found(
+    summary: Mapping[str, Any], frame: pd.DataFrame
+) -> Iterator[tuple[Mapping[str, Any], NDArray[np.bool_], dict[str, float]]]:
+    """Each condition of a summary, which rows are its own, and their rates and means."""
+    # Column by column: to bring whole numbers and others into one table takes longer than all the rest.
+    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in _MEASURED if name in frame.columns}
+    outcomes = frame["outcome"].to_numpy(dtype=object)
+    alone = len(summary["conditions"]) == 1
+    names = None if alone else frame["condition"].to_numpy(dtype=object)
+    for condition in summary["conditions"]:
+        mine = np.ones(len(frame), dtype=np.bool_) if names is None else names == condition["name"]
+        found = {f"{outcome}_rate": float(np.mean(outcomes[mine] == outcome)) for outcome in OUTCOMES}
+        found |= {f"mean_{name}": float(values[mine].mean()) for name, values in columns.items()}
+        yield condition, mine, found
 
 
 def _same(said: Any, found: float) -> bool:

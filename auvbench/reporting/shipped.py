@@ -2,7 +2,8 @@
 
     <folder>/runs/<run id>/config.yaml                            as it was, without the place where the run lay
     <folder>/runs/<run id>/manifest.json                          as it was, marked, without the machine's name and the place
-    <folder>/runs/<run id>/evaluations/<protocol>/summary.json    as it was, but for the digests of the next two
+    <folder>/runs/<run id>/evaluations/<protocol>/summary.json    as it was, but for the digests of the next two, and means of
+                                                                  the rows as they are shipped
     <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.bz2  numbers to six significant digits; of further
                                                                   protocols to four, and the columns that every report needs
     <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths to 0.1 mm, packed, of the first protocol alone
@@ -123,7 +124,7 @@ def _ship_evaluation(evaluation: Evaluation, target: Path, first: bool) -> None:
         raise RunError(f"{evaluation.directory}: {wrong}: it was changed meanwhile; publish again")
     rows = rounded(rows, DIGITS) if first else rounded(rows, FURTHER_DIGITS, FURTHER_COLUMNS)
     write_atomic(target / f"episodes.csv{packed.SUFFIX}", packed.packed(rows))
-    summary = dict(evaluation.summary)
+    summary = agreement.renewed(evaluation.summary, tables.csv(rows, words=("condition",)))
     files = dict(integrity.table(summary) or {}) | {"episodes.csv": integrity.entry(rows)}
     source = evaluation.directory / PATHS
     if first and source.is_file():

@@ -7,13 +7,15 @@ import os
 import shutil
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
+from auvbench.analysis import agreement
 from auvbench.analysis.load import load
 from auvbench.errors import ReportError, RunError
 from auvbench.reporting import copies, shipped
 from auvbench.runs import integrity
-from tests.synthetic import write_evaluation, write_experiment
+from tests.synthetic import seal, write_evaluation, write_experiment
 
 
 @pytest.fixture
@@ -190,3 +192,22 @@ def test_a_failed_training_is_shipped_without_its_traceback(run: Path, tmp_path:
     assert "somebody" not in text
     assert str(tmp_path) not in text
     assert json.loads(text)["error"] == {"message": f"NaN in {run.name}/train", "step": 7}
+
+
+def test_means_of_the_summary_are_those_of_the_shortened_rows(run: Path, tmp_path: Path) -> None:
+    """Of few rows the mean may move by more than a report takes for rounding."""
+    folder = write_evaluation(run, "robustness", ("nominal", "current"), 3)
+    summary, rows = folder / "summary.json", pd.read_csv(folder / "episodes.csv")
+    conditions = json.loads(summary.read_text())["conditions"]
+    for condition in conditions:
+        condition["mean_return"] = float(rows["return"][rows["condition"] == condition["name"]].mean())
+    seal(summary, conditions=conditions)
+    (record,), _ = load([run], ("test", "robustness"))
+    ship(run, tmp_path / "study", "test", "robustness")
+    (copy,), problems = load([tmp_path / "study"], ("test", "robustness"))
+    assert not problems
+    assert copy.evaluations.keys() == {"test", "robustness"}
+    said = copy.evaluations["robustness"].summary["conditions"][1]
+    before = record.evaluations["robustness"].summary["conditions"][1]
+    assert said["mean_return"] == pytest.approx(before["mean_return"], rel=1e-4)
+    assert abs(said["mean_return"] / before["mean_return"] - 1.0) > agreement.TOLERANCE
