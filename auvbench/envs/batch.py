@@ -106,6 +106,8 @@ class Batch:
         self._all = np.arange(self.n, dtype=np.int64)
         self._action: Floats = np.zeros((self.n, len(self.vehicle.actuators)))
         self._none: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        self._over: NDArray[np.bool_] = np.zeros(self.n, dtype=np.bool_)
+        """whose episode ended and was told of: without `autoreset` its vehicle swims on, and ends no more"""
         self._nowhere = self._state(self._none)
 
     @property
@@ -180,6 +182,7 @@ class Batch:
         distance: Floats | None = None,
     ) -> None:
         drawn = self.task.reset(indices)
+        self._over[indices] = False
         if not (pose is None and waypoint is None and distance is None):
             drawn = drawn if pose is None else pose
             to = self.task.F[indices, F_WAYPOINT : F_WAYPOINT + 3] if waypoint is None else waypoint
@@ -243,13 +246,15 @@ class Batch:
         outcome = task.outcome
         terminated = (outcome == SUCCESS) | (outcome == COLLISION)
         truncated = outcome == TIMEOUT
-        ended = np.flatnonzero(outcome >= 0)
+        ended = np.flatnonzero((outcome >= 0) & ~self._over)
         records = task.records(ended)
         final = observation[ended]
         final_state = self._state(ended)
         if self.autoreset:
             self._reset(ended)
             task.observe(self._measured(), ended)
+        else:
+            self._over[ended] = True
         return Transition(observation, task.reward, terminated, truncated, ended, final, final_state, records)
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
@@ -271,6 +276,7 @@ class Batch:
         self.task.load_state_dict(_below(state, "task."))
         if self.disturbances is not None:
             self.disturbances.load_state_dict(_below(state, "disturbances."))
+        self._over[:] = False
         if self.simulator.capabilities.exact_resume:
             self.simulator.load_state_dict(_below(state, "simulator."))
         else:

@@ -48,6 +48,16 @@ def test_the_same_floats_at_any_batch_size():
         assert small[2] == [row for row in large[2] if row[0] < n]
 
 
+def test_an_end_is_told_of_once_and_anew_after_a_reset():
+    batch = Batch(configuration("task.max_steps=5"), 3, seed=5, test=True, autoreset=False)
+    batch.reset()
+    told = [batch.step(action).ended.tolist() for action in actions(8, 3)]
+    assert told == [[], [], [], [], [0, 1, 2], [], [], []]
+    batch.reset(np.array([1]))
+    told = [batch.step(action).ended.tolist() for action in actions(7, 3)]
+    assert told == [[], [], [], [], [1], [], []]
+
+
 def test_another_seed_and_a_test_draw_other_scenarios():
     config = configuration()
 
