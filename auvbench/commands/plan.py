@@ -6,10 +6,11 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from auvbench.commands import plan_text
 from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from auvbench.analysis.measures import Measure
     from auvbench.analysis.planning import Basis, Need
 
-TARGETS = (0.8, 0.95)
 EPILOG = """\
 examples:
   auvbench plan --resolve 5 outputs/thesis             5 points of success, as those trainings differ
@@ -32,10 +32,13 @@ def main(argv: Sequence[str]) -> int:
     basis, agents, episodes, m = _basis(options)
     if options.looks:
         design = _looks(options, basis, episodes)
-        _print(json.dumps(design) if options.json else _looks_text(design, options, basis, m))
+        print(json.dumps(design) if options.json else plan_text.design(design, options, basis, m))
         return 0
     found = list(_needs(options, basis, agents, episodes))
-    _print(json.dumps(_plain(found, basis)) if options.json else _text(found, basis, agents, m, options))
+    if options.json:
+        print(json.dumps(plan_text.plain(found, basis)))
+    else:
+        print(plan_text.table(found, basis, agents, m, options))
     return 0
 
 
@@ -208,7 +211,7 @@ def _needs(
                     basis.values,
                     E,
                     agents=agents,
-                    targets=TARGETS,
+                    targets=plan_text.TARGETS,
                     alpha=1 - options.confidence,
                     replications=options.replications,
                     note=lambda E, S, i=i: note(i, f"{E} episodes: {S} seeds"),  # type: ignore[misc]
@@ -238,80 +241,6 @@ def _progress(total: int) -> Iterator[Callable[[int, str], None]]:
         yield lambda done, text: bar.update(task, completed=done, now=text)
 
 
-def _plain(found: Sequence[tuple[str, Need]], basis: Basis) -> dict[str, Any]:
-    return {
-        "values": list(basis.values),
-        "sd": basis.spread.sd,
-        "sd_df": None if basis.agents == 0 else basis.spread.df,
-        "sd_upper_90": None if basis.agents == 0 else basis.spread.upper(),
-        "needs": [{"trainings": name or "as seen", **asdict(need)} for name, need in found],
-    }
-
-
-def _what(basis: Basis, m: Measure) -> str:
-    """What is to be told apart, in words."""
-    from auvbench.analysis.prose import name, unit
-
-    low, high = basis.values
-    if m.rate:
-        return f"{name(m)}: {100 * low:.3g} % against {100 * high:.3g} %"
-    return f"{name(m)}: {low:.4g} against {high:.4g}{unit(m)}"
-
-
-def _differ(basis: Basis, m: Measure) -> str:
-    from auvbench.analysis.prose import counted, unit
-
-    of = " logits" if m.rate else unit(m)
-    if basis.agents == 0:
-        return f"Trainings differ by {basis.spread.sd:.3g}{of} (standard deviation; as typed)."
-    seeds = counted(int(basis.spread.df) + basis.agents, "training")
-    return (
-        f"Trainings of one configuration differ by {basis.spread.sd:.3g}{of} (standard deviation; {seeds} of "
-        f"{counted(basis.agents, 'agent')}; with 90 % confidence not more than {basis.spread.upper():.3g})."
-    )
-
-
-def _text(found: Sequence[tuple[str, Need]], basis: Basis, agents: int, m: Measure, options: Options) -> str:
-    from auvbench.statistics.power import MOST_SEEDS
-
-    def cell(seeds: int | None) -> str:
-        return f"> {MOST_SEEDS}" if seeds is None else str(seeds)
-
-    titles = ["episodes", *(f"{100 * t:g} % power" for t in TARGETS)]
-    if agents > 2:
-        titles += [f"{100 * t:g} %, table of {agents}" for t in TARGETS]
-    lines = []
-    for name, need in found:
-        cells = [f"{need.episodes}{' *' if name else ''}", *(cell(need.alone[t]) for t in TARGETS)]
-        if agents > 2:
-            cells += [cell(need.among[t]) for t in TARGETS]
-        lines.append(cells)
-    widths = [max(len(row[i]) for row in [titles, *lines]) for i in range(len(titles))]
-    table = [
-        "  ".join(text.rjust(w) for text, w in zip(row, widths, strict=True)) for row in [titles, *lines]
-    ]
-    starred = (
-        [f"* if trainings differ by {basis.spread.upper():.3g}, the most that the data allow (90 %)"]
-        if any(name for name, _ in found)
-        else []
-    )
-    of = f"Training seeds of each agent that resolve {_what(basis, m)}"
-    holm = (
-        f" In the table of {agents} the other agents are worth what the first is, and Holm's correction is over all "
-        f"{agents * (agents - 1) // 2} pairs ({options.replications // 4} tables)."
-        if agents > 2
-        else ""
-    )
-    notes = [
-        f"Simulated with the report's test at {100 * options.confidence:g} % confidence, {options.replications} "
-        f"experiments for each number of seeds (± 1 seed or a tenth).{holm}",
-        "Fix the number before you look: who looks after each of 3 to 15 seeds and stops when a difference is resolved "
-        "finds one where there is none in 13 % of the cases instead of 5 %. auvbench plan --looks 5,10,15 makes a design "
-        "that may stop early and keeps its promise.",
-    ]
-    return "\n".join([f"{of}.", _differ(basis, m), "", *table, *starred, "", *notes])
-
-
 def _looks(options: Options, basis: Basis, episodes: Sequence[int]) -> dict[str, Any]:
     """A sequential design, its thresholds and what a simulation of it gives."""
     from auvbench.statistics import power
@@ -339,31 +268,3 @@ def _looks(options: Options, basis: Basis, episodes: Sequence[int]) -> dict[str,
         "false_alarms_without_a_plan": naive,
         "experiments": R,
     }
-
-
-def _looks_text(design: dict[str, Any], options: Options, basis: Basis, m: Measure) -> str:
-    percent = f"{100 * (1 - options.confidence):g}"
-    rows = [
-        f"  after {look['seeds']:>3} seeds of each: stop if p < {look['p_below']:.4f}   "
-        f"(auvbench report --confidence {1 - look['p_below']:.4f})"
-        for look in design["looks"]
-    ]
-    return "\n".join(
-        [
-            f"A group-sequential design ({options.bounds}) for {_what(basis, m)}, {design['episodes']} episodes.",
-            _differ(basis, m),
-            "",
-            *rows,
-            "",
-            f"All looks together err with {percent} %: {100 * design['false_alarms']:.1f} % of {design['experiments']} "
-            f"simulated experiments without a difference (with p < {percent} % at each look "
-            f"{100 * design['false_alarms_without_a_plan']:.1f} %).",
-            f"Of experiments with the difference {100 * design['power']:.0f} % resolve it, after {design['mean_seeds']:.1f} "
-            "seeds on average. It is a design for one comparison: name the two agents, the looks and this rule before "
-            "the first training.",
-        ]
-    )
-
-
-def _print(text: str) -> None:
-    print(text)
