@@ -13,7 +13,8 @@ import numpy as np
 from auvbench.config.compose import compose
 from auvbench.config.schema import TrainConfig
 from auvbench.config.validate import train_config
-from auvbench.envs.batch import Batch, make_simulator
+from auvbench.envs.batch import Batch
+from auvbench.envs.chosen import make_simulator
 from auvbench.envs.sharded import ShardedBatch, make_batch
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet

@@ -17,7 +17,7 @@ from auvbench.agents.base import Agent
 from auvbench.config import installed, plugins, schema, simulators
 from auvbench.config.agents import learns
 from auvbench.config.clock import step_limit
-from auvbench.envs.batch import at_frequency
+from auvbench.envs.chosen import at_frequency
 from auvbench.errors import AgentError, AuvbenchError, RunError
 from auvbench.evaluation import inference
 from auvbench.evaluation.protocol import (

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.config.simulators import Fossen
-from auvbench.envs.batch import Batch, at_frequency
+from auvbench.envs.batch import Batch
+from auvbench.envs.chosen import at_frequency
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.tasks.kernels import F_WAYPOINT
 

@@ -12,7 +12,8 @@ from auvbench.agents.learned import learners
 from auvbench.config.clock import discount, step_limit
 from auvbench.config.compose import compose, typed
 from auvbench.config.validate import train_config
-from auvbench.envs.batch import Batch, at_frequency
+from auvbench.envs.batch import Batch
+from auvbench.envs.chosen import at_frequency
 from auvbench.envs.sb3 import WaypointVecEnv
 from auvbench.errors import ConfigError
 from auvbench.runs import identity

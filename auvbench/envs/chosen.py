@@ -1,0 +1,83 @@
+"""The simulator that a configuration names, and what follows from it: how many vehicles it has, how long its step may be."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from auvbench.config import installed, plugins, schema, simulators
+from auvbench.config.disturbance import SCALES
+from auvbench.errors import ConfigError, closest
+from auvbench.simulators.base import Simulator
+from auvbench.simulators.fossen import FossenSimulator
+from auvbench.vehicles import pace, sheet
+from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
+from auvbench.vehicles.model import VehicleModel
+
+
+def at_once(config: schema.TrainConfig, wanted: int) -> int:
+    """How many of `wanted` vehicles the configured simulator has: all of them, unless they are a server's.
+
+    Raises:
+        ConfigError: there is no such server.
+    """
+    if not isinstance(config.simulator, simulators.Ros2):
+        return wanted
+    from auvbench.simulators.ros2 import connect
+
+    return min(wanted, connect(config.simulator, sheet.load(config.vehicle)).n)
+
+
+def make_simulator(
+    config: simulators.Simulator,
+    vehicle: VehicleModel,
+    n: int,
+    drawn: schema.Randomisation | None = None,
+    stand_in: VehicleModel | None = None,
+) -> Simulator:
+    """The simulator that the configuration names.
+
+    Its step is no longer than the shortest time constant of any vehicle that may be drawn, whatever the configuration
+    allows. RK4 would be stable up to 2.78 of them: the rest is for currents and what turns faster than thrust alone
+    makes it.
+
+    Args:
+        config: which simulator, and its longest step.
+        vehicle: the sheet's.
+        n: how many vehicles.
+        drawn: the ranges from which vehicles are drawn; None where all are the sheet's.
+        stand_in: what is simulated in the vehicle's place, with the vehicle's step: the same, commanded otherwise.
+    """
+    limit = _shortest_time_constant(vehicle, drawn)
+    pace.check(vehicle.name, limit)
+    vehicle = stand_in or vehicle
+    if isinstance(config, simulators.Fossen):
+        return FossenSimulator(vehicle, n, max_step=min(config.max_step, limit))
+    if isinstance(config, simulators.Gazebo):
+        from auvbench.simulators.gazebo.simulator import GazeboSimulator
+
+        step = min(config.max_step, limit)
+        return GazeboSimulator(vehicle, n, max_step=step, hydrodynamics=config.hydrodynamics)
+    if isinstance(config, simulators.Ros2):
+        from auvbench.simulators.ros2 import Ros2Simulator
+
+        return Ros2Simulator(vehicle, n, config)
+    if isinstance(config, simulators.InstalledSimulator):
+        factory = installed.thing_of(plugins.SIMULATORS, config.name, config.package)
+        found: Simulator = factory(config, vehicle, n, limit)
+        return found
+    raise ConfigError(
+        f"simulator.name={config.name}: unknown; {closest(config.name, simulators.CAPABILITIES)}"
+    )
+
+
+def _shortest_time_constant(vehicle: VehicleModel, drawn: schema.Randomisation | None) -> float:
+    ranges = {name: getattr(drawn, name) for name in SCALES} if drawn is not None else {}
+    factors = {name: (scale.low, scale.high) for name, scale in ranges.items()}
+    if drawn is None or all(pair == (1.0, 1.0) for pair in factors.values()):
+        return shortest_time_constant(vehicle)
+    return shortest_drawn_time_constant(vehicle, factors, keep_trim=drawn.keep_trim)
+
+
+def at_frequency(config: schema.TrainConfig, frequency: float) -> schema.TrainConfig:
+    """The same configuration with another agent step."""
+    return dataclasses.replace(config, step=dataclasses.replace(config.step, frequency=frequency))
