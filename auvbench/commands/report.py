@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from auvbench.commands import report_terminal
 from auvbench.commands.report_options import Options, parse
 from auvbench.errors import ReportError, UserError
 from auvbench.untrusted import inside
@@ -44,17 +45,17 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     if len(reports) == 1:
         with storage(f"cannot write the report into {out}"):
             report, written = write(reports[0], options, command, out, over=over)
-        _show(report, options)
+        report_terminal.show(report, options)
     else:
         from auvbench.commands.report_sections import write_sections
 
         with storage(f"cannot write the report into {out}"):
             reports, written = write_sections(reports, options, command, out, over)
         for report in reports:
-            _heading(report.section.title)
-            _show(report, options)
-    _show_over(over, options)
-    _say_written(written)
+            report_terminal.heading(report.section.title)
+            report_terminal.show(report, options)
+    report_terminal.show_over(over, options)
+    report_terminal.say_written(written)
 
 
 def over_all(reports: Sequence[Report], options: Options) -> Across | None:
@@ -283,66 +284,6 @@ def _page(
         section=title,
         over=over,
     )
-
-
-def _show(report: Report, options: Options) -> None:
-    from rich.console import Console
-    from rich.text import Text
-
-    from auvbench.reporting import tables
-    from auvbench.reporting.tables.notes import of_pairs
-    from auvbench.reporting.write import against_baseline
-
-    console = Console(highlight=False)
-    if "terminal" in options.format:
-        console.print(tables.terminal(report.ranking))
-        if report.ranking.conditions:
-            console.print()
-            console.print(tables.conditions_terminal(report.ranking))
-        if comparisons := against_baseline(report.ranking):
-            console.print()
-            console.print(tables.comparisons_terminal(comparisons))
-            console.print(Text(of_pairs(report.ranking), style="dim"))
-        for title, findings in (("findings", report.findings), ("claims of the study", report.claims)):
-            if findings:
-                console.print(Text(f"\n{title}", style="bold"))
-                console.print(tables.findings_terminal(findings))
-        if report.beside:
-            console.print()
-            console.print(tables.beside_terminal(report.beside, console.width))
-
-
-def _show_over(over: Across | None, options: Options) -> None:
-    from rich.console import Console
-
-    from auvbench.reporting import tables
-
-    if over is not None and "terminal" in options.format:
-        console = Console(highlight=False)
-        console.print()
-        console.print(tables.across_terminal(over))
-
-
-def _heading(title: str) -> None:
-    """Parts the sections of a report on a terminal."""
-    from rich.console import Console
-    from rich.rule import Rule
-    from rich.text import Text
-
-    console = Console(highlight=False)
-    console.print()
-    console.print(Rule(Text(title, style="bold"), align="left"))
-
-
-def _say_written(written: Sequence[Path]) -> None:
-    from rich.console import Console
-    from rich.text import Text
-
-    console = Console(highlight=False)
-    if written:
-        console.print()
-    for path in written:
-        console.print(Text.assemble(("wrote ", "dim"), os.path.relpath(path)), soft_wrap=True)
 
 
 def beside(runs: Sequence[RunRecord]) -> Path:

@@ -1,0 +1,76 @@
+"""What `auvbench report` shows on a terminal."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from auvbench.analysis.across import Across
+    from auvbench.commands.report import Report
+    from auvbench.commands.report_options import Options
+
+
+def show(report: Report, options: Options) -> None:
+    """The tables of one section, its findings and claims."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from auvbench.reporting import tables
+    from auvbench.reporting.tables.notes import of_pairs
+    from auvbench.reporting.write import against_baseline
+
+    console = Console(highlight=False)
+    if "terminal" in options.format:
+        console.print(tables.terminal(report.ranking))
+        if report.ranking.conditions:
+            console.print()
+            console.print(tables.conditions_terminal(report.ranking))
+        if comparisons := against_baseline(report.ranking):
+            console.print()
+            console.print(tables.comparisons_terminal(comparisons))
+            console.print(Text(of_pairs(report.ranking), style="dim"))
+        for title, findings in (("findings", report.findings), ("claims of the study", report.claims)):
+            if findings:
+                console.print(Text(f"\n{title}", style="bold"))
+                console.print(tables.findings_terminal(findings))
+        if report.beside:
+            console.print()
+            console.print(tables.beside_terminal(report.beside, console.width))
+
+
+def show_over(over: Across | None, options: Options) -> None:
+    """The table over all tasks, where there is one."""
+    from rich.console import Console
+
+    from auvbench.reporting import tables
+
+    if over is not None and "terminal" in options.format:
+        console = Console(highlight=False)
+        console.print()
+        console.print(tables.across_terminal(over))
+
+
+def heading(title: str) -> None:
+    """Parts the sections of a report on a terminal."""
+    from rich.console import Console
+    from rich.rule import Rule
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    console.print()
+    console.print(Rule(Text(title, style="bold"), align="left"))
+
+
+def say_written(written: Sequence[Path]) -> None:
+    """The files, a line each."""
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    if written:
+        console.print()
+    for path in written:
+        console.print(Text.assemble(("wrote ", "dim"), os.path.relpath(path)), soft_wrap=True)
