@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import VehicleError
+from auvbench.simulators.gazebo import masses
 from auvbench.vehicles.model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -31,9 +32,6 @@ gz-sim 8.14.0) or wrong entries (before 8.12.0): what a model with `<xDotU>` tag
 
 VERSION = "1.11"
 LINK = "base_link"
-PROPELLER = 0.01
-"""kg of each propeller link, which a Thruster plugin needs and no sheet has; taken off the hull, inertia included."""
-
 _MOTION = "UVWPQR"
 _REACTION = "xyzkmn"
 
@@ -90,20 +88,12 @@ def check(vehicle: VehicleModel, hydrodynamics: str) -> None:
                 " use hydrodynamics=published"
             )
         return
-    growth = explicit_growth(vehicle)
+    growth = masses.explicit_growth(vehicle)
     if growth >= 1.0:
         raise VehicleError(
             f"vehicle {vehicle.name}: the plugin's explicit added mass diverges, the largest eigenvalue of"
             f" M_RB^-1 M_A is {growth:.3g} and must be below 1; use hydrodynamics=corrected"
         )
-
-
-def explicit_growth(vehicle: VehicleModel) -> float:
-    """The factor by which an acceleration echoes in the next step where added mass is an explicit force.
-
-    With M_RB a[k+1] = tau - M_A a[k] an error grows by the largest eigenvalue of M_RB^-1 M_A, at any step.
-    """
-    return float(np.abs(np.linalg.eigvals(np.linalg.solve(vehicle.M_RB, vehicle.M_A))).max())
 
 
 def model(
@@ -225,8 +215,8 @@ def _row(values: Any) -> str:
 
 
 def _inertial(vehicle: VehicleModel, hydrodynamics: str, cite: Cite, thrusters: bool) -> list[str]:
-    mass, r_g, inertia = _hull(vehicle) if thrusters else _whole(vehicle)
-    note = f"    <!-- The propellers' {len(vehicle.units)} x {PROPELLER:g} kg are taken off. -->"
+    mass, r_g, inertia = masses.hull(vehicle) if thrusters else masses.whole(vehicle)
+    note = f"    <!-- The propellers' {len(vehicle.units)} x {masses.PROPELLER:g} kg are taken off. -->"
     lines = [note] if thrusters and vehicle.units else []
     lines += [
         "    <inertial>",
@@ -256,38 +246,6 @@ def _inertial(vehicle: VehicleModel, hydrodynamics: str, cite: Cite, thrusters: 
             )
         lines.append("      </fluid_added_mass>")
     return [*lines, "    </inertial>"]
-
-
-def _whole(vehicle: VehicleModel) -> tuple[float, FloatArray, FloatArray]:
-    return vehicle.mass, vehicle.center_of_gravity, vehicle.inertia
-
-
-def _hull(vehicle: VehicleModel) -> tuple[float, FloatArray, FloatArray]:
-    """Mass, centre of gravity and inertia about it of the vehicle without its propellers, spheres of PROPELLER kg."""
-    mass = vehicle.mass - PROPELLER * len(vehicle.units)
-    if mass <= 0.0:
-        raise VehicleError(
-            f"vehicle {vehicle.name}: {len(vehicle.units)} propellers of {PROPELLER:g} kg exceed its"
-            f" {vehicle.mass:g} kg"
-        )
-    moment = vehicle.mass * vehicle.center_of_gravity - PROPELLER * sum(
-        (unit.position for unit in vehicle.units), np.zeros(3)
-    )
-    r_g = moment / mass
-    inertia = vehicle.inertia + _parallel(vehicle.mass, vehicle.center_of_gravity)
-    for unit in vehicle.units:
-        inertia = inertia - _parallel(PROPELLER, unit.position) - _spin(PROPELLER) * np.eye(3)
-    return mass, r_g, inertia - _parallel(mass, r_g)
-
-
-def _parallel(mass: float, r: FloatArray) -> FloatArray:
-    """Inertia (3, 3) about the origin of a point mass at `r` (3,)."""
-    return np.asarray(mass * (float(r @ r) * np.eye(3) - np.outer(r, r)))
-
-
-def _spin(mass: float) -> float:
-    """Moment of inertia in kg m2 of a propeller link, a sphere of 2 cm radius."""
-    return 0.4 * mass * 0.02**2
 
 
 def _displaced(vehicle: VehicleModel, cite: Cite) -> list[str]:
@@ -327,11 +285,11 @@ def _propeller(vehicle: VehicleModel, index: int, space: str, cite: Cite) -> lis
             "<!-- The command is the force in N; this says only how fast the propeller is seen to turn. -->",
             "<thrust_coefficient>1</thrust_coefficient>",
         ]
-    spin = number(_spin(PROPELLER))
+    spin = number(masses.spin(masses.PROPELLER))
     return [
         f'  <link name="{unit.name}_propeller">',
         f"    <pose>{_row(unit.position)} 0 0 0</pose>{_position_source(cite, unit.name)}",
-        f"    <inertial><mass>{PROPELLER}</mass><inertia><ixx>{spin}</ixx><iyy>{spin}</iyy><izz>{spin}</izz></inertia></inertial>",
+        f"    <inertial><mass>{masses.PROPELLER}</mass><inertia><ixx>{spin}</ixx><iyy>{spin}</iyy><izz>{spin}</izz></inertia></inertial>",
         '    <visual name="propeller"><geometry><sphere><radius>0.02</radius></sphere></geometry></visual>',
         "  </link>",
         f'  <joint name="{unit.name}_joint" type="revolute">',
