@@ -7,10 +7,11 @@ import shlex
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.errors import RunError, UserError
+from auvbench.errors import AuvbenchError, RunError, UserError
 
 if TYPE_CHECKING:
     from auvbench.config import schema
@@ -132,7 +133,7 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
         raise UserError(f"nothing to evaluate: {_left_out(unfinished)}")
     failed = there = tested = 0
     protocol = config.protocol
-    with counting_bar(len(ready), f"protocol {protocol.name}", _each(protocol)) as tell:
+    with counting_bar(len(ready), f"protocol {protocol.name}", _each(protocol, ready)) as tell:
 
         def leaving(under_way: int) -> None:
             if under_way:
@@ -174,9 +175,15 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     return 1 if failed else 0
 
 
-def _each(protocol: schema.Protocol) -> int:
-    """Episodes of a test."""
-    return protocol.episodes * len(protocol.conditions)
+def _each(protocol: schema.Protocol, runs: Sequence[RunDirectory]) -> int:
+    """Episodes of a test; of a single run without those on vehicles that its policy cannot steer."""
+    conditions = len(protocol.conditions)
+    if len(runs) == 1 and any("vehicle=" in word for one in protocol.conditions for word in one.overrides):
+        from auvbench.evaluation.protocol import circumstances
+
+        with suppress(AuvbenchError):  # the test will name it
+            conditions = len(circumstances(protocol, runs[0].config()))
+    return protocol.episodes * conditions
 
 
 def _how_far(done: int, of: int) -> str:

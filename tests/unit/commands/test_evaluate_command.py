@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from auvbench import cli
+from auvbench.commands import bars
 from tests import fake_training
 
 FEW = "protocol.episodes=2"
@@ -65,3 +66,16 @@ def test_the_configuration_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["evaluate", "protocol=thesis", "--cfg", "job"]) == 0
     assert "episodes: 200" in capsys.readouterr().out
     assert cli.main(["evaluate", "--cfg", "hydra"]) == 2
+
+
+def test_the_bar_counts_what_the_policy_can_steer(outputs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A policy of six thrusters has four of the seven conditions of `transfer`, and its test ends at 8 of 8."""
+    asked: list[int] = []
+    inner = bars.counting_bar
+    monkeypatch.setattr(
+        bars, "counting_bar", lambda total, title, parts: (asked.append(parts), inner(total, title, parts))[1]
+    )
+    where = ["--where", "algo.name=pid", "vehicle=bluerov2"]
+    assert cli.main(["evaluate", "outputs", "protocol=transfer", FEW, "workers=1", *where]) == 0
+    (summary,) = outputs.glob("*/*/evaluations/transfer/summary.json")
+    assert asked == [2 * len(json.loads(summary.read_text())["conditions"])] == [8]
