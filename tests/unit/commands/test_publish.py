@@ -8,9 +8,11 @@ import io
 import json
 import shutil
 
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from PIL import Image
 
 from auvbench import cli
 from auvbench.reporting.shipped import DIGITS, FURTHER_COLUMNS, FURTHER_DIGITS, rounded
@@ -122,6 +124,18 @@ def test_rows_are_complete_and_vouched_for(runs, tmp_path):
     with open(tmp_path / "after/table.csv", newline="") as file:
         counted = {row["agent"]: row["seeds"] for row in csv.DictReader(file)}
     assert sorted(len(s.split()) for s in counted.values()) == [1, 2, 3, 3, 3, 3, 3, 3, 3]
+
+
+def test_pictures_have_few_colours_and_look_the_same(runs, tmp_path):
+    assert publish("--pictures", "failures") == 0
+    report = ["report", "results/grid", "--format", "md", "--out", "after"]
+    assert cli.main(report) == 0
+    shipped, drawn = (tmp_path / f / "figures/failures.png" for f in ("results/grid", "after"))
+    assert shipped.stat().st_size < 0.6 * drawn.stat().st_size
+    with Image.open(shipped) as few, Image.open(drawn) as many:
+        assert few.mode == "P"
+        difference = np.asarray(few.convert("RGB"), dtype=int) - np.asarray(many.convert("RGB"), dtype=int)
+    assert np.abs(difference).mean() < 1.0
 
 
 def test_other_protocols_get_tables_of_their_own(runs, tmp_path):
