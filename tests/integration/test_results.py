@@ -12,7 +12,7 @@ from tests.numbers import assert_same_numbers
 ROOT = Path(__file__).parents[2]
 STUDIES = {
     "thesis": ["--study", "thesis"],
-    "leaderboard": ["--rank-by", "par1_steps", "--columns", "action_ms"],
+    "leaderboard": ["--rank-by", "par1_steps", "--columns", "action_ms,training_cpu_s"],
     "differences": [],
 }
 
@@ -64,10 +64,34 @@ def test_the_leaderboard_is_quoted_rightly(page):
     assert found >= 5
 
 
+def conditions():
+    """By agent and condition: the rows of the leaderboard's further protocols."""
+    shipped = [
+        rows(ROOT / "results/leaderboard" / name / "conditions.csv") for name in ("robustness", "transfer")
+    ]
+    return {(row["agent"], row["condition"]): row for file in shipped for row in file}
+
+
+def test_the_first_table_quotes_conditions_rightly():
+    names = {"SMC, tuned": "smc_tuned", "PPO added to PID": "ppo_residual"}
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("| from [the leaderboard]"))
+    assert "in 1 m/s of current | other hydrodynamics |" in lines[start]
+    table, found = conditions(), 0
+    for line in lines[start + 2 : lines.index("", start)]:
+        _, agent, _, _, *cells, _ = (cell.strip(" *") for cell in line.split("|"))
+        agent = agent.removesuffix(", 5 seeds")
+        for cell, condition in zip(cells, ("current=1", "vehicle=bluerov2-wu2018"), strict=True):
+            rate = 100 * float(table[names.get(agent, agent), condition]["success_rate"])
+            assert abs(float(cell) - rate) <= 0.51, line
+            found += 1
+    assert found >= 10
+
+
 def test_conditions_are_quoted_rightly():
     names = {"SMC, tuned": "smc_tuned", "LQR, tuned": "lqr_tuned", "PPO, tuned": "ppo_tuned"}
     names |= {"PPO added to PID": "ppo_residual"}
-    conditions = {
+    quoted_as = {
         "still water, its own vehicle": "nominal",
         "the BlueROV2 with Wu's hydrodynamics": "vehicle=bluerov2-wu2018",
         "current of 0.75 m/s": "current=0.75",
@@ -76,21 +100,18 @@ def test_conditions_are_quoted_rightly():
         "a delay of 0.5 s": "delay=0.5",
         "noise eight times as strong": "noise=8",
     }
-    shipped = [
-        rows(ROOT / "results/leaderboard" / name / "conditions.csv") for name in ("robustness", "transfer")
-    ]
-    table = {(row["agent"], row["condition"]): row for file in shipped for row in file}
+    table = conditions()
     lines = (ROOT / "docs/results.md").read_text(encoding="utf-8").splitlines()
-    start = lines.index("| | MPC | PID | SMC | LQR, tuned | PPO added to PID | PPO | PPO, tuned |")
+    start = next(i for i, line in enumerate(lines) if line.startswith("| | MPC |"))
     agents = [names.get(cell.strip(), cell.strip()) for cell in lines[start].split("|")[2:-1]]
     found = 0
-    for line in lines[start + 2 : start + 2 + len(conditions)]:
+    for line in lines[start + 2 : start + 2 + len(quoted_as)]:
         _, condition, *cells, _ = (cell.strip(" *") for cell in line.split("|"))
         for agent, cell in zip(agents, cells, strict=True):
             if cell == "–":
-                assert (agent, conditions[condition]) not in table
+                assert (agent, quoted_as[condition]) not in table
                 continue
-            row = table[agent, conditions[condition]]
+            row = table[agent, quoted_as[condition]]
             quoted = [float(n) for n in re.findall(r"[\d.]+", cell)]
             keys = ("", "_low", "_high")[: len(quoted)]
             for value, key in zip(quoted, keys, strict=True):
