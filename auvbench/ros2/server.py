@@ -22,6 +22,10 @@ LOOK = 1.0
 NEW = 15.0
 """s for which a server that nobody uses is the newcomer, who leaves: on a busy machine another one is seen late"""
 
+LOOKS = 3
+"""one after the other in which somebody listens and nobody else serves, before a server counts as used: a newcomer may see
+the clients of the first server before it sees that server"""
+
 REMEDY = "stop one of the two, or give one another name with --namespace"
 
 
@@ -102,7 +106,9 @@ class Server:
         self._missing = n * n_u
         self._due = time.monotonic()
         self._looked = self._began = self._due
-        self._told = self._used = False
+        self._told = False
+        self._watched_for = 0
+        """looks in which it was used"""
         ros = self.session.ros
         self.vehicles = [
             VehicleNode(self, i, name, start, about or {}) for i, name in enumerate(self.namespaces)
@@ -220,12 +226,13 @@ class Server:
             self._looked = now
             company = self._company()
             if company and not self._told:
-                if now - self._began < NEW and not self._used:
+                if now - self._began < NEW and self._watched_for < LOOKS:
                     raise InterfaceError(f"{company}; {REMEDY}")
                 # The newcomer leaves by itself if it is one of ours; this one was here first.
                 warnings.warn(company, AuvbenchWarning, stacklevel=2)
             self._told = bool(company)
-            self._used = self._used or (not company and self._watched())
+            if self._watched_for < LOOKS:
+                self._watched_for = self._watched_for + 1 if not company and self._watched() else 0
         if self.lockstep or self.paused:
             self.session.turn(SLICE)
             return
