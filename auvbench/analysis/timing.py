@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -96,26 +96,15 @@ def _in_steps(config: Mapping[str, Any]) -> tuple[str, str]:
 def confounded(agents: Sequence[Agent]) -> Finding | None:
     """A finding where agents trained at several frequencies also had different times; None where not."""
     runs = [run for agent in agents if learns(agent) for run in agent.runs]
-    by_frequency: dict[float, tuple[set[float], set[float]]] = {}
-    for run in runs:
-        f = run.config.get("step.frequency")
-        if f is not None:
-            limits, horizons = by_frequency.setdefault(float(f), (set(), set()))
-            _add(limits, limit_s(run))
-            _add(horizons, horizon_s(run))
-    if len(by_frequency) < 2:
-        return None
-    frequencies = sorted(by_frequency)
-    times = [[sorted(by_frequency[f][i]) for f in frequencies] for i in (0, 1)]
     kinds = ("the time for an episode", "the discount's horizon in seconds")
-    differ = [
-        kind for kind, values in zip(kinds, times, strict=True) if len({tuple(v) for v in values if v}) > 1
-    ]
+    times = {kind: by_frequency(runs, of) for kind, of in zip(kinds, (limit_s, horizon_s), strict=True)}
+    differ = [kind for kind, found in times.items() if differs(found)]
     if not differ:
         return None
+    limits, horizons = times.values()
     cells = [
-        f"at {f:g} Hz {_several(a)} for an episode and a discount that looks {_several(b)} ahead"
-        for f, a, b in zip(frequencies, *times, strict=True)
+        f"at {f:g} Hz {_several(limits[f])} for an episode and a discount that looks {_several(horizons[f])} ahead"
+        for f in limits
     ]
     text = (
         f"Frequency and time are confounded: with the frequency of training {listed(differ)} "
@@ -128,9 +117,21 @@ def confounded(agents: Sequence[Agent]) -> Finding | None:
     return Finding(text, statistic=statistic[0].upper() + statistic[1:])
 
 
-def _add(known: set[float], x: float) -> None:
-    if not math.isnan(x):
-        known.add(float(f"{x:.3g}"))
+def by_frequency(runs: Sequence[RunRecord], of: Callable[[RunRecord], float]) -> dict[float, list[float]]:
+    """Which times `of` gives, to three digits, by the frequency of the training; of those whose frequency is known."""
+    found: dict[float, set[float]] = {}
+    for run in runs:
+        f = run.config.get("step.frequency")
+        if f is not None:
+            times = found.setdefault(float(f), set())
+            if not math.isnan(x := of(run)):
+                times.add(float(f"{x:.3g}"))
+    return {f: sorted(found[f]) for f in sorted(found)}
+
+
+def differs(times: Mapping[float, Sequence[float]]) -> bool:
+    """Whether times `by_frequency` change with it."""
+    return len({tuple(values) for values in times.values() if values}) > 1
 
 
 def _several(values: Sequence[float]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from auvbench.analysis.study.learning import Learning
 from auvbench.analysis.study.shares import limits, p_more_than_half, superiority
 from auvbench.analysis.study.trend import Point, trend
 from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Levels, Part, by_trend
+from auvbench.analysis.timing import by_frequency, differs, limit_s
 from auvbench.statistics.estimate import Estimate
 
 KS = (1.0, 40.0, 100.0)
@@ -94,7 +96,17 @@ def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
         if runs and not points and trend(_levels(strata), e.confidence, e.seed) is not None:
             return [Part(OPEN, "no run converged", "runs that converge", ids)]
         return [Part(OPEN, missing=alone, run_ids=ids)]
-    return [by_trend(found, "the lower frequency converges sooner in", Levels.of(e.confidence, 1), ids)]
+    part = by_trend(found, "the lower frequency converges sooner in", Levels.of(e.confidence, 1), ids)
+    return [replace(part, statistic=f"{part.statistic}{_other_times(runs)}")]
+
+
+def _other_times(runs: Sequence[Learning]) -> str:
+    """What else changes with the frequency, where an episode lasts so many steps as in the thesis; '' where nothing does."""
+    times = by_frequency([run.run for run in runs], limit_s)
+    if not differs(times):
+        return ""
+    shown = [f"{' or '.join(f'{s:g}' for s in found)} s at {f:g} Hz" for f, found in times.items() if found]
+    return f"; the time for an episode goes with the frequency ({listed(shown)}) and may be the cause"
 
 
 def _levels(strata: dict[float, list[Learning]]) -> list[Point]:

@@ -1,6 +1,7 @@
 """The thesis's claims: each verdict from data made to deserve it, and the machinery behind them."""
 
 import json
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -53,8 +54,6 @@ def claim(number, runs=(), agents=()):
 
 def with_runs(one, runs):
     """The agent with its own runs replaced by those that were trained on disk."""
-    from dataclasses import replace
-
     own = {run.id: run for run in runs}
     return replace(one, runs=tuple(own[run.id] for run in one.runs))
 
@@ -220,6 +219,12 @@ def test_claim_2(tmp_path):
         for s in range(3)
     ]
     assert claim(2, runs).verdict == HOLDS
+    other_times = (
+        "the time for an episode goes with the frequency (100 s at 10 Hz, 40 s at 25 Hz and 18.2 s at 55 Hz)"
+    )
+    assert other_times in claim(2, runs).statistic
+    equal = [replace(run, config={**run.config, "task.time_limit": 100.0}) for run in runs]
+    assert "the time for an episode" not in claim(2, equal).statistic
     turned = {10.0: None, 25.0: 120_000, 55.0: 50_000}
     other = [
         trained(tmp_path / "turned", "sac", k, f, s, training(turned[f], episodes=900))
@@ -241,7 +246,6 @@ def test_claim_2_compares_equal_budgets(tmp_path):
 
 def kept(folder, one, gone, reward_k=None):
     """The agent with runs whose test kept four straight paths of `gone` m towards waypoints 30 m away."""
-    from dataclasses import replace
     from types import SimpleNamespace
 
     runs = []
@@ -359,7 +363,6 @@ def test_claim_6():
     told = claim(6, (), [agent("sac", k, f) for k, f in GRID])
     assert told.verdict == OPEN
     assert "on the thesis's own ten agents 0.35 [-0.38, 0.81]" in told.statistic
-    from dataclasses import replace
 
     def made(spread, n):
         agents = []
@@ -404,8 +407,6 @@ def test_agents_trained_as_in_the_thesis_come_first():
 
 
 def test_factors_come_from_the_runs_where_agents_were_not_grouped_by_them():
-    from dataclasses import replace
-
     one = replace(agent("sac", 40, 55), key={"algo": "sac"})
     assert Evidence((), [one], 0.95, 0).agents[0].key == {"algo": "sac", "reward.k": 40, "step.frequency": 55}
     mixed = replace(one, runs=(record("sac", 1, 55, 0), record("sac", 40, 55, 1)))
@@ -417,8 +418,6 @@ def test_factors_come_from_the_runs_where_agents_were_not_grouped_by_them():
 
 
 def untrained(algo, k, f, steps=20_000, **options):
-    from dataclasses import replace
-
     one = agent(algo, k, f, level=-4.5, **options)
     runs = tuple(
         replace(run, manifest={**run.manifest, "steps": steps, "total_steps": steps}) for run in one.runs
@@ -455,8 +454,6 @@ def test_one_seed_and_unequal_budgets_are_no_evidence():
         "(a) S", "(a) s"
     )
     assert "3 cells left out: one training seed" in told.missing
-    from dataclasses import replace
-
     several = [agent("sac", k, f, level=3 - 3 * (k > 50), episodes=500) for k, f in GRID]
     mixed = [
         replace(
@@ -473,8 +470,6 @@ def test_one_seed_and_unequal_budgets_are_no_evidence():
 
 
 def test_a_rollout_that_ends_after_the_budget_is_no_other_budget():
-    from dataclasses import replace
-
     def overshot(one):
         runs = (replace(r, manifest={**r.manifest, "steps": 1_000_000 + 64 * r.seed}) for r in one.runs)
         return replace(one, runs=tuple(runs))
