@@ -19,6 +19,7 @@ from auvbench.dynamics.appendages import add_appendages
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.equations import off_diagonal, runge_kutta_stage
 from auvbench.dynamics.layout import CURRENT, LANES, PARAMETERS, ROWS, STATE_ROWS, S, X, Y
+from auvbench.dynamics.plugin import add_early
 
 FloatArray = NDArray[np.float64]
 L = LANES
@@ -105,14 +106,14 @@ def advance(
     geometry: FloatArray,  # (n_u, GEOMETRY_COLUMNS)
     discrete: FloatArray,  # (n_u, DISCRETE_COLUMNS) for half a substep
     tables: FloatArray,  # (k, points)
-    # Off-diagonal added mass, actuators with dynamics, actuators that are no thrusters.
-    flags: tuple[bool, bool, bool],
+    # Off-diagonal added mass, actuators with dynamics, actuators that are no thrusters, C_A of Gazebo's early plugin.
+    flags: tuple[bool, bool, bool, bool],
     blocks: tuple[int, int],  # first block, one past the last
     substeps: int,
     h: float,
 ) -> None:
     """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
-    full, dynamic, special = flags
+    full, dynamic, special, early = flags
     n_u = units.shape[0]
     count = states.shape[1]
     # One piece of memory on a cache line's boundary: vectors of 64 bytes that straddle two lines cost twice.
@@ -136,17 +137,19 @@ def advance(
                 ahead = h / 2.0 if stage < 2 else h * (3 - stage)
                 if dynamic and (stage == 1 or stage == 3):
                     advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-                if not (full or special):
+                if not (full or special or early):
                     # With the constant the compiler drops the terms of the off-diagonal added mass, so that
                     # vehicles without it do not pay for it.
                     runge_kutta_stage(ws, weight, ahead, False)
                     continue
                 if full:
                     off_diagonal(ws)
+                if early:
+                    add_early(ws)
                 if special:
                     apply_thrust(ws, units, geometry, output, thrust)
                     add_appendages(ws, units, geometry, output)
-                runge_kutta_stage(ws, weight, ahead, full)
+                runge_kutta_stage(ws, weight, ahead, full or early)
             _finish(ws)
         _scatter(ws, block, pose, velocity)
         if states.shape[1] > 0:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from auvbench.config.simulators import CAPABILITIES
 from auvbench.dynamics import layout
 from auvbench.dynamics.kernel import PARAMETER_ROWS, advance
+from auvbench.dynamics.plugin import GZ_SIM_8_11
 from auvbench.errors import ConfigError
 from auvbench.simulators.packing import discretise, geometry_table, parameter_rows, unit_table
 from auvbench.vehicles.model import VehicleModel
@@ -72,6 +73,7 @@ class FossenSimulator:
             bool(np.any(np.diag(np.diag(vehicle.M_A)) != vehicle.M_A)),
             any(unit.rest.size > 0 for unit in vehicle.units),
             any(unit.kind != "thruster" for unit in vehicle.units),
+            vehicle.added_mass_coriolis and vehicle.plugin == GZ_SIM_8_11,
         )
         self._discrete: dict[float, FloatArray] = {}
         self._n_blocks = -(-n // layout.LANES)

@@ -47,7 +47,7 @@ def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
     upper = np.triu_indices(6)
     strict = np.triu_indices(6, 1)
     angular = M_RB[:, 3:, 3:]
-    coriolis = M_A if vehicle.added_mass_coriolis else 0.0 * M_A
+    coriolis = vehicle.coriolis_sign * M_A
     put(layout.MASS, M_RB[:, :1, 0])
     put(layout.MOMENT, mass * (vehicle.mass * r_g))
     put(layout.INERTIA, angular[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.dynamics.plugin import GZ_SIM_8_11, early
 from auvbench.dynamics.rigid_body import coriolis
 from auvbench.vehicles.model import VehicleModel
 
@@ -249,7 +250,7 @@ def free_speed(vehicle: VehicleModel) -> float:
 
 def _linearised(vehicle: VehicleModel, speed: float) -> FloatArray:
     """Jacobian (8, 8) of (roll, pitch, u, v, w, p, q, r) about level flight ahead at `speed`, trimmed."""
-    M_A = vehicle.M_A if vehicle.added_mass_coriolis else np.zeros((6, 6))
+    M_A = vehicle.coriolis_sign * vehicle.M_A
     r_g, r_b = vehicle.center_of_gravity, vehicle.center_of_buoyancy
 
     def acceleration(x: FloatArray) -> FloatArray:
@@ -262,7 +263,10 @@ def _linearised(vehicle: VehicleModel, speed: float) -> FloatArray:
             ]
         )
         damping = (vehicle.linear_damping + vehicle.quadratic_damping * np.abs(nu)) * nu
-        return np.asarray(vehicle.M_inverse @ (restoring - damping - coriolis(vehicle.M_RB + M_A, nu) @ nu))
+        wrench = restoring - damping - coriolis(vehicle.M_RB + M_A, nu) @ nu
+        if vehicle.plugin == GZ_SIM_8_11:
+            wrench = wrench + early(vehicle.M_A, nu)
+        return np.asarray(vehicle.M_inverse @ wrench)
 
     x0 = np.zeros(8)
     x0[2] = speed

@@ -39,6 +39,16 @@ class VehicleModel:
     controllable: tuple[str, ...] = ()  # degrees of freedom that the allocation must span
     sources: tuple[tuple[str, str], ...] = ()  # (key, one-line citation)
     remarks: tuple[str, ...] = ()
+    plugin: str = (
+        ""  # one of `dynamics.plugin.RELEASES` where C_A is that of Gazebo's plugin instead of Fossen's
+    )
+
+    @property
+    def coriolis_sign(self) -> float:
+        """1 where the Coriolis term of added mass is Fossen's, 0 where there is none, -1 as Gazebo's plugin applies it."""
+        if not self.added_mass_coriolis:
+            return 0.0
+        return -1.0 if self.plugin else 1.0
 
     @property
     def actuators(self) -> tuple[str, ...]:

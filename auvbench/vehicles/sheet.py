@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.dynamics import plugin
 from auvbench.dynamics.rigid_body import rigid_body_mass
 from auvbench.errors import closest
 from auvbench.vehicles.actuator_sheet import read_actuators
@@ -55,7 +56,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
     density = document.number(("environment", "density"), "kg/m3", above=0.0)
     mass, weight, r_g, inertia = _rigid_body(document, gravity, turn)
     buoyancy, r_b = _buoyancy(document, weight, gravity, density, turn)
-    M_A, coriolis, linear, quadratic = _hydrodynamics(document, turn)
+    M_A, coriolis, release, linear, quadratic = _hydrodynamics(document, turn)
     _check_mass(document, rigid_body_mass(mass, r_g, inertia), M_A)
     units = read_actuators(document, turn)
     vehicle = VehicleModel(
@@ -71,6 +72,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
         center_of_buoyancy=r_b,
         M_A=M_A,
         added_mass_coriolis=coriolis,
+        plugin=release,
         linear_damping=linear,
         quadratic_damping=quadratic,
         units=units,
@@ -150,7 +152,9 @@ def _buoyancy(
     return force, document.quantity((*at, "center"), "m", ((3,),)) * turn
 
 
-def _hydrodynamics(document: Document, turn: FloatArray) -> tuple[FloatArray, bool, FloatArray, FloatArray]:
+def _hydrodynamics(
+    document: Document, turn: FloatArray
+) -> tuple[FloatArray, bool, str, FloatArray, FloatArray]:
     at = ("hydrodynamics",)
     section = document.section(
         at, ("added_mass", "linear_damping", "quadratic_damping"), ("added_mass_coriolis", "symmetrise")
@@ -184,11 +188,7 @@ def _hydrodynamics(document: Document, turn: FloatArray) -> tuple[FloatArray, bo
             f"the added-mass matrix is indefinite (smallest eigenvalue {smallest:g}): entries are those of the matrix "
             "M_A; Fossen's derivatives have the opposite sign",
         )
-    coriolis = section.get("added_mass_coriolis", True)
-    if isinstance(coriolis, Mapping):
-        coriolis = document.sourced((*at, "added_mass_coriolis"), "1")
-    if not isinstance(coriolis, bool):
-        document.fail((*at, "added_mass_coriolis"), f"{coriolis!r} is neither true nor false")
+    coriolis, release = _coriolis(document, section, M_A)
     damping = []
     for key, unit in (("linear_damping", "N s/m, N m s"), ("quadratic_damping", "N s2/m2, N m s2")):
         values = document.quantity((*at, key), unit, ((6,),))
@@ -201,7 +201,22 @@ def _hydrodynamics(document: Document, turn: FloatArray) -> tuple[FloatArray, bo
             )
         damping.append(values)
     six = np.concatenate((turn, turn))
-    return M_A * np.outer(six, six), coriolis, damping[0], damping[1]
+    return M_A * np.outer(six, six), coriolis, release, damping[0], damping[1]
+
+
+def _coriolis(document: Document, section: Mapping[str, Any], M_A: FloatArray) -> tuple[bool, str]:
+    """Whether added mass has a Coriolis term, and whose if not Fossen's."""
+    at = ("hydrodynamics", "added_mass_coriolis")
+    value = section.get("added_mass_coriolis", True)
+    if isinstance(value, Mapping):
+        value = document.sourced(at, "1")
+    if isinstance(value, bool):
+        return value, ""
+    if value not in plugin.RELEASES:
+        document.fail(at, f"{value!r} is neither true nor false nor {' nor '.join(plugin.RELEASES)}")
+    if np.any(np.diag(np.diag(M_A)) != M_A):
+        document.fail(at, f"{value}: the plugin's term is that of a diagonal added mass")
+    return True, str(value)
 
 
 def _check_mass(document: Document, M_RB: FloatArray, M_A: FloatArray) -> None:

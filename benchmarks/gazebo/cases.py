@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.dynamics.layout import CORIOLIS, PARAMETERS
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.simulators.gazebo import sdf
@@ -117,19 +116,15 @@ def bare(vehicle: VehicleModel) -> VehicleModel:
     return dataclasses.replace(vehicle, units=(), controllable=())
 
 
-def embedded(case: Case, coriolis: float = 1.0) -> Path:
+def embedded(case: Case, plugin: str = "") -> Path:
     """The motion by the embedded simulator at .001 s.
 
     Args:
         case: the motion.
-        coriolis: factor on the added mass in the Coriolis term alone; -1 is the plugin's sign.
+        plugin: of this release of gz-sim its Coriolis term of added mass; "" is Fossen's.
     """
-    vehicle = model(case)
-    simulator = FossenSimulator(vehicle, 1, max_step=0.001)
-    if coriolis != 1.0:
-        first = (CORIOLIS - PARAMETERS) * 16
-        simulator._parameters[:, first : first + 6 * 16] *= coriolis
-    return follow(simulator, case)
+    vehicle = dataclasses.replace(model(case), plugin=plugin)
+    return follow(FossenSimulator(vehicle, 1, max_step=0.001), case)
 
 
 def gazebo(case: Case, hydrodynamics: str, step: float) -> Path:

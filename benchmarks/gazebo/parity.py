@@ -12,6 +12,7 @@ from pathlib import Path as File
 
 import numpy as np
 
+from auvbench.dynamics.plugin import GZ_SIM_8_12
 from auvbench.runs.provenance import versions
 from auvbench.simulators.gazebo import bindings
 from benchmarks.gazebo.cases import (
@@ -113,7 +114,7 @@ def signs_table(cases: Sequence[Case], compute: Callable[[str], None]) -> str:
     rows = []
     for case in cases:
         compute(f"{case.vehicle}: {case.name}, published and the sign")
-        right, wrong = embedded(case), embedded(case, coriolis=-1.0)
+        right, wrong = embedded(case), embedded(case, plugin=GZ_SIM_8_12)
         path = gazebo(case, "published", DEFAULT)
         rows.append(
             [

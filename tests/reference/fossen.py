@@ -62,6 +62,39 @@ def coriolis_of(M: Array, nu: Array) -> Array:
     return np.block([[np.zeros((3, 3)), momentum], [momentum, angular_momentum]])
 
 
+def plugins_matrix(Ma: Array, state: Array, release: str) -> Array:
+    """`Cmat` of Gazebo's Hydrodynamics plugin, entry by entry as its source has it.
+
+    `Ma` has Fossen's signs (its diagonal is negative). gz-sim-8.11: Hydrodynamics.cc of gz-sim8_8.6.0. gz-sim-8.12:
+    the same with the two entries that #3456 mended.
+    """
+    u, v, w, p, q, r = state
+    X, Y, Z, K, M, N = np.diag(Ma)
+    C = np.zeros((6, 6))
+    C[0, 4] = -Z * w
+    C[0, 5] = -Y * v
+    C[1, 3] = Z * w
+    C[1, 5] = -X * u
+    C[2, 3] = -Y * v
+    C[2, 4] = X * u
+    C[3, 1] = -Z * w
+    C[3, 2] = Y * v
+    C[3, 4] = -N * r
+    C[3, 5] = M * q
+    C[4, 0] = Z * w
+    C[4, 2] = -X * u
+    C[4, 3] = N * r
+    C[4, 5] = -K * p
+    C[5, 0] = Z * w
+    C[5, 1] = X * u
+    C[5, 3] = -M * q
+    C[5, 4] = K * p
+    if release == "gz-sim-8.12":
+        C[0, 5] = Y * v
+        C[5, 0] = -Y * v
+    return C
+
+
 @dataclass(frozen=True)
 class Body:
     """A rigid body in water: the numbers of a data sheet, about the body's origin CO unless it says otherwise."""
@@ -89,6 +122,8 @@ class Body:
     """direction of gravity along the world's z axis: `NED` or `ENU`"""
     added_coriolis: bool = True
     """False drops C_A(nu_r) nu_r, as the LRAUV's own simulation does"""
+    plugin: str = ""
+    """release of gz-sim whose Hydrodynamics plugin applies +`plugins_matrix` nu_r instead of -C_A(nu_r) nu_r"""
 
     def M_RB(self) -> Array:
         """Rigid-body mass matrix about CO (Fossen 2011, eq. 3.44, with I_b = I_g - m S(r_g)^2, eq. 3.36)."""
@@ -105,6 +140,8 @@ class Body:
         return np.block([[self.m * W, -self.m * W @ S], [self.m * S @ W, -skew(I_b @ nu[3:])]])
 
     def C_A(self, nu_r: Array) -> Array:
+        if self.plugin:
+            return -plugins_matrix(-self.M_A, nu_r, self.plugin)
         return coriolis_of(self.M_A, nu_r) if self.added_coriolis else np.zeros((6, 6))
 
     def D(self, nu_r: Array) -> Array:

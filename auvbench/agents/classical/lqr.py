@@ -15,6 +15,7 @@ from scipy.linalg import expm, solve_discrete_are
 from auvbench.agents.base import Integers
 from auvbench.agents.classical.cascade import YAW, Cascade
 from auvbench.config import algorithms, schema
+from auvbench.dynamics.plugin import GZ_SIM_8_11, early
 from auvbench.dynamics.rigid_body import coriolis
 from auvbench.vehicles.model import VehicleModel
 
@@ -79,15 +80,19 @@ def cruise_plant(vehicle: VehicleModel, speed: float) -> tuple[Floats, Floats]:
     """A (8, 8) and B (8, 4) of the deviations from cruising ahead at `speed` in m/s; roll and pitch are left out."""
     nu = np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0])
     damping = np.diag(vehicle.linear_damping + 2.0 * vehicle.quadratic_damping * np.abs(nu))
-    matrices = [vehicle.M_RB, vehicle.M_A] if vehicle.added_mass_coriolis else [vehicle.M_RB]
+    matrices = [vehicle.M_RB]
+    if vehicle.added_mass_coriolis:
+        matrices.append(vehicle.coriolis_sign * vehicle.M_A)
+    none = np.zeros(6)
+
+    def forces(nu: Floats) -> Floats:
+        own = sum((coriolis(M, nu) @ nu for M in matrices), none)
+        return np.asarray(own - early(vehicle.M_A, nu) if vehicle.plugin == GZ_SIM_8_11 else own)
+
     slopes = np.zeros((6, 6))
     for column, step in enumerate(np.eye(6) * 1e-6):
         # C(nu) nu is quadratic in nu: the central difference is exact up to rounding.
-        both = [
-            sum((coriolis(M, nu + s * step) @ (nu + s * step) for M in matrices), np.zeros(6))
-            for s in (1, -1)
-        ]
-        slopes[:, column] = (both[0] - both[1]) / 2e-6
+        slopes[:, column] = (forces(nu + step) - forces(nu - step)) / 2e-6
     reduced = np.ix_(CONTROLLED, CONTROLLED)
     inverse = np.linalg.inv(vehicle.M[reduced])
     A, B = np.zeros((8, 8)), np.zeros((8, 4))

@@ -25,6 +25,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.dynamics.plugin import GZ_SIM_8_11
 from auvbench.evaluation.bounds.trial import Scenario
 from auvbench.vehicles.actuators import Actuator
 from auvbench.vehicles.model import VehicleModel
@@ -57,7 +58,8 @@ class Energy:
         self.righting = float(np.linalg.norm(lever) - lever[2])
         self.pace = np.array([np.inf] * len(PRICES))
         limits = [_reached(*pair) for pair in zip(vehicle.units, vehicle.force_limits, strict=True)]
-        if len(limits) <= MOST_THRUSTERS and np.isfinite(limits).all():
+        passive = vehicle.plugin != GZ_SIM_8_11  # whose Coriolis term does work
+        if passive and len(limits) <= MOST_THRUSTERS and np.isfinite(limits).all():
             corners = np.array(list(itertools.product(*limits)))
             wrenches = corners @ vehicle.allocation.T
             damping = vehicle.linear_damping, vehicle.quadratic_damping

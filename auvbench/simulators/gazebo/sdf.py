@@ -69,7 +69,8 @@ def check(vehicle: VehicleModel, hydrodynamics: str) -> None:
 
     Raises:
         VehicleError: it has actuators other than thrusters, a weight that is not mass times gravity, added mass
-            without its Coriolis term where DART would add one, or added mass that diverges when it is explicit.
+            without its Coriolis term where DART would add one, that of Gazebo's own plugin, or added mass that diverges
+            when it is explicit.
     """
     others = [unit for unit in vehicle.units if unit.kind != "thruster"]
     if others:
@@ -80,6 +81,11 @@ def check(vehicle: VehicleModel, hydrodynamics: str) -> None:
         raise VehicleError(
             f"vehicle {vehicle.name}: weight {vehicle.weight:g} N is not mass x gravity ="
             f" {vehicle.mass * vehicle.gravity:g} N, which is what Gazebo makes of the mass"
+        )
+    if vehicle.plugin:
+        raise VehicleError(
+            f"vehicle {vehicle.name}: its added-mass Coriolis term is a copy of that of Gazebo's plugin ({vehicle.plugin}); "
+            "in Gazebo itself it is simulator.hydrodynamics=published with the vehicle that was copied"
         )
     if hydrodynamics == "corrected":
         if not vehicle.added_mass_coriolis and np.any(vehicle.M_A):

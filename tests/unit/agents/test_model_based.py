@@ -77,9 +77,10 @@ def test_the_linear_quadratic_loop_is_stable(speed):
     assert closed.real.max() < -0.02
 
 
-def test_the_cruise_plant_is_the_slope_of_the_simulated_acceleration():
+@pytest.mark.parametrize("name", ["bluerov2", "bluerov2_gz_sim_8_12", "bluerov2_gz_sim_8_11"])
+def test_the_cruise_plant_is_the_slope_of_the_simulated_acceleration(name):
     """Munk's moment among it: sway and yaw at speed are coupled by added mass."""
-    vehicle = sheet.load("bluerov2")
+    vehicle = sheet.load(name)
     A, _ = lqr.cruise_plant(vehicle, 1.0)
     # With roll and pitch held: their rows and columns of M are left out.
     M = vehicle.M[np.ix_(lqr.CONTROLLED, lqr.CONTROLLED)]
@@ -87,7 +88,11 @@ def test_the_cruise_plant_is_the_slope_of_the_simulated_acceleration():
     # d N / d v = (X_udot - Y_vdot) u of the rigid and the added mass, moved by the centre of gravity.
     added = vehicle.M_A
     assert slope[0, 0] == pytest.approx(-(25.15 + 2 * 33.8))
-    assert slope[3, 1] == pytest.approx(-(added[1, 1] - added[0, 0]), rel=1e-6)
+    munk = added[1, 1] - added[0, 0]
+    expected = {"bluerov2": -munk, "bluerov2_gz_sim_8_12": munk, "bluerov2_gz_sim_8_11": -added[0, 0]}[name]
+    assert slope[3, 1] == pytest.approx(expected, rel=1e-6)
+    by_heave = -added[2, 2] if name == "bluerov2_gz_sim_8_11" else 0.0
+    assert slope[3, 2] == pytest.approx(by_heave, rel=1e-6, abs=1e-6)
 
 
 def test_sliding_mode_s_gain_stays_within_its_bounds():

@@ -29,6 +29,7 @@ def body_of(vehicle):
         r_b=vehicle.center_of_buoyancy,
         down=ENU,
         added_coriolis=vehicle.added_mass_coriolis,
+        plugin=vehicle.plugin,
     )
 
 

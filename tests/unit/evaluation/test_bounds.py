@@ -104,6 +104,12 @@ def test_no_velocity_and_thrust_gain_more_than_is_proven(name: str, share: float
         assert gained.max() >= share * pace, "and the bound is not idle"
 
 
+def test_nothing_is_proven_where_coriolis_forces_do_work() -> None:
+    assert not np.isfinite(Energy(sheet.load("bluerov2_gz_sim_8_11"), 3.0).pace).any()
+    turned, real = Energy(sheet.load("bluerov2_gz_sim_8_12"), 3.0), Energy(sheet.load("bluerov2"), 3.0)
+    np.testing.assert_array_equal(turned.pace, real.pace)
+
+
 def test_nobody_arrives_sooner_than_is_proven() -> None:
     protocol = protocol_of(episodes=40)
     (condition,) = circumstances(protocol, config_of())

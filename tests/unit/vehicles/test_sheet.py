@@ -34,6 +34,8 @@ FIELDS = [
 FACTS = {
     "bluerov2": (15.22, 4.5198, 5, 6),
     "bluerov2_realistic_inertia": (15.22, 4.5198, 5, 6),
+    "bluerov2_gz_sim_8_11": (15.22, 4.5198, 5, 6),
+    "bluerov2_gz_sim_8_12": (15.22, 4.5198, 5, 6),
     "bluerov2_wu2018": (11.5, 1.985, 5, 6),
     "bluerov2_heavy": (13.5, -0.982, 6, 8),
     "bluerov2_heavy_wu2018": (11.5, 1.985, 6, 8),
@@ -165,6 +167,17 @@ BROKEN = {
         "  symmetrise: true\n  added_mass:\n    value: [[9, 0, 0, 0, 0, 0], [0, 9, 0, 0, 0, 0], [0, 0, 9, 0, 0, 5], "
         "[0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]",
         r"entries \(3,6\) = 5 and \(6,3\) = 0 differ too much",
+    ),
+    "a release that is not known": (
+        "hydrodynamics:\n",
+        "hydrodynamics:\n  added_mass_coriolis: gz-sim-8.13\n",
+        "added_mass_coriolis.*'gz-sim-8.13' is neither true nor false nor gz-sim-8.11 nor gz-sim-8.12",
+    ),
+    "a plugin's term of a full matrix": (
+        "  added_mass:\n    value: [5.5, 12.7, 14.57, 0.12, 0.12, 0.12]",
+        "  added_mass_coriolis: gz-sim-8.12\n  added_mass:\n    value: [[9, 1, 0, 0, 0, 0], [1, 9, 0, 0, 0, 0], "
+        "[0, 0, 9, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]",
+        "gz-sim-8.12: the plugin's term is that of a diagonal added mass",
     ),
     "indefinite added mass": ("value: [5.5, 12.7", "value: [-55.5, 12.7", "indefinite"),
     "asymmetric added mass": (

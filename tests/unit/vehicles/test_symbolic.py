@@ -10,7 +10,7 @@ from auvbench.vehicles.symbolic import RIGID, symbolic
 
 pytest.importorskip("casadi")
 
-THRUSTERS_ALONE = ("bluerov2", "bluerov2_heavy", "bluerov2_heavy_wu2018", "bluerov2_realistic_inertia", "bluerov2_wu2018", "rexrov")  # fmt: skip
+THRUSTERS_ALONE = ("bluerov2", "bluerov2_gz_sim_8_11", "bluerov2_gz_sim_8_12", "bluerov2_heavy", "bluerov2_heavy_wu2018", "bluerov2_realistic_inertia", "bluerov2_wu2018", "rexrov")  # fmt: skip
 
 
 def states(vehicle, n, seed):

@@ -1,0 +1,78 @@
+# ruff: noqa: E741  (l is the lane, as in the layout)
+"""The Coriolis term of added mass as the Hydrodynamics plugin of Gazebo has it, which is not Fossen's.
+
+Fossen's force is -C_A(nu_r) nu_r (2011, eq. 6.43). By its source the plugin applies +C nu_r, with
+
+* `gz-sim-8.12` (and later, as measured in 8.14.0): C = C_A, so that the term has the opposite sign;
+* `gz-sim-8.11` (and earlier, from its first version on): a C that differs from C_A in two entries besides,
+  C(0,5) = +A_22 v where C_A has -A_22 v, and C(5,0) = -A_33 w where C_A has A_22 v.
+
+A_22 and A_33 are the added masses in sway and heave, kg; v and w the velocities through the water. With the two entries the
+term is no longer skew-symmetric, so it does work: a vehicle that moves ahead and rises or sinks is turned in yaw.
+
+Sources: gazebosim/gz-sim, src/systems/hydrodynamics/Hydrodynamics.cc, gz-sim8_8.6.0 and 57e28a0 (#3456, released in 8.12.0).
+What else the plugin does, its added mass being the force of the step before above all, is not copied here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from auvbench.dynamics.layout import CORIOLIS, CURRENT, EXTRA, LANES, Y
+
+FloatArray = NDArray[np.float64]
+L = LANES
+GZ_SIM_8_11 = "gz-sim-8.11"
+GZ_SIM_8_12 = "gz-sim-8.12"
+RELEASES = (GZ_SIM_8_11, GZ_SIM_8_12)
+
+
+def early(M_A: FloatArray, nu: FloatArray) -> FloatArray:
+    """What `gz-sim-8.11` adds to `gz-sim-8.12`: wrench (6,) in N and N m.
+
+    Args:
+        M_A: (6, 6) added mass, kg, kg m, kg m2.
+        nu: (6,) velocity through the water, m/s and rad/s, in body axes.
+    """
+    u, v, w, r = nu[0], nu[1], nu[2], nu[5]
+    wrench = np.zeros(6)
+    wrench[0] = 2.0 * M_A[1, 1] * v * r
+    wrench[5] = -(M_A[1, 1] * v + M_A[2, 2] * w) * u
+    return wrench
+
+
+@njit(nogil=True)
+def add_early(ws: FloatArray) -> None:
+    """The same for 16 vehicles of the workspace, into the terms that `runge_kutta_stage` takes from `EXTRA`."""
+    for l in range(L):
+        qw = ws[(Y + 3) * L + l]
+        qx = ws[(Y + 4) * L + l]
+        qy = ws[(Y + 5) * L + l]
+        qz = ws[(Y + 6) * L + l]
+        depth = (ws[(CURRENT + 6) * L + l] - ws[(Y + 2) * L + l]) * ws[(CURRENT + 7) * L + l]
+        s = min(max(depth, 0.0), 1.0)
+        cx = ws[CURRENT * L + l] + s * ws[(CURRENT + 3) * L + l]
+        cy = ws[(CURRENT + 1) * L + l] + s * ws[(CURRENT + 4) * L + l]
+        cz = ws[(CURRENT + 2) * L + l] + s * ws[(CURRENT + 5) * L + l]
+        cu = (
+            (1.0 - 2.0 * (qy * qy + qz * qz)) * cx
+            + 2.0 * (qx * qy + qw * qz) * cy
+            + 2.0 * (qx * qz - qw * qy) * cz
+        )
+        cv = (
+            2.0 * (qx * qy - qw * qz) * cx
+            + (1.0 - 2.0 * (qx * qx + qz * qz)) * cy
+            + 2.0 * (qy * qz + qw * qx) * cz
+        )
+        cw = (
+            2.0 * (qx * qz + qw * qy) * cx
+            + 2.0 * (qy * qz - qw * qx) * cy
+            + (1.0 - 2.0 * (qx * qx + qy * qy)) * cz
+        )
+        # The rows of C_A hold -M_A here, and what is taken from `EXTRA` is subtracted.
+        ay = ws[(CORIOLIS + 1) * L + l] * (ws[(Y + 8) * L + l] - cv)
+        az = ws[(CORIOLIS + 2) * L + l] * (ws[(Y + 9) * L + l] - cw)
+        ws[(EXTRA + 6) * L + l] = 2.0 * ay * ws[(Y + 12) * L + l]
+        ws[(EXTRA + 11) * L + l] = -(ay + az) * (ws[(Y + 7) * L + l] - cu)
