@@ -5,7 +5,7 @@
     <folder>/runs/<run id>/evaluations/<protocol>/summary.json    as it was, but for the digests of the next two, and means of
                                                                   the rows as they are shipped
     <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.bz2  numbers to six significant digits; of further
-                                                                  protocols to four, and the columns that every report needs
+                                                                  protocols to three, and the columns that every report needs
     <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths to 0.1 mm, packed, of the first protocol alone
     <folder>/runs/<run id>/train/episodes.csv.bz2                  the columns that a report reads
     <folder>/runs/<run id>/train/validation.csv.bz2                as it was, compressed
@@ -50,7 +50,7 @@ FURTHER_COLUMNS = ("condition", "frequency_hz", "episode", "outcome", *CORE_COLU
 
 DIGITS = 6
 """significant ones of a shipped number: a tenth of a millimetre of a way of 100 m, and 44 % of the room of all 17"""
-FURTHER_DIGITS = 4
+FURTHER_DIGITS = 3
 """of the rows of further protocols"""
 
 
@@ -204,8 +204,11 @@ def _placeless(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def slim(data: bytes) -> bytes:
-    """The rows of training with the columns that a report reads, each number as it was written."""
-    return _table(csv.DictReader(io.StringIO(data.decode("utf-8"))), TRAINING_COLUMNS)
+    """The rows of training with the columns that a report reads, to `DIGITS` significant digits."""
+    rows = csv.DictReader(io.StringIO(data.decode("utf-8")))
+    return _table(
+        ({**row, **{name: _rounded(row[name], DIGITS) for name in NUMBERS}} for row in rows), TRAINING_COLUMNS
+    )
 
 
 def rounded(data: bytes, digits: int, columns: Sequence[str] | None = None) -> bytes:

@@ -15,7 +15,7 @@ import yaml
 from PIL import Image
 
 from auvbench import cli
-from auvbench.reporting.shipped import DIGITS, FURTHER_COLUMNS, FURTHER_DIGITS, rounded
+from auvbench.reporting.shipped import DIGITS, FURTHER_COLUMNS, FURTHER_DIGITS, TRAINING_COLUMNS, rounded
 from auvbench.runs import integrity
 from tests.numbers import assert_same_numbers
 from tests.synthetic import write_experiment
@@ -117,6 +117,12 @@ def test_rows_are_complete_and_vouched_for(runs, tmp_path):
     training = bz2.decompress((shipped / "train/episodes.csv.bz2").read_bytes()).decode().splitlines()
     assert set(next(csv.reader(training))) == {"outcome", "step", "steps", "return", "final_distance_m"}
     assert len(training) == 31
+    full = pd.read_csv(runs[0] / "train/episodes.csv")
+    pd.testing.assert_frame_equal(
+        pd.read_csv(io.StringIO("\n".join(training))), full[[*TRAINING_COLUMNS]], rtol=5e-6, atol=0.0
+    )
+    for row in csv.DictReader(training):
+        assert float(row["return"]) == float(f"{float(row['return']):.{DIGITS}g}")
     text = rows.replace(b"success", b"timeout", 1)
     assert text != rows
     (shipped / "evaluations/test/episodes.csv.bz2").write_bytes(bz2.compress(text))
