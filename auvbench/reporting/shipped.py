@@ -4,7 +4,7 @@
     <folder>/runs/<run id>/manifest.json                          as it was, marked, without the machine's name and the place
     <folder>/runs/<run id>/evaluations/<protocol>/summary.json    as it was, but for the digests of the next two, and means of
                                                                   the rows as they are shipped
-    <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.bz2  numbers to six significant digits; of further
+    <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.bz2  numbers to five significant digits; of further
                                                                   protocols to three, and the columns that every report needs
     <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths to 0.1 mm, packed, of the first protocol alone
     <folder>/runs/<run id>/train/episodes.csv.bz2                  the columns that a report reads
@@ -48,8 +48,8 @@ TRAINING_COLUMNS = ("outcome", *NUMBERS)
 FURTHER_COLUMNS = ("condition", "frequency_hz", "episode", "outcome", *CORE_COLUMNS)
 """of the rows of protocols that are shipped beside the first: a robustness test has thousands of episodes for each run"""
 
-DIGITS = 6
-"""significant ones of a shipped number: a tenth of a millimetre of a way of 100 m, and 44 % of the room of all 17"""
+DIGITS = 5
+"""significant ones of a shipped number: a millimetre of a way of 100 m, and 38 % of the room of all 17"""
 FURTHER_DIGITS = 3
 """of the rows of further protocols"""
 
