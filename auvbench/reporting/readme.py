@@ -122,8 +122,8 @@ def _trained_by(manifests: Sequence[Mapping[str, Any]]) -> str:
         return "By which command the runs were trained is not recorded."
     lines = [f"    {short(command, LONGEST)}" for command, _ in found.most_common(COMMANDS)]
     text = "The runs were trained by\n\n" + "\n".join(lines)
-    if more := len(found) - COMMANDS:
-        text += f"\n\nand {more} more different commands, each in its run's manifest" if more > 0 else ""
+    if (more := len(found) - COMMANDS) > 0:
+        text += f"\n\nand {counted(more, 'more different command')}, each in its run's manifest"
     return text
 
 
