@@ -17,9 +17,9 @@ from auvbench.dynamics import layout
 from auvbench.dynamics.actuation import advance_actuators, apply_thrust, hold_commands
 from auvbench.dynamics.appendages import add_appendages
 from auvbench.dynamics.compiled import compiled
+from auvbench.dynamics.early_plugin import add_early
 from auvbench.dynamics.equations import off_diagonal, runge_kutta_stage
 from auvbench.dynamics.layout import CURRENT, LANES, PARAMETERS, ROWS, STATE_ROWS, S, X, Y
-from auvbench.dynamics.plugin import add_early
 
 FloatArray = NDArray[np.float64]
 L = LANES

@@ -1,4 +1,3 @@
-# ruff: noqa: E741  (l is the lane, as in the layout)
 """The Coriolis term of added mass as the Hydrodynamics plugin of Gazebo has it, which is not Fossen's.
 
 Fossen's force is -C_A(nu_r) nu_r (2011, eq. 6.43). By its source the plugin applies +C nu_r, with
@@ -17,13 +16,9 @@ What else the plugin does, its added mass being the force of the step before abo
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from auvbench.dynamics.layout import CORIOLIS, CURRENT, EXTRA, LANES, Y
-
 FloatArray = NDArray[np.float64]
-L = LANES
 GZ_SIM_8_11 = "gz-sim-8.11"
 GZ_SIM_8_12 = "gz-sim-8.12"
 RELEASES = (GZ_SIM_8_11, GZ_SIM_8_12)
@@ -41,38 +36,3 @@ def early(M_A: FloatArray, nu: FloatArray) -> FloatArray:
     wrench[0] = 2.0 * M_A[1, 1] * v * r
     wrench[5] = -(M_A[1, 1] * v + M_A[2, 2] * w) * u
     return wrench
-
-
-@njit(nogil=True)
-def add_early(ws: FloatArray) -> None:
-    """The same for 16 vehicles of the workspace, into the terms that `runge_kutta_stage` takes from `EXTRA`."""
-    for l in range(L):
-        qw = ws[(Y + 3) * L + l]
-        qx = ws[(Y + 4) * L + l]
-        qy = ws[(Y + 5) * L + l]
-        qz = ws[(Y + 6) * L + l]
-        depth = (ws[(CURRENT + 6) * L + l] - ws[(Y + 2) * L + l]) * ws[(CURRENT + 7) * L + l]
-        s = min(max(depth, 0.0), 1.0)
-        cx = ws[CURRENT * L + l] + s * ws[(CURRENT + 3) * L + l]
-        cy = ws[(CURRENT + 1) * L + l] + s * ws[(CURRENT + 4) * L + l]
-        cz = ws[(CURRENT + 2) * L + l] + s * ws[(CURRENT + 5) * L + l]
-        cu = (
-            (1.0 - 2.0 * (qy * qy + qz * qz)) * cx
-            + 2.0 * (qx * qy + qw * qz) * cy
-            + 2.0 * (qx * qz - qw * qy) * cz
-        )
-        cv = (
-            2.0 * (qx * qy - qw * qz) * cx
-            + (1.0 - 2.0 * (qx * qx + qz * qz)) * cy
-            + 2.0 * (qy * qz + qw * qx) * cz
-        )
-        cw = (
-            2.0 * (qx * qz + qw * qy) * cx
-            + 2.0 * (qy * qz - qw * qx) * cy
-            + (1.0 - 2.0 * (qx * qx + qy * qy)) * cz
-        )
-        # The rows of C_A hold -M_A here, and what is taken from `EXTRA` is subtracted.
-        ay = ws[(CORIOLIS + 1) * L + l] * (ws[(Y + 8) * L + l] - cv)
-        az = ws[(CORIOLIS + 2) * L + l] * (ws[(Y + 9) * L + l] - cw)
-        ws[(EXTRA + 6) * L + l] = 2.0 * ay * ws[(Y + 12) * L + l]
-        ws[(EXTRA + 11) * L + l] = -(ay + az) * (ws[(Y + 7) * L + l] - cu)
