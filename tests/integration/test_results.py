@@ -1,6 +1,7 @@
 """The published studies: a report of their files gives the numbers that are shipped, and the pages quote them rightly."""
 
 import csv
+import json
 import re
 from pathlib import Path
 
@@ -123,3 +124,43 @@ def test_conditions_are_quoted_rightly():
                 assert abs(value - 100 * float(row[f"success_rate{key}"])) <= 0.51, (line, agent)
                 found += 1
     assert found > 50
+
+
+REAL, EARLY, LATE = "bluerov2", *SIMULATED
+WEAKER = (REAL, "ppo_thesis", "positive", "1000000")
+AS_IN_THE_THESIS = [  # vehicle, algorithm and, where they tell agents apart, sign of the noise and steps: the table's rows
+    (REAL, "ppo", "both", "200000"),
+    (REAL, "ppo", "positive", "200000"),
+    (REAL, "ppo", "both", "1000000"),
+    (REAL, "ppo_thesis", "both", "1000000"),
+    WEAKER,
+    (EARLY, "ppo", "", ""),
+    (LATE, "ppo", "", ""),
+    (EARLY, "ppo_thesis", "", ""),
+]
+
+
+def test_what_differs_from_the_thesis_is_quoted_rightly():
+    study = ROOT / "results/differences"
+    table = {
+        (row["vehicle"], row["algo"], row["noise.sign"], row["train.total_steps"]): row
+        for row in rows(study / "table.csv")
+        if float(row["step.frequency"]) == 25.0
+    }
+    lines = (study / "README.md").read_text(encoding="utf-8").splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("| what is as in the thesis |"))
+    quoted = lines[start + 2 : lines.index("", start)]
+    others, weaker = [], []
+    for line, key in zip(quoted, AS_IN_THE_THESIS, strict=True):
+        _, _, trainings, cell, _ = (part.strip() for part in line.split("|"))
+        row = table[key]
+        summaries = [study / f"runs/{run}/evaluations/test/summary.json" for run in row["runs"].split()]
+        found = [100 * json.loads(file.read_text())["conditions"][0]["success_rate"] for file in summaries]
+        assert int(trainings) == len(found), line
+        expected = [100 * float(row[f"success_rate{end}"]) for end in ("", "_low", "_high")]
+        numbers = [float(n) for n in re.findall(r"[\d.]+", cell)]
+        assert numbers == pytest.approx(expected if "[" in cell else found, abs=0.051), line
+        (weaker if key == WEAKER else others).extend(found)
+    text = " ".join(" ".join(lines[:start]).split())
+    assert f"{len(others)} of {len(others) + len(weaker)} trainings reach at least {min(others):g} %" in text
+    assert " and ".join(f"{rate:.1f}" for rate in weaker) in text
