@@ -4,7 +4,7 @@ Fossen's force is -C_A(nu_r) nu_r (2011, eq. 6.43). By its source the plugin app
 
 * `gz-sim-8.12` (and later, as measured in 8.14.0): C = C_A, so that the term has the opposite sign;
 * `gz-sim-8.11` (and earlier, from its first version on): a C that differs from C_A in two entries besides,
-  C(0,5) = +A_22 v where C_A has -A_22 v, and C(5,0) = -A_33 w where C_A has A_22 v.
+  C(0,5) = +A_22 v where C_A has -A_22 v, so that this force is Fossen's again, and C(5,0) = -A_33 w where C_A has A_22 v.
 
 A_22 and A_33 are the added masses in sway and heave, kg; v and w the velocities through the water. With the two entries the
 term is no longer skew-symmetric, so it does work: a vehicle that moves ahead and rises or sinks is turned in yaw.
