@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from auvbench.dynamics.layout import (
     AREA,
     AXIS,
-    CURRENT,
     DENSITY,
     DRAG_SLOPE,
     DRAG_SLOPE_STALL,
@@ -40,30 +39,10 @@ from auvbench.dynamics.layout import (
     UPWARD,
     Y,
 )
+from auvbench.dynamics.water import relative_velocity
 
 FloatArray = NDArray[np.float64]
 L = LANES
-
-
-@njit(nogil=True)
-def _relative_velocity(ws: FloatArray, l: int) -> tuple[float, float, float, float, float, float]:
-    """Velocity through the water (3) and the world's z axis (3), in body axes."""
-    qw = ws[(Y + 3) * L + l]
-    qx = ws[(Y + 4) * L + l]
-    qy = ws[(Y + 5) * L + l]
-    qz = ws[(Y + 6) * L + l]
-    depth = (ws[(CURRENT + 6) * L + l] - ws[(Y + 2) * L + l]) * ws[(CURRENT + 7) * L + l]
-    s = min(max(depth, 0.0), 1.0)
-    cx = ws[CURRENT * L + l] + s * ws[(CURRENT + 3) * L + l]
-    cy = ws[(CURRENT + 1) * L + l] + s * ws[(CURRENT + 4) * L + l]
-    cz = ws[(CURRENT + 2) * L + l] + s * ws[(CURRENT + 5) * L + l]
-    zx = 2.0 * (qx * qz - qw * qy)
-    zy = 2.0 * (qy * qz + qw * qx)
-    zz = 1.0 - 2.0 * (qx * qx + qy * qy)
-    u = (1.0 - 2.0 * (qy * qy + qz * qz)) * cx + 2.0 * (qx * qy + qw * qz) * cy + zx * cz
-    v = 2.0 * (qx * qy - qw * qz) * cx + (1.0 - 2.0 * (qx * qx + qz * qz)) * cy + zy * cz
-    w = 2.0 * (qx * qz + qw * qy) * cx + 2.0 * (qy * qz - qw * qx) * cy + zz * cz
-    return ws[(Y + 7) * L + l] - u, ws[(Y + 8) * L + l] - v, ws[(Y + 9) * L + l] - w, zx, zy, zz
 
 
 @njit(nogil=True)
@@ -112,7 +91,7 @@ def lift_and_drag(
 def add_appendages(ws: FloatArray, units: FloatArray, geometry: FloatArray, output: FloatArray) -> None:
     """Add to TAU what the appendages do at the present stage."""
     for l in range(L):
-        u, v, w, zx, zy, zz = _relative_velocity(ws, l)
+        u, v, w, zx, zy, zz = relative_velocity(ws, l)
         p = ws[(Y + 10) * L + l]
         q = ws[(Y + 11) * L + l]
         r = ws[(Y + 12) * L + l]

@@ -7,7 +7,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from auvbench.dynamics.layout import CORIOLIS, CURRENT, EXTRA, LANES, Y
+from auvbench.dynamics.layout import CORIOLIS, EXTRA, LANES, Y
+from auvbench.dynamics.water import relative_velocity
 
 FloatArray = NDArray[np.float64]
 L = LANES
@@ -17,32 +18,9 @@ L = LANES
 def add_early(ws: FloatArray) -> None:
     """The wrench on each of 16 vehicles of the workspace, into the terms that `runge_kutta_stage` takes from `EXTRA`."""
     for l in range(L):
-        qw = ws[(Y + 3) * L + l]
-        qx = ws[(Y + 4) * L + l]
-        qy = ws[(Y + 5) * L + l]
-        qz = ws[(Y + 6) * L + l]
-        depth = (ws[(CURRENT + 6) * L + l] - ws[(Y + 2) * L + l]) * ws[(CURRENT + 7) * L + l]
-        s = min(max(depth, 0.0), 1.0)
-        cx = ws[CURRENT * L + l] + s * ws[(CURRENT + 3) * L + l]
-        cy = ws[(CURRENT + 1) * L + l] + s * ws[(CURRENT + 4) * L + l]
-        cz = ws[(CURRENT + 2) * L + l] + s * ws[(CURRENT + 5) * L + l]
-        cu = (
-            (1.0 - 2.0 * (qy * qy + qz * qz)) * cx
-            + 2.0 * (qx * qy + qw * qz) * cy
-            + 2.0 * (qx * qz - qw * qy) * cz
-        )
-        cv = (
-            2.0 * (qx * qy - qw * qz) * cx
-            + (1.0 - 2.0 * (qx * qx + qz * qz)) * cy
-            + 2.0 * (qy * qz + qw * qx) * cz
-        )
-        cw = (
-            2.0 * (qx * qz + qw * qy) * cx
-            + 2.0 * (qy * qz - qw * qx) * cy
-            + (1.0 - 2.0 * (qx * qx + qy * qy)) * cz
-        )
+        u, v, w, _, _, _ = relative_velocity(ws, l)
         # The rows of C_A hold -M_A here, and what is taken from `EXTRA` is subtracted.
-        ay = ws[(CORIOLIS + 1) * L + l] * (ws[(Y + 8) * L + l] - cv)
-        az = ws[(CORIOLIS + 2) * L + l] * (ws[(Y + 9) * L + l] - cw)
+        ay = ws[(CORIOLIS + 1) * L + l] * v
+        az = ws[(CORIOLIS + 2) * L + l] * w
         ws[(EXTRA + 6) * L + l] = 2.0 * ay * ws[(Y + 12) * L + l]
-        ws[(EXTRA + 11) * L + l] = -(ay + az) * (ws[(Y + 7) * L + l] - cu)
+        ws[(EXTRA + 11) * L + l] = -(ay + az) * u

@@ -15,6 +15,8 @@ What else the plugin does, its added mass being the force of the step before abo
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,8 +33,11 @@ def early(M_A: FloatArray, nu: FloatArray) -> FloatArray:
         M_A: (6, 6) added mass, kg, kg m, kg m2.
         nu: (6,) velocity through the water, m/s and rad/s, in body axes.
     """
+    surge, yaw = surge_and_yaw(M_A, nu)
+    return np.array([surge, 0.0, 0.0, 0.0, 0.0, yaw])
+
+
+def surge_and_yaw(M_A: FloatArray, nu: Any) -> tuple[Any, Any]:
+    """The two components of `early` that are not zero, of numbers or symbols `nu`."""
     u, v, w, r = nu[0], nu[1], nu[2], nu[5]
-    wrench = np.zeros(6)
-    wrench[0] = 2.0 * M_A[1, 1] * v * r
-    wrench[5] = -(M_A[1, 1] * v + M_A[2, 2] * w) * u
-    return wrench
+    return 2.0 * M_A[1, 1] * v * r, -(M_A[1, 1] * v + M_A[2, 2] * w) * u

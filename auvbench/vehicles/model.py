@@ -39,9 +39,7 @@ class VehicleModel:
     controllable: tuple[str, ...] = ()  # degrees of freedom that the allocation must span
     sources: tuple[tuple[str, str], ...] = ()  # (key, one-line citation)
     remarks: tuple[str, ...] = ()
-    plugin: str = (
-        ""  # one of `dynamics.plugin.RELEASES` where C_A is that of Gazebo's plugin instead of Fossen's
-    )
+    plugin: str = ""  # of `dynamics.plugin.RELEASES` where C_A is not Fossen's but of Gazebo's plugin
 
     @property
     def coriolis_sign(self) -> float:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.dynamics.plugin import GZ_SIM_8_11
+from auvbench.dynamics.plugin import GZ_SIM_8_11, surge_and_yaw
 from auvbench.errors import ConfigError, MissingExtraError
 from auvbench.vehicles.actuators import Lag
 from auvbench.vehicles.inspect import shortest_time_constant
@@ -178,19 +178,14 @@ def _acceleration(ca: Any, vehicle: VehicleModel, q: Any, nu: Any, tau: Any, cur
     elif vehicle.added_mass_coriolis:
         coriolis += _momentum_term(ca, M_A, nu_r)
     if vehicle.plugin == GZ_SIM_8_11:
-        coriolis -= _early(ca, vehicle.M_A, nu_r)
+        surge, yaw = surge_and_yaw(vehicle.M_A, nu_r)
+        coriolis -= ca.vertcat(surge, 0, 0, 0, 0, yaw)
     damping = (ca.DM(vehicle.linear_damping) + ca.DM(vehicle.quadratic_damping) * ca.fabs(nu_r)) * nu_r
     up = R[2, :].T  # the world's z axis in body axes
     lever = ca.DM(vehicle.buoyancy * vehicle.center_of_buoyancy - vehicle.weight * vehicle.center_of_gravity)
     restoring = ca.vertcat((vehicle.buoyancy - vehicle.weight) * up, ca.cross(lever, up))
     total = tau + restoring - coriolis - damping + M_A @ nu_c_dot
     return ca.DM(vehicle.M_inverse) @ total, R
-
-
-def _early(ca: Any, M_A: FloatArray, nu: Any) -> Any:
-    """`dynamics.plugin.early`."""
-    yaw = -(M_A[1, 1] * nu[1] + M_A[2, 2] * nu[2]) * nu[0]
-    return ca.vertcat(2.0 * M_A[1, 1] * nu[1] * nu[5], 0, 0, 0, 0, yaw)
 
 
 def _momentum_term(ca: Any, M: Any, nu: Any) -> Any:
