@@ -30,4 +30,13 @@ RECORD_COLUMNS = (
 )
 """A record: one row per episode, the same in training and in tests. Definitions in docs/protocol.md."""
 
+SCENARIO_COLUMNS = (
+    "initial_distance_m",
+    "waypoint_x_m",
+    "waypoint_y_m",
+    "waypoint_z_m",
+    "start_yaw_rad",
+)
+"""Columns that say something of the scenario alone, the same for every agent that meets it."""
+
 Record = dict[str, float | int | str]

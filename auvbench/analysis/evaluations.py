@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis import agreement
+from auvbench.analysis import agreement, scenarios
 from auvbench.analysis.model import Evaluation
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import integrity
@@ -98,7 +98,7 @@ def read_evaluation(directory: Path) -> Evaluation:
         raise Damage("episodes.csv is missing") from error
     except (OSError, ValueError) as error:
         raise Damage(f"episodes.csv cannot be read ({short(error)})") from error
-    episodes = _episodes(data, _conditions(summary))
+    episodes = _episodes(data, summary, directory)
     wrong = agreement.of_file(summary, path.name, data) or agreement.of_rows(summary, episodes)
     if wrong:
         raise Damage(wrong)
@@ -127,8 +127,9 @@ def _conditions(summary: Mapping[str, Any]) -> dict[str, int]:
     return found
 
 
-def _episodes(data: bytes, expected: Mapping[str, int]) -> pd.DataFrame:
+def _episodes(data: bytes, summary: Mapping[str, Any], directory: Path) -> pd.DataFrame:
     """episodes.csv, checked: all columns, all rows of the summary, no row cut short, all values possible."""
+    expected = _conditions(summary)
     try:
         frame = tables.csv(data, words=("condition",))  # one may be called 1.30
     except ValueError as error:
@@ -142,6 +143,10 @@ def _episodes(data: bytes, expected: Mapping[str, int]) -> pd.DataFrame:
     if not data.endswith(b"\n") or frame.iloc[-1:, -1].isna().any():
         raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows ends half way")
     _check_rows(frame, expected)
+    try:
+        frame = scenarios.joined(frame, summary, directory)
+    except ValueError as error:
+        raise Damage(str(error)) from error
     _check_numbers(frame)
     return frame
 

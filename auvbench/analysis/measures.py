@@ -11,7 +11,7 @@ import numpy as np
 
 from auvbench.analysis.model import Agent
 from auvbench.errors import ReportError, closest
-from auvbench.record import OUTCOMES
+from auvbench.record import OUTCOMES, SCENARIO_COLUMNS
 from auvbench.statistics import Crossed, crossed
 from auvbench.statistics.intervals import FloatArray
 
@@ -50,14 +50,7 @@ LIMITED_BY_STEPS = ("steps", "duration_s", "time_to_goal_s")
 
 SUCCESS, TIMEOUT = OUTCOMES.index("success"), OUTCOMES.index("timeout")
 
-OF_THE_SCENARIO = (
-    "frequency_hz",
-    "initial_distance_m",
-    "waypoint_x_m",
-    "waypoint_y_m",
-    "waypoint_z_m",
-    "start_yaw_rad",
-)
+OF_THE_SCENARIO = ("frequency_hz", *SCENARIO_COLUMNS)
 """Columns that say something of the scenario, the same for every agent: nothing to rank by."""
 
 

@@ -162,6 +162,7 @@ def _ship(
     for name in gone:
         copies.remove(folder / copies.RUNS / name)
         print(f"removed {folder / copies.RUNS / name}: it is not among the runs that were named")
+    copies.tidy_scenarios(folder)
     ids = {run.id for run in chosen}
     left += [
         f"{p.where}: {p.message}"

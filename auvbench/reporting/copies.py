@@ -1,5 +1,7 @@
 """The folder of a study's shipped runs: what in it `auvbench publish` wrote, and how a copy is replaced or removed.
 
+Beside the copies lie the scenarios that their rows have in common, each table under its digest.
+
 A copy says so itself, in its manifest and under the seal. Whatever does not is somebody's run, which may hold the only
 weights there are: it is never replaced and never removed.
 """
@@ -11,11 +13,14 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from auvbench.analysis import scenarios
 from auvbench.errors import ReportError, RunError
 from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.durable import fsync_directory, make_folder
+from auvbench.runs.durable import fsync_directory, make_folder, sha256
+from auvbench.runs.files import write_atomic
 from auvbench.runs.manifest_fields import SHIPPED
+from auvbench.untrusted import documents, packed, reading
 from auvbench.untrusted.text import short
 
 RUNS = "runs"
@@ -25,6 +30,9 @@ WRITTEN = re.compile(
     r"|evaluations/[^/]+/(summary\.json|episodes\.csv\.bz2|trajectories\.npz)"
 )
 """names of the files of a copy, relative to it"""
+
+OURS = re.compile(r"[0-9a-f]{16}\.csv\.bz2")
+"""names of tables of scenarios"""
 
 NEW, OLD = "new", "old"
 """what a copy is called while it is written, and the one that it replaces until it is there"""
@@ -61,8 +69,11 @@ def prepare(folder: Path) -> None:
         ReportError: it holds a run, or another folder, that is not publish's own.
     """
     runs = folder / RUNS
-    if runs.is_symlink():
-        raise ReportError(f"{runs}: a symbolic link; publish writes to no place that a folder leads it to")
+    for place in (runs, folder / scenarios.FOLDER):
+        if place.is_symlink():
+            raise ReportError(
+                f"{place}: a symbolic link; publish writes to no place that a folder leads it to"
+            )
     if not runs.is_dir():
         return
     for former in _left(runs, OLD):
@@ -138,3 +149,28 @@ def remove(copy: Path) -> None:
         shutil.rmtree(doomed)
     copy.rename(doomed)
     shutil.rmtree(doomed)
+
+
+def put_scenarios(table: bytes, folder: Path) -> str:
+    """Writes scenarios that runs have in common beside them, where they are not there yet; the digest that names them."""
+    digest = sha256(table)
+    file = folder / scenarios.FOLDER / scenarios.name_of(digest)
+    data = packed.packed(table)
+    if not file.is_file() or file.read_bytes() != data:
+        write_atomic(file, data)
+    return digest
+
+
+def tidy_scenarios(folder: Path) -> None:
+    """Removes tables of scenarios that no copy names any more."""
+    named = set()
+    for summary in (folder / RUNS).glob("*/evaluations/*/summary.json"):
+        try:
+            found = documents.json_value(reading.content(summary))
+        except (OSError, ValueError):
+            return  # a damaged one may name any of them
+        if isinstance(found, dict) and isinstance(digest := found.get(scenarios.NAMED), str):
+            named.add(scenarios.name_of(digest))
+    for file in (folder / scenarios.FOLDER).glob(f"*.csv{packed.SUFFIX}"):
+        if OURS.fullmatch(file.name) and file.name not in named and not file.is_symlink():
+            file.unlink()

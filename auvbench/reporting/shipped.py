@@ -2,10 +2,12 @@
 
     <folder>/runs/<run id>/config.yaml                            as it was, without the place where the run lay
     <folder>/runs/<run id>/manifest.json                          as it was, marked, without the machine's name and the place
-    <folder>/runs/<run id>/evaluations/<protocol>/summary.json    as it was, but for the digests of the next two, and means of
-                                                                  the rows as they are shipped
-    <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.bz2  numbers to five significant digits; of further
+    <folder>/runs/<run id>/evaluations/<protocol>/summary.json    as it was, but for the digests of the next three, and means
+                                                                  of the rows as they are shipped; of further protocols none
+    <folder>/runs/<run id>/evaluations/<protocol>/episodes.csv.bz2  numbers to four significant digits; of further
                                                                   protocols to three, and the columns that every report needs
+    <folder>/scenarios/<digest>.csv.bz2                           what the rows of the first protocol have in common: waypoints,
+                                                                  starts and distances, as they were
     <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths to 0.1 mm, packed, of the first protocol alone
     <folder>/runs/<run id>/train/episodes.csv.bz2                  the columns that a report reads
     <folder>/runs/<run id>/train/validation.csv.bz2                as it was, compressed
@@ -20,11 +22,11 @@ import csv
 import io
 import shlex
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from auvbench.analysis import agreement, packed_paths
+from auvbench.analysis import agreement, packed_paths, scenarios
 from auvbench.analysis.evaluations import CORE_COLUMNS, MEASURED, Damage, json_object
 from auvbench.analysis.model import Evaluation, RunRecord
 from auvbench.analysis.training import NUMBERS
@@ -48,8 +50,9 @@ TRAINING_COLUMNS = ("outcome", *NUMBERS)
 FURTHER_COLUMNS = ("condition", "frequency_hz", "episode", "outcome", *CORE_COLUMNS)
 """of the rows of protocols that are shipped beside the first: a robustness test has thousands of episodes for each run"""
 
-DIGITS = 5
-"""significant ones of a shipped number: a millimetre of a way of 100 m, and 38 % of the room of all 17"""
+DIGITS = 4
+"""significant ones of a shipped number: a centimetre of a way of 50 m, and a third of the room of all 17"""
+TRAINING_DIGITS = 5
 FURTHER_DIGITS = 3
 """of the rows of further protocols"""
 
@@ -95,7 +98,9 @@ def ship(run: RunRecord, folder: Path, protocol: str) -> list[str]:
         data = packed.content(run.directory / VALIDATION, tables.LARGEST)
         write_atomic(staged / f"{VALIDATION}{packed.SUFFIX}", packed.packed(data))
     for evaluation in run.evaluations.values():
-        _ship_evaluation(evaluation, here.evaluation(evaluation.protocol), evaluation.protocol == protocol)
+        _ship_evaluation(
+            evaluation, here.evaluation(evaluation.protocol), folder, evaluation.protocol == protocol
+        )
     _keep_evaluations(copy, staged, run.manifest)
     if integrity.table(manifest) is not None:
         manifest[integrity.FILES] = files
@@ -118,13 +123,24 @@ def _training(run: RunRecord) -> bytes | None:
     return slim(data)
 
 
-def _ship_evaluation(evaluation: Evaluation, target: Path, first: bool) -> None:
+def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: bool) -> None:
     rows = packed.content(evaluation.directory / "episodes.csv", tables.LARGEST)
     if wrong := agreement.of_file(evaluation.summary, "episodes.csv", rows):
         raise RunError(f"{evaluation.directory}: {wrong}: it was changed meanwhile; publish again")
-    rows = rounded(rows, DIGITS) if first else rounded(rows, FURTHER_DIGITS, FURTHER_COLUMNS)
+    summary = dict(evaluation.summary)
+    if first:
+        rows, shared = scenarios.split(rows)
+        if scenarios.NAMED in summary:  # a copy's
+            shared = scenarios.of_study(summary[scenarios.NAMED], evaluation.directory)
+        rows = rounded(rows, DIGITS)
+        summary = agreement.renewed(summary, tables.csv(rows, words=("condition",)))
+        if shared is not None:
+            summary[scenarios.NAMED] = copies.put_scenarios(shared, study)
+    else:
+        rows = rounded(rows, FURTHER_DIGITS, FURTHER_COLUMNS)
+        summary = agreement.without_means(summary)
+        summary.pop(scenarios.NAMED, None)
     write_atomic(target / f"episodes.csv{packed.SUFFIX}", packed.packed(rows))
-    summary = agreement.renewed(evaluation.summary, tables.csv(rows, words=("condition",)))
     files = dict(integrity.table(summary) or {}) | {"episodes.csv": integrity.entry(rows)}
     source = evaluation.directory / PATHS
     if first and source.is_file():
@@ -204,11 +220,10 @@ def _placeless(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def slim(data: bytes) -> bytes:
-    """The rows of training with the columns that a report reads, to `DIGITS` significant digits."""
+    """The rows of training with the columns that a report reads, to `TRAINING_DIGITS` significant digits."""
     rows = csv.DictReader(io.StringIO(data.decode("utf-8")))
-    return _table(
-        ({**row, **{name: _rounded(row[name], DIGITS) for name in NUMBERS}} for row in rows), TRAINING_COLUMNS
-    )
+    shortened = [{**row, **{name: _rounded(row[name], TRAINING_DIGITS) for name in NUMBERS}} for row in rows]
+    return tables.text(shortened, TRAINING_COLUMNS)
 
 
 def rounded(data: bytes, digits: int, columns: Sequence[str] | None = None) -> bytes:
@@ -219,23 +234,13 @@ def rounded(data: bytes, digits: int, columns: Sequence[str] | None = None) -> b
     rows = csv.DictReader(io.StringIO(data.decode("utf-8")))
     there = rows.fieldnames or ()
     kept = [name for name in there if columns is None or name in columns]
-    return _table(
-        (
-            {name: _rounded(row[name], digits) if name in MEASURED else row[name] for name in kept}
-            for row in rows
-        ),
-        kept,
-    )
+    shortened = [
+        {name: _rounded(row[name], digits) if name in MEASURED else row[name] for name in kept}
+        for row in rows
+    ]
+    return tables.text(shortened, kept)
 
 
 def _rounded(written: str, digits: int) -> str:
     """A number, shortened; a whole one as it was written."""
     return repr(float(f"{float(written):.{digits}g}")) if "." in written or "e" in written else written
-
-
-def _table(rows: Iterable[Mapping[str, str]], columns: Sequence[str]) -> bytes:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue().encode()

@@ -6,6 +6,7 @@ import bz2
 import csv
 import io
 import json
+import os
 import shutil
 
 import numpy as np
@@ -15,7 +16,15 @@ import yaml
 from PIL import Image
 
 from auvbench import cli
-from auvbench.reporting.shipped import DIGITS, FURTHER_COLUMNS, FURTHER_DIGITS, TRAINING_COLUMNS, rounded
+from auvbench.record import SCENARIO_COLUMNS
+from auvbench.reporting.shipped import (
+    DIGITS,
+    FURTHER_COLUMNS,
+    FURTHER_DIGITS,
+    TRAINING_COLUMNS,
+    TRAINING_DIGITS,
+    rounded,
+)
 from auvbench.runs import integrity
 from tests.numbers import assert_same_numbers
 from tests.synthetic import write_experiment
@@ -107,7 +116,7 @@ def test_rows_are_complete_and_vouched_for(runs, tmp_path):
     assert publish("--pictures", "failures", "--also", "robustness") == 0
     (shipped,) = (tmp_path / "results/grid/runs").glob(f"{runs[0].name}")
     rows = bz2.decompress((shipped / "evaluations/test/episodes.csv.bz2").read_bytes())
-    original = pd.read_csv(runs[0] / "evaluations/test/episodes.csv")
+    original = pd.read_csv(runs[0] / "evaluations/test/episodes.csv").drop(columns=[*SCENARIO_COLUMNS])
     pd.testing.assert_frame_equal(
         pd.read_csv(io.BytesIO(rows)), original, rtol=0.5 * 10.0 ** (1 - DIGITS), atol=0.0
     )
@@ -123,11 +132,11 @@ def test_rows_are_complete_and_vouched_for(runs, tmp_path):
     pd.testing.assert_frame_equal(
         pd.read_csv(io.StringIO("\n".join(training))),
         full[[*TRAINING_COLUMNS]],
-        rtol=0.5 * 10.0 ** (1 - DIGITS),
+        rtol=0.5 * 10.0 ** (1 - TRAINING_DIGITS),
         atol=0.0,
     )
     for row in csv.DictReader(training):
-        assert float(row["return"]) == float(f"{float(row['return']):.{DIGITS}g}")
+        assert float(row["return"]) == float(f"{float(row['return']):.{TRAINING_DIGITS}g}")
     text = rows.replace(b"success", b"timeout", 1)
     assert text != rows
     (shipped / "evaluations/test/episodes.csv.bz2").write_bytes(bz2.compress(text))
@@ -195,6 +204,7 @@ def test_published_once_more_from_what_was_published(runs, tmp_path):
         for p in (tmp_path / "results/copy/runs").rglob("*")
         if p.is_file()
     }
+    assert os.listdir("results/copy/scenarios") == os.listdir("results/grid/scenarios")
     assert copies == {p.relative_to(tmp_path / "results/grid"): data for p, data in before.items()}
 
 
