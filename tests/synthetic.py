@@ -46,6 +46,7 @@ ROBUSTNESS = (
 FREQUENCY_SWEEP = tuple(f"frequency={v}" for v in (10, 25, 55))
 TRANSFER = ("nominal", "vehicle=bluerov2", "vehicle=bluerov2-realistic-inertia", "vehicle=bluerov2-wu2018")
 """those that a BlueROV2 meets"""
+GAZEBO = ("nominal", "simulator=gazebo", "simulator=gazebo-published")
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +227,7 @@ def _number(text: str) -> int:
 def _weathered(skill: Skill, condition: str) -> Skill:
     """The skill under a condition of the robustness, frequency_sweep or transfer protocol."""
     name, _, text = condition.partition("=")
-    value = 0.0 if not text or name in ("level", "vehicle") else float(text)
+    value = 0.0 if not text or name in ("level", "vehicle", "simulator") else float(text)
     harm = {
         "level": {"moderate": 0.8, "severe": 2.2}.get(text, 0.0),
         "current": 3.5 * value**2,
@@ -410,6 +411,7 @@ def _summary_of(condition: str, frame: pd.DataFrame) -> dict[str, Any]:
     return {
         "name": condition,
         "frequency_hz": 10.0,
+        "max_steps": MAX_STEPS,
         "episodes": len(frame),
         "success_rate": float((frame["outcome"] == "success").mean()),
         "collision_rate": float((frame["outcome"] == "collision").mean()),

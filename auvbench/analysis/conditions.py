@@ -1,14 +1,16 @@
-"""Success under each condition of a protocol that has several, such as robustness, frequency_sweep and transfer."""
+"""Success under each condition of a protocol that has several, and what changes against the undisturbed one."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis.model import Agent, Condition, RunRecord
-from auvbench.statistics import crossed, means
+from auvbench.analysis.model import Agent, Condition, Evaluation, RunRecord
+from auvbench.statistics import crossed, means, wilson
+from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray
 
 UNDISTURBED = "nominal"
@@ -68,22 +70,22 @@ def successes(agents: Sequence[Agent], protocol: str, confidence: float) -> tupl
     names = dict.fromkeys(name for runs in there.values() for run in runs for name in _names(run, protocol))
     if len(names) < 2:
         return ()
-    tested = {label: [run.evaluations[protocol].episodes for run in runs] for label, runs in there.items()}
-    return of_tables(tested, tuple(names), confidence)
+    tested = {label: [run.evaluations[protocol] for run in runs] for label, runs in there.items()}
+    return of_evaluations(tested, tuple(names), confidence)
 
 
-def of_tables(
-    tested: Mapping[str, Sequence[pd.DataFrame]], names: Sequence[str], confidence: float
+def of_evaluations(
+    tested: Mapping[str, Sequence[Evaluation]], names: Sequence[str], confidence: float
 ) -> tuple[Condition, ...]:
-    """Success rates under conditions from tables of episodes.
+    """Success rates under conditions, and changes against the undisturbed one where it is among them.
 
     Args:
-        tested: by agent, the table of each seed; all of the same scenarios.
-        names: of the conditions, each in at least one table.
+        tested: by agent, the evaluation of each seed; all of the same scenarios.
+        names: of the conditions, each in at least one evaluation.
         confidence: of the intervals.
     """
-    rates = {label: [_by_condition(table) for table in seeds] for label, seeds in tested.items()}
-    return tuple(_condition(name, rates, confidence) for name in names)
+    found = {label: [_by_condition(evaluation) for evaluation in seeds] for label, seeds in tested.items()}
+    return tuple(_condition(name, found, confidence) for name in names)
 
 
 def rates_by_condition(agent: Agent, protocol: str) -> dict[str, FloatArray]:
@@ -91,13 +93,11 @@ def rates_by_condition(agent: Agent, protocol: str) -> dict[str, FloatArray]:
 
     A condition that not all seeds of the agent met on as many scenarios is left out, as are seeds without a policy.
     """
-    tables = [
-        _by_condition(run.evaluations[protocol].episodes) for run in agent.runs if protocol in run.evaluations
-    ]
+    tables = [_by_condition(run.evaluations[protocol]) for run in agent.runs if protocol in run.evaluations]
     if not tables:
         return {}
     shared = set.intersection(*(set(table) for table in tables))
-    rows = {name: [table[name] for table in tables] for name in tables[0] if name in shared}
+    rows = {name: [table[name].success for table in tables] for name in tables[0] if name in shared}
     return {name: np.array(found) for name, found in rows.items() if len({len(row) for row in found}) == 1}
 
 
@@ -105,21 +105,89 @@ def _names(run: RunRecord, protocol: str) -> list[str]:
     return [str(c.get("name", "")) for c in run.evaluations[protocol].summary["conditions"]]
 
 
-def _by_condition(episodes: pd.DataFrame) -> dict[str, FloatArray]:
-    """(E,) of 1.0 where an episode was a success, by condition, in the order of the scenarios."""
-    codes, found = pd.factorize(episodes["condition"])
-    order = np.lexsort((episodes["episode"].to_numpy(), codes))
-    success = (episodes["outcome"].to_numpy() == "success")[order].astype(np.float64)
-    ends = np.cumsum(np.bincount(codes, minlength=len(found)))
-    return dict(zip(map(str, found), np.split(success, ends[:-1]), strict=True))
+@dataclass(frozen=True, slots=True)
+class _Met:
+    """What one seed did under one condition, in the order of the scenarios."""
+
+    success: FloatArray
+    """(E,) 1.0 where an episode was one"""
+    par1: FloatArray
+    """(E,) steps, the limit where the episode was no success"""
+    time: tuple[float, float] | None
+    """step frequency in Hz and limit in steps: steps are compared where both are the same; None where not both are known"""
 
 
-def _condition(
-    name: str, tested: Mapping[str, Sequence[Mapping[str, FloatArray]]], confidence: float
-) -> Condition:
-    data = {label: [run[name] for run in runs if name in run] for label, runs in tested.items()}
+def _by_condition(evaluation: Evaluation) -> dict[str, _Met]:
+    rows = evaluation.episodes
+    codes, found = pd.factorize(rows["condition"])
+    order = np.lexsort((rows["episode"].to_numpy(), codes))
+    success = (rows["outcome"].to_numpy() == "success")[order].astype(np.float64)
+    steps = rows["steps"].to_numpy(dtype=np.float64)[order]
+    ends = np.cumsum(np.bincount(codes, minlength=len(found)))[:-1]
+    times = {str(c["name"]): _time(c) for c in evaluation.summary["conditions"]}
+    met = {}
+    for name, ok, took in zip(map(str, found), np.split(success, ends), np.split(steps, ends), strict=True):
+        time = times[name]
+        met[name] = _Met(ok, np.where(ok > 0, took, np.nan if time is None else time[1]), time)
+    return met
+
+
+def _time(condition: Mapping[str, object]) -> tuple[float, float] | None:
+    """As a summary says them; somebody's may not."""
+    frequency, limit = condition.get("frequency_hz"), condition.get("max_steps")
+    if isinstance(frequency, (int, float)) and isinstance(limit, (int, float)):
+        return float(frequency), float(limit)
+    return None
+
+
+def _condition(name: str, tested: Mapping[str, Sequence[Mapping[str, _Met]]], confidence: float) -> Condition:
+    data = {label: [run[name].success for run in runs if name in run] for label, runs in tested.items()}
     size = max(len(run) for runs in data.values() for run in runs)
     whole = {label: [run for run in runs if len(run) == size] for label, runs in data.items()}
     shown = {label: np.array(runs) for label, runs in whole.items() if runs}
     estimates = means(crossed(list(shown.values()), rate=True, paired=False), confidence)
-    return Condition(name, dict(zip(shown, estimates, strict=True)))
+    found = Condition(name, dict(zip(shown, estimates, strict=True)))
+    if name == UNDISTURBED:
+        return found
+    both = {label: _pairs(runs, name) for label, runs in tested.items()}
+    successes = {
+        label: np.array([there.success - still.success for there, still in pairs])
+        for label, pairs in both.items()
+        if pairs
+    }
+    steps = {
+        label: np.array([there.par1 - still.par1 for there, still in pairs])
+        for label, pairs in both.items()
+        if pairs and all(still.time is not None and there.time == still.time for there, still in pairs)
+    }
+    return replace(
+        found,
+        success_change=_changes(successes, confidence, rate=True),
+        par1_change=_changes(steps, confidence),
+    )
+
+
+def _pairs(runs: Sequence[Mapping[str, _Met]], name: str) -> list[tuple[_Met, _Met]]:
+    """What each seed did under a condition and undisturbed; nothing where not all seeds met both on the same scenarios."""
+    found = [(run[name], run[UNDISTURBED]) for run in runs if name in run and UNDISTURBED in run]
+    sizes = {len(met.success) for pair in found for met in pair}
+    return found if len(found) == len(runs) and len(sizes) == 1 else []
+
+
+def _changes(
+    by_agent: Mapping[str, FloatArray], confidence: float, *, rate: bool = False
+) -> dict[str, Estimate]:
+    """Mean change of each agent, (seeds, scenarios) by label, with its interval.
+
+    Where no scenario changes hands, that of the rate does not end at 0: none of n trials may be 1.9 % of all with n = 200.
+    """
+    if not by_agent:
+        return {}
+    bounds = (-1.0, 1.0) if rate else (-np.inf, np.inf)
+    table = crossed(list(by_agent.values()), paired=False, bounds=bounds)
+    found = dict(zip(by_agent, means(table, confidence), strict=True))
+    for label, changes in by_agent.items():
+        if rate and not changes.any():
+            most = float(wilson(0, changes.shape[1], confidence)[1])
+            found[label] = replace(found[label], low=-most, high=most)
+    return found

@@ -159,6 +159,10 @@ class Condition:
     """nominal, current=0.5, vehicle=bluerov2-heavy"""
     success: Mapping[str, Estimate]
     """by the agent's label; an agent that was not tested under it is absent"""
+    success_change: Mapping[str, Estimate] = field(default_factory=dict)
+    """success under it less success undisturbed, paired by seed and scenario"""
+    par1_change: Mapping[str, Estimate] = field(default_factory=dict)
+    """the same of PAR-1 steps, in which a failure counts as the limit; absent where frequency or limit differ"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """`make parity`: how far Gazebo's vehicle parts from the embedded simulator's, and why; the tables of docs/gazebo.md.
 
-`python -m benchmarks.gazebo.parity` in the root of the repository; `--print` leaves the page alone.
+`python -m benchmarks.gazebo.parity` in the root of the repository; `--print` leaves the page alone. `--plugin gz-sim-8.11` says that
+the Hydrodynamics plugin which Gazebo finds is that of an earlier release, and makes the table of that release alone.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from pathlib import Path as File
 
 import numpy as np
 
-from auvbench.dynamics.plugin import GZ_SIM_8_12
+from auvbench.dynamics.plugin import GZ_SIM_8_11, GZ_SIM_8_12
 from auvbench.runs.provenance import versions
 from auvbench.simulators.gazebo import bindings
 from benchmarks.gazebo.cases import (
@@ -109,12 +110,12 @@ def steps_table(cases: Sequence[Case], compute: Callable[[str], None]) -> str:
     return table(("motion", *(f"{1000 * step:g} ms" for step in STEPS)), rows)
 
 
-def signs_table(cases: Sequence[Case], compute: Callable[[str], None]) -> str:
-    """The published hydrodynamics against the embedded equations, and against them with the sign turned."""
+def signs_table(cases: Sequence[Case], compute: Callable[[str], None], plugin: str = GZ_SIM_8_12) -> str:
+    """The published hydrodynamics against the embedded equations, and against them with the plugin's Coriolis term."""
     rows = []
     for case in cases:
-        compute(f"{case.vehicle}: {case.name}, published and the sign")
-        right, wrong = embedded(case), embedded(case, plugin=GZ_SIM_8_12)
+        compute(f"{case.vehicle}: {case.name}, published and the term of {plugin}")
+        right, wrong = embedded(case), embedded(case, plugin=plugin)
         path = gazebo(case, "published", DEFAULT)
         rows.append(
             [
@@ -126,12 +127,13 @@ def signs_table(cases: Sequence[Case], compute: Callable[[str], None]) -> str:
                 f"{apart(path, wrong)[1]:.3g} %",
             ]
         )
+    term = "the sign turned" if plugin == GZ_SIM_8_12 else "the plugin's term"
     head = (
         "motion",
         "way, m",
         "from the equations, m",
         "of the way",
-        "from them with the sign turned, m",
+        f"from them with {term}, m",
         "of the way",
     )
     return table(head, rows)
@@ -179,6 +181,11 @@ def main() -> int:
         print(what, file=sys.stderr, flush=True)
 
     checked, moving = verification(), mixed()
+    if "--plugin" in sys.argv[1:]:
+        if sys.argv[sys.argv.index("--plugin") + 1 :][:1] != [GZ_SIM_8_11]:
+            print(f"make parity: --plugin: {GZ_SIM_8_11} is the one that differs", file=sys.stderr)
+            return 2
+        return finish({"parity-8.11": signs_table(moving, compute, GZ_SIM_8_11)})
     sections = {
         "parity-corrected": cases_table([*checked, *moving], "corrected", compute),
         "parity-steps": steps_table([*checked, *moving[:7]], compute),
@@ -186,6 +193,11 @@ def main() -> int:
         "parity-current": current_table([case for case in moving if any(case.current)], compute),
     }
     sections["parity-versions"] = environment()
+    return finish(sections)
+
+
+def finish(sections: dict[str, str]) -> int:
+    """Into the page, or onto the screen."""
     if "--print" in sys.argv[1:]:
         print("\n\n".join(sections.values()))
     else:

@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from auvbench.analysis.conditions import UNDISTURBED, UNITS, of_tables, split
-from auvbench.analysis.model import Agent, Evaluation
+from auvbench.analysis.conditions import UNDISTURBED, UNITS, of_evaluations, split
+from auvbench.analysis.model import Agent, Condition, Evaluation
 from auvbench.reporting.figures import style
+from auvbench.reporting.figures.colours import COLOURS
 from auvbench.reporting.figures.scene import MANY, Drawing, FloatArray, Scene, evaluation, shown
 from auvbench.statistics.estimate import Estimate
 
@@ -83,6 +84,39 @@ def transfer(scene: Scene) -> Drawing | None:
     return Drawing(figure, "Transfer to other vehicles", caption)
 
 
+def gazebo(scene: Scene) -> Drawing | None:
+    """What Gazebo changes of PAR-1 steps, an agent per line; None without evaluations by the gazebo protocol."""
+    found = [(agent, _of(scene, agent, "gazebo")) for agent in scene.agents]
+    tested = [(agent, conditions) for agent, conditions in found if any(c.par1_change for c in conditions)]
+    if not tested:
+        return None
+    names = [c.name for c in tested[0][1] if c.par1_change]
+    figure = style.canvas(7.0, 1.4 + 0.3 * len(tested))
+    ax = figure.subplots()
+    ax.axvline(0.0, color="#444444", linewidth=0.9)
+    for place, name in enumerate(names):
+        colour, marker = COLOURS[place % len(COLOURS)], style.MARKERS[place % len(style.MARKERS)]
+        offset = 0.5 * ((place + 0.5) / len(names) - 0.5)
+        for y, (agent, conditions) in enumerate(tested):
+            for change in (c.par1_change.get(agent.label) for c in conditions if c.name == name):
+                if change is not None:
+                    ax.hlines(y + offset, change.low, change.high, color=colour, linewidth=1.2)
+                    ax.plot(change.value, y + offset, color=colour, marker=marker, markersize=4)
+        ax.plot([], [], color=colour, marker=marker, linestyle="", label=name.partition("=")[2] or name)
+    ax.grid(visible=False, axis="y")
+    ax.set_yticks(range(len(tested)), [agent.label for agent, _ in tested])
+    ax.set_ylim(len(tested) - 0.5, -0.5)
+    ax.set_xlabel("change of PAR-1 steps against the embedded simulator")
+    ax.legend(loc="best")
+    caption = (
+        "PAR-1 steps (a failure counts as the limit) of the same policies in Gazebo less those in the embedded simulator, paired by "
+        "seed and scenario (protocol gazebo); left of the line an agent is sooner there."
+        + _intervals(scene, [agent for agent, _ in tested]).partition("; agents")[0]
+        + "."
+    )
+    return Drawing(figure, "In Gazebo", caption)
+
+
 def _curves(scene: Scene, protocol: str, title: str, caption: str) -> Drawing | None:
     """A panel per factor of the protocol, a curve per agent; None where no agent was tested by it."""
     rates = _all_rates(scene, protocol)
@@ -136,17 +170,21 @@ def _all_rates(scene: Scene, protocol: str) -> dict[str, Curve]:
 
 def _rates(scene: Scene, agent: Agent, protocol: str) -> Curve:
     """Success by condition, of the seeds that met the same scenarios as the first."""
+    conditions = _of(scene, agent, protocol)
+    return {c.name: _percent(c.success[agent.label]) for c in conditions if agent.label in c.success}
+
+
+def _of(scene: Scene, agent: Agent, protocol: str) -> tuple[Condition, ...]:
+    """What an agent did under the conditions of a protocol, of the seeds that met the same scenarios as the first."""
     found: list[Evaluation] = []
     for run in agent.runs:
         here = evaluation(scene, run, protocol)
         if here is not None and here.fingerprint == (found[0] if found else here).fingerprint:
             found.append(here)
     if not found:
-        return {}
+        return ()
     names = [str(condition["name"]) for condition in found[0].summary["conditions"]]
-    tables = {agent.label: [here.episodes for here in found]}
-    conditions = of_tables(tables, names, scene.ranking.confidence)
-    return {c.name: _percent(c.success[agent.label]) for c in conditions if agent.label in c.success}
+    return of_evaluations({agent.label: found}, names, scene.ranking.confidence)
 
 
 def _percent(e: Estimate) -> Estimate:

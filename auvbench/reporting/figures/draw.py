@@ -23,6 +23,7 @@ FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     "robustness": conditions.robustness,
     "frequency_sweep": conditions.frequency_sweep,
     "transfer": conditions.transfer,
+    "gazebo": conditions.gazebo,
     "training_success": learning.success,
     "validation_success": learning.validation,
     "training_curves": training.curves,

@@ -33,16 +33,29 @@ def csv(ranking: Ranking) -> str:
 
 
 def conditions_csv(ranking: Ranking) -> str:
-    """A row per agent and condition of the protocol: the success rate, from 0 to 1; an empty string for one."""
+    """A row per agent and condition of the protocol; an empty string for one condition.
+
+    Success from 0 to 1, and the changes of success and of PAR-1 steps against the undisturbed condition, paired by seed and
+    scenario: empty where there is none, where seeds did not meet both, and of steps where frequency or limit differ.
+    """
     if not ranking.conditions:
         return ""
-    header = ["agent", "condition", "success_rate", "success_rate_low", "success_rate_high", "covers"]
-    rows = [
-        [row.label, condition.name, e.value, e.low, e.high, e.covers]
-        for row in ranking.rows
-        for condition in ranking.conditions
-        if (e := condition.success.get(row.label))
+    names = ("success_rate", "success_change", "par1_change")
+    header = [
+        "agent",
+        "condition",
+        *(f"{name}{end}" for name in names for end in ("", "_low", "_high")),
+        "covers",
     ]
+    rows = []
+    for row in ranking.rows:
+        for condition in ranking.conditions:
+            if success := condition.success.get(row.label):
+                changes = (c.get(row.label) for c in (condition.success_change, condition.par1_change))
+                numbers = [
+                    n for e in (success, *changes) for n in ((e.value, e.low, e.high) if e else ("",) * 3)
+                ]
+                rows.append([row.label, condition.name, *numbers, success.covers])
     return lines(header, rows)
 
 

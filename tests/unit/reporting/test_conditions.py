@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -61,6 +62,59 @@ def test_the_rates_are_those_of_the_episodes(grid: Path) -> None:
                 assert [e.low, e.high] == pytest.approx(np.array(wilson(15 * c["success_rate"], 15)))
     nominal = next(c for c in ranking.conditions if c.name == ranking.condition)
     assert nominal.success == {row.label: row.estimates["success_rate"] for row in ranking.rows}
+
+
+def test_changes_are_paired_by_seed_and_scenario(tmp_path: Path) -> None:
+    """Against the table of each run, computed apart: successes and PAR-1 steps under a condition less those undisturbed."""
+    grid = tmp_path / "grid"
+    conditions_of = {"robustness": ("nominal", "current=0.5", "current=1")}
+    write_experiment(grid, algorithms=("ppo", "pid"), episodes=15, train_episodes=30, protocols=conditions_of)
+    ranking = ranked(grid)
+    assert ranking.conditions[0].name == conditions.UNDISTURBED
+    assert not ranking.conditions[0].success_change
+    assert not ranking.conditions[0].par1_change
+    rows: dict[str, list[pd.DataFrame]] = {}
+    for folder in sorted(grid.glob("*")):
+        frame = pd.read_csv(folder / "evaluations/robustness/episodes.csv")
+        frame["success"] = (frame["outcome"] == "success").astype(float)
+        frame["par1"] = frame["steps"].where(frame["success"] > 0, 1000.0)
+        wide = frame.pivot_table(index="episode", columns="condition", values=["success", "par1"])
+        rows.setdefault("PID" if folder.name.startswith("pid") else "PPO", []).append(wide)
+    for condition in ranking.conditions[1:]:
+        for label, tables_of in rows.items():
+            for kind, found in (("success", condition.success_change), ("par1", condition.par1_change)):
+                means = [(t[kind][condition.name] - t[kind]["nominal"]).mean() for t in tables_of]
+                (e,) = [e for name, e in found.items() if name.startswith(label)]
+                assert e.value == pytest.approx(np.mean(means))
+                assert e.low < e.value < e.high or (kind == "success" and abs(e.value) == 1)
+    # One agent that does not learn: Student's t over the scenarios.
+    wide = rows["PID"][0]["par1"]
+    changes = (wide["current=1"] - wide["nominal"]).to_numpy()
+    e = next(c for c in ranking.conditions if c.name == "current=1").par1_change["PID"]
+    half = 2.144787 * changes.std(ddof=1) / np.sqrt(15)  # t(14), 97.5 %
+    assert [e.low, e.high] == pytest.approx([changes.mean() - half, changes.mean() + half], rel=1e-5)
+
+
+def test_where_no_scenario_changes_hands_a_change_may_have_gone_unseen() -> None:
+    found = conditions._changes({"PID": np.zeros((1, 200)), "PPO": np.zeros((3, 200))}, 0.95, rate=True)
+    for e in found.values():
+        assert (e.value, -e.low, e.high) == pytest.approx((0.0, 0.018845, 0.018845), abs=1e-6)
+    assert conditions._changes({}, 0.95) == {}
+
+
+def test_steps_at_other_frequencies_are_not_compared(grid: Path) -> None:
+    met = conditions._Met(np.ones(3), np.array([5.0, 6.0, 7.0]), (10.0, 1000.0))
+    faster = conditions._Met(np.ones(3), np.array([9.0, 9.0, 9.0]), (25.0, 1000.0))
+    unknown = conditions._Met(np.ones(3), np.array([9.0, 9.0, 9.0]), conditions._time({}))
+    tested = {
+        "PPO": [{"nominal": met, "frequency=25": faster}],
+        "SAC": [{"nominal": unknown, "frequency=25": unknown}],
+    }
+    found = conditions._condition("frequency=25", tested, 0.95)
+    assert found.success_change.keys() == {"PPO", "SAC"}
+    assert found.par1_change == {}
+    half = {"PPO": [*tested["PPO"], {"nominal": met}]}  # a seed that did not meet it
+    assert conditions._condition("frequency=25", half, 0.95).success_change == {}
 
 
 def test_a_protocol_of_one_condition_has_no_table(grid: Path) -> None:

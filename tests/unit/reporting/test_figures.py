@@ -20,9 +20,14 @@ from auvbench.reporting.figures.colours import _rgb, oklab
 from auvbench.reporting.figures.scene import Scene, scene, wants_symlog
 from auvbench.statistics import wilson
 from tests.plain_ranking import plain_ranking
-from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, TRANSFER, seal, write_experiment
+from tests.synthetic import FREQUENCY_SWEEP, GAZEBO, ROBUSTNESS, TRANSFER, seal, write_experiment
 
-BY_CONDITION = {"robustness": ROBUSTNESS, "frequency_sweep": FREQUENCY_SWEEP, "transfer": TRANSFER}
+BY_CONDITION = {
+    "robustness": ROBUSTNESS,
+    "frequency_sweep": FREQUENCY_SWEEP,
+    "transfer": TRANSFER,
+    "gazebo": GAZEBO,
+}
 
 
 def build(root: Path, baseline: str | None = None, **grid: object) -> Scene:
@@ -115,7 +120,7 @@ def test_27_agents_stay_readable(name: str, many: Scene) -> None:
         assert drawing is not None
     for ax in drawing.canvas.axes:
         assert len([line for line in ax.lines if len(line.get_xdata()) > 2]) <= 27  # type: ignore[arg-type]
-    if name not in ("success_over_grid", "training_curves", "steps_deviation"):
+    if name not in ("success_over_grid", "training_curves", "steps_deviation", "gazebo"):
         assert "of 27 agents, the best-ranked" in drawing.caption
 
 
@@ -507,3 +512,21 @@ def test_trajectories_of_another_shape_are_damage(tmp_path: Path) -> None:
     found, _ = agents(load([tmp_path / "grid"])[0])
     _, problems = draw_all([], found, plain_ranking(found), tmp_path)
     assert "position_nominal_0 has shape (5, 2), expected (steps + 1, 3)" in problems[0].message
+
+
+def test_gazebo_has_the_changes_of_every_agent_in_both_hydrodynamics(small: Scene) -> None:
+    canvas = draw("gazebo", small)
+    assert canvas is not None
+    (ax,) = canvas.axes
+    assert [text.get_text() for text in ax.get_yticklabels()] == [agent.label for agent in small.agents]
+    (legend,) = [ax.get_legend()]
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["gazebo", "gazebo-published"]
+    drawn = sorted(
+        float(line.get_xdata()[0])
+        for line in ax.lines
+        if line.get_marker() in ("o", "s") and len(line.get_xdata())
+    )  # type: ignore[arg-type, index]
+    root = small.agents[0].runs[0].directory.parent
+    conditions = successes(agents(load([root], ("test", "gazebo"))[0])[0], "gazebo", 0.95)
+    assert drawn == pytest.approx(sorted(e.value for c in conditions for e in c.par1_change.values()))
