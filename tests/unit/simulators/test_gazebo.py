@@ -6,6 +6,7 @@ import signal
 import numpy as np
 import pytest
 
+from auvbench.dynamics.plugin import GZ_SIM_8_12
 from auvbench.errors import ConfigError
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.simulators.gazebo import bindings
@@ -70,7 +71,7 @@ def test_published_is_the_embedded_equations_with_the_coriolis_sign_turned(bluer
     from benchmarks.gazebo.cases import embedded, gazebo, mixed
 
     case = dataclasses.replace(mixed()[0], duration=8.0)
-    path, right, wrong = gazebo(case, "published", 0.001), embedded(case), embedded(case, coriolis=-1.0)
+    path, right, wrong = gazebo(case, "published", 0.001), embedded(case), embedded(case, plugin=GZ_SIM_8_12)
     assert np.abs(path.pose - right.pose).max() > 0.2
     assert np.abs(path.pose - wrong.pose).max() < 0.02
     pitch = -2.0 * np.arcsin(-path.pose[-1, 5])
