@@ -79,10 +79,22 @@ def labels(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:
             for k, is_learner in zip(keys, learners, strict=True)
             if (learner and is_learner) or k.get("algo") == key.get("algo")
         ]
-        parts = [part(n, key[n]) for n in names if n == "algo" or len({str(k[n]) for k in peers}) > 1]
+        parts = [
+            part(n, key[n])
+            for n in names
+            if n == "algo" or (len({str(k[n]) for k in peers}) > 1 and not _foreign(n, key, keys))
+        ]
         short.append(" ".join(parts) or "all runs")
     full = [" ".join(part(n, v) for n, v in key.items()) or "all runs" for key in keys]
     return [s if short.count(s) == 1 else f for s, f in zip(short, full, strict=True)]
+
+
+def _foreign(name: str, key: Key, keys: Sequence[Key]) -> bool:
+    """Whether a value belongs to another choice: `simulator.hydrodynamics` of a simulator of which none has it."""
+    return any(
+        name.startswith(f"{choice}.") and all(k[name] is None for k in keys if k[choice] == key[choice])
+        for choice in key
+    )
 
 
 def sort_key(key: Key) -> tuple[tuple[int, float, str], ...]:

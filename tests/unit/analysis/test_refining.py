@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
+from auvbench.analysis.labels import labels
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.model import Agent, Problem
 from tests.synthetic import reconfigure, write_experiment
@@ -85,6 +86,18 @@ def test_a_key_that_only_some_runs_have_parts_them(tmp_path: Path) -> None:
 
     found, _ = made(tmp_path, clip, algorithms=("ppo",), seeds=(0, 1))
     assert seeds(found) == {"PPO clip_range=0.1": [1], "PPO clip_range=unset": [0]}
+
+
+def test_what_another_choice_has_is_not_said_to_be_unset() -> None:
+    """Of simulators one alone has two hydrodynamics."""
+    keys = [
+        {"algo": "ppo", "simulator": simulator, "simulator.hydrodynamics": hydrodynamics}
+        for simulator, hydrodynamics in (("fossen", None), ("gazebo", "corrected"), ("gazebo", "published"))
+    ]
+    said = ["PPO fossen", "PPO gazebo hydrodynamics=corrected", "PPO gazebo hydrodynamics=published"]
+    assert labels(keys, [True] * 3) == said
+    keys[1]["simulator.hydrodynamics"] = None  # of the same choice, one without
+    assert labels(keys, [True] * 3)[1] == "PPO gazebo hydrodynamics=unset"
 
 
 def test_a_seed_that_is_missing_under_one_disturbance_is_named(tmp_path: Path) -> None:
