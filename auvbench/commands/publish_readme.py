@@ -151,6 +151,8 @@ def _ranked(reports: Sequence[Report]) -> str:
         if len(reports) > 1:
             parts.append(f"### {report.section.title[:1].upper()}{report.section.title[1:]}")
         parts.append(tables.markdown(report.ranking).rstrip())
+        if of_conditions := tables.conditions_markdown(report.ranking).rstrip():
+            parts.append(of_conditions)
     return "\n\n".join(parts)
 
 

@@ -33,6 +33,8 @@ COMMANDS = 5
 """of training, that are shown"""
 
 SHOWN_VERSIONS = ("auvbench", "python", "torch", "stable-baselines3", "numpy", "numba")
+WHERE_USED = ("gz-sim8", "dart")
+"""shown where a run had them"""
 
 
 def fill(path: Path, title: str, question: str, blocks: Mapping[str, str]) -> str:
@@ -149,7 +151,8 @@ def _machine(manifest: Mapping[str, Any]) -> str:
 def _versions(manifest: Mapping[str, Any]) -> str:
     versions = manifest.get("versions")
     versions = versions if isinstance(versions, Mapping) else {}
-    return ", ".join(f"{name} {versions.get(name, '?')}" for name in SHOWN_VERSIONS)
+    names = [*SHOWN_VERSIONS, *(name for name in WHERE_USED if name in versions)]
+    return ", ".join(f"{name} {versions.get(name, '?')}" for name in names)
 
 
 def _commit(manifest: Mapping[str, Any]) -> str:

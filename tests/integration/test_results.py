@@ -15,6 +15,7 @@ STUDIES = {
     "thesis": ["--study", "thesis"],
     "leaderboard": ["--rank-by", "par1_steps", "--columns", "action_ms,training_cpu_s"],
     "differences": [],
+    "gazebo": ["--protocol", "gazebo", "--rank-by", "par1_steps"],
 }
 
 SIMULATED = ("bluerov2_gz_sim_8_11", "bluerov2_gz_sim_8_12")
@@ -47,6 +48,40 @@ def test_so_does_one_by_another_protocol(protocol, tmp_path, capsys):
     there, here = shipped / protocol / "conditions.csv", tmp_path / "conditions.csv"
     assert len(rows(there)) > 50
     assert_same_numbers(here.read_text(), there.read_text(), rel=1e-9, abs=1e-12)
+
+
+IN_GAZEBO = {
+    "PPO added to PID": "ppo_residual 10 Hz fossen",
+    "PPO, 10 Hz": "PPO 10 Hz fossen",
+    "SAC, 10 Hz": "SAC 10 Hz fossen",
+    "DDPG, 10 Hz": "DDPG 10 Hz fossen",
+    "PPO, 25 Hz": "PPO 25 Hz fossen",
+    "PPO, 25 Hz, trained in corrected Gazebo": "PPO 25 Hz gazebo hydrodynamics=corrected",
+    "PPO, 25 Hz, trained in published Gazebo": "PPO 25 Hz gazebo hydrodynamics=published",
+}
+
+
+def test_the_transfer_to_gazebo_is_quoted_rightly():
+    study = ROOT / "results/gazebo"
+    table = {(row["agent"], row["condition"]): row for row in rows(study / "conditions.csv")}
+    lines = (study / "README.md").read_text(encoding="utf-8").splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("| agent (five trainings"))
+    quoted = lines[start + 2 : lines.index("", start)]
+    assert len(quoted) == len({agent for agent, _ in table})
+    for line in quoted:
+        _, agent, calm, *cells, _ = (cell.strip() for cell in line.split("|"))
+        of = {
+            c: table[IN_GAZEBO.get(agent, agent), c]
+            for c in ("nominal", "simulator=gazebo", "simulator=gazebo-published")
+        }
+        embedded, *there = of.values()
+        assert abs(float(calm) - 100 * float(embedded["success_rate"])) <= 0.051, line
+        for row, rate, change in zip(there, cells[::2], cells[1::2], strict=True):
+            assert abs(float(rate) - 100 * float(row["success_rate"])) <= 0.051, line
+            numbers = re.findall(r"[-+]?[\d.]+", change)
+            last = 10.0 ** -len(numbers[0].partition(".")[2])
+            for number, end in zip(numbers, ("", "_low", "_high"), strict=True):
+                assert abs(float(number) - float(row[f"par1_change{end}"])) <= 0.51 * last, line
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
