@@ -80,7 +80,7 @@ def main() -> int:
         "success",
         "steps of successes",
         "lost / gained",
-        "McNemar p",
+        "McNemar mid-p",
         "steps, paired",
     )
     rows = [row for file in files for row in rows_of(file)]
