@@ -8,7 +8,7 @@ from string import Template
 from typing import Any
 from xml.sax.saxutils import escape
 
-from auvbench.simulators.gazebo import sdf
+from auvbench.simulators.gazebo import elements, sdf
 from auvbench.vehicles.model import VehicleModel
 
 WORLD = "ocean"
@@ -32,7 +32,7 @@ def files(vehicle: VehicleModel, sheet: Mapping[str, Any], hydrodynamics: str, s
     Raises:
         VehicleError: as `sdf.check`.
     """
-    cite = sdf.citations(sheet)
+    cite = elements.citations(sheet)
     name = vehicle.name
     model = sdf.model(vehicle, hydrodynamics, cite=cite)
     header = "\n".join(
@@ -45,7 +45,12 @@ def files(vehicle: VehicleModel, sheet: Mapping[str, Any], hydrodynamics: str, s
         ]
     )
     alone = "\n".join(
-        ['<?xml version="1.0"?>', "<!--", *(f"  {sdf.comment(line)}" for line in header.splitlines()), "-->"]
+        [
+            '<?xml version="1.0"?>',
+            "<!--",
+            *(f"  {elements.comment(line)}" for line in header.splitlines()),
+            "-->",
+        ]
     )
     return {
         f"{name}/model.config": _config(vehicle),

@@ -30,7 +30,7 @@ from auvbench.dynamics.frames import rotation
 from auvbench.dynamics.rigid_body import coriolis
 from auvbench.errors import AuvbenchError
 from auvbench.simulators.gazebo import bindings
-from auvbench.simulators.gazebo.sdf import LINK
+from auvbench.simulators.gazebo.parts import LINK
 
 FloatArray = NDArray[np.float64]
 
