@@ -18,7 +18,7 @@ from auvbench.commands.grammar import Parser
 from auvbench.errors import ConfigError, UserError, closest
 
 if TYPE_CHECKING:
-    from auvbench.ros2.pilot import Controller, Limits
+    from auvbench.ros2.steering import Controller, Limits
     from auvbench.vehicles.model import VehicleModel
 
 CONTROLLERS = ("pid", "smc", "lqr")
@@ -145,7 +145,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _crew(given: argparse.Namespace) -> Crew:
-    from auvbench.ros2.pilot import Limits
+    from auvbench.ros2.steering import Limits
     from auvbench.vehicles import sheet
 
     word = str(given.controller)

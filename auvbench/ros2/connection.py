@@ -15,18 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.errors import TrainingError, closest
-from auvbench.ros2 import interface, messages
-from auvbench.ros2.middleware import Answer, InterfaceError, Session, surroundings
+from auvbench.errors import TrainingError
+from auvbench.ros2 import discovery, interface, messages
+from auvbench.ros2.discovery import LEAVING, SETTLE
+from auvbench.ros2.middleware import Answer, InterfaceError, Session
 
 Floats = NDArray[np.float64]
 
 CLOCKS = ("lockstep", "clock", "wall")
-SETTLE = 0.4
-"""s that are given to what is discovered after the first of its kind"""
-
-LEAVING = 2.0
-"""s that are given to those who were here before"""
 
 
 class Connection:
@@ -57,11 +53,10 @@ class Connection:
         self.session = Session()
         try:
             self.node = self.session.node("auvbench_client")
-            self.about: dict[str, str] = {}
-            self.names = self._find()
+            self.names, self.about = discovery.find(self.session, self.node, self.namespace, timeout)
             self._prepare()
             self._make()
-            self._check()
+            discovery.check(self.session, self.node, self._ends, timeout)
             self.clock = self._choose(clock)
             self._begin()
         except BaseException:
@@ -88,105 +83,26 @@ class Connection:
 
     # Connecting.
 
-    def _find(self) -> list[interface.Names]:
-        """Waits until there is a server, and finds its vehicles.
-
-        Raises:
-            InterfaceError: nobody is there, or in another namespace.
-        """
-        count = self.node.count_publishers
-        one, first = (interface.Names(name) for name in (self.namespace, f"{self.namespace}_1"))
-
-        def there() -> bool:
-            return bool(count(one.odometry) > 0 or count(first.odometry) > 0)
-
-        if not self.session.seen(there, self.timeout):
-            raise InterfaceError(f"{one.odometry}: nobody publishes it{self._elsewhere()}")
-        if count(one.odometry) > 0:
-            self._ask_about(one)
-            return [one]
-        self._ask_about(first)
-        try:
-            n = int(self.about.get("vehicles", "1"))
-        except ValueError:
-            n = 1
-        # A server of one vehicle whose name ends with _1 has no others.
-        return [interface.Names(name) for name in interface.namespaces(self.namespace, max(n, 2))][:n]
-
     def _make(self) -> None:
         ros, session = self.session.ros, self.session
         node = self.node
         self._float = ros.std.Float64()
-        self._publishers = []
+        self._ends = []
         for i, names in enumerate(self.names):
-            self._publishers.append(
-                [
-                    node.create_publisher(ros.std.Float64, names.command(actuator), session.qos)
-                    for actuator in self.actuators
-                ]
-            )
             heard = self._odometry(i)
             node.create_subscription(ros.nav.Odometry, names.odometry, heard, session.qos, raw=True)
+            topics = [names.command(actuator) for actuator in self.actuators]
+            self._ends.append(
+                discovery.Ends(
+                    names,
+                    {topic: node.create_publisher(ros.std.Float64, topic, session.qos) for topic in topics},
+                    node.create_client(ros.services.Trigger, names.reset),
+                    node.create_client(ros.parameters.SetParameters, names.parameters),
+                )
+            )
         self._current = node.create_publisher(ros.geometry.Vector3, interface.CURRENT, session.qos)
-        self._resets = [node.create_client(ros.services.Trigger, names.reset) for names in self.names]
-        self._setters = [
-            node.create_client(ros.parameters.SetParameters, names.parameters) for names in self.names
-        ]
         self._lockstep = node.create_client(ros.services.SetBool, self.names[0].lockstep)
         session.renew()
-
-    def _check(self) -> None:
-        """Whether everything that is needed is there, and once.
-
-        Raises:
-            InterfaceError: it is not.
-        """
-        count, seen = self.node.count_publishers, self.session.seen
-        for names in self.names:
-            if not seen(lambda topic=names.odometry: count(topic) > 0, self.timeout):  # type: ignore[misc]
-                raise InterfaceError(
-                    f"{names.odometry}: nobody publishes it, of {self.n} vehicles of the server"
-                )
-        seen(lambda: False, SETTLE)
-        for i, names in enumerate(self.names):
-            if count(names.odometry) > 1:
-                raise InterfaceError(
-                    f"{names.odometry}: {count(names.odometry)} publish it: several servers in the namespace"
-                    f" {names.namespace}; stop all but one, or give them namespaces of their own"
-                )
-            for actuator, publisher in zip(self.actuators, self._publishers[i], strict=True):
-                topic = names.command(actuator)
-                if not seen(lambda p=publisher: p.get_subscription_count() > 0, self.timeout):  # type: ignore[misc]
-                    raise InterfaceError(
-                        f"{topic}: nobody listens, so that the server's vehicle is another one than this vehicle"
-                        " (check vehicle= on both sides, and ros2 topic list)"
-                    )
-                # Whoever has just left is still known for a moment.
-                if not seen(lambda topic=topic: count(topic) <= 1, LEAVING):  # type: ignore[misc]
-                    raise InterfaceError(
-                        f"{topic}: somebody else commands this vehicle; stop it, or let runs go one after the other"
-                        " (workers=1 of evaluate, launcher.workers=1 of train)"
-                    )
-            for client, service in ((self._resets[i], names.reset), (self._setters[i], names.parameters)):
-                if not seen(client.service_is_ready, self.timeout):
-                    raise InterfaceError(
-                        f"{service}: no such service, without which no episode can begin at its start"
-                        " (ros2 service list; auvbench serve offers it)"
-                    )
-
-    def _elsewhere(self) -> str:
-        """Where vehicles are instead, and what decides whether they are seen."""
-        others = [
-            topic.removesuffix("/odom").strip("/")
-            for topic, _ in self.node.get_topic_names_and_types()
-            if topic.endswith("/odom") and self.node.count_publishers(topic) > 0
-        ]
-        if others:
-            return f", but there are other namespaces; simulator.namespace: {closest(self.namespace, others)}"
-        return (
-            f" within {self.timeout:g} s: is a server running (auvbench serve), in the same domain?"
-            f" Here {surroundings()}"
-        )
 
     def _choose(self, clock: str) -> str:
         """Which clock steps are counted by.
@@ -240,21 +156,6 @@ class Connection:
                 )
         if self.clock == "clock" and not self.session.until(lambda: self._time >= 0, self.timeout):
             raise InterfaceError(f"{interface.CLOCK}: silent for {self.timeout:g} s; is the server paused?")
-
-    def _ask_about(self, names: interface.Names) -> None:
-        """What the server says of itself, if it says anything."""
-        ros = self.session.ros
-        client = self.node.create_client(
-            ros.parameters.GetParameters, names.of(f"{interface.NODE}/get_parameters")
-        )
-        self.session.renew()
-        if not self.session.seen(client.service_is_ready, 3 * SETTLE):
-            return
-        request = ros.parameters.GetParameters.Request(names=["simulator", "vehicle", "auvbench", "vehicles"])
-        answer = self.session.ask(client, request)
-        if self.session.until(lambda: answer.value is not None, self.timeout):
-            found = zip(request.names, answer.value.values, strict=False)
-            self.about = {name: value.string_value for name, value in found if value.string_value}
 
     # Messages.
 
@@ -328,7 +229,7 @@ class Connection:
                     for name, value in entries.items()
                 ]
             )
-            asked.append((self.session.ask(self._setters[i], request), self.names[i].parameters))
+            asked.append((self.session.ask(self._ends[i].parameters, request), self.names[i].parameters))
         for answer, (_, service) in zip(self._answers(asked), asked, strict=True):
             for result in answer.results:
                 if not result.successful:
@@ -342,7 +243,7 @@ class Connection:
         """
         self.set(parameters)
         request = self.session.ros.services.Trigger.Request()
-        asked = [(self.session.ask(self._resets[i], request), self.names[i].reset) for i in indices]
+        asked = [(self.session.ask(self._ends[i].reset, request), self.names[i].reset) for i in indices]
         for answer, (_, service) in zip(self._answers(asked), asked, strict=True):
             if not answer.success:
                 raise InterfaceError(f"{service}: refused: {answer.message}")
@@ -399,8 +300,8 @@ class Connection:
 
     def _publish(self, quantities: Floats) -> None:
         message = self._float
-        for publishers, row in zip(self._publishers, quantities.tolist(), strict=True):
-            for publisher, value in zip(publishers, row, strict=True):
+        for ends, row in zip(self._ends, quantities.tolist(), strict=True):
+            for publisher, value in zip(ends.commands.values(), row, strict=True):
                 message.data = value
                 publisher.publish(message)
 

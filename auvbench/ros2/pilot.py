@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +18,8 @@ from numpy.typing import NDArray
 from auvbench.errors import AuvbenchError, RunError
 from auvbench.ros2 import interface, messages
 from auvbench.ros2.middleware import Session
-from auvbench.ros2.mission import Logbook, Mission
-from auvbench.ros2.observation import observe
+from auvbench.ros2.mission import Logbook
+from auvbench.ros2.steering import Controller, Limits, Steering, Thrust
 
 Floats = NDArray[np.float64]
 
@@ -30,45 +29,6 @@ RESTS = 3
 """zero commands that are sent when it lets go: one may be lost"""
 TURN = 0.02
 """s, the longest wait at a time: how late a pose's age can be noticed"""
-
-
-class Controller(Protocol):
-    """What steers: see `auvbench.agents.base.Agent`."""
-
-    def reset(self, episodes: NDArray[np.int64]) -> None: ...
-
-    def act(self, observation: NDArray[np.float32]) -> NDArray[np.floating]: ...
-
-
-class Thrust(Protocol):
-    """What actions stand for, of one vehicle."""
-
-    @property
-    def actuators(self) -> Sequence[str]: ...
-
-    @property
-    def neutral(self) -> Floats: ...
-
-    def quantities(self, action: Floats) -> Floats:
-        """What is published for an action (n_u,): N of thrusters, rad, m or m3 of others."""
-
-    def force(self, action: Floats) -> Floats:
-        """N (n_u,) of the thrusters."""
-
-    def power(self, action: Floats) -> float:
-        """W."""
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What a pilot keeps to."""
-
-    depth_low: float  # m, z
-    depth_high: float  # m, z
-    goal_radius: float  # m
-    max_steps: int  # of the controller, per waypoint
-    pose_timeout: float = 0.5  # s: zero thrust while the pose is older
-    lost_after: float = 5.0  # s: disarmed when it stays older
 
 
 class Pilot:
@@ -103,18 +63,17 @@ class Pilot:
         say: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.names = interface.Names(interface.namespaces(namespace, 1)[0])
-        self.controller, self.thrust, self.limits = controller, thrust, limits
-        self.frequency, self.body_frame = frequency, body_frame
-        self.logbook, self._say = logbook, say
+        self.thrust, self.limits, self._say = thrust, limits, say
+        self.period = 1.0 / frequency  # s
+        self.steering = Steering(
+            controller, thrust, frequency=frequency, body_frame=body_frame, limits=limits, logbook=logbook
+        )
         self.armed = False
         self.state = ""
-        self.waypoint: Floats | None = None
-        self.mission: Mission | None = None
         self.pose: Floats = np.full(7, np.nan)
         self._seen = -math.inf  # when the pose came
         self._stamp = -1
         self._now = -1.0  # of /clock
-        self._action: Floats | None = None  # under way since the last tick
         self._sim_time = sim_time
         self._slow = 0
         self._due = 0.0
@@ -169,18 +128,19 @@ class Pilot:
 
     def steer_to(self, waypoint: Sequence[float], frame: str = interface.WORLD) -> bool:
         """Takes a waypoint (3,) in m, if it can be one; whether it did."""
-        low, high = self.limits.depth_low, self.limits.depth_high
+        limits = self.limits
         if frame not in ("", interface.WORLD):
             self._note(f"{GOAL}: in the frame {frame!r}, must be {interface.WORLD!r}: ignored")
             return False
         if not np.all(np.isfinite(waypoint)):
             self._note(f"{GOAL}: is not finite: ignored")
             return False
-        if not low <= waypoint[2] <= high:
-            self._note(f"{GOAL}: z = {waypoint[2]:g} m, must be within {low:g} .. {high:g} m: ignored")
+        if not limits.within(waypoint[2]):
+            reach = f"{limits.depth_low:g} .. {limits.depth_high:g} m"
+            self._note(f"{GOAL}: z = {waypoint[2]:g} m, must be within {reach}: ignored")
             return False
-        self._end("another waypoint")
-        self.waypoint = np.array(waypoint, dtype=np.float64)
+        self.steering.end("another waypoint")
+        self.steering.waypoint = np.array(waypoint, dtype=np.float64)
         return True
 
     def _arm(self, request: Any, response: Any) -> Any:
@@ -194,7 +154,7 @@ class Pilot:
 
     def _stop(self, _request: Any, response: Any) -> Any:
         self.disarm("by the service stop")
-        self.waypoint = None
+        self.steering.waypoint = None
         response.success = True
         return response
 
@@ -203,15 +163,14 @@ class Pilot:
         if self.armed:
             return ""
         age = self.age
-        low, high = self.limits.depth_low, self.limits.depth_high
         count = self.node.count_publishers
         if age > self.limits.pose_timeout:
             never = "was never heard" if math.isinf(age) else f"is {age:.2g} s old"
             return f"{self.names.odometry} {never}"
         if count(self.names.odometry) > 1:
             return f"{self.names.odometry}: several publish it"
-        if not low <= self.pose[2] <= high:
-            return f"z = {self.pose[2]:.2f} m is not within {low:g} .. {high:g} m"
+        if not self.limits.within(self.pose[2]):
+            return self._depth()
         for name in self.thrust.actuators:
             topic = self.names.command(name)
             if count(topic) > 1:
@@ -226,7 +185,7 @@ class Pilot:
         """Zero thrust, and nothing more until it is armed again."""
         was = self.armed
         self.armed = False
-        self._end(reason)
+        self.steering.end(reason)
         if was:
             self.rest()
         self._tell(f"disarmed: {reason}")
@@ -269,99 +228,59 @@ class Pilot:
             return
         if not self.watch():
             return
-        outcome = self._advance()
+        outcome = self.steering.advance(self.pose)
         if outcome:
-            self.waypoint = None
-            self._end(outcome)
+            self.steering.waypoint = None
+            self.steering.end(outcome)
             self._tell(f"waypoint {'reached' if outcome == 'success' else 'given up: ' + outcome}")
-        if self.waypoint is None:
+        if self.steering.waypoint is None:
             self._command(self.thrust.neutral)
             return
-        if self.mission is None:
-            self._begin()
-        self._act()
+        self._act(self.steering.waypoint)
 
     def watch(self) -> bool:
         """Looks at pose and depth, many times a step; whether the controller may steer."""
         if not self.armed:
             return False
-        low, high = self.limits.depth_low, self.limits.depth_high
         age = self.age
         if age > self.limits.lost_after:
             self.disarm(f"{self.names.odometry} is {age:.1f} s old")
         elif age > self.limits.pose_timeout:
             self._hold(f"holding: {self.names.odometry} is {age:.1f} s old")
-        elif not low <= self.pose[2] <= high:
-            self._advance()
-            self.disarm(f"z = {self.pose[2]:.2f} m is not within {low:g} .. {high:g} m")
+        elif not self.limits.within(self.pose[2]):
+            self.steering.advance(self.pose)
+            self.disarm(self._depth())
         else:
             return True
         return False
 
     def _hold(self, state: str) -> None:
-        self._action = None  # what it led to is not known
+        self.steering.forget()
         self._command(self.thrust.neutral)
         if not self.state.startswith("holding"):
             self._tell(state)
 
-    def _advance(self) -> str:
-        """Books the step that has just ended; the outcome of the mission, if that ended it."""
-        if self.mission is None or self._action is None:
-            return ""
-        action = self._action
-        return self.mission.advance(self.pose, action, self.thrust.force(action), self.thrust.power(action))
-
-    def _begin(self) -> None:
-        assert self.waypoint is not None
+    def _depth(self) -> str:
         limits = self.limits
-        self.mission = Mission(
-            self.pose,
-            self.waypoint,
-            depth=(limits.depth_low, limits.depth_high),
-            goal_radius=limits.goal_radius,
-            max_steps=limits.max_steps,
-            frequency=self.frequency,
-        )
-        self._action = None
-        try:
-            self.controller.reset(np.zeros(1, dtype=np.int64))
-        except Exception as error:
-            raise self._failed(error) from error
+        return f"z = {self.pose[2]:.2f} m is not within {limits.depth_low:g} .. {limits.depth_high:g} m"
 
-    def _act(self) -> None:
-        assert self.waypoint is not None
-        n_u = len(self.thrust.actuators)
-        previous = np.zeros(n_u) if self._action is None else self._action
-        begun = time.monotonic()
+    def _act(self, waypoint: Floats) -> None:
         try:
-            seen = observe(self.pose, self.waypoint, previous, self.body_frame)
-            answer = np.asarray(self.controller.act(seen[None]), dtype=np.float64)
-            if answer.shape != (1, n_u):
-                raise RunError(f"the controller answers with shape {answer.shape}, not {(1, n_u)}")
-            if not np.all(np.isfinite(answer)):
-                raise RunError("the controller answers with what is not finite")
+            action = self.steering.act(self.pose)
         except Exception as error:
             raise self._failed(error) from error
-        if time.monotonic() - begun > 1.0 / self.frequency:
+        if self.steering.took > self.period:
             self._slow += 1
             if self._slow in (1, 10, 100):
-                self._note(f"the controller takes longer than its step of {1.0 / self.frequency:g} s")
-        self._action = np.clip(answer[0], -1.0, 1.0)
-        self._command(self.thrust.quantities(self._action))
-        w = self.waypoint
-        self._tell(f"steering to ({w[0]:.1f}, {w[1]:.1f}, {w[2]:.1f})")
+                self._note(f"the controller takes longer than its step of {self.period:g} s")
+        self._command(self.thrust.quantities(action))
+        self._tell(f"steering to ({waypoint[0]:.1f}, {waypoint[1]:.1f}, {waypoint[2]:.1f})")
 
     def _failed(self, error: Exception) -> AuvbenchError:
         """Disarms, and what the command ends with."""
         reason = " ".join(str(error).split()) or type(error).__name__
         self.disarm(f"the controller failed: {reason}")
         return error if isinstance(error, AuvbenchError) else RunError(f"the controller failed: {reason}")
-
-    def _end(self, reason: str) -> None:
-        """Closes the mission that is under way."""
-        mission, self.mission, self._action = self.mission, None, None
-        if mission is not None and self.logbook is not None and mission.steps:
-            self.logbook.add(mission, reason)
 
     def run(self, go_on: Callable[[], bool]) -> None:
         """Serves and steers while `go_on()`; zero thrust when it ends, whatever ends it.
@@ -381,7 +300,7 @@ class Pilot:
         Raises:
             AuvbenchError: as `run`.
         """
-        period = 1.0 / self.frequency
+        period = self.period
         now = self._now if self._sim_time else time.monotonic()
         if self._sim_time and now < self._due - 2 * period:
             self._due = now  # the clock of a server that began anew

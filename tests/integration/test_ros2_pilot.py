@@ -13,7 +13,8 @@ from auvbench.ros2 import messages
 from auvbench.ros2.middleware import Session
 from auvbench.ros2.mission import Logbook
 from auvbench.ros2.observation import observe
-from auvbench.ros2.pilot import Limits, Pilot
+from auvbench.ros2.pilot import Pilot
+from auvbench.ros2.steering import Limits
 from auvbench.ros2.thrust import SheetThrust
 from auvbench.vehicles.sheet import load
 from tests import dds
@@ -153,7 +154,7 @@ def tank(domain, tmp_path):
 @pytest.fixture
 def steering(tank):
     tank.goal(20.0, 0.0, -10.0)
-    tank.until(lambda: tank.pilot.waypoint is not None)
+    tank.until(lambda: tank.pilot.steering.waypoint is not None)
     tank.until(lambda: tank.arm().success)
     tank.until(tank.pushes)
     return tank
@@ -161,7 +162,7 @@ def steering(tank):
 
 def test_it_starts_disarmed_and_commands_nothing(tank):
     tank.goal(20.0, 0.0, -10.0)
-    tank.until(lambda: tank.pilot.waypoint is not None)
+    tank.until(lambda: tank.pilot.steering.waypoint is not None)
     tank.wait(0.4)
     assert tank.count == 0
     tank.until(lambda: tank.arm().success)
@@ -227,7 +228,7 @@ def test_depth_limits(steering, z):
     steering.until(steering.rests)
     if z == z:
         steering.until(lambda: steering.said("is not within -60 .. -1 m"))
-        record = steering.pilot.logbook._rows[0]
+        record = steering.pilot.steering.logbook._rows[0]
         assert record["outcome"] == "collision"
 
 
@@ -236,7 +237,7 @@ def test_the_stop_service(steering):
     assert answer.success
     steering.until(steering.rests)
     assert not steering.pilot.armed
-    assert steering.pilot.waypoint is None
+    assert steering.pilot.steering.waypoint is None
     steering.until(lambda: steering.said("disarmed: by the service stop"))
 
 
@@ -263,7 +264,7 @@ def test_waypoints_that_are_none(tank):
     tank.until(lambda: tank.said("z = 0 m, must be within -60 .. -1 m: ignored"))
     tank.goal(1.0, 2.0, -5.0, frame="map")
     tank.until(lambda: tank.said("in the frame 'map', must be 'world': ignored"))
-    assert tank.pilot.waypoint is None
+    assert tank.pilot.steering.waypoint is None
 
 
 def test_a_waypoint_that_is_reached(steering):
@@ -271,7 +272,7 @@ def test_a_waypoint_that_is_reached(steering):
     steering.until(lambda: steering.said("waypoint reached"))
     steering.until(steering.rests)
     assert steering.pilot.armed
-    (record,) = steering.pilot.logbook._rows
+    (record,) = steering.pilot.steering.logbook._rows
     assert record["outcome"] == "success"
     assert record["path_length_m"] == pytest.approx(18.5)
 
@@ -281,8 +282,8 @@ def test_an_unfinished_mission_is_kept(steering):
     steering.pilot.close("the pilot was ended")
     steering.pilot, pilot = None, steering.pilot
     steering.until(steering.rests)
-    assert pilot.logbook._rows[0]["outcome"] == "aborted"
-    assert pilot.logbook._reasons == ["the pilot was ended"]
+    assert pilot.steering.logbook._rows[0]["outcome"] == "aborted"
+    assert pilot.steering.logbook._reasons == ["the pilot was ended"]
     steering.pilot = pilot
 
 
@@ -299,9 +300,9 @@ def test_a_policy_from_a_file_commands_what_it_answers(domain, tmp_path):
     )
     tank.until(lambda: tank.goals.get_subscription_count() > 0)
     tank.goal(5.0, -4.0, -12.0)
-    tank.until(lambda: tank.pilot.waypoint is not None)
+    tank.until(lambda: tank.pilot.steering.waypoint is not None)
     tank.until(lambda: tank.arm().success)
-    tank.until(lambda: tank.pilot.mission is not None)
+    tank.until(lambda: tank.pilot.steering.mission is not None)
     pose, previous = np.array([0.0, 0.0, -10.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(6)
     expected = []
     for _ in range(4):
