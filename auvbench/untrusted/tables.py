@@ -5,13 +5,16 @@ from __future__ import annotations
 import io
 from collections.abc import Collection, Iterable, Mapping
 from csv import DictWriter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
 
 LARGEST = 1024**3
 """bytes of the longest table that is read: some million training episodes"""
+
+MISSING = ("", "nan", "NaN", "NA", "N/A", "null", "NULL", "None")
+"""What stands where there is no number; in a column of words it is a word."""
 
 
 def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str] = ()) -> pd.DataFrame:
@@ -23,10 +26,13 @@ def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str]
     import pandas as pd
 
     wanted = None if only is None else (lambda name: name in only)
+    options: dict[str, Any] = {"usecols": wanted, "engine": "c", "low_memory": False}
     try:
-        return pd.read_csv(
-            io.BytesIO(data), usecols=wanted, engine="c", low_memory=False, dtype=dict.fromkeys(words, str)
-        )
+        if words:
+            header = pd.read_csv(io.BytesIO(data), nrows=0, engine="c").columns
+            options["na_values"] = {name: MISSING for name in header if name not in words}
+            options |= {"dtype": dict.fromkeys(words, str), "keep_default_na": False}
+        return pd.read_csv(io.BytesIO(data), **options)
     except (ValueError, OverflowError, MemoryError) as error:  # pandas' own are ValueErrors
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
 
