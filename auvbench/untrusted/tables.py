@@ -32,7 +32,8 @@ def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str]
             header = pd.read_csv(io.BytesIO(data), nrows=0, engine="c").columns
             options["na_values"] = {name: MISSING for name in header if name not in words}
             options |= {"dtype": dict.fromkeys(words, str), "keep_default_na": False}
-        return pd.read_csv(io.BytesIO(data), **options)
+        found: pd.DataFrame = pd.read_csv(io.BytesIO(data), **options)
+        return found
     except (ValueError, OverflowError, MemoryError) as error:  # pandas' own are ValueErrors
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
 
