@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis import agreement, scenarios
+from auvbench.analysis import agreement, following, scenarios
 from auvbench.analysis.model import Evaluation
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import integrity
@@ -134,8 +134,12 @@ def _episodes(data: bytes, summary: Mapping[str, Any], directory: Path) -> pd.Da
         frame = tables.csv(data, words=("condition",))  # one may be called 1.30
     except ValueError as error:
         raise Damage(f"episodes.csv cannot be read ({short(error)})") from error
+    try:
+        left_out = following.named(summary)
+    except ValueError as error:
+        raise Damage(str(error)) from error
     needed = ("condition", "episode", "outcome", *CORE_COLUMNS)
-    if missing := [c for c in needed if c not in frame.columns]:
+    if missing := [c for c in needed if c not in frame.columns and c not in left_out]:
         raise Damage(f"episodes.csv lacks the columns {', '.join(missing)}")
     rows = sum(expected.values())
     if len(frame) != rows:
@@ -144,7 +148,7 @@ def _episodes(data: bytes, summary: Mapping[str, Any], directory: Path) -> pd.Da
         raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows ends half way")
     _check_rows(frame, expected)
     try:
-        frame = scenarios.joined(frame, summary, directory)
+        frame = scenarios.joined(following.completed(frame, left_out), summary, directory)
     except ValueError as error:
         raise Damage(str(error)) from error
     _check_numbers(frame)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import shlex
 import sys
@@ -43,6 +44,13 @@ def parser() -> Parser:
     add("--question", metavar="TEXT", help="what the study asks, in a new README")
     add("--also", metavar="NAME,...", default="", help="further protocols, each with tables of its own")
     add("--pictures", metavar="NAME,...", default=PICTURES, help=f"figures of the README; default {PICTURES}")
+    add(
+        "--paths",
+        dest="trajectories",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="the paths of the kept test episodes, which the page's 3-D view and claims on the reward collected need",
+    )
     add("--policies", action="store_true", help="each agent's best run as an ONNX file with its card")
     return parser
 
@@ -59,6 +67,7 @@ def main(argv: Sequence[str]) -> int:
         pictures=_pictures(own["pictures"]),
         title=_line("--title", own["title"]) or Path(own["to"]).resolve().name,
         question=_line("--question", own["question"]),
+        paths=own["trajectories"],
         policies=own["policies"],
         command=shlex.join(["auvbench", "publish", *map(_placeless, argv)]),
     )
@@ -72,7 +81,7 @@ def main(argv: Sequence[str]) -> int:
     publish_readme.check(study, options)
     publish_readme.rehearse(paths, study, options)
     with storage(f"cannot write {study.folder}"):
-        runs, left_out = _ship(paths, options, study.also, study.folder)
+        runs, left_out = _ship(paths, options, study)
         count, without = publish_readme.write(study, options, {run.id: run for run in runs})
     _close(study.folder, count)
     return 1 if left_out or without else 0
@@ -134,9 +143,7 @@ def _kind(parts: Sequence[str]) -> str:
     return next((kind for kind in ("policies", "figures") if kind in parts[:-1]), "the rest")
 
 
-def _ship(
-    paths: Sequence[Path], options: Options, also: Sequence[str], folder: Path
-) -> tuple[list[RunRecord], int]:
+def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[RunRecord], int]:
     """Copies the runs; returns them as they were found, and how many things were left out, each of which is named.
 
     Raises:
@@ -146,8 +153,9 @@ def _ship(
     from auvbench.analysis.load import load, require
     from auvbench.reporting import copies, shipped
 
+    folder = study.folder
     copies.prepare(folder)
-    runs, problems = load(paths, (options.protocol, *also), options.where)
+    runs, problems = load(paths, (options.protocol, *study.also), options.where)
     require(runs, problems, options.protocol)
     _refuse_own(runs, folder)
     held = {run.id: holder for run in runs if (holder := _holder(run)) is not None}
@@ -158,7 +166,11 @@ def _ship(
     found = {run.id for run in runs} | {Path(problem.where).name for problem in problems}
     gone = [name for name in copies.names(folder) if name not in found]
     _refuse_named(paths, folder, gone)
-    left = [f"{run.id}: {said}" for run in chosen for said in shipped.ship(run, folder, options.protocol)]
+    left = [
+        f"{run.id}: {said}"
+        for run in chosen
+        for said in shipped.ship(run, folder, options.protocol, study.paths)
+    ]
     for name in gone:
         copies.remove(folder / copies.RUNS / name)
         print(f"removed {folder / copies.RUNS / name}: it is not among the runs that were named")

@@ -25,6 +25,7 @@ class Study:
     title: str
     question: str
     """empty: the author writes it"""
+    paths: bool
     policies: bool
     command: str
 

@@ -26,7 +26,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from auvbench.analysis import agreement, packed_paths, scenarios
+from auvbench.analysis import agreement, following, packed_paths, scenarios
 from auvbench.analysis.evaluations import CORE_COLUMNS, MEASURED, Damage, json_object
 from auvbench.analysis.model import Evaluation, RunRecord
 from auvbench.analysis.training import NUMBERS
@@ -57,7 +57,7 @@ FURTHER_DIGITS = 3
 """of the rows of further protocols"""
 
 
-def ship(run: RunRecord, folder: Path, protocol: str) -> list[str]:
+def ship(run: RunRecord, folder: Path, protocol: str, paths: bool = True) -> list[str]:
     """Copies what a report reads of a run, and replaces an earlier copy; one that lies there already stays as it is.
 
     Args:
@@ -65,6 +65,7 @@ def ship(run: RunRecord, folder: Path, protocol: str) -> list[str]:
             has beside them stay, where they are of the same model.
         folder: of the study, in which `copies.prepare` found nothing foreign.
         protocol: the first one, of which all columns are shipped, and the kept paths.
+        paths: whether these are shipped.
 
     Returns:
         what of the run was left out, in words.
@@ -98,9 +99,9 @@ def ship(run: RunRecord, folder: Path, protocol: str) -> list[str]:
         data = packed.content(run.directory / VALIDATION, tables.LARGEST)
         write_atomic(staged / f"{VALIDATION}{packed.SUFFIX}", packed.packed(data))
     for evaluation in run.evaluations.values():
-        _ship_evaluation(
-            evaluation, here.evaluation(evaluation.protocol), folder, evaluation.protocol == protocol
-        )
+        first = evaluation.protocol == protocol
+        target = here.evaluation(evaluation.protocol)
+        _ship_evaluation(evaluation, target, folder, first, first and paths)
     _keep_evaluations(copy, staged, run.manifest)
     if integrity.table(manifest) is not None:
         manifest[integrity.FILES] = files
@@ -123,7 +124,7 @@ def _training(run: RunRecord) -> bytes | None:
     return slim(data)
 
 
-def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: bool) -> None:
+def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: bool, paths: bool) -> None:
     rows = packed.content(evaluation.directory / "episodes.csv", tables.LARGEST)
     if wrong := agreement.of_file(evaluation.summary, "episodes.csv", rows):
         raise RunError(f"{evaluation.directory}: {wrong}: it was changed meanwhile; publish again")
@@ -132,18 +133,21 @@ def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: b
         rows, shared = scenarios.split(rows)
         if scenarios.NAMED in summary:  # a copy's
             shared = scenarios.of_study(summary[scenarios.NAMED], evaluation.directory)
+        rows, left_out = _without_following(rows, summary)
         rows = rounded(rows, DIGITS)
-        summary = agreement.renewed(summary, tables.csv(rows, words=("condition",)))
+        frame = following.completed(tables.csv(rows, words=("condition",)), left_out)
+        summary = agreement.renewed(summary, frame)
         if shared is not None:
             summary[scenarios.NAMED] = copies.put_scenarios(shared, study)
     else:
+        rows, _ = _without_following(rows, summary)
         rows = rounded(rows, FURTHER_DIGITS, FURTHER_COLUMNS)
         summary = agreement.without_means(summary)
         summary.pop(scenarios.NAMED, None)
     write_atomic(target / f"episodes.csv{packed.SUFFIX}", packed.packed(rows))
     files = dict(integrity.table(summary) or {}) | {"episodes.csv": integrity.entry(rows)}
     source = evaluation.directory / PATHS
-    if first and source.is_file():
+    if paths and source.is_file():
         data = only_paths(source)
         write_atomic(target / PATHS, data)
         files[PATHS] = integrity.entry(data)
@@ -152,6 +156,15 @@ def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: b
     if integrity.table(summary) is not None:
         summary = integrity.sealed({**summary, integrity.FILES: files})
     write_json(target / "summary.json", summary)
+
+
+def _without_following(rows: bytes, summary: dict[str, Any]) -> tuple[bytes, list[str]]:
+    """Rows without what follows from others; the summary says which columns, those that a copy left out already among them."""
+    rows, names = following.split(rows)
+    left_out = sorted({*following.named(summary), *names})
+    if left_out:
+        summary[following.NAMED] = left_out
+    return rows, left_out
 
 
 def _keep_evaluations(former: Path, staged: Path, manifest: Mapping[str, Any]) -> None:
