@@ -92,7 +92,7 @@ def test_the_transfer_to_gazebo_is_quoted_rightly():
 @pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
 def test_the_leaderboard_is_quoted_rightly(page):
     names = {"SMC, tuned": "smc_tuned", "LQR, tuned": "lqr_tuned", "PID, tuned": "pid_tuned"}
-    names |= {"PPO added to PID": "ppo_residual"}
+    names |= {"PPO added to PID": "ppo_residual", "SAC added to PID": "sac_residual"}
     table = {row["agent"]: row for row in rows(ROOT / "results" / "leaderboard" / "table.csv")}
     found = 0
     for line in (ROOT / page).read_text(encoding="utf-8").splitlines():
@@ -119,7 +119,11 @@ def conditions():
 
 
 def test_the_first_table_quotes_conditions_rightly():
-    names = {"SMC, tuned": "smc_tuned", "PPO added to PID": "ppo_residual"}
+    names = {
+        "SMC, tuned": "smc_tuned",
+        "PPO added to PID": "ppo_residual",
+        "SAC added to PID": "sac_residual",
+    }
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith("| from [the leaderboard]"))
     assert "in 1 m/s of current | other hydrodynamics |" in lines[start]
@@ -136,7 +140,7 @@ def test_the_first_table_quotes_conditions_rightly():
 
 def test_conditions_are_quoted_rightly():
     names = {"SMC, tuned": "smc_tuned", "LQR, tuned": "lqr_tuned", "PPO, tuned": "ppo_tuned"}
-    names |= {"PPO added to PID": "ppo_residual"}
+    names |= {"PPO added to PID": "ppo_residual", "SAC added to PID": "sac_residual"}
     quoted_as = {
         "still water, its own vehicle": "nominal",
         "the BlueROV2 with Wu's hydrodynamics": "vehicle=bluerov2-wu2018",
