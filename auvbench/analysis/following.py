@@ -83,6 +83,8 @@ def completed(frame: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
     Raises:
         ValueError: what a column follows from is not there, or the column is.
     """
+    if not names:
+        return frame
     for name in names:
         if name in frame.columns:
             raise ValueError(f"episodes.csv has {name}, which its summary.json says is left out")
@@ -93,8 +95,6 @@ def completed(frame: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
         name: _value(name, *(pd.to_numeric(frame[source], errors="coerce") for source in FOLLOWING[name]))
         for name in names
     }
-    if not names:
-        return frame
     whole = frame.assign(**values)
     known = [name for name in RECORD_COLUMNS if name in whole.columns]
     return whole[[*(name for name in whole.columns if name not in RECORD_COLUMNS), *known]]

@@ -89,10 +89,19 @@ def test_the_transfer_to_gazebo_is_quoted_rightly():
                 assert abs(float(number) - float(row[f"par1_change{end}"])) <= 0.51 * last, line
 
 
+NAMES = {
+    "SMC, tuned": "smc_tuned",
+    "LQR, tuned": "lqr_tuned",
+    "PID, tuned": "pid_tuned",
+    "PPO, tuned": "ppo_tuned",
+    "PPO added to PID": "ppo_residual",
+    "SAC added to PID": "sac_residual",
+}
+"""what the pages call agents of the leaderboard"""
+
+
 @pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
 def test_the_leaderboard_is_quoted_rightly(page):
-    names = {"SMC, tuned": "smc_tuned", "LQR, tuned": "lqr_tuned", "PID, tuned": "pid_tuned"}
-    names |= {"PPO added to PID": "ppo_residual", "SAC added to PID": "sac_residual"}
     table = {row["agent"]: row for row in rows(ROOT / "results" / "leaderboard" / "table.csv")}
     found = 0
     for line in (ROOT / page).read_text(encoding="utf-8").splitlines():
@@ -103,7 +112,7 @@ def test_the_leaderboard_is_quoted_rightly(page):
             or match[1].isdecimal()
         ):  # of the table of conditions
             continue
-        row = table[names.get(match[1], match[1])]
+        row = table[NAMES.get(match[1], match[1])]
         for value, key in zip(match.groups()[1:], ("", "_low", "_high"), strict=True):
             assert float(value) == pytest.approx(float(row[f"par1_steps{key}"]), abs=0.051), line
         found += 1
@@ -119,11 +128,6 @@ def conditions():
 
 
 def test_the_first_table_quotes_conditions_rightly():
-    names = {
-        "SMC, tuned": "smc_tuned",
-        "PPO added to PID": "ppo_residual",
-        "SAC added to PID": "sac_residual",
-    }
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith("| from [the leaderboard]"))
     assert "in 1 m/s of current | other hydrodynamics |" in lines[start]
@@ -132,15 +136,13 @@ def test_the_first_table_quotes_conditions_rightly():
         _, agent, _, _, *cells, _ = (cell.strip(" *") for cell in line.split("|"))
         agent = agent.removesuffix(", 5 seeds")
         for cell, condition in zip(cells, ("current=1", "vehicle=bluerov2-wu2018"), strict=True):
-            rate = 100 * float(table[names.get(agent, agent), condition]["success_rate"])
+            rate = 100 * float(table[NAMES.get(agent, agent), condition]["success_rate"])
             assert abs(float(cell) - rate) <= 0.51, line
             found += 1
     assert found >= 10
 
 
 def test_conditions_are_quoted_rightly():
-    names = {"SMC, tuned": "smc_tuned", "LQR, tuned": "lqr_tuned", "PPO, tuned": "ppo_tuned"}
-    names |= {"PPO added to PID": "ppo_residual", "SAC added to PID": "sac_residual"}
     quoted_as = {
         "still water, its own vehicle": "nominal",
         "the BlueROV2 with Wu's hydrodynamics": "vehicle=bluerov2-wu2018",
@@ -153,7 +155,7 @@ def test_conditions_are_quoted_rightly():
     table = conditions()
     lines = (ROOT / "docs/results.md").read_text(encoding="utf-8").splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith("| | MPC |"))
-    agents = [names.get(cell.strip(), cell.strip()) for cell in lines[start].split("|")[2:-1]]
+    agents = [NAMES.get(cell.strip(), cell.strip()) for cell in lines[start].split("|")[2:-1]]
     found = 0
     for line in lines[start + 2 : start + 2 + len(quoted_as)]:
         _, condition, *cells, _ = (cell.strip(" *") for cell in line.split("|"))
