@@ -126,10 +126,7 @@ def main(arguments: Sequence[str]) -> int:
         )
         try:
             if given.goal is not None and not pilot.steer_to(given.goal):
-                low, high = crew.limits.depth_low, crew.limits.depth_high
-                raise UserError(
-                    f"--goal: z={given.goal[2]:g} must be finite and within {low:g} .. {high:g} m"
-                )
+                raise UserError(f"--goal: z={given.goal[2]:g} must be finite and within {crew.limits.depths}")
             names = pilot.names
             print(
                 f"{crew.name} steers {names.namespace} at {crew.frequency:g} Hz; arm it: "

@@ -136,8 +136,7 @@ class Pilot:
             self._note(f"{GOAL}: is not finite: ignored")
             return False
         if not limits.within(waypoint[2]):
-            reach = f"{limits.depth_low:g} .. {limits.depth_high:g} m"
-            self._note(f"{GOAL}: z = {waypoint[2]:g} m, must be within {reach}: ignored")
+            self._note(f"{GOAL}: z = {waypoint[2]:g} m, must be within {limits.depths}: ignored")
             return False
         self.steering.end("another waypoint")
         self.steering.waypoint = np.array(waypoint, dtype=np.float64)
@@ -261,8 +260,7 @@ class Pilot:
             self._tell(state)
 
     def _depth(self) -> str:
-        limits = self.limits
-        return f"z = {self.pose[2]:.2f} m is not within {limits.depth_low:g} .. {limits.depth_high:g} m"
+        return f"z = {self.pose[2]:.2f} m is not within {self.limits.depths}"
 
     def _act(self, waypoint: Floats) -> None:
         try:

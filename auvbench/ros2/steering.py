@@ -58,6 +58,11 @@ class Limits:
     pose_timeout: float = 0.5  # s: zero thrust while the pose is older
     lost_after: float = 5.0  # s: disarmed when it stays older
 
+    @property
+    def depths(self) -> str:
+        """The heights to be at, in words."""
+        return f"{self.depth_low:g} .. {self.depth_high:g} m"
+
     def within(self, z: float) -> bool:
         """Whether a height in m is one to be at."""
         return self.depth_low <= z <= self.depth_high
