@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from auvbench.analysis.conditions import UNDISTURBED, UNITS, of_evaluations, split
-from auvbench.analysis.model import Agent, Condition, Evaluation
-from auvbench.reporting.figures import style
+from auvbench.analysis.conditions import UNDISTURBED, UNITS, split
+from auvbench.analysis.model import Agent
+from auvbench.reporting.figures import rates, style
 from auvbench.reporting.figures.colours import COLOURS
-from auvbench.reporting.figures.scene import MANY, Drawing, FloatArray, Scene, evaluation, shown
-from auvbench.statistics.estimate import Estimate
+from auvbench.reporting.figures.rates import Curve
+from auvbench.reporting.figures.scene import MANY, Drawing, FloatArray, Scene, shown
 
 NOMINAL_VALUES = {"current": 0.0, "delay": 0.0, "noise": 1.0, "mass": 1.0, "drag": 1.0}
 """where the undisturbed condition lies on a factor's axis; elsewhere it is a word before the others"""
 OTHER = "other conditions"
 """title of the panel of conditions without a level"""
 
-Curve = Mapping[str, Estimate]
-"""success rate in percent with its interval, by condition"""
 ROOM = 0.35
 """share of the distance between two levels that the agents' points are spread over, so that no bar covers another"""
 
@@ -48,10 +46,10 @@ def frequency_sweep(scene: Scene) -> Drawing | None:
 
 def transfer(scene: Scene) -> Drawing | None:
     """Success on each vehicle, a group of points per vehicle; None without evaluations by the transfer protocol."""
-    rates = _all_rates(scene, "transfer")
-    chosen = [agent for agent in scene.agents if agent.label in rates]
-    own = {str(agent.runs[0].config.get("vehicle.name")) for agent in chosen}
-    names = dict.fromkeys(name for curve in rates.values() for name in curve)
+    found = rates.by_agent(scene, "transfer", MANY)
+    chosen = [agent for agent in scene.agents if agent.label in found]
+    own = vehicles(chosen)
+    names = rates.names(found)
     # A run of one vehicle meets it twice: as the undisturbed condition, and among all vehicles.
     conditions = [name for name in names if UNDISTURBED not in names or {split(name)[1]} != own]
     if not chosen or len(conditions) < 2:
@@ -59,12 +57,12 @@ def transfer(scene: Scene) -> Drawing | None:
     figure = style.canvas(7.0, 1.3 + len(conditions) * (0.22 + 0.13 * len(chosen)))
     ax = figure.subplots()
     for place, agent in enumerate(chosen):
-        look, curve = scene.looks[agent.label], rates[agent.label]
+        look, curve = scene.looks[agent.label], found[agent.label]
         offset = 0.7 * ((place + 0.5) / len(chosen) - 0.5)
         for y, condition in enumerate(conditions):
-            if found := curve.get(condition):
-                ax.hlines(y + offset, found.low, found.high, color=look.colour, linewidth=1.2)
-                ax.plot(found.value, y + offset, color=look.colour, marker=look.marker, markersize=5)
+            if here := curve.get(condition):
+                ax.hlines(y + offset, here.low, here.high, color=look.colour, linewidth=1.2)
+                ax.plot(here.value, y + offset, color=look.colour, marker=look.marker, markersize=5)
     for y in range(1, len(conditions)):
         ax.axhline(y - 0.5, color="#c8c8c8", linewidth=0.7)
     ax.grid(visible=False, axis="y")
@@ -79,14 +77,14 @@ def transfer(scene: Scene) -> Drawing | None:
     caption = (
         "Test success of the same policies on other vehicles with the same actuators (protocol transfer)."
         + _intervals(scene, chosen)
-        + _tested(chosen, scene)
+        + of_how_many(chosen, scene)
     )
     return Drawing(figure, "Transfer to other vehicles", caption)
 
 
 def gazebo(scene: Scene) -> Drawing | None:
     """What Gazebo changes of PAR-1 steps, an agent per line; None without evaluations by the gazebo protocol."""
-    found = [(agent, _of(scene, agent, "gazebo")) for agent in scene.agents]
+    found = [(agent, rates.conditions(scene, agent, "gazebo")) for agent in scene.agents]
     tested = [(agent, conditions) for agent, conditions in found if any(c.par1_change for c in conditions)]
     if not tested:
         return None
@@ -117,13 +115,18 @@ def gazebo(scene: Scene) -> Drawing | None:
     return Drawing(figure, "In Gazebo", caption)
 
 
+def vehicles(agents: Sequence[Agent]) -> set[str]:
+    """Names of the vehicles that the agents were trained on."""
+    return {str(agent.runs[0].config.get("vehicle.name")) for agent in agents}
+
+
 def _curves(scene: Scene, protocol: str, title: str, caption: str) -> Drawing | None:
     """A panel per factor of the protocol, a curve per agent; None where no agent was tested by it."""
-    rates = _all_rates(scene, protocol)
-    chosen = [agent for agent in scene.agents if agent.label in rates]
+    found = rates.by_agent(scene, protocol, MANY)
+    chosen = [agent for agent in scene.agents if agent.label in found]
     if not chosen:
         return None
-    factors = _factors(rates)
+    factors = _factors(rates.names(found))
     columns = 4 if len(factors) in (4, 7, 8) else min(3, len(factors))
     lines = -(-len(factors) // columns)
     width, height = (6.4, 4.2) if len(factors) == 1 else (max(4.6, 2.9 * columns), 2.7 * lines + 0.5)
@@ -134,12 +137,12 @@ def _curves(scene: Scene, protocol: str, title: str, caption: str) -> Drawing | 
     for ax, (factor, conditions) in zip(grid.flat, factors.items(), strict=False):
         for place, agent in enumerate(chosen):
             side = (place + 0.5) / len(chosen) - 0.5
-            _curve(ax, scene, agent, rates[agent.label], factor, conditions, side)
+            _curve(ax, scene, agent, found[agent.label], factor, conditions, side)
         _axis(ax, factor, conditions)
     for ax in grid[:, 0]:
         ax.set_ylabel("success (%)")
     style.legend(figure, scene.looks_of(chosen))
-    return Drawing(figure, title, caption + _intervals(scene, chosen) + _tested(chosen, scene))
+    return Drawing(figure, title, caption + _intervals(scene, chosen) + of_how_many(chosen, scene))
 
 
 def _intervals(scene: Scene, chosen: Sequence[Agent]) -> str:
@@ -151,53 +154,20 @@ def _intervals(scene: Scene, chosen: Sequence[Agent]) -> str:
     return f" Bars: {percent} intervals over {over}; agents stand side by side at each level."
 
 
-def _tested(chosen: Sequence[Agent], scene: Scene) -> str:
-    """'' or the sentence of a caption that says why not all agents are shown."""
-    if len(chosen) == MANY:
+def of_how_many(chosen: Sequence[Agent], scene: Scene, most: int = MANY) -> str:
+    """'' or the sentence of a caption that says why not all agents are shown; `most` is how many there is room for."""
+    if len(chosen) == most:
         return shown(chosen, scene.agents)
     few = len(chosen) < len(scene.agents)
-    return f" Tested by this protocol: {len(chosen)} of {len(scene.agents)} agents." if few else ""
+    return f" Tested under these: {len(chosen)} of {len(scene.agents)} agents." if few else ""
 
 
-def _all_rates(scene: Scene, protocol: str) -> dict[str, Curve]:
-    """By label, of the best agents that were tested by the protocol."""
-    rates: dict[str, Curve] = {}
-    for agent in scene.agents:
-        if len(rates) < MANY and (found := _rates(scene, agent, protocol)):
-            rates[agent.label] = found
-    return rates
-
-
-def _rates(scene: Scene, agent: Agent, protocol: str) -> Curve:
-    """Success by condition, of the seeds that met the same scenarios as the first."""
-    conditions = _of(scene, agent, protocol)
-    return {c.name: _percent(c.success[agent.label]) for c in conditions if agent.label in c.success}
-
-
-def _of(scene: Scene, agent: Agent, protocol: str) -> tuple[Condition, ...]:
-    """What an agent did under the conditions of a protocol, of the seeds that met the same scenarios as the first."""
-    found: list[Evaluation] = []
-    for run in agent.runs:
-        here = evaluation(scene, run, protocol)
-        if here is not None and here.fingerprint == (found[0] if found else here).fingerprint:
-            found.append(here)
-    if not found:
-        return ()
-    names = [str(condition["name"]) for condition in found[0].summary["conditions"]]
-    return of_evaluations({agent.label: found}, names, scene.ranking.confidence)
-
-
-def _percent(e: Estimate) -> Estimate:
-    return Estimate(100 * e.value, 100 * e.low, 100 * e.high, e.confidence, e.covers)
-
-
-def _factors(rates: Mapping[str, Curve]) -> dict[str, list[str]]:
+def _factors(conditions: Sequence[str]) -> dict[str, list[str]]:
     """Conditions by factor, in the order of the protocol: 'current=0.5' belongs to current.
 
     The undisturbed condition, where there is one, stands first in each: it is everybody's reference.
     """
     factors: dict[str, list[str]] = {}
-    conditions = dict.fromkeys(name for curve in rates.values() for name in curve)
     for condition in conditions:
         if condition != UNDISTURBED:
             factor, level = split(condition)

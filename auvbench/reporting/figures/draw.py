@@ -20,6 +20,7 @@ FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     "trajectories": paths.trajectories,
     "failures": testing.failures,
     "cumulative_means": testing.cumulative_means,
+    "success_over_conditions": matrices.success_over_conditions,
     "robustness": conditions.robustness,
     "frequency_sweep": conditions.frequency_sweep,
     "transfer": conditions.transfer,

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
+from auvbench.analysis.conditions import UNDISTURBED, in_words, split
 from auvbench.analysis.labels import part
 from auvbench.analysis.model import Row
 from auvbench.analysis.rounding import rounded
-from auvbench.reporting.figures import style
+from auvbench.reporting.figures import rates, style
+from auvbench.reporting.figures.conditions import of_how_many, vehicles
+from auvbench.reporting.figures.rates import Curve
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene
 
 MOST_IN_MATRIX = 15
+MOST_IN_LIST = 40
+"""agents, one below the other"""
+UNDER_CONDITIONS = ("robustness", "transfer")
+"""the protocols whose conditions stand side by side"""
 
 
 def success_over_grid(scene: Scene) -> Drawing | None:
@@ -46,7 +55,7 @@ def success_over_grid(scene: Scene) -> Drawing | None:
             where = fs.index(float(row.key["step.frequency"])), ks.index(float(row.key["reward.k"]))
             values[where] = 100 * row.estimates["success_rate"].value
             texts[where] = rounded(row.estimates["success_rate"], 100)[0]  # as in the table
-        image = _heat(ax, values, "cividis", min(lowest, 90.0), 100, texts)
+        image = heat(ax, values, "cividis", min(lowest, 90.0), 100, texts)
         ax.set_title(part("algo", name) if name else "all", loc="left")
         ax.set_xticks(range(len(ks)), [f"{k:g}" for k in ks])
         ax.set_yticks(range(len(fs)), [f"{f:g}" for f in fs])
@@ -60,6 +69,63 @@ def success_over_grid(scene: Scene) -> Drawing | None:
         "run. Intervals are in the table."
     )
     return Drawing(figure, "Success over K and step frequency", caption)
+
+
+def success_over_conditions(scene: Scene) -> Drawing | None:
+    """Success of every agent under every condition of robustness and transfer; None where nobody was tested by them."""
+    curves: dict[str, dict[str, float]] = {}
+    headings: dict[str, tuple[str, str]] = {}
+    for protocol in UNDER_CONDITIONS:
+        found = rates.by_agent(scene, protocol, MOST_IN_LIST)
+        for name in _columns(scene, found, beside=bool(headings)):
+            headings[name] = in_words(name)
+            for label, curve in found.items():
+                if name in curve:
+                    curves.setdefault(label, {})[name] = curve[name].value
+    tested = [agent for agent in scene.agents if agent.label in curves][:MOST_IN_LIST]
+    if not tested or len(headings) < 2:
+        return None
+    values = np.array([[curves[a.label].get(name, np.nan) for name in headings] for a in tested])
+    texts = np.array([_whole(value) for value in values.flat], dtype=object).reshape(values.shape)
+    figure = style.canvas(2.4 + 0.34 * len(headings), 1.5 + 0.23 * len(tested))
+    ax = figure.subplots()
+    image = heat(ax, values, "cividis", 0, 100, texts)
+    factors = [split(name)[0] for name in headings]
+    for i in range(1, len(factors)):
+        if factors[i] != factors[i - 1]:
+            ax.axvline(i - 0.5, color="white", linewidth=4)
+    words = [
+        f"{factor} {level}".strip() if factor != "vehicle" else level for factor, level in headings.values()
+    ]
+    ax.set_xticks(range(len(words)), words, rotation=45, ha="right", rotation_mode="anchor")
+    ax.set_yticks(range(len(tested)), [agent.label for agent in tested])
+    figure.colorbar(image, ax=ax, label="test success (%)", shrink=0.8)
+    caption = (
+        "Test success of the same policies under each condition of robustness and on the vehicles of transfer, agents "
+        "in the order of the ranking; 100 is every episode. Intervals are in conditions.csv."
+        + of_how_many(tested, scene, MOST_IN_LIST)
+    )
+    return Drawing(figure, "Success under each condition", caption)
+
+
+def _columns(scene: Scene, found: Mapping[str, Curve], *, beside: bool) -> list[str]:
+    """The conditions of a protocol, without the undisturbed one where that stands there already."""
+    names = rates.names(found)
+    own = vehicles([agent for agent in scene.agents if agent.label in found])
+    if UNDISTURBED in names:
+        names = [
+            name for name in names if {split(name)[1]} != own
+        ]  # trained on it: the undisturbed condition again
+    return [name for name in names if not (beside and name == UNDISTURBED)]
+
+
+def _whole(percent: float) -> str:
+    """Whole percents, in which nothing but every episode is 100 and nothing but none is 0.
+
+    >>> _whole(99.97), _whole(100.0), _whole(0.2), _whole(54.5)
+    ('99', '100', '1', '54')
+    """
+    return f"{percent if percent in (0.0, 100.0) else min(max(percent, 1.0), 99.0):.0f}"
 
 
 def improvement(scene: Scene) -> Drawing | None:
@@ -81,7 +147,7 @@ def improvement(scene: Scene) -> Drawing | None:
     figure = style.canvas(side + 1.4, side)
     ax = figure.subplots()
     texts = np.array([f"{value:.0f}" for value in values.flat], dtype=object).reshape(values.shape)
-    image = _heat(ax, values, "PuOr", 0, 100, texts, cross=False)
+    image = heat(ax, values, "PuOr", 0, 100, texts, cross=False)
     ax.set_xticks(range(len(labels)), labels, rotation=45, ha="right", rotation_mode="anchor")
     ax.set_yticks(range(len(labels)), labels)
     figure.colorbar(image, ax=ax, label="row better than column (%)", shrink=0.8)
@@ -107,7 +173,7 @@ def _not_compared(n: int) -> str:
     )
 
 
-def _heat(
+def heat(
     ax: Axes,
     values: FloatArray,
     colours: str,

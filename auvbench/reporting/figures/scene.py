@@ -11,7 +11,7 @@ from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
 from auvbench.analysis.evaluations import Damage, read_evaluation
-from auvbench.analysis.model import Agent, Evaluation, Problem, Ranking, RunRecord
+from auvbench.analysis.model import Agent, Condition, Evaluation, Problem, Ranking, RunRecord
 from auvbench.analysis.training import training
 from auvbench.reporting.figures.style import Look, colour_of
 from auvbench.untrusted import packed
@@ -42,6 +42,8 @@ class Scene:
     """in the order of the ranking"""
     ranking: Ranking
     looks: Mapping[str, Look]
+    conditions: dict[tuple[str, str], tuple[Condition, ...]] = field(default_factory=dict)
+    """by label and protocol, as far as a figure has read them"""
     problems: list[Problem] = field(default_factory=list)
     """damage that came to light while drawing"""
     _training: dict[str, pd.DataFrame | None] = field(default_factory=dict)

@@ -105,6 +105,7 @@ def test_one_agent_with_one_seed_and_one_episode(name: str, tmp_path: Path) -> N
     # What compares agents, and what needs tests during training, has nothing to show.
     comparing = {
         "success_over_grid",
+        "success_over_conditions",
         "performance_profiles",
         "improvement",
         "validation_success",
@@ -120,7 +121,8 @@ def test_27_agents_stay_readable(name: str, many: Scene) -> None:
         assert drawing is not None
     for ax in drawing.canvas.axes:
         assert len([line for line in ax.lines if len(line.get_xdata()) > 2]) <= 27  # type: ignore[arg-type]
-    if name not in ("success_over_grid", "training_curves", "steps_deviation", "gazebo"):
+    whole = ("success_over_grid", "success_over_conditions", "training_curves", "steps_deviation", "gazebo")
+    if name not in whole:
         assert "of 27 agents, the best-ranked" in drawing.caption
 
 
@@ -339,7 +341,7 @@ def test_robustness_never_mixes_scenarios(small: Scene, tmp_path: Path) -> None:
     )
 
     def bars() -> np.ndarray:
-        canvas = draw("robustness", drawn_from)
+        canvas = draw("robustness", replace(drawn_from, conditions={}))
         assert canvas is not None
         return np.array([segment[:, 1] for segment in canvas.axes[0].collections[0].get_segments()])
 
@@ -397,18 +399,18 @@ def test_a_caption_says_how_many_agents_a_protocol_tested(small: Scene) -> None:
     with style.styled():
         drawing = FIGURES["transfer"](small)
         assert drawing is not None
-        assert "Tested by" not in drawing.caption
+        assert "Tested under" not in drawing.caption
     for run in small.agents[-1].runs:
         folder = run.directory / "evaluations" / "transfer"
         folder.rename(folder.with_name("away"))
     with style.styled():
-        drawing = FIGURES["transfer"](small)
+        drawing = FIGURES["transfer"](replace(small, conditions={}))
     for run in small.agents[-1].runs:
         folder = run.directory / "evaluations" / "transfer"
         folder.with_name("away").rename(folder)
     assert drawing is not None
     n = len(small.agents)
-    assert f"Tested by this protocol: {n - 1} of {n} agents." in drawing.caption
+    assert f"Tested under these: {n - 1} of {n} agents." in drawing.caption
 
 
 def test_the_sweep_has_a_line_per_agent_and_rings_the_frequency_of_training(small: Scene) -> None:
@@ -435,6 +437,45 @@ def test_transfer_has_a_group_per_vehicle_and_no_vehicle_twice(small: Scene) -> 
     assert len(points) == 3 * len(small.agents)
     # Each agent's own line within its group: no point covers another.
     assert len({float(np.asarray(point.get_ydata())[0]) for point in points}) == len(points)
+
+
+def test_all_agents_stand_under_all_conditions_each_once(small: Scene) -> None:
+    canvas = draw("success_over_conditions", small)
+    assert canvas is not None
+    ax = canvas.axes[0]
+    assert [text.get_text() for text in ax.get_yticklabels()] == [agent.label for agent in small.agents]
+    words = [text.get_text() for text in ax.get_xticklabels()]
+    assert len(words) == len(set(words)) == len(ROBUSTNESS) + 2  # and the two other vehicles
+    assert words[0] == "nominal"
+    assert {"current 0.5 m/s", "mass × 1.3", "bluerov2-wu2018"} <= set(words)
+    cells = np.asarray(ax.images[0].get_array())
+    assert cells.shape == (len(small.agents), len(words))
+    assert cells[:, 0] == pytest.approx([100 * r["success_rate"] for r in _nominal(small)])
+    runs, _ = load([run.directory for agent in small.agents for run in agent.runs], "transfer")
+    (tested,) = (found for found in agents(runs, protocol="transfer") if found)
+    expected = {c.name: c.success for c in successes(tested, "transfer", 0.95)}["vehicle=bluerov2-wu2018"]
+    column = cells[:, words.index("bluerov2-wu2018")]
+    assert column == pytest.approx([100 * expected[agent.label].value for agent in small.agents])
+    for (i, j), value in np.ndenumerate(cells):
+        text = ax.texts[i * len(words) + j].get_text()
+        assert (text == "100") == (value == 100.0), "nothing but every episode is 100"
+        assert abs(float(text) - value) <= 1.0
+
+
+def test_an_agent_without_these_protocols_is_counted_and_not_drawn(small: Scene, tmp_path: Path) -> None:
+    protocols = {"test": ("nominal",), "robustness": ("nominal", "current=1")}
+    drawn_from = build(
+        tmp_path / "runs", algorithms=("ppo", "pid"), seeds=(0, 1), episodes=10, protocols=protocols
+    )
+    for run in drawn_from.agents[-1].runs:
+        shutil.rmtree(run.directory / "evaluations" / "robustness")
+    with style.styled():
+        drawing = FIGURES["success_over_conditions"](drawn_from)
+    assert drawing is not None
+    ax = drawing.canvas.axes[0]
+    assert [text.get_text() for text in ax.get_yticklabels()] == [drawn_from.agents[0].label]
+    n = len(drawn_from.agents)
+    assert f"Tested under these: {n - 1} of {n} agents." in drawing.caption
 
 
 def _nominal(drawn_from: Scene) -> list[dict[str, float]]:
