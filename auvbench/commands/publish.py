@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from auvbench.commands.grammar import Parser
     from auvbench.runs.lock_files import Holder
 
-PICTURES = "success_over_grid,training_success,failures"
+PICTURES = "success_over_grid,success_over_conditions,training_success,failures"
 NAMED = 3
-"""runs found twice of which the one that is taken is named; more alike are counted"""
+"""runs found twice, or not tested, that are named; more alike are counted"""
 LARGEST = 25 * 10**6
 """bytes of a study beyond which a repository is the wrong place for it"""
 
@@ -123,13 +123,15 @@ def _placeless(word: str) -> str:
 
 def _close(folder: Path, runs: int) -> None:
     """The closing line: how many runs, and how many bytes of what."""
+    from auvbench.analysis.prose import counted
+
     sizes = dict.fromkeys(("test episodes", "training rows", "paths", "policies", "figures", "the rest"), 0)
     for path in folder.rglob("*"):
         if path.is_file():
             sizes[_kind(path.relative_to(folder).parts)] += path.stat().st_size
     size = sum(sizes.values())
     parts = ", ".join(f"{kind} {count / 1e6:.1f}" for kind, count in sizes.items() if count)
-    print(f"{runs} runs, {size / 1e6:.1f} MB in {os.path.relpath(folder)}: {parts}")
+    print(f"{counted(runs, 'run')}, {size / 1e6:.1f} MB in {os.path.relpath(folder)}: {parts}")
     if size > LARGEST:
         print(f"auvbench: more than {LARGEST / 1e6:.0f} MB: much for a repository", file=sys.stderr)
 
@@ -176,16 +178,27 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
         print(f"removed {folder / copies.RUNS / name}: it is not among the runs that were named")
     copies.tidy_scenarios(folder)
     ids = {run.id for run in chosen}
+    untested = [p for p in problems if p.kind == "missing"]
     left += [
         f"{p.where}: {p.message}"
         for p in problems
-        if p.kind not in ("duplicate", "unverified") and not (p.kind == "failed" and p.where in ids)
+        if p.kind not in ("missing", "duplicate", "unverified")
+        and not (p.kind == "failed" and p.where in ids)
     ]
     left += [_at_work({name: holder}) for name, holder in held.items()]
-    for line in left:
+    for line in (*left, *_in_short(untested)):
         print(f"not published: {line}")
     _say_which([p for p in problems if p.kind == "duplicate"])
-    return chosen, len(left)
+    return chosen, len(left) + len(untested)
+
+
+def _in_short(untested: Sequence[Problem]) -> list[str]:
+    """A line for each run that was not tested; one for all of them where they are many, as of a whole grid."""
+    from auvbench.analysis.prose import listed
+
+    if len(untested) <= NAMED:
+        return [f"{p.where}: {p.message}" for p in untested]
+    return [f"{listed([p.where for p in untested], NAMED)}; of the first: {untested[0].message}"]
 
 
 def _holder(run: RunRecord) -> Holder | None:

@@ -101,6 +101,17 @@ def test_a_run_at_work_is_left_out_and_its_earlier_copy_stays(first, capsys):
     assert not Path("results/alone").exists()
 
 
+def test_many_runs_that_were_not_tested_are_one_line(first, capsys):
+    untested = sorted(machine("more", ("sac",), (0, 1, 2, 3, 4, 5)))
+    for run in untested:
+        shutil.rmtree(run / "evaluations")
+    assert publish("first/outputs", "more/outputs") == 1
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("not published: "))
+    names = [run.name for run in untested]
+    assert f"{', '.join(names[:3])} and 3 more; of the first: no evaluation by protocol test" in line
+    assert sorted(p.name for p in Path(TO, "runs").iterdir()) == sorted(run.name for run in first)
+
+
 def test_a_run_that_is_damaged_or_goes_on_keeps_its_earlier_copy(first, capsys):
     assert publish("first/outputs") == 0
     (first[0] / "manifest.json").write_text("{")
