@@ -107,25 +107,31 @@ def _harmless(overall: dict[str, Estimate]) -> Finding | None:
 def _best_elsewhere(
     ranking: Ranking, agents: Sequence[Agent], overall: dict[str, Estimate]
 ) -> Finding | None:
-    """Whether the agent that is best undisturbed is so under the costliest condition too."""
+    """Whether the agents that are best undisturbed, often several with every episode, are so under the costliest condition."""
     worst = min(overall, key=lambda name: overall[name].value)
     compared = [row.label for row in ranking.rows if row.compared]
     rates = {a.label: rates_by_condition(a, ranking.protocol) for a in agents if a.label in compared}
     both = {label: r for label, r in rates.items() if UNDISTURBED in r and worst in r}
     if len(both) < 2:
         return None
-    first, last = (max(both, key=lambda a: float(both[a][c].mean())) for c in (UNDISTURBED, worst))
-    values = {a: f"{100 * both[a][worst].mean():.1f} %" for a in (first, last)}
-    if first == last:
-        text = f"{first} has the most success both undisturbed and under {said(worst)} ({values[first]})."
-        return Finding(text)
+    calm, there = ({a: float(r[c].mean()) for a, r in both.items()} for c in (UNDISTURBED, worst))
+    best, under = ([a for a in by if by[a] == max(by.values())] for by in (calm, there))
+    values = {a: f"{100 * there[a]:.1f} %" for a in both}
+    have = "has" if len(best) == 1 else "have"
+    if kept := [a for a in best if a in under]:
+        text = f"{listed(kept)} {'has' if len(kept) == 1 else 'have'} the most success both undisturbed and under {said(worst)} ({values[kept[0]]})"
+        if lost := sorted((a for a in best if a not in under), key=there.__getitem__):
+            text += f"; with as much undisturbed, {listed([f'{a} has {values[a]}' for a in lost])}"
+        return Finding(f"{text}.")
+    first, last = max(best, key=there.__getitem__), under[0]
     m = measure("success_rate")
     table = crossed([both[last][worst], both[first][worst]], rate=True)
     found = contrast(table, np.array([1.0, -1.0]), ranking.confidence)
     sure = "" if found.p_value < 1 - ranking.confidence else ", which is not resolved"
+    of = "" if len(best) == 1 else f" of {first}"
     text = (
-        f"Undisturbed {first} has the most success, under {said(worst)} {last}: {values[last]} against "
-        f"{values[first]} ({difference(found.estimate, m)}{sure})."
+        f"Undisturbed {listed(best)} {have} the most success, under {said(worst)} {listed(under)}: {values[last]} against "
+        f"{values[first]}{of} ({difference(found.estimate, m)}{sure})."
     )
     statistic = (
         "These two were chosen by looking: rank under the condition (--condition) for a test that counts all."

@@ -90,8 +90,8 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
 
     An agent with one seed is one policy: what it lacks may be its seed's luck and not the factor's doing.
 
-    Of up to three levels every pair; of more, the last (largest) with the first (smallest). An effect that cannot
-    be tested (no values, a single episode) is left out, as are agents with one training seed: they are policies, and
+    Of up to three levels every pair; of more numbers, the largest with the smallest; of more names, which have no order,
+    every pair that is matched in several cells: of one cell the table has the pair itself. An effect that cannot be tested (no values, a single episode) is left out, as are agents with one training seed: they are policies, and
     what sets two of them apart is no effect of a factor.
     """
     learners = [agent for agent in agents if learns(agent) and len(agent.outcome) > 1]
@@ -99,11 +99,14 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
     for factor in learners[0].key if learners else ():
         levels = {agent.key.get(factor) for agent in learners if _says(agent, factor)}
         ordered = sorted(levels, key=lambda level: sort_key({"": level}))
-        chosen = list(combinations(ordered, 2)) if len(ordered) <= 3 else [(ordered[0], ordered[-1])]
+        few = len(ordered) <= 3
+        names = not all(isinstance(level, int | float) for level in ordered)
+        chosen = list(combinations(ordered, 2)) if few or names else [(ordered[0], ordered[-1])]
         for second, first in chosen:
-            if pairs := matched(learners, factor, first, second):
+            pairs = matched(learners, factor, first, second)
+            if len(pairs) >= (1 if few or not names else 2):
                 estimate, p = mean_difference(pairs, m, confidence)
                 if np.isfinite(p):
-                    names = part(factor, first), part(factor, second)
-                    result.append(Effect(factor, *names, tuple(pairs), estimate, p))
+                    said = part(factor, first), part(factor, second)
+                    result.append(Effect(factor, *said, tuple(pairs), estimate, p))
     return result

@@ -109,6 +109,9 @@ def _resolved(ranking: Ranking) -> Finding | None:
     n = len(ranking.rows)
     if n < 3:
         return None
+    tested = sum(row.compared for row in ranking.rows)
+    if tested < 2:  # the first sentence says that nobody is compared
+        return None
     neighbours = sum(ranking.resolved(a, b) for a, b in pairwise(ranking.rows))
     text = f"Of the {n - 1} steps from one place of the table to the next, {neighbours or 'none'} "
     text += f"{'is' if neighbours == 1 else 'are'} resolved: "
@@ -119,7 +122,6 @@ def _resolved(ranking: Ranking) -> Finding | None:
     else:
         text += "any two neighbours may stand in the other order."
     percent = f"{100 * ranking.confidence:g} %"
-    tested = sum(row.compared for row in ranking.rows)
     of = "agents" if tested == n else "agents with several training seeds or nothing to train"
     n_pairs = tested * (tested - 1) // 2
     pairs = f"all {n_pairs} pairs of {of}" if n_pairs != 1 else f"the one pair of {of}"

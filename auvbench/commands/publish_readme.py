@@ -64,7 +64,9 @@ def _blocks(study: Study, options: Options) -> list[str]:
     policies = study.policies or best_policies.any_of_ours(study.folder)
     chosen = {"claims": bool(options.study), "policies": policies}
     return [
-        name for name in ("table", "figures", "claims", "policies", "provenance") if chosen.get(name, True)
+        name
+        for name in ("table", "findings", "figures", "claims", "policies", "provenance")
+        if chosen.get(name, True)
     ]
 
 
@@ -94,6 +96,8 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     for name in _blocks(study, options):
         if name == "table":
             texts[name] = _ranked(reports)
+        elif name == "findings":
+            texts[name] = _findings(reports)
         elif name == "figures":
             texts[name] = "\n\n".join(_figures(reports, study.pictures, folder)) or "No figure."
         elif name == "claims":
@@ -154,6 +158,18 @@ def _ranked(reports: Sequence[Report]) -> str:
         parts.append(tables.markdown(report.ranking).rstrip())
         if of_conditions := tables.conditions_markdown(report.ranking).rstrip():
             parts.append(of_conditions)
+    return "\n\n".join(parts)
+
+
+def _findings(reports: Sequence[Report]) -> str:
+    """The sentences that the data generate, section by section."""
+    from auvbench.reporting.write import finding_in_markdown
+
+    parts = []
+    for report in reports:
+        if len(reports) > 1:
+            parts.append(f"### {report.section.title[:1].upper()}{report.section.title[1:]}")
+        parts.append("\n".join(f"* {finding_in_markdown(finding)}" for finding in report.findings))
     return "\n\n".join(parts)
 
 

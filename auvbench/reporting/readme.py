@@ -18,6 +18,7 @@ from auvbench.untrusted.text import short
 
 PARTS = {
     "table": "Result",
+    "findings": "What the numbers say",
     "figures": "Figures",
     "claims": "Claims of the study",
     "policies": "Policies",

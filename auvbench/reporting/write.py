@@ -109,11 +109,11 @@ def markdown(
     return "\n\n".join(parts) + "\n"
 
 
-def verdicts(claims: Sequence[Finding]) -> str:
-    """verdicts.json: each claim of the study, in its order, with its verdict; an empty string without a study."""
-    if not claims:
-        return ""
-    return as_json([{"claim": i, **asdict(claim)} for i, claim in enumerate(claims, 1)]).decode()
+def verdicts(claims: Sequence[Finding], findings: Sequence[Finding]) -> str:
+    """verdicts.json: each claim of a study with its verdict, then each finding, both in their order; empty without any."""
+    said = [{"claim": i, **asdict(claim)} for i, claim in enumerate(claims, 1)]
+    said += [{"finding": i, **asdict(finding)} for i, finding in enumerate(findings, 1)]
+    return as_json(said).decode() if said else ""
 
 
 def finding_in_markdown(finding: Finding) -> str:

@@ -43,6 +43,12 @@ def test_a_report_gives_the_numbers_that_are_shipped(name, tmp_path, capsys):
         there = shipped / here.relative_to(tmp_path / "report")
         assert len(rows(there)) >= (3 if here.parent.name in SIMULATED else 6)
         assert_same_numbers(here.read_text(), there.read_text(), rel=1e-9, abs=1e-12)
+    said = sorted((tmp_path / "report").rglob("verdicts.json"))
+    assert said
+    for here in said:
+        there = shipped / here.relative_to(tmp_path / "report")
+        assert_same_numbers(here.read_text(), there.read_text(), rel=1e-9, abs=1e-12)
+        assert json.loads(there.read_text())
 
 
 @pytest.mark.parametrize("protocol", ["transfer", "robustness"])

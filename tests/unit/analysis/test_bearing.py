@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from auvbench.analysis import bearing
 from auvbench.analysis.bearing import robustness
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.model import Agent, Finding, Ranking
@@ -70,6 +72,48 @@ def test_who_is_best_under_the_costliest_condition_is_said(grid: Path) -> None:
     best = max(by_label, key=lambda label: by_label[label]["current=1"])
     assert best in findings[-1].text
     assert f"{100 * by_label[best]['current=1']:.1f} %" in findings[-1].text
+
+
+def of(share: float, seeds: int = 1) -> np.ndarray:
+    """(seeds, 40) with so many successes, the first ones."""
+    return np.tile(np.arange(40) < round(40 * share), (seeds, 1)).astype(float)
+
+
+@pytest.mark.parametrize(
+    ("shares", "said"),
+    [
+        (
+            {"PID": (1.0, 0.5), "PPO": (1.0, 1.0), "SAC": (1.0, 1.0)},
+            "PPO and SAC have the most success both undisturbed and under current 1 m/s (100.0 %); "
+            "with as much undisturbed, PID has 50.0 %.",
+        ),
+        (
+            {"PID": (1.0, 0.5), "PPO": (0.9, 0.4), "SAC": (0.9, 0.4)},
+            "PID has the most success both undisturbed and under current 1 m/s (50.0 %).",
+        ),
+        (
+            {"PID": (1.0, 0.5), "PPO": (1.0, 0.6), "SAC": (0.9, 0.8)},
+            "Undisturbed PID and PPO have the most success, under current 1 m/s SAC: 80.0 % against 60.0 % of PPO (+20 points",
+        ),
+        (
+            {"PID": (1.0, 0.5), "PPO": (0.9, 0.6), "SAC": (0.9, 0.8)},
+            "Undisturbed PID has the most success, under current 1 m/s SAC: 80.0 % against 50.0 % (+30 points",
+        ),
+    ],
+)
+def test_agents_that_share_the_most_success_are_all_named(grid: Path, monkeypatch, shares, said) -> None:
+    ranking, grouped, _ = found(grid)
+    rates = {
+        label: {"nominal": of(calm, seeds := 1 if label == "PID" else 3), "current=1": of(there, seeds)}
+        for label, (calm, there) in shares.items()
+    }
+    by_name = {agent.label.partition(" ")[0]: agent.label for agent in grouped}
+    known = {by_name[name]: found for name, found in rates.items()}
+    monkeypatch.setattr(bearing, "rates_by_condition", lambda agent, _: known.get(agent.label, {}))
+    text = robustness(ranking, grouped)[-1].text
+    for name, label in by_name.items():
+        text = text.replace(label, name)
+    assert text.startswith(said)
 
 
 def test_a_protocol_with_one_condition_has_nothing_to_say(grid: Path) -> None:

@@ -44,6 +44,14 @@ def test_an_unclear_one_is_not():
     assert "1 is resolved" in steps
 
 
+def test_of_policies_that_are_not_compared_no_places_are_counted():
+    agents = [
+        agent(algo, f=55, level=level, seeds=1) for algo, level in (("ppo", 3), ("sac", 1), ("ddpg", -1))
+    ]
+    assert not any("steps from one place of the table" in text for text in told(agents))
+    assert any("steps from one place of the table" in text for text in told([*agents, *grid()]))
+
+
 def test_one_agent():
     assert told([agent("sac")])[0].startswith("SAC K=1 25 Hz is the only agent: success rate ")
 
@@ -76,6 +84,32 @@ def test_cells_without_a_partner_are_left_out():
     agents = grid()[:-1]
     assert len(matched(agents, "algo", "sac", "ppo")) == 3
     assert matched(agents[:4], "algo", "sac", "ppo") == []
+
+
+FOUR = ("ddpg", "ppo", "sac", "td3")
+
+
+def test_of_many_algorithms_no_pair_is_chosen_by_its_name():
+    """First and last of an alphabet are no extremes; and of one cell the table itself has every pair, corrected for all."""
+    agents = [agent(algo, level=level) for algo, level in zip(FOUR, (4, 1, 1, -2), strict=True)]
+    assert effects(agents, SUCCESS) == []
+    both = [
+        agent(algo, k, level=level) for k in (1, 40) for algo, level in zip(FOUR, (4, 1, 1, -2), strict=True)
+    ]
+    found = {(e.first, e.second) for e in effects(both, SUCCESS) if e.factor == "algo"}
+    assert found == {
+        ("PPO", "DDPG"),
+        ("SAC", "DDPG"),
+        ("TD3", "DDPG"),
+        ("SAC", "PPO"),
+        ("TD3", "PPO"),
+        ("TD3", "SAC"),
+    }
+
+
+def test_of_many_numbers_the_largest_is_set_against_the_smallest():
+    agents = [agent("sac", k, level=level) for k, level in ((1, 2), (10, 1), (40, 1), (100, -1))]
+    assert [(e.first, e.second) for e in effects(agents, SUCCESS)] == [("K=100", "K=1")]
 
 
 def test_a_controller_that_does_not_learn_has_no_part_in_effects():

@@ -26,6 +26,7 @@ from auvbench.reporting.shipped import (
     TRAINING_DIGITS,
     rounded,
 )
+from auvbench.reporting.tables.markdown import escape
 from auvbench.runs import integrity
 from tests.numbers import assert_same_numbers
 from tests.synthetic import write_experiment
@@ -60,21 +61,35 @@ def test_a_report_of_what_is_shipped_has_the_same_numbers(runs, tmp_path, study)
     assert report("outputs/grid", "--out", "before", *study) == 0
     assert report("results/grid", "--out", "after", *study) == 0
     names = {path.name for path in (tmp_path / "before").iterdir()}
-    assert {"table.csv", "comparisons.csv"} <= names
-    assert ("verdicts.json" in names) == bool(study)
+    assert {"table.csv", "comparisons.csv", "verdicts.json"} <= names
     for name in names:
         shipped, before = tmp_path / "results/grid" / name, tmp_path / "before" / name
         assert shipped.read_bytes() == (tmp_path / "after" / name).read_bytes()
         assert_same_numbers(shipped.read_text(), before.read_text())
 
 
-def test_the_verdicts_are_the_claims_of_the_study(runs, tmp_path):
+def test_the_verdicts_are_the_claims_of_the_study_and_the_findings(runs, tmp_path):
     assert publish("--pictures", "failures", "--study", "thesis") == 0
     verdicts = json.loads((tmp_path / "results/grid/verdicts.json").read_text())
-    assert [v["claim"] for v in verdicts] == list(range(1, len(verdicts) + 1))
-    assert {v["verdict"] for v in verdicts} <= {"holds", "does not hold", "cannot be said"}
+    claims = [v for v in verdicts if "claim" in v]
+    assert [v["claim"] for v in claims] == list(range(1, 8))
+    assert {v["verdict"] for v in claims} <= {"holds", "does not hold", "cannot be said"}
     text = (tmp_path / "results/grid/README.md").read_text()
-    assert all(f"{v['claim']}. " in text for v in verdicts)
+    assert all(f"{v['claim']}. " in text for v in claims)
+    findings = verdicts[len(claims) :]
+    assert [v["finding"] for v in findings] == list(range(1, len(findings) + 1))
+    assert findings
+    said = text.partition("<!-- begin: findings -->")[2].partition("<!-- end: findings -->")[0]
+    assert said.count("\n* ") == len(findings)
+    assert all(escape(v["text"]) in said for v in findings)
+
+
+def test_without_a_study_the_verdicts_are_the_findings(runs, tmp_path):
+    assert publish("--pictures", "failures") == 0
+    verdicts = json.loads((tmp_path / "results/grid/verdicts.json").read_text())
+    assert [v["finding"] for v in verdicts] == list(range(1, len(verdicts) + 1))
+    assert all(v["text"] for v in verdicts)
+    assert any(v["run_ids"] for v in verdicts)
 
 
 def test_nothing_of_the_machine_and_nothing_that_only_training_needs(runs, tmp_path):
