@@ -100,6 +100,7 @@ NAMES = {
     "LQR, tuned": "lqr_tuned",
     "PID, tuned": "pid_tuned",
     "PPO, tuned": "ppo_tuned",
+    "MPC, tuned": "mpc_tuned",
     "PPO added to PID": "ppo_residual",
     "SAC added to PID": "sac_residual",
 }
