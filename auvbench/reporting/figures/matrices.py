@@ -103,6 +103,7 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
     caption = (
         "Test success of the same policies under each condition of robustness and on the vehicles of transfer, agents "
         "in the order of the ranking; 100 is every episode. Intervals are in conditions.csv."
+        + (" A cross: not tested." if np.isnan(values).any() else "")
         + of_how_many(tested, scene, MOST_IN_LIST)
     )
     return Drawing(figure, "Success under each condition", caption)

@@ -476,6 +476,24 @@ def test_an_agent_without_these_protocols_is_counted_and_not_drawn(small: Scene,
     assert [text.get_text() for text in ax.get_yticklabels()] == [drawn_from.agents[0].label]
     n = len(drawn_from.agents)
     assert f"Tested under these: {n - 1} of {n} agents." in drawing.caption
+    assert "cross" not in drawing.caption
+
+
+def test_what_an_agent_was_not_tested_under_is_crossed_out(small: Scene, tmp_path: Path) -> None:
+    protocols = {"test": ("nominal",), "robustness": ("nominal", "current=1"), "transfer": TRANSFER}
+    drawn_from = build(
+        tmp_path / "runs", algorithms=("ppo", "pid"), seeds=(0, 1), episodes=10, protocols=protocols
+    )
+    for run in drawn_from.agents[-1].runs:
+        shutil.rmtree(run.directory / "evaluations" / "robustness")
+    with style.styled():
+        drawing = FIGURES["success_over_conditions"](drawn_from)
+    assert drawing is not None
+    ax = drawing.canvas.axes[0]
+    missing = np.isnan(np.asarray(ax.images[0].get_array(), dtype=float))
+    assert missing.tolist() == [[False] * 4, [True, True, False, False]]
+    assert [text.get_text() for text in ax.texts].count("✕") == 2
+    assert "A cross: not tested." in drawing.caption
 
 
 def _nominal(drawn_from: Scene) -> list[dict[str, float]]:
