@@ -17,7 +17,7 @@ from auvbench.analysis.load import agents, load
 from auvbench.analysis.rounding import rounded
 from auvbench.reporting.figures import FIGURES, colour_of, draw_all, multiples, style, training
 from auvbench.reporting.figures.colours import _rgb, oklab
-from auvbench.reporting.figures.scene import Scene, scene, wants_symlog
+from auvbench.reporting.figures.scene import Drawing, Scene, scene, wants_symlog
 from auvbench.statistics import wilson
 from tests.plain_ranking import plain_ranking
 from tests.synthetic import FREQUENCY_SWEEP, GAZEBO, ROBUSTNESS, TRANSFER, seal, write_experiment
@@ -462,16 +462,20 @@ def test_all_agents_stand_under_all_conditions_each_once(small: Scene) -> None:
         assert abs(float(text) - value) <= 1.0
 
 
-def test_an_agent_without_these_protocols_is_counted_and_not_drawn(small: Scene, tmp_path: Path) -> None:
-    protocols = {"test": ("nominal",), "robustness": ("nominal", "current=1")}
-    drawn_from = build(
-        tmp_path / "runs", algorithms=("ppo", "pid"), seeds=(0, 1), episodes=10, protocols=protocols
-    )
+def last_without_robustness(folder: Path, **protocols: tuple[str, ...]) -> tuple[Scene, Drawing]:
+    """Two agents, of whom the last was not tested by `robustness`, and their matrix."""
+    tested = {"test": ("nominal",), "robustness": ("nominal", "current=1"), **protocols}
+    drawn_from = build(folder, algorithms=("ppo", "pid"), seeds=(0, 1), episodes=10, protocols=tested)
     for run in drawn_from.agents[-1].runs:
         shutil.rmtree(run.directory / "evaluations" / "robustness")
     with style.styled():
         drawing = FIGURES["success_over_conditions"](drawn_from)
     assert drawing is not None
+    return drawn_from, drawing
+
+
+def test_an_agent_without_these_protocols_is_counted_and_not_drawn(tmp_path: Path) -> None:
+    drawn_from, drawing = last_without_robustness(tmp_path / "runs")
     ax = drawing.canvas.axes[0]
     assert [text.get_text() for text in ax.get_yticklabels()] == [drawn_from.agents[0].label]
     n = len(drawn_from.agents)
@@ -479,16 +483,8 @@ def test_an_agent_without_these_protocols_is_counted_and_not_drawn(small: Scene,
     assert "cross" not in drawing.caption
 
 
-def test_what_an_agent_was_not_tested_under_is_crossed_out(small: Scene, tmp_path: Path) -> None:
-    protocols = {"test": ("nominal",), "robustness": ("nominal", "current=1"), "transfer": TRANSFER}
-    drawn_from = build(
-        tmp_path / "runs", algorithms=("ppo", "pid"), seeds=(0, 1), episodes=10, protocols=protocols
-    )
-    for run in drawn_from.agents[-1].runs:
-        shutil.rmtree(run.directory / "evaluations" / "robustness")
-    with style.styled():
-        drawing = FIGURES["success_over_conditions"](drawn_from)
-    assert drawing is not None
+def test_what_an_agent_was_not_tested_under_is_crossed_out(tmp_path: Path) -> None:
+    _, drawing = last_without_robustness(tmp_path / "runs", transfer=TRANSFER)
     ax = drawing.canvas.axes[0]
     missing = np.isnan(np.asarray(ax.images[0].get_array(), dtype=float))
     assert missing.tolist() == [[False] * 4, [True, True, False, False]]
