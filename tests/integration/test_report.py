@@ -80,7 +80,8 @@ def test_the_same_runs_give_the_same_bytes(grid: list[Path], tmp_path: Path) -> 
     for _ in range(2):
         report(grid[0].parent, "--format", "md,tex,csv,html", "--no-figures", "--out", tmp_path / "out")
         written.append({path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()})
-    assert len(written[0]) == 5
+    assert len(written[0]) == 6
+    assert "verdicts.json" in written[0]
     assert written[0] == written[1]
 
 
