@@ -91,7 +91,8 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
     An agent with one seed is one policy: what it lacks may be its seed's luck and not the factor's doing.
 
     Of up to three levels every pair; of more numbers, the largest with the smallest; of more names, which have no order,
-    every pair that is matched in several cells: of one cell the table has the pair itself. An effect that cannot be tested (no values, a single episode) is left out, as are agents with one training seed: they are policies, and
+    every pair that is matched in several cells: of one cell the table has the pair itself. An effect that cannot be
+    tested (no values, a single episode) is left out, as are agents with one training seed: they are policies, and
     what sets two of them apart is no effect of a factor.
     """
     learners = [agent for agent in agents if learns(agent) and len(agent.outcome) > 1]

@@ -154,11 +154,16 @@ def _ranked(reports: Sequence[Report]) -> str:
     parts = []
     for report in reports:
         if len(reports) > 1:
-            parts.append(f"### {report.section.title[:1].upper()}{report.section.title[1:]}")
+            parts.append(_heading(report))
         parts.append(tables.markdown(report.ranking).rstrip())
         if of_conditions := tables.conditions_markdown(report.ranking).rstrip():
             parts.append(of_conditions)
     return "\n\n".join(parts)
+
+
+def _heading(report: Report) -> str:
+    """Of a section, where there are several."""
+    return f"### {report.section.title[:1].upper()}{report.section.title[1:]}"
 
 
 def _findings(reports: Sequence[Report]) -> str:
@@ -168,7 +173,7 @@ def _findings(reports: Sequence[Report]) -> str:
     parts = []
     for report in reports:
         if len(reports) > 1:
-            parts.append(f"### {report.section.title[:1].upper()}{report.section.title[1:]}")
+            parts.append(_heading(report))
         parts.append("\n".join(f"* {finding_in_markdown(finding)}" for finding in report.findings))
     return "\n\n".join(parts)
 

@@ -55,7 +55,7 @@ def success_over_grid(scene: Scene) -> Drawing | None:
             where = fs.index(float(row.key["step.frequency"])), ks.index(float(row.key["reward.k"]))
             values[where] = 100 * row.estimates["success_rate"].value
             texts[where] = rounded(row.estimates["success_rate"], 100)[0]  # as in the table
-        image = heat(ax, values, "cividis", min(lowest, 90.0), 100, texts)
+        image = _heat(ax, values, "cividis", min(lowest, 90.0), 100, texts)
         ax.set_title(part("algo", name) if name else "all", loc="left")
         ax.set_xticks(range(len(ks)), [f"{k:g}" for k in ks])
         ax.set_yticks(range(len(fs)), [f"{f:g}" for f in fs])
@@ -89,7 +89,7 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
     texts = np.array([_whole(value) for value in values.flat], dtype=object).reshape(values.shape)
     figure = style.canvas(2.4 + 0.34 * len(headings), 1.5 + 0.23 * len(tested))
     ax = figure.subplots()
-    image = heat(ax, values, "cividis", 0, 100, texts)
+    image = _heat(ax, values, "cividis", 0, 100, texts)
     factors = [split(name)[0] for name in headings]
     for i in range(1, len(factors)):
         if factors[i] != factors[i - 1]:
@@ -114,9 +114,8 @@ def _columns(scene: Scene, found: Mapping[str, Curve], *, beside: bool) -> list[
     names = rates.names(found)
     own = vehicles([agent for agent in scene.agents if agent.label in found])
     if UNDISTURBED in names:
-        names = [
-            name for name in names if {split(name)[1]} != own
-        ]  # trained on it: the undisturbed condition again
+        # The vehicle that all were trained on is the undisturbed condition again.
+        names = [name for name in names if {split(name)[1]} != own]
     return [name for name in names if not (beside and name == UNDISTURBED)]
 
 
@@ -148,7 +147,7 @@ def improvement(scene: Scene) -> Drawing | None:
     figure = style.canvas(side + 1.4, side)
     ax = figure.subplots()
     texts = np.array([f"{value:.0f}" for value in values.flat], dtype=object).reshape(values.shape)
-    image = heat(ax, values, "PuOr", 0, 100, texts, cross=False)
+    image = _heat(ax, values, "PuOr", 0, 100, texts, cross=False)
     ax.set_xticks(range(len(labels)), labels, rotation=45, ha="right", rotation_mode="anchor")
     ax.set_yticks(range(len(labels)), labels)
     figure.colorbar(image, ax=ax, label="row better than column (%)", shrink=0.8)
@@ -174,7 +173,7 @@ def _not_compared(n: int) -> str:
     )
 
 
-def heat(
+def _heat(
     ax: Axes,
     values: FloatArray,
     colours: str,
