@@ -1,12 +1,16 @@
-"""Paths of a test as a study ships them: to a tenth of a millimetre, in a seventh of the room.
+"""Paths of a test as a study ships them: to a millimetre, in a tenth of the room.
 
 A vehicle has inertia: from step to step its velocity changes little, so that the second differences of its positions are
-small numbers. Of each condition a shipped trajectories.npz has
+small numbers. A shipped trajectories.npz has
+
+    units                  (4,) of x, y, z and the time: 1 mm, 1 mm, 1 mm, 1 us, in m and s
+
+and of each condition
 
     episodes_<condition>   (E,) int64
     points_<condition>     (E,) int64: positions of each
     waypoints_<condition>  (E, 3) as they were, m
-    changes_<condition>    (B, sum of the points, 4) uint8: x, y, z in units of 0.1 mm and the time in us as whole numbers,
+    changes_<condition>    (B, sum of the points, 4) uint8: x, y, z and the time in these units as whole numbers,
                            their second differences along the points, signs folded in (0, -1, 1, -2, ... as 0, 1, 2, 3, ...),
                            in B bytes each, the least significant first
 """
@@ -23,8 +27,8 @@ from numpy.typing import NDArray
 Packed = tuple[int, NDArray[Any], NDArray[Any], NDArray[Any]]
 """episode, waypoint (3,) m, positions (T + 1, 3) m, times (T + 1,) s"""
 
-UNITS = np.array([1e-4, 1e-4, 1e-4, 1e-6])
-"""m, m, m, s"""
+UNITS = np.array([1e-3, 1e-3, 1e-3, 1e-6])
+"""m, m, m, s: of what is packed; a file is read in the units that it names"""
 LARGEST = 1e9
 """m and s: more is no path of a vehicle, and counts of `UNITS` and their differences stay whole numbers of 64 bits"""
 _CHANGES = "changes_"
@@ -46,7 +50,7 @@ def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
         if name.startswith("position_"):
             condition, _, number = name.removeprefix("position_").rpartition("_")
             episodes.setdefault(condition, []).append(int(number))
-    kept: dict[str, NDArray[Any]] = {}
+    kept: dict[str, NDArray[Any]] = {"units": UNITS}
     for condition, numbers in episodes.items():
         tables = []
         for episode in sorted(numbers):
@@ -78,14 +82,14 @@ def _changes(values: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.moveaxis(bytes_[..., :size], -1, 0))
 
 
-def _values(changes: NDArray[np.uint8]) -> NDArray[np.float64]:
+def _values(changes: NDArray[np.uint8], units: NDArray[np.float64]) -> NDArray[np.float64]:
     """What `_changes` was given, to half a unit."""
     bytes_ = np.zeros((*changes.shape[1:], 8), dtype=np.uint8)
     bytes_[..., : len(changes)] = np.moveaxis(changes, 0, -1)
     folded = bytes_.view("<u8")[..., 0]
     second = (folded >> np.uint64(1)).astype(np.int64) ^ -(folded & np.uint64(1)).astype(np.int64)
     counts = np.cumsum(np.cumsum(second, axis=0), axis=0)
-    return np.asarray(counts * UNITS)
+    return np.asarray(counts * units)
 
 
 def unpack(arrays: Mapping[str, NDArray[Any]], condition: str) -> Iterator[Packed]:
@@ -99,6 +103,9 @@ def unpack(arrays: Mapping[str, NDArray[Any]], condition: str) -> Iterator[Packe
     episodes, points, waypoints, changes = (
         np.asarray(arrays[f"{kind}_{condition}"]) for kind in ("episodes", "points", "waypoints", "changes")
     )
+    units = np.asarray(arrays["units"])
+    if units.shape != (4,) or units.dtype != np.float64 or not ((units > 0) & (units < LARGEST)).all():
+        raise ValueError("units are not those of x, y, z and time")
     n = len(episodes) if episodes.ndim == 1 and episodes.dtype.kind == "i" else -1
     sound = (
         points.shape == (n,) and points.dtype.kind == "i" and (points > 0).all() and waypoints.shape == (n, 3)
@@ -112,7 +119,7 @@ def unpack(arrays: Mapping[str, NDArray[Any]], condition: str) -> Iterator[Packe
         raise ValueError(f"changes_{condition} holds no paths")
     if not sound or int(points.sum()) != changes.shape[1]:
         raise ValueError(f"changes_{condition} is not of the episodes that are named")
-    values = _values(changes)
+    values = _values(changes, units)
     ends = np.cumsum(points)
     for episode, waypoint, end, count in zip(episodes, waypoints, ends, points, strict=True):
         table = values[end - count : end]

@@ -8,7 +8,7 @@
                                                                   protocols to three, and the columns that every report needs
     <folder>/scenarios/<digest>.csv.bz2                           what the rows of the first protocol have in common: waypoints,
                                                                   starts and distances, as they were
-    <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths to 0.1 mm, packed, of the first protocol alone
+    <folder>/runs/<run id>/evaluations/<protocol>/trajectories.npz  paths to 1 mm, packed, of the first protocol alone
     <folder>/runs/<run id>/train/episodes.csv.bz2                  the columns that a report reads
     <folder>/runs/<run id>/train/validation.csv.bz2                as it was, compressed
 
