@@ -73,11 +73,19 @@ def host(threads: int = 1) -> dict[str, Any]:
     return {"name": platform.node(), "cpu": _processor(), "cores": os.cpu_count(), "threads": threads}
 
 
-def _processor() -> str:
+def _processor(information: Path = Path("/proc/cpuinfo")) -> str:
+    """The processor's name; many virtual machines give one without a number ("AMD EPYC"), which gets family and model:
+    machines of one name and several generations need not compute the same bits.
+    """
+    found: dict[str, str] = {}
     try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
+        for line in information.read_text(encoding="utf-8").splitlines():
+            key, _, value = line.partition(":")
+            found.setdefault(key.strip(), value.strip())
     except OSError:
         pass
-    return platform.processor() or platform.machine()
+    name = found.get("model name") or platform.processor() or platform.machine()
+    numbers = (found.get("cpu family"), found.get("model"))
+    if all(numbers) and not any(character.isdigit() for character in name):
+        return f"{name} (family {numbers[0]}, model {numbers[1]})"
+    return name

@@ -32,3 +32,26 @@ def test_a_new_file_counts_where_it_is_read(
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text("a: 1\n")
     assert provenance.git.__wrapped__()["dirty"] is dirty
+
+
+@pytest.mark.parametrize(
+    ("lines", "name"),
+    [
+        (
+            "cpu family\t: 26\nmodel\t\t: 2\nmodel name\t: AMD EPYC\n\ncpu family\t: 25",
+            "AMD EPYC (family 26, model 2)",
+        ),
+        (
+            "cpu family\t: 6\nmodel\t\t: 85\nmodel name\t: Intel(R) Xeon(R) Gold 6248",
+            "Intel(R) Xeon(R) Gold 6248",
+        ),
+        ("model name\t: Virtual CPU\n", "Virtual CPU"),
+    ],
+)
+def test_a_processor_without_a_number_is_told_by_its_family(tmp_path: Path, lines: str, name: str) -> None:
+    (tmp_path / "cpuinfo").write_text(lines)
+    assert provenance._processor(tmp_path / "cpuinfo") == name
+
+
+def test_where_the_system_says_nothing_the_processor_is_named_all_the_same(tmp_path: Path) -> None:
+    assert provenance._processor(tmp_path / "none")
