@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import LARGEST
 from auvbench.analysis.model import Agent, Finding, RunRecord
 from auvbench.analysis.prose import listed
@@ -65,6 +66,38 @@ def action_time(agent: Agent, protocol: str, which: str) -> Estimate | None:
 def training_time(agent: Agent) -> Estimate | None:
     """Seconds of processor cores that a training took, the mean over the agent's runs; None where a manifest does not say."""
     return _mean([run.manifest.get("cpu_time_s") or None for run in agent.runs])  # 0.0: nothing was trained
+
+
+def machines(agents: Sequence[Agent], protocol: str, columns: Sequence[str]) -> tuple[str, ...]:
+    """Sentences on the columns of times, where these were taken on processors of several kinds."""
+    said = []
+    if any(name.startswith("action_") for name in columns):
+        said.append(
+            (
+                "Times of an action",
+                {a.label: [_timed(r, protocol).get("cpu") for r in a.runs] for a in agents},
+            )
+        )
+    if "training_cpu_s" in columns:
+        hosts = {a.label: [r.manifest.get("host") for r in a.runs] for a in agents if learns(a)}
+        named = {k: [h.get("cpu") for h in v if isinstance(h, Mapping)] for k, v in hosts.items()}
+        said.append(("Times of a training", named))
+    return tuple(text for what, named in said if (text := _several(what, named)))
+
+
+def _several(what: str, named: Mapping[str, Sequence[Any]]) -> str:
+    """Which agents' times are of which processor, the one of most agents without their names; '' where all are of one."""
+    holders: dict[str, list[str]] = {}
+    for label, cpus in named.items():
+        for cpu in dict.fromkeys(cpu for cpu in cpus if isinstance(cpu, str)):
+            holders.setdefault(cpu, []).append(label)
+    if len(holders) < 2:
+        return ""
+    first, *others = sorted(holders.items(), key=lambda item: (-len(item[1]), item[0]))
+    parts = [f"{cpu} ({listed(labels, 6)})" for cpu, labels in others]
+    return (
+        f"{what} are of {first[0]} but for {'; '.join(parts)}: of different processors they do not compare."
+    )
 
 
 def _mean(found: Sequence[Any]) -> Estimate | None:

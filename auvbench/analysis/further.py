@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from auvbench.analysis import limit
-from auvbench.analysis.acting import action_time, training_time
+from auvbench.analysis.acting import action_time, machines, training_time
 from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import NO_POLICY, Agent, Problem, Ranking
@@ -153,4 +153,10 @@ def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]
             if found is not None:
                 added[name] = found
         rows.append(replace(row, estimates={**row.estimates, **added}))
-    return replace(ranking, rows=tuple(rows), columns=tuple(names), problems=tuple(dict.fromkeys(problems)))
+    return replace(
+        ranking,
+        rows=tuple(rows),
+        columns=tuple(names),
+        machines=machines(agents, ranking.protocol, names),
+        problems=tuple(dict.fromkeys(problems)),
+    )

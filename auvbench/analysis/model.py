@@ -210,6 +210,8 @@ class Ranking:
     """smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1)"""
     columns: tuple[str, ...] = ()
     """further columns that were asked for, as names of `further.COLUMNS`"""
+    machines: tuple[str, ...] = ()
+    """which of the times among them were taken on other processors; nothing where all are of one"""
     notices: tuple[str, ...] = ()
     """what must be read before the table: unequal budgets of training"""
     agreement: str = ""

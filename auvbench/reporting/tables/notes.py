@@ -139,6 +139,7 @@ def cautions(ranking: Ranking) -> list[str]:
     several = [row for row in ranking.rows if row.trained and 1 < len(row.seeds) <= FEW_SEEDS]
     rates = [row.estimates["success_rate"].value for row in several if "success_rate" in row.estimates]
     found = [ranking.agreement] if ranking.agreement else []
+    found += ranking.machines
     if any(0 < rate < NEAR_AN_END or rate > 1 - NEAR_AN_END for rate in rates):
         found.append(
             "Rates beyond 90 % (or below 10 %) of few training seeds: where trainings differ as strongly as some do, their "

@@ -15,6 +15,7 @@ from auvbench.analysis.further import with_columns
 from auvbench.analysis.model import Agent, Evaluation
 from auvbench.analysis.ranking import rank
 from auvbench.reporting.tables import columns
+from auvbench.reporting.tables.notes import notes
 from tests.unit.analysis.agents import agent
 
 INFERENCE = {"median_ms": 7.5, "p95_ms": 20.0, "cpu": "EPYC", "cores": 2}
@@ -91,3 +92,28 @@ def test_the_cores_of_a_training_are_a_column_where_all_manifests_say(times: Any
 )
 def test_a_test_that_does_not_say_gives_no_time(inference: Any) -> None:
     assert action_time(mpc(inference=inference), "test", "median_ms") is None
+
+
+def on(cpu: Any, made: Agent) -> Agent:
+    """The agent as tested and trained on a processor of this name."""
+    made = evaluated(made, inference={**INFERENCE, "cpu": cpu})
+    host = {"host": {"cpu": cpu}, "cpu_time_s": 3.0}
+    return replace(made, runs=tuple(replace(run, manifest={**run.manifest, **host}) for run in made.runs))
+
+
+def test_times_of_different_processors_are_told_apart_below_the_table() -> None:
+    agents = [on("old", agent("pid", seeds=1)), on("old", agent("sac")), on("new", agent("ppo"))]
+    said = with_columns(rank(agents), agents, ["action_ms", "training_cpu_s"]).machines
+    end = "of different processors they do not compare."
+    assert said == (
+        f"Times of an action are of old but for new ({agents[2].label}): {end}",
+        f"Times of a training are of new but for old ({agents[1].label}): {end}",
+    )
+    assert with_columns(rank(agents), agents, []).machines == ()
+    assert set(said) <= set(notes(with_columns(rank(agents), agents, ["action_ms", "training_cpu_s"])))
+
+
+@pytest.mark.parametrize("cpu", ["old", None, 7, ["x"]])
+def test_nothing_is_said_of_one_processor_or_of_no_name(cpu: Any) -> None:
+    agents = [on(cpu, agent("sac")), on("old", agent("ppo"))]
+    assert with_columns(rank(agents), agents, ["action_ms", "training_cpu_s"]).machines == ()
