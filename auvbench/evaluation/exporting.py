@@ -5,7 +5,6 @@ The format of both is in docs/policies-as-files.md.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.agents.base import Agent
+from auvbench.agents.base import LEARNERS, RESIDUAL, Agent
 from auvbench.config import schema
 from auvbench.config.agents import learns
 from auvbench.config.clock import step_limit
@@ -26,7 +25,7 @@ from auvbench.policies.exported import NETWORK
 from auvbench.runs import identity, integrity, provenance
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.durable import sha256, storage
-from auvbench.runs.files import write_atomic
+from auvbench.runs.files import as_lines, write_atomic
 from auvbench.runs.plan import load_config
 from auvbench.untrusted import inside
 from auvbench.vehicles import sheet
@@ -35,7 +34,11 @@ from auvbench.vehicles.model import VehicleModel
 
 LIMIT = 1e-5
 """largest difference between an action of the file and the run's own that is let through, unless the last bits of an
-observation change the run's own by more: large weights magnify any rounding"""
+observation change the run's own by much: large weights magnify any rounding"""
+
+ROUNDINGS = 4.0
+"""times that change: an observation is rounded once, and what is made of it in each of the layers again, in an order of
+summation that is the library's own"""
 
 STEPS = 100
 """of each of the test episodes whose observations the file is checked on"""
@@ -85,10 +88,7 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
     network = getattr(agent, "network", None)
     found = None if network is None else network()
     if found is None:
-        raise NoNetworkError(
-            f"{run.path}: the actions of {config.algo.name} are not those of a network that answers each observation "
-            "by itself; it is not exported"
-        )
+        raise NoNetworkError(f"{run.path}: {no_network(config.algo.name)}")
     policy, scaling = found
     vehicle = sheet.load(config.vehicle)
     n_u = len(vehicle.actuators)
@@ -106,7 +106,7 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
     inside.check_output(target.parent, (target.name, cards.card_path(target).name))
     with storage(f"cannot write into {target.parent}"):
         # The card first: it names the file's digest, so that an old file beside it is noticed.
-        write_atomic(cards.card_path(target), as_text(card))
+        write_atomic(cards.card_path(target), as_lines(card))
         write_atomic(target, data)
     return Export(run, target, cards.card_path(target), count, difference)
 
@@ -132,7 +132,7 @@ def compare(
     limit = LIMIT
     if not difference <= limit:
         nudged = [np.nextafter(seen, np.float32(way), dtype=np.float32) for way in (-np.inf, np.inf)]
-        limit = max(limit, *(float(np.abs(agent.act(near) - own).max()) for near in nudged))
+        limit = max(limit, *(ROUNDINGS * float(np.abs(agent.act(near) - own).max()) for near in nudged))
     if not difference <= limit:
         raise RunError(
             f"{where}: the exported network's actions differ from the run's by {difference:.3g}, more than {limit:.3g}; "
@@ -199,25 +199,22 @@ def make_card(
     }
 
 
-def as_text(card: Mapping[str, Any]) -> bytes:
-    """JSON to be read by people too: short lists stay on one line."""
-    lines = []
-    for key, value in card.items():
-        if isinstance(value, list) and value:
-            inner = ",\n".join(f"    {json.dumps(item, allow_nan=False)}" for item in value)
-            text = f"[\n{inner}\n  ]"
-        else:
-            text = json.dumps(value, allow_nan=False)
-        lines.append(f"  {json.dumps(key)}: {text}")
-    return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
-
-
 def _refuse_others(run: RunDirectory, config: schema.TrainConfig) -> None:
     """What has nothing that a file of weights could hold."""
     if config.algo.agent == "onnx":
         raise NoNetworkError(f"{run.path}: its policy is an ONNX file already: {run.model / NETWORK}")
     if not learns(config.algo):
         raise NoNetworkError(f"{run.path}: {computed(config.algo.name)}")
+
+
+def answers_by_itself(agent: str) -> bool:
+    """Whether the actions of a learner of this name (`algo.agent`) are those of a network that sees an observation alone."""
+    return LEARNERS.get(agent) != RESIDUAL and agent != "recurrent_ppo"
+
+
+def no_network(name: str) -> str:
+    """Why a learner has no file of which that is not so."""
+    return f"the actions of {name} are not those of a network that answers each observation by itself; it is not exported"
 
 
 def computed(name: str) -> str:

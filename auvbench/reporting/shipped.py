@@ -35,7 +35,7 @@ from auvbench.errors import RunError
 from auvbench.reporting import copies
 from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.files import write_atomic, write_json
+from auvbench.runs.files import as_lines, write_atomic
 from auvbench.runs.manifest_fields import SHIPPED
 from auvbench.untrusted import archives, packed, reading, tables
 from auvbench.untrusted.text import short
@@ -105,7 +105,7 @@ def ship(run: RunRecord, folder: Path, protocol: str, paths: bool = True) -> lis
     _keep_evaluations(copy, staged, run.manifest)
     if integrity.table(manifest) is not None:
         manifest[integrity.FILES] = files
-    write_json(here.manifest_path, integrity.sealed({**manifest, SHIPPED: True}))
+    write_atomic(here.manifest_path, as_lines(integrity.sealed({**manifest, SHIPPED: True})))
     copies.put(staged, copy)
     return problems
 
@@ -155,7 +155,7 @@ def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: b
         files.pop(PATHS, None)
     if integrity.table(summary) is not None:
         summary = integrity.sealed({**summary, integrity.FILES: files})
-    write_json(target / "summary.json", summary)
+    write_atomic(target / "summary.json", as_lines(summary))
 
 
 def _without_following(rows: bytes, summary: dict[str, Any]) -> tuple[bytes, list[str]]:

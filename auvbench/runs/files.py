@@ -103,3 +103,16 @@ def write_json(path: Path, value: Any) -> None:
 def as_json(value: Any) -> bytes:
     """Indented JSON; NaN is refused."""
     return (json.dumps(value, indent=2, allow_nan=False) + "\n").encode()
+
+
+def as_lines(value: Mapping[str, Any]) -> bytes:
+    """JSON to be read by people too, in less room: an entry a line, and each item of a list; NaN is refused."""
+    lines = []
+    for key, entry in value.items():
+        if isinstance(entry, list) and entry:
+            inner = ",\n".join(f"    {json.dumps(item, allow_nan=False)}" for item in entry)
+            text = f"[\n{inner}\n  ]"
+        else:
+            text = json.dumps(entry, allow_nan=False)
+        lines.append(f"  {json.dumps(key)}: {text}")
+    return ("{\n" + ",\n".join(lines) + "\n}\n").encode()

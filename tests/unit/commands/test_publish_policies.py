@@ -92,6 +92,22 @@ def test_what_is_there_is_kept_also_without_the_weights(runs, capsys):
     assert "## Policies" in readme
 
 
+def test_of_what_is_no_network_that_is_the_reason_wherever_its_weights_are(runs, capsys):
+    made = [trained(Path("outputs"), f"algo={name}") for name in ("ppo_residual", "recurrent_ppo")]
+    for run in made:
+        write_evaluation(run.path, "test", ("nominal",), 20)
+    assert publish("outputs", "--policies") == 0
+    assert publish(str(TO), "--policies") == 0
+    said = capsys.readouterr().out
+    for run in made:
+        assert (
+            said.count(
+                f"({run.id}): the actions of {run.config()['algo']['name']} are not those of a network"
+            )
+            == 2
+        )
+
+
 def test_one_that_is_no_longer_best_goes_and_others_files_stay(runs, capsys):
     assert publish("outputs", "--policies") == 0
     policies = TO / "policies"

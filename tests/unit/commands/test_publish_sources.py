@@ -74,6 +74,20 @@ def test_a_study_that_grows_keeps_its_copies_and_gives_the_numbers_of_all(first,
     assert_same_numbers(table(TO), everything)
 
 
+def test_further_protocols_grow_too_though_their_copies_have_fewer_columns(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    protocols = {"test": ("nominal",), "robustness": ("nominal", "current=1")}
+    for name, algorithms in (("first", ("lqr", "pid")), ("second", ("ppo", "sac"))):
+        folder = Path(name) / "outputs" / "grid"
+        write_experiment(folder, algorithms=algorithms, seeds=(0, 1), episodes=12, protocols=protocols)
+    words = ("--also", "robustness")
+    assert publish("first/outputs", *words) == 0
+    assert publish(TO, "second/outputs", *words) == 0
+    grown = (Path(TO) / "robustness" / "conditions.csv").read_text()
+    assert publish("first/outputs", "second/outputs", *words, to="results/at_once") == 0
+    assert_same_numbers(grown, Path("results/at_once/robustness/conditions.csv").read_text())
+
+
 def test_of_a_run_in_both_the_run_itself_is_taken(first, capsys):
     assert publish("first/outputs") == 0
     before = {path: data for path, (data, _) in files(f"{TO}/runs").items()}
