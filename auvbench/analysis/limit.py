@@ -16,6 +16,7 @@ import numpy as np
 
 from auvbench import statistics as st
 from auvbench.analysis.model import Agent, Limit, Ranking
+from auvbench.analysis.prose import counted, listed
 from auvbench.evaluation.bounds import files
 from auvbench.statistics import crossed
 from auvbench.statistics.estimate import Estimate
@@ -142,10 +143,14 @@ def sentences(limit: Limit) -> list[str]:
         f"contestant, so no rank. Proven: no less than {limit.proven_seconds:.2f} s on average; the limit is "
         f"{limit.gap:.2f} times what is proven (median)."
     ]
-    for label, count, seconds in limit.beaten:
+    if limit.beaten:
+        parts = [
+            f"{label} in {counted(count, 'scenario')} (by at most {seconds:.2g} s)"
+            for label, count, seconds in sorted(limit.beaten, key=lambda agent: -agent[1])
+        ]
         found.append(
-            f"{label} arrived sooner than what was computed in {count} scenario{'' if count == 1 else 's'}, by at most "
-            f"{seconds:.2g} s: the limit there is its time."
+            f"Some arrived sooner than what was computed: {listed(parts, len(parts))}; there the limit is the time of the "
+            "soonest agent."
         )
     return found
 

@@ -154,3 +154,16 @@ def test_an_agent_without_success_has_no_ratio(tmp_path: Path) -> None:
     ranking = ranked([never, timed("sac", tmp_path, 1.5)])
     row = next(row for row in ranking.rows if row.label == never.label)
     assert limit.COLUMN not in row.estimates
+
+
+def test_agents_that_were_quicker_stand_in_one_sentence_the_most_frequent_first(tmp_path: Path) -> None:
+    write(tmp_path)
+    agents = [timed("sac", tmp_path, 0.95), timed("ppo", tmp_path, 0.9), timed("pid", tmp_path, 2.0)]
+    ranking = ranked(agents)
+    assert ranking.limit is not None
+    counts = {label: count for label, count, _ in ranking.limit.beaten}
+    (said,) = [line for line in limit.sentences(ranking.limit) if "sooner" in line]
+    places = [said.index(label) for label in sorted(counts, key=lambda label: -counts[label])]
+    assert len(places) == 2
+    assert places == sorted(places)
+    assert said.endswith("there the limit is the time of the soonest agent.")
