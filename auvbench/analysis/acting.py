@@ -70,34 +70,32 @@ def training_time(agent: Agent) -> Estimate | None:
 
 def machines(agents: Sequence[Agent], protocol: str, columns: Sequence[str]) -> tuple[str, ...]:
     """Sentences on the columns of times, where these were taken on processors of several kinds."""
-    said = []
+    taken: dict[str, dict[str, list[Any]]] = {}
     if any(name.startswith("action_") for name in columns):
-        said.append(
-            (
-                "Times of an action",
-                {a.label: [_timed(r, protocol).get("cpu") for r in a.runs] for a in agents},
-            )
-        )
+        taken["an action"] = {a.label: [_timed(run, protocol) for run in a.runs] for a in agents}
     if "training_cpu_s" in columns:
-        hosts = {a.label: [r.manifest.get("host") for r in a.runs] for a in agents if learns(a)}
-        named = {k: [h.get("cpu") for h in v if isinstance(h, Mapping)] for k, v in hosts.items()}
-        said.append(("Times of a training", named))
-    return tuple(text for what, named in said if (text := _several(what, named)))
+        learners = [a for a in agents if learns(a)]
+        taken["a training"] = {a.label: [run.manifest.get("host") for run in a.runs] for a in learners}
+    return tuple(text for what, places in taken.items() if (text := _several(what, places)))
 
 
-def _several(what: str, named: Mapping[str, Sequence[Any]]) -> str:
-    """Which agents' times are of which processor, the one of most agents without their names; '' where all are of one."""
+def _several(what: str, places: Mapping[str, Sequence[Any]]) -> str:
+    """Which agents' times are of which processor, the one of most agents without their names; '' where all are of one.
+
+    Args:
+        what: took the time.
+        places: by an agent's label what its files say of the machines, `cpu` among it.
+    """
     holders: dict[str, list[str]] = {}
-    for label, cpus in named.items():
-        for cpu in dict.fromkeys(cpu for cpu in cpus if isinstance(cpu, str)):
+    for label, found in places.items():
+        named = [place.get("cpu") for place in found if isinstance(place, Mapping)]
+        for cpu in dict.fromkeys(cpu for cpu in named if isinstance(cpu, str)):
             holders.setdefault(cpu, []).append(label)
     if len(holders) < 2:
         return ""
-    first, *others = sorted(holders.items(), key=lambda item: (-len(item[1]), item[0]))
-    parts = [f"{cpu} ({listed(labels, 6)})" for cpu, labels in others]
-    return (
-        f"{what} are of {first[0]} but for {'; '.join(parts)}: of different processors they do not compare."
-    )
+    (most, _), *others = sorted(holders.items(), key=lambda item: (-len(item[1]), item[0]))
+    parts = "; ".join(f"{cpu} ({listed(labels, 6)})" for cpu, labels in others)
+    return f"Times of {what} are of {most} but for {parts}: of different processors they do not compare."
 
 
 def _mean(found: Sequence[Any]) -> Estimate | None:

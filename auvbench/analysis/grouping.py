@@ -197,9 +197,8 @@ def _agent(
     metrics["time_to_goal_s"] = np.where(outcome == 0, metrics["duration_s"], np.nan)
     for column in OF_THE_SCENARIO:  # those of a training that failed are everybody's
         if column in metrics:
-            known = next(
-                frame for frame in rows.values() if column in frame
-            )  # not all copies have all columns
+            # A copy's rows may lack the column.
+            known = next(frame for frame in rows.values() if column in frame)
             scenario = known[column].to_numpy(dtype=np.float64)
             metrics[column] = np.where(np.isnan(metrics[column]), scenario, metrics[column])
     evaluations = [e for run in group if (e := run.evaluations.get(protocol)) is not None]

@@ -77,6 +77,7 @@ def test_an_exported_policy_acts_as_its_run_does(tmp_path: Path, overrides: tupl
     done = exporting.export(run, tmp_path / "out")
     assert done.path == tmp_path / "out" / f"{run.id}.onnx"
     assert done.observations > 6000
+    assert exporting.answers_by_itself(run.config()["algo"]["agent"])
     assert 0.0 < done.difference <= exporting.LIMIT
     # Independently of the check that `export` makes itself.
     policy = exported.load(done.path)
@@ -155,13 +156,14 @@ def test_large_weights_magnify_rounding_in_the_run_as_in_the_file(
     assert done.difference <= check["limit"] < 1e-2
 
 
-@pytest.mark.parametrize("algo", ["recurrent_ppo", "ppo_residual"])
+@pytest.mark.parametrize("algo", ["recurrent_ppo", "ppo_residual", "sac_residual"])
 def test_what_is_more_than_a_network_is_not_exported(
     tmp_path: Path, algo: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = trained(tmp_path, f"algo={algo}")
     assert cli.main(["export", str(run.path)]) == 2
     assert f"the actions of {algo} are not those of a network that answers each" in capsys.readouterr().err
+    assert not exporting.answers_by_itself(run.config()["algo"]["agent"])
 
 
 @pytest.mark.parametrize(
