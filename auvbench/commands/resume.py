@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from auvbench.commands.grammar import Parser
 from auvbench.errors import AuvbenchError, ConfigError, RunError
+from auvbench.runs.identity import OPERATIONAL
 
 if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory
@@ -21,6 +22,8 @@ _EPILOG = """examples:
   auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e  finish this one
   auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e train.total_steps=2000000
                                                            go on to a larger budget, in a run of its own
+  auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e simulator.namespace=bluerov2
+                                                           go on with another value of a key that changes no result
 
 A resumed run ends with the same bits as one that was never interrupted; docs/resume.md says what that means.
 """
@@ -34,14 +37,17 @@ def main(arguments: Sequence[str]) -> int:
         raise ConfigError("resume: name at least one run or folder, e.g. auvbench resume outputs")
     if given.workers < 0:
         raise ConfigError(f"--workers {given.workers}: must be at least 0 (0: as many as cores)")
-    total = _budget(overrides)
+    total, operational = _budget(overrides)
 
     from auvbench.runs.directory import find_runs
 
     runs = find_runs(paths)
     _refuse_copies(runs)
+    if operational:
+        _renew(runs, operational, write=total is None)
     if total is not None:
         runs = _extended(runs, total, shlex.join(["auvbench", "resume", *arguments]))
+        _renew(runs, operational)
     return _one(runs[0]) if len(runs) == 1 else _several(runs, given.workers)
 
 
@@ -53,7 +59,10 @@ def parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "runs", nargs="*", metavar="RUN", help=f"run directories or folders; {BUDGET}=N extends"
+        "runs",
+        nargs="*",
+        metavar="RUN",
+        help=f"run directories or folders; {BUDGET}=N extends; KEY=VALUE for {', '.join(OPERATIONAL)}",
     )
     parser.add_argument("--workers", type=int, default=0, help="runs at once (default: as many as cores)")
     return parser
@@ -78,21 +87,31 @@ def _is_override(text: str) -> bool:
     return "=" in text and not Path(text).exists()
 
 
-def _budget(overrides: Sequence[str]) -> int | None:
-    """The number in `train.total_steps=N`, the one override that continues a run instead of making another."""
+def _budget(overrides: Sequence[str]) -> tuple[int | None, list[str]]:
+    """Return the number in `train.total_steps=N`, and the other overrides."""
     from auvbench.config.hints import whole
 
-    total = None
+    total, others = None, []
     for override in overrides:
         key, _, value = override.partition("=")
         if key != BUDGET:
-            raise ConfigError(
-                f"{override}: resume changes nothing but {BUDGET}; another value is another run: auvbench train"
-            )
+            others.append(override)
+            continue
         total = whole(value)
         if total is None:
             raise ConfigError(f"{override}: {value!r} is not a whole number")
-    return total
+    return total, others
+
+
+def _renew(runs: Sequence[RunDirectory], overrides: Sequence[str], write: bool = True) -> None:
+    """Store other operational values in runs, once all runs accept them."""
+    from auvbench.runs.directory import renew
+    from auvbench.runs.plan import renewed
+
+    configs = [renewed(run, overrides) for run in runs]
+    if write:
+        for run, config in zip(runs, configs, strict=True):
+            renew(run, config)
 
 
 def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[RunDirectory]:

@@ -190,11 +190,12 @@ def place(config: Mapping[str, Any]) -> RunDirectory:
 
 
 def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
-    """Makes the directory of a run with its configuration and a pending manifest; keeps one that is there.
+    """Make the directory of a run with its configuration and a pending manifest, or find the one that exists.
+
+    A run that exists and is not complete takes over what the configuration says beyond its identity.
 
     Raises:
-        RunError: the directory is there with another configuration (the difference is shown), or it cannot be
-            written.
+        RunError: the directory holds another configuration (the difference is shown), or cannot be written.
         TrainingError: the disk is full or failing.
     """
     run = place(config)
@@ -208,7 +209,7 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
                 "Restore it, or remove the directory"
             )
         if there == here:
-            _renew(run, frozen, config)
+            renew(run, config)
         return run
     try:
         make_folder(run.path)
@@ -222,17 +223,18 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
     return run
 
 
-def _renew(run: RunDirectory, frozen: Mapping[str, Any], config: Mapping[str, Any]) -> None:
-    """Takes over what may be typed anew for a run that goes on: it cannot change the result."""
-    renewed = dict(frozen)
-    for group, key in (("simulator", "threads"), ("train", "checkpoint"), ("train", "progress")):
-        if key in config[group]:  # not every simulator has threads
-            renewed[group] = {**renewed[group], key: config[group][key]}
-    if renewed != frozen and run.manifest()["state"] != "complete":
-        try:
-            run.write_config(renewed)
-        except OSError as error:
-            raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
+def renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
+    """Store a configuration of the same identity in a run that is not complete.
+
+    Raises:
+        RunError: the run cannot be written.
+    """
+    if run.config() == config or run.manifest()["state"] == "complete":
+        return
+    try:
+        run.write_config(config)
+    except OSError as error:
+        raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
 
 
 def _fresh_manifest(run: RunDirectory, config: Mapping[str, Any], command: str) -> dict[str, Any]:

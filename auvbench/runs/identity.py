@@ -17,22 +17,27 @@ from auvbench.config.agents import learns
 SCHEMA_VERSION = 1
 """Of the run directory's layout and of the meaning of its configuration; part of every hash."""
 
-NEUTRAL = (
-    "name",
-    "output",
-    "launcher",
-    "algo.path",
+OPERATIONAL = (
     "simulator.threads",
     "simulator.namespace",
     "simulator.timeout",
     "train.checkpoint",
     "train.progress",
+)
+"""Keys that say how a run is carried out. A run that goes on takes them from the latest command."""
+
+NEUTRAL = (
+    "name",
+    "output",
+    "launcher",
+    "algo.path",
+    *OPERATIONAL,
     "algo.residual.pid.name",
     "algo.residual.pid.n_envs",
     "algo.residual.pid.tuned",
 )
-"""Keys that cannot change a run's result: where it lies, how it is launched, saved and watched, what PID is called that
-a learner is added to."""
+"""Keys that cannot change a run's result: its place, its launcher, how it is carried out, and the labels of the PID
+to which a residual learner adds."""
 
 LATER: dict[str, Any] = {
     "task.time_limit": None,
@@ -48,6 +53,15 @@ REPLACED = {"task.time_limit": "task.max_steps", "algo.horizon_s": "algo.gamma"}
 
 _DESCRIPTIVE = ("source", "sources", "unit", "title", "remarks", "comment")
 """Entries of a vehicle sheet that describe numbers; a better citation is not another vehicle."""
+
+
+def is_operational(key: str) -> bool:
+    """Return whether a dotted key is in `OPERATIONAL` or below one of its keys.
+
+    >>> is_operational("train.checkpoint.keep"), is_operational("train.total_steps")
+    (True, False)
+    """
+    return any(key == known or key.startswith(f"{known}.") for known in OPERATIONAL)
 
 
 def relevant(config: Mapping[str, Any]) -> dict[str, Any]:

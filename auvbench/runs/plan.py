@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from omegaconf import DictConfig, OmegaConf
+from collections.abc import Sequence
+from typing import Any
 
+from omegaconf import DictConfig, OmegaConf
+from yaml import YAMLError
+
+from auvbench.config import overrides as grammar
 from auvbench.config import schema
 from auvbench.config.compose import typed
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
-from auvbench.runs import interpolations, policy_files
+from auvbench.runs import identity, interpolations, policy_files
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.vehicles import pace, sheet
 from auvbench.vehicles.inspect import shortest_time_constant
@@ -59,6 +64,30 @@ def prepare(config: DictConfig, command: str = "") -> RunDirectory:
     # Before the manifest, which says that there is a run.
     policy_files.keep(place(plain), plain)
     return freeze(plain, command)
+
+
+def renewed(run: RunDirectory, overrides: Sequence[str]) -> dict[str, object]:
+    """Return the configuration of a run with other operational values, e.g. `simulator.namespace=b`.
+
+    Raises:
+        ConfigError: a key belongs to the run's identity or is unknown, or a value is wrong.
+        RunError: the directory is no run, or its configuration was changed.
+    """
+    config: Any = OmegaConf.create(run.check())
+    for override in grammar.read(overrides):
+        key = override.partition("=")[0]
+        if not identity.is_operational(key):
+            raise ConfigError(
+                f"{override}: another value is another run (auvbench train); a run that goes on takes other values of "
+                f"{', '.join(identity.OPERATIONAL)}"
+            )
+        try:
+            change = OmegaConf.from_dotlist([override])
+        except YAMLError as error:
+            raise ConfigError(f"{override}: the value cannot be read; quote it") from error
+        config = OmegaConf.merge(config, change)
+    typed(config)
+    return _plain(config)
 
 
 def _settled(config: DictConfig) -> DictConfig:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from omegaconf import OmegaConf
 
+from auvbench.cli import main
 from auvbench.config.compose import compose
-from auvbench.errors import RunError
+from auvbench.errors import ConfigError, RunError
 from auvbench.runs import identity
 from auvbench.runs.directory import RunDirectory, find_runs, freeze, place
-from auvbench.runs.plan import prepare
+from auvbench.runs.plan import prepare, renewed
 
 
 def plain(*overrides: str) -> dict:
@@ -155,7 +158,7 @@ def test_damaged_files_are_named(tmp_path):
         run.config()
 
 
-def test_what_cannot_change_the_result_may_be_typed_anew(tmp_path):
+def test_what_cannot_change_the_result_is_taken_from_the_latest_command(tmp_path):
     first = freeze(plain(f"output={tmp_path}"))
     again = freeze(plain(f"output={tmp_path}", "simulator.threads=2", "train.checkpoint.keep=7"))
     assert again.path == first.path
@@ -164,3 +167,44 @@ def test_what_cannot_change_the_result_may_be_typed_anew(tmp_path):
     again.update_manifest(state="complete")
     freeze(plain(f"output={tmp_path}"))
     assert again.check()["simulator"]["threads"] == 2  # a complete run says how it was made
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "value"),
+    [
+        ("simulator.namespace=bluerov2", "simulator.namespace", "bluerov2"),
+        ("simulator.timeout=3", "simulator.timeout", 3.0),
+        ("train.progress=false", "train.progress", False),
+        ("launcher.workers=7", "launcher.workers", 7),
+    ],
+)
+def test_a_run_that_goes_on_takes_what_is_typed_beyond_its_identity(override, key, value, tmp_path):
+    words = (f"output={tmp_path}", "simulator=ros2", "simulator.namespace=blurov2")
+    first = freeze(plain(*words))
+    first.update_manifest(state="failed")
+    assert freeze(plain(*words, override)).path == first.path
+    assert OmegaConf.select(OmegaConf.create(first.check()), key) == value
+
+
+def test_operational_values_of_a_run_are_replaced_and_others_are_refused(tmp_path):
+    run = freeze(plain(f"output={tmp_path}", "simulator=ros2", "simulator.namespace=blurov2"))
+    found = renewed(run, ["simulator.namespace=bluerov2", "train.checkpoint.steps=1e3"])
+    assert found["simulator"]["namespace"] == "bluerov2"
+    assert found["train"]["checkpoint"]["steps"] == 1000
+    for wrong in (
+        "reward.k=2",
+        "name=other",
+        "simulator.threads=2",
+        "simulator.timeout=-1",
+        "simulator.timeout=[",
+    ):
+        with pytest.raises(ConfigError, match=re.escape(wrong.partition("=")[0])):
+            renewed(run, [wrong])
+
+
+def test_resume_takes_operational_values(tmp_path, capsys):
+    run = freeze(plain(f"output={tmp_path}", "algo=pid", "simulator=ros2", "simulator.namespace=blurov2"))
+    assert main(["resume", str(run.path), "simulator.namespace=bluerov2"]) == 0
+    assert run.check()["simulator"]["namespace"] == "bluerov2"
+    assert main(["resume", str(run.path), "seed=7"]) == 2
+    assert "seed=7: another value is another run" in capsys.readouterr().err
