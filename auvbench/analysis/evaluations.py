@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis import agreement, following, scenarios
+from auvbench.analysis import consistency, derived_columns, scenarios
 from auvbench.analysis.model import Evaluation
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import integrity
@@ -99,7 +99,7 @@ def read_evaluation(directory: Path) -> Evaluation:
     except (OSError, ValueError) as error:
         raise Damage(f"episodes.csv cannot be read ({short(error)})") from error
     episodes = _episodes(data, summary, directory)
-    wrong = agreement.of_file(summary, path.name, data) or agreement.of_rows(summary, episodes)
+    wrong = consistency.of_file(summary, path.name, data) or consistency.of_rows(summary, episodes)
     if wrong:
         raise Damage(wrong)
     return Evaluation(
@@ -135,7 +135,7 @@ def _episodes(data: bytes, summary: Mapping[str, Any], directory: Path) -> pd.Da
     except ValueError as error:
         raise Damage(f"episodes.csv cannot be read ({short(error)})") from error
     try:
-        left_out = following.named(summary)
+        left_out = derived_columns.named(summary)
     except ValueError as error:
         raise Damage(str(error)) from error
     needed = ("condition", "episode", "outcome", *CORE_COLUMNS)
@@ -148,7 +148,7 @@ def _episodes(data: bytes, summary: Mapping[str, Any], directory: Path) -> pd.Da
         raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows ends half way")
     _check_rows(frame, expected)
     try:
-        frame = scenarios.joined(following.completed(frame, left_out), summary, directory)
+        frame = scenarios.joined(derived_columns.completed(frame, left_out), summary, directory)
     except ValueError as error:
         raise Damage(str(error)) from error
     _check_numbers(frame)

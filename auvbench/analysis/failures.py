@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.analysis.formatting import counted, difference, listed
 from auvbench.analysis.measures import measure
 from auvbench.analysis.model import NO_POLICY, Agent, Finding
-from auvbench.analysis.prose import counted, difference, listed
 from auvbench.record import OUTCOMES
 from auvbench.statistics import holm
 from auvbench.statistics.estimate import Estimate

@@ -8,17 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from auvbench.analysis.acting import solves
-from auvbench.analysis.bearing import robustness
+from auvbench.analysis.compute_cost import solves
 from auvbench.analysis.effects import Effect, effects, learns
 from auvbench.analysis.failures import failures
-from auvbench.analysis.generalising import training_and_test
-from auvbench.analysis.labels import factor_name
-from auvbench.analysis.measures import Measure, measure
-from auvbench.analysis.model import Agent, Finding, Ranking, Row
-from auvbench.analysis.pairwise import BETTER, EQUIVALENT, WORSE
-from auvbench.analysis.planning import advice
-from auvbench.analysis.prose import (
+from auvbench.analysis.formatting import (
     amount,
     counted,
     difference,
@@ -29,7 +22,14 @@ from auvbench.analysis.prose import (
     turned,
     unit,
 )
+from auvbench.analysis.labels import factor_name
+from auvbench.analysis.measures import Measure, measure
+from auvbench.analysis.model import Agent, Finding, Ranking, Row
+from auvbench.analysis.pairwise import BETTER, EQUIVALENT, WORSE
+from auvbench.analysis.planning import advice
+from auvbench.analysis.robustness import robustness
 from auvbench.analysis.timing import confounded, separated
+from auvbench.analysis.train_test_gap import training_and_test
 from auvbench.statistics import EPISODES_ONLY, holm
 from auvbench.statistics.estimate import Estimate
 

@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 
 from auvbench.analysis.effects import run_learns
+from auvbench.analysis.grouping_keys import differing, level, refined, trained
 from auvbench.analysis.labels import labels, part, sort_key
 from auvbench.analysis.measures import OF_THE_SCENARIO
 from auvbench.analysis.model import NO_POLICY, Agent, Evaluation, Problem, RunRecord
-from auvbench.analysis.refining import differing, level, refined, trained
 from auvbench.analysis.timing import in_seconds
 from auvbench.errors import ReportError, closest
 from auvbench.record import OUTCOMES

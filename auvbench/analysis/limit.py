@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from auvbench import statistics as st
+from auvbench.analysis.formatting import counted, listed
 from auvbench.analysis.model import Agent, Limit, Ranking
-from auvbench.analysis.prose import counted, listed
 from auvbench.evaluation.bounds import files
 from auvbench.statistics import crossed
 from auvbench.statistics.estimate import Estimate

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from auvbench.analysis import agreement
+from auvbench.analysis import consistency
 from auvbench.analysis.evaluations import LARGEST, Damage, is_name, json_object, read_evaluation
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.model import Problem, RunRecord
@@ -184,7 +184,7 @@ def _run(directory: Path) -> RunRecord:
         if not is_name(manifest[key]):
             raise Damage(f"manifest.json has the {key} {_brief(manifest[key])}, which is no name")
     config, flat = _config(directory / "config.yaml")
-    if wrong := agreement.of_run(manifest, config):
+    if wrong := consistency.of_run(manifest, config):
         raise Damage(wrong)
     return RunRecord(
         id=manifest["id"],
@@ -303,7 +303,7 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
             continue
         try:
             found = read_evaluation(directory)
-            if foreign := agreement.of_evaluation(run.manifest, found.summary, name):
+            if foreign := consistency.of_evaluation(run.manifest, found.summary, name):
                 raise Damage(foreign, "foreign")
             evaluations[name] = found
         except Damage as damage:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from auvbench.analysis.effects import learns
+from auvbench.analysis.formatting import listed, unit
 from auvbench.analysis.measures import Measure
 from auvbench.analysis.model import Agent
-from auvbench.analysis.prose import listed, unit
 from auvbench.statistics import means
 
 FEW = 4

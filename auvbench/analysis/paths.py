@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.analysis import agreement, packed_paths
+from auvbench.analysis import consistency, packed_paths
 from auvbench.analysis.evaluations import Damage, finite
 from auvbench.untrusted import archives, reading
 from auvbench.untrusted.text import short
@@ -50,7 +50,7 @@ def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
     except UNREADABLE as error:
         raise Damage(f"trajectories.npz cannot be read: {short(error)}") from error
     # Last, for what can be said of the damage says more.
-    if wrong := agreement.of_neighbour(file, data):
+    if wrong := consistency.of_neighbour(file, data):
         raise Damage(wrong)
     yield from found
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from auvbench.analysis.effects import learns
+from auvbench.analysis.formatting import name, unit
 from auvbench.analysis.measures import Measure
 from auvbench.analysis.model import Agent, Finding, Ranking
-from auvbench.analysis.prose import name, unit
 from auvbench.analysis.rounding import significant
 from auvbench.errors import ReportError
 from auvbench.statistics import power as st

@@ -7,8 +7,8 @@ import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from auvbench.analysis.grouping_keys import DESCRIPTIVE
 from auvbench.analysis.model import Problem, RunRecord
-from auvbench.analysis.refining import DESCRIPTIVE
 
 OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
 """beginnings of keys of a run that a protocol takes over into its test"""

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.analysis.effects import learns, mean_difference
+from auvbench.analysis.formatting import difference, listed, name
 from auvbench.analysis.measures import Measure
 from auvbench.analysis.model import Agent, Finding, RunRecord
-from auvbench.analysis.prose import difference, listed, name
 
 OF_TIME = ("step.frequency", "task.time_limit", "algo.horizon_s", "task.max_steps", "algo.gamma")
 """keys of a grouping that set how long an episode and how far a discount is, beside the frequency itself"""

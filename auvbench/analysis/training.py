@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from auvbench.analysis import agreement
+from auvbench.analysis import consistency
 from auvbench.analysis.evaluations import Damage, finite
 from auvbench.analysis.model import RunRecord
 from auvbench.record import OUTCOMES
@@ -40,6 +40,6 @@ def training(run: RunRecord) -> pd.DataFrame | None:
         raise Damage(f"{name} has the outcome {min(bad)!r}, none of {', '.join(OUTCOMES)}")
     if not finite(frame[list(NUMBERS)].to_numpy()):
         raise Damage(f"{name} is cut short or has values that are not finite numbers")
-    if wrong := agreement.of_file(run.manifest, name, data):
+    if wrong := consistency.of_file(run.manifest, name, data):
         raise Damage(f"train/{wrong}")
     return frame

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from auvbench.analysis.formatting import listed
 from auvbench.analysis.model import Agent, RunRecord
-from auvbench.analysis.prose import listed
 
 
 def tuned_on_these(agents: Sequence[Agent], protocol: str) -> str:

@@ -58,7 +58,7 @@ FURTHER = (
     "action_p95_ms",
     "training_cpu_s",
 )
-"""of `report --columns`; those of `analysis.further`, whose import takes too long for a key press"""
+"""of `report --columns`; those of `analysis.optional_columns`, whose import takes too long for a key press"""
 
 VALUES: dict[str, Callable[[], Sequence[str]]] = {
     "--protocol": _protocols,

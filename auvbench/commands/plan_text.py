@@ -95,7 +95,7 @@ def design(found: dict[str, Any], options: Options, basis: Basis, m: Measure) ->
 
 def _what(basis: Basis, m: Measure) -> str:
     """What is to be told apart, in words."""
-    from auvbench.analysis.prose import name, unit
+    from auvbench.analysis.formatting import name, unit
 
     low, high = basis.values
     if m.rate:
@@ -104,7 +104,7 @@ def _what(basis: Basis, m: Measure) -> str:
 
 
 def _differ(basis: Basis, m: Measure) -> str:
-    from auvbench.analysis.prose import counted, unit
+    from auvbench.analysis.formatting import counted, unit
 
     of = " logits" if m.rate else unit(m)
     if basis.agents == 0:

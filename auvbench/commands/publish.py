@@ -123,7 +123,7 @@ def _placeless(word: str) -> str:
 
 def _close(folder: Path, runs: int) -> None:
     """The closing line: how many runs, and how many bytes of what."""
-    from auvbench.analysis.prose import counted
+    from auvbench.analysis.formatting import counted
 
     sizes = dict.fromkeys(("test episodes", "training rows", "paths", "policies", "figures", "the rest"), 0)
     for path in folder.rglob("*"):
@@ -194,7 +194,7 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
 
 def _in_short(untested: Sequence[Problem]) -> list[str]:
     """A line for each run that was not tested; one for all of them where they are many, as of a whole grid."""
-    from auvbench.analysis.prose import listed
+    from auvbench.analysis.formatting import listed
 
     if len(untested) <= NAMED:
         return [f"{p.where}: {p.message}" for p in untested]

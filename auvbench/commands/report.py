@@ -15,7 +15,7 @@ from auvbench.errors import ReportError, UserError
 from auvbench.untrusted import inside
 
 if TYPE_CHECKING:
-    from auvbench.analysis.across import Across
+    from auvbench.analysis.aggregate import Across
     from auvbench.analysis.model import Agent, Finding, Problem, Ranking, RunRecord
     from auvbench.analysis.sections import Section
     from auvbench.analysis.study import Beside
@@ -62,7 +62,7 @@ def over_all(reports: Sequence[Report], options: Options) -> Across | None:
     """The agents over all sections and conditions, where --across asks for it."""
     if not options.across:
         return None
-    from auvbench.analysis.across import across
+    from auvbench.analysis.aggregate import across
 
     parts = [(report.section.title, report.agents) for report in reports]
     return across(parts, options.protocol, options.confidence, options.seed)
@@ -75,9 +75,9 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
         UserError: an option names what there is not, or nothing can be reported.
     """
     from auvbench.analysis.conditions import default
-    from auvbench.analysis.further import check as check_columns
     from auvbench.analysis.load import load, require
     from auvbench.analysis.measures import to_rank_by
+    from auvbench.analysis.optional_columns import check as check_columns
     from auvbench.analysis.sections import sections, split_problems
 
     to_rank_by(options.rank_by)  # a wrong name is said before anything is read
@@ -131,11 +131,11 @@ def _analyse(
 ) -> Report:
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
     from auvbench.analysis.findings import sentences
-    from auvbench.analysis.further import with_columns
     from auvbench.analysis.limit import beside as beside_limit
     from auvbench.analysis.load import agents
     from auvbench.analysis.measures import in_unit
     from auvbench.analysis.model import Problem
+    from auvbench.analysis.optional_columns import with_columns
     from auvbench.analysis.policies import rows_of
     from auvbench.analysis.ranking import find_baseline, rank
 

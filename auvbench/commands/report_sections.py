@@ -10,7 +10,7 @@ from auvbench.commands.report import Report, write, write_over
 from auvbench.commands.report_options import Options
 
 if TYPE_CHECKING:
-    from auvbench.analysis.across import Across
+    from auvbench.analysis.aggregate import Across
 
 
 def write_sections(

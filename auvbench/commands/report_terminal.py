@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from auvbench.analysis.across import Across
+    from auvbench.analysis.aggregate import Across
     from auvbench.commands.report import Report
     from auvbench.commands.report_options import Options
 

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from auvbench.analysis.formatting import counted
 from auvbench.analysis.model import RunRecord
-from auvbench.analysis.prose import counted
 from auvbench.errors import UserError
 from auvbench.reporting.tables.markdown import escape
 from auvbench.scheduling.estimate import duration

@@ -7,7 +7,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from auvbench.analysis.across import Across
+from auvbench.analysis.aggregate import Across
 from auvbench.analysis.model import Ranking
 from auvbench.reporting import tables
 from auvbench.reporting.figures import FIGURES

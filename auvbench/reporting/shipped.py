@@ -26,11 +26,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from auvbench.analysis import agreement, following, packed_paths, scenarios
+from auvbench.analysis import consistency, derived_columns, packed_paths, scenarios
 from auvbench.analysis.evaluations import CORE_COLUMNS, MEASURED, Damage, json_object
 from auvbench.analysis.model import Evaluation, RunRecord
 from auvbench.analysis.training import NUMBERS
-from auvbench.analysis.watched import NAME as VALIDATION
+from auvbench.analysis.validation_curve import NAME as VALIDATION
 from auvbench.errors import RunError
 from auvbench.reporting import copies
 from auvbench.runs import integrity
@@ -80,7 +80,7 @@ def ship(run: RunRecord, folder: Path, protocol: str, paths: bool = True) -> lis
     if copy.resolve() == run.directory.resolve():
         return []
     config = RunDirectory(run.directory).config()
-    if wrong := agreement.of_run(run.manifest, config):
+    if wrong := consistency.of_run(run.manifest, config):
         raise RunError(f"{run.directory}: {wrong}: it was changed meanwhile; publish again")
     staged = copies.stage(copy)
     here = RunDirectory(staged)
@@ -119,14 +119,14 @@ def _training(run: RunRecord) -> bytes | None:
     if packed.beside(run.directory / TRAINING) is None:
         return None
     data = packed.content(run.directory / TRAINING, tables.LARGEST)
-    if wrong := agreement.of_file(run.manifest, TRAINING, data):
+    if wrong := consistency.of_file(run.manifest, TRAINING, data):
         raise ValueError(wrong)  # else the digest of the slimmed rows would vouch for them
     return slim(data)
 
 
 def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: bool, paths: bool) -> None:
     rows = packed.content(evaluation.directory / "episodes.csv", tables.LARGEST)
-    if wrong := agreement.of_file(evaluation.summary, "episodes.csv", rows):
+    if wrong := consistency.of_file(evaluation.summary, "episodes.csv", rows):
         raise RunError(f"{evaluation.directory}: {wrong}: it was changed meanwhile; publish again")
     summary = dict(evaluation.summary)
     if first:
@@ -135,14 +135,14 @@ def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: b
             shared = scenarios.of_study(summary[scenarios.NAMED], evaluation.directory)
         rows, left_out = _without_following(rows, summary)
         rows = rounded(rows, DIGITS)
-        frame = following.completed(tables.csv(rows, words=("condition",)), left_out)
-        summary = agreement.renewed(summary, frame)
+        frame = derived_columns.completed(tables.csv(rows, words=("condition",)), left_out)
+        summary = consistency.renewed(summary, frame)
         if shared is not None:
             summary[scenarios.NAMED] = copies.put_scenarios(shared, study)
     else:
         rows, _ = _without_following(rows, summary)
         rows = rounded(rows, FURTHER_DIGITS, FURTHER_COLUMNS)
-        summary = agreement.without_means(summary)
+        summary = consistency.without_means(summary)
         summary.pop(scenarios.NAMED, None)
     write_atomic(target / f"episodes.csv{packed.SUFFIX}", packed.packed(rows))
     files = dict(integrity.table(summary) or {}) | {"episodes.csv": integrity.entry(rows)}
@@ -160,10 +160,10 @@ def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: b
 
 def _without_following(rows: bytes, summary: dict[str, Any]) -> tuple[bytes, list[str]]:
     """Rows without what follows from others; the summary says which columns, those that a copy left out already among them."""
-    rows, names = following.split(rows)
-    left_out = sorted({*following.named(summary), *names})
+    rows, names = derived_columns.split(rows)
+    left_out = sorted({*derived_columns.named(summary), *names})
     if left_out:
-        summary[following.NAMED] = left_out
+        summary[derived_columns.NAMED] = left_out
     return rows, left_out
 
 
@@ -176,7 +176,7 @@ def _keep_evaluations(former: Path, staged: Path, manifest: Mapping[str, Any]) -
             found = json_object(summary)
         except Damage:
             continue
-        if not target.exists() and not agreement.of_evaluation(manifest, found, folder.name):
+        if not target.exists() and not consistency.of_evaluation(manifest, found, folder.name):
             shutil.copytree(folder, target)
 
 
@@ -188,7 +188,7 @@ def only_paths(file: Path) -> bytes:
     """
     try:
         data = reading.content(file, archives.UNPACKED)
-        if wrong := agreement.of_neighbour(file, data):
+        if wrong := consistency.of_neighbour(file, data):
             raise RunError(f"{file.parent}: {wrong}")
         with archives.opened(data) as found:
             if packed_paths.holds(found.files):

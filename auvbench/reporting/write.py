@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from auvbench.analysis import study
-from auvbench.analysis.across import Across
+from auvbench.analysis.aggregate import Across
 from auvbench.analysis.model import Comparison, Finding, Ranking
 from auvbench.analysis.study import Beside
 from auvbench.reporting import tables

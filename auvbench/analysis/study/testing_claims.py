@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from auvbench.analysis.effects import learns
+from auvbench.analysis.formatting import amount, counted, difference, listed
 from auvbench.analysis.measures import measure
 from auvbench.analysis.model import Agent
 from auvbench.analysis.pairwise import all_pairs, rank_intervals
-from auvbench.analysis.prose import amount, counted, difference, listed
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence, cell, cell_of_run
 from auvbench.analysis.study.informative import averaged, budget, extremes, informative, learned

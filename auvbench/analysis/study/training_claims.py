@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from auvbench.analysis.formatting import amount, counted, listed
 from auvbench.analysis.measures import measure
-from auvbench.analysis.prose import amount, counted, listed
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence, cell_of_run
 from auvbench.analysis.study.learning import Learning

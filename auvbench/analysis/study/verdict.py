@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from auvbench.analysis.formatting import amount, counted, p_value
 from auvbench.analysis.measures import measure
 from auvbench.analysis.model import Agent, Finding
-from auvbench.analysis.prose import amount, counted, p_value
 from auvbench.analysis.study.trend import Trend
 from auvbench.statistics.estimate import Estimate
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import Agent, Problem
-from auvbench.analysis.watched import Watched, watched
+from auvbench.analysis.validation_curve import ValidationCurve, read_validation_curve
 from auvbench.reporting.figures import multiples, style
 from auvbench.reporting.figures.scene import Drawing, Scene, shown, without
 from auvbench.reporting.figures.training import RECORDS, binned
@@ -70,11 +70,11 @@ def _share(scene: Scene, agent: Agent) -> multiples.Curve:
 
 def validation(scene: Scene) -> Drawing | None:
     """Success on the validation scenarios against environment steps, wall time and simulated time."""
-    curves: dict[str, list[Watched]] = {}
+    curves: dict[str, list[ValidationCurve]] = {}
     for agent in scene.learners():
         for run in agent.runs:
             try:
-                found = watched(run)
+                found = read_validation_curve(run)
             except Damage as damage:
                 scene.problems.append(Problem(run.id, "damaged", str(damage)))
                 continue

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from auvbench.analysis.across import Across
+from auvbench.analysis.aggregate import Across
 from auvbench.analysis.model import Agent, Finding, Ranking, RunRecord
 from auvbench.reporting.page import sources, table
 from auvbench.reporting.page.links import Links

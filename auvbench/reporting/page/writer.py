@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 from markupsafe import Markup
 
-from auvbench.analysis.across import Across
+from auvbench.analysis.aggregate import Across
 from auvbench.analysis.model import Agent, Comparison, Finding, Problem, Ranking, RunRecord
 from auvbench.reporting.page import comparisons, conditions, sources, study, table
 from auvbench.reporting.page import figures as figures_

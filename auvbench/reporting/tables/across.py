@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from auvbench.analysis.across import Across, Over
+from auvbench.analysis.aggregate import Across, Over
 from auvbench.analysis.rounding import NOTHING, rounded
 from auvbench.reporting.tables.comma import lines
 from auvbench.reporting.tables.latex import HEAD

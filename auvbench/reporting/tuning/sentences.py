@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from auvbench.analysis import rounding
+from auvbench.analysis.formatting import counted, listed
 from auvbench.analysis.measures import Measure
-from auvbench.analysis.prose import counted, listed
 from auvbench.reporting.page.numbers import duration
 from auvbench.statistics.estimate import Estimate
 from auvbench.tuning.outcome import Fresh, Outcome

@@ -7,8 +7,8 @@ import pytest
 
 from auvbench.analysis.effects import effects, matched, mean_difference
 from auvbench.analysis.findings import sentences
+from auvbench.analysis.formatting import difference, turned
 from auvbench.analysis.measures import measure
-from auvbench.analysis.prose import difference, turned
 from auvbench.analysis.ranking import rank
 from tests.unit.analysis.agents import agent
 

@@ -10,8 +10,8 @@ import pytest
 
 from auvbench import statistics as st
 from auvbench.analysis import limit
-from auvbench.analysis.further import with_columns
 from auvbench.analysis.model import Agent, Ranking, RunRecord
+from auvbench.analysis.optional_columns import with_columns
 from auvbench.analysis.ranking import rank
 from auvbench.evaluation.bounds import files
 from auvbench.reporting import tables

@@ -120,7 +120,7 @@ def test_nobody_waits_for_heavy_imports():
 
 
 def test_columns_of_a_report_are_those_that_there_are() -> None:
-    from auvbench.analysis.further import COLUMNS
+    from auvbench.analysis.optional_columns import COLUMNS
     from auvbench.commands.completing import FURTHER
 
     assert set(FURTHER) == set(COLUMNS)

@@ -16,7 +16,7 @@ import yaml
 from PIL import Image
 
 from auvbench import cli
-from auvbench.analysis.following import FOLLOWING
+from auvbench.analysis.derived_columns import FOLLOWING
 from auvbench.record import SCENARIO_COLUMNS
 from auvbench.reporting.shipped import (
     DIGITS,

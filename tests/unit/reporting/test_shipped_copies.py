@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from auvbench.analysis import agreement
+from auvbench.analysis import consistency
 from auvbench.analysis.load import load
 from auvbench.errors import ReportError, RunError
 from auvbench.reporting import copies, shipped
@@ -211,7 +211,7 @@ def test_means_of_the_summary_are_those_of_the_shortened_rows(run: Path, tmp_pat
     said = copy.evaluations["test"].summary["conditions"][1]
     before = record.evaluations["test"].summary["conditions"][1]
     assert said["mean_energy_J"] == pytest.approx(before["mean_energy_J"], rel=1e-3)
-    assert abs(said["mean_energy_J"] / before["mean_energy_J"] - 1.0) > agreement.TOLERANCE
+    assert abs(said["mean_energy_J"] / before["mean_energy_J"] - 1.0) > consistency.TOLERANCE
     further = copy.evaluations["robustness"].summary["conditions"][1]
     assert not [name for name in further if name.startswith("mean_")]  # the rows say them
     assert (

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from auvbench.analysis import agreement, following
+from auvbench.analysis import consistency, derived_columns
 from auvbench.analysis.evaluations import CORE_COLUMNS
 from auvbench.analysis.load import load
 from auvbench.cli import main
@@ -72,7 +72,7 @@ def test_what_does_not_follow_everywhere_stays(run: Path, tmp_path: Path) -> Non
     frame.loc[7, "duration_s"] *= 1.001  # of a simulator with a clock of its own
     frame.to_csv(file, index=False)
     summary = file.with_name("summary.json")
-    seal(summary, agreement.renewed(json.loads(summary.read_text()), frame))
+    seal(summary, consistency.renewed(json.loads(summary.read_text()), frame))
     copy = ship(run, tmp_path / "study")
     there = pd.read_csv(copy / "evaluations/test/episodes.csv.bz2")
     assert OUT & {*there.columns} == {"duration_s"}
@@ -107,7 +107,7 @@ def test_rows_that_have_what_is_left_out(run: Path) -> None:
 
 def test_rows_without_what_it_follows_from() -> None:
     with pytest.raises(ValueError, match="lacks frequency_hz, from which duration_s follows"):
-        following.completed(pd.DataFrame({"steps": [17]}), ["duration_s"])
+        derived_columns.completed(pd.DataFrame({"steps": [17]}), ["duration_s"])
 
 
 def test_without_paths(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:

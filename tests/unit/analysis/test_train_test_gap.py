@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from auvbench.analysis.generalising import training_and_test
 from auvbench.analysis.model import Agent
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.train_test_gap import training_and_test
 from tests.unit.analysis.agents import agent
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from auvbench.analysis.effects import learns
-from auvbench.analysis.further import draws, of_conditions
 from auvbench.analysis.labels import labels
 from auvbench.analysis.model import Agent
+from auvbench.analysis.optional_columns import draws, of_conditions
 from auvbench.statistics import aggregate as st
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray

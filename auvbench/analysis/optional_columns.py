@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from auvbench.analysis import limit
-from auvbench.analysis.acting import action_time, machines, training_time
+from auvbench.analysis.compute_cost import action_time, machines, training_time
 from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import NO_POLICY, Agent, Problem, Ranking
-from auvbench.analysis.watched import watched
+from auvbench.analysis.validation_curve import read_validation_curve
 from auvbench.errors import ReportError, closest
 from auvbench.statistics import aggregate as st
 from auvbench.statistics.estimate import Estimate
@@ -82,7 +82,7 @@ def _next_training(agent: Agent, protocol: str, confidence: float, seed: int) ->
 
 def _learned(axis: str) -> Callable[[Agent, str, float, int], Estimate | None]:
     def column(agent: Agent, protocol: str, confidence: float, seed: int) -> Estimate | None:
-        curves = [watched(run) for run in agent.runs]
+        curves = [read_validation_curve(run) for run in agent.runs]
         found = [curve for curve in curves if curve is not None]
         if len(found) < len(curves) or not found or len({curve.fingerprint for curve in found}) > 1:
             return None

@@ -18,7 +18,7 @@ AXES = ("step", "wall_s", "simulated_s")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Watched:
+class ValidationCurve:
     """Success of one training on the validation scenarios, at rising steps."""
 
     fingerprint: str
@@ -39,7 +39,7 @@ class Watched:
         return float(np.trapezoid(y, x) / x[-1]) if x[-1] > 0 else float("nan")
 
 
-def watched(run: RunRecord) -> Watched | None:
+def read_validation_curve(run: RunRecord) -> ValidationCurve | None:
     """The run's train/validation.csv; None where there is none, or nothing in it.
 
     Raises:
@@ -61,4 +61,6 @@ def watched(run: RunRecord) -> Watched | None:
     whole = all(np.isfinite(values).all() for values in columns.values())
     if len(fingerprints) > 1 or not whole or not rising or (success < 0).any() or (success > 1).any():
         raise Damage(f"{NAME} holds rows that do not belong together, or numbers that cannot be")
-    return Watched(fingerprints.pop(), columns["step"], columns["wall_s"], columns["simulated_s"], success)
+    return ValidationCurve(
+        fingerprints.pop(), columns["step"], columns["wall_s"], columns["simulated_s"], success
+    )

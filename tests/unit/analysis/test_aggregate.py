@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from auvbench import cli
-from auvbench.analysis.across import across
+from auvbench.analysis.aggregate import across
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.sections import sections
 from tests.synthetic import ROBUSTNESS, set_state, write_experiment

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from auvbench.analysis import further
-from auvbench.analysis.further import with_columns
+from auvbench.analysis import optional_columns
 from auvbench.analysis.model import Agent
+from auvbench.analysis.optional_columns import with_columns
 from auvbench.analysis.ranking import rank
-from auvbench.analysis.watched import watched
+from auvbench.analysis.validation_curve import read_validation_curve
 from auvbench.errors import ReportError
 from auvbench.reporting.tables import markdown
 from auvbench.statistics import aggregate as st
@@ -85,7 +85,7 @@ def with_curves(folder: Path, one: Agent, rows: list[list[float]]) -> Agent:
 
 def test_the_area_under_a_validation_curve(tmp_path: Path) -> None:
     one = with_curves(tmp_path, agent("sac", seeds=2), [[(100, 0.5), (200, 1.0)], [(100, 0.0), (200, 0.0)]])
-    curve = watched(one.runs[0])
+    curve = read_validation_curve(one.runs[0])
     assert curve is not None
     assert curve.area() == pytest.approx((0.5 * 100 * 0.5 + 0.75 * 100) / 200)
     assert curve.area("wall_s") == pytest.approx(curve.area())
@@ -113,4 +113,4 @@ def test_columns_that_there_are() -> None:
     with pytest.raises(
         ReportError, match="--columns 'iqm_succes' is not a column; did you mean 'iqm_success'"
     ):
-        further.check(["iqm_succes"])
+        optional_columns.check(["iqm_succes"])

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from auvbench.analysis import bearing
-from auvbench.analysis.bearing import robustness
+from auvbench.analysis import robustness as module
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.model import Agent, Finding, Ranking
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.robustness import robustness
 from tests.synthetic import TRANSFER, write_experiment
 
 CONDITIONS = ("nominal", "current=0.25", "current=1", "drag=0.7", "dead-thruster")
@@ -109,7 +109,7 @@ def test_agents_that_share_the_most_success_are_all_named(grid: Path, monkeypatc
     }
     by_name = {agent.label.partition(" ")[0]: agent.label for agent in grouped}
     known = {by_name[name]: found for name, found in rates.items()}
-    monkeypatch.setattr(bearing, "rates_by_condition", lambda agent, _: known.get(agent.label, {}))
+    monkeypatch.setattr(module, "rates_by_condition", lambda agent, _: known.get(agent.label, {}))
     text = robustness(ranking, grouped)[-1].text
     for name, label in by_name.items():
         text = text.replace(label, name)

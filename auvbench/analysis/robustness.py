@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from auvbench.analysis.conditions import UNDISTURBED, in_words, rates_by_condition
+from auvbench.analysis.formatting import counted, difference, listed
 from auvbench.analysis.measures import measure
 from auvbench.analysis.model import Agent, Finding, Ranking
-from auvbench.analysis.prose import counted, difference, listed
 from auvbench.statistics import contrast, crossed, means
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray

@@ -13,8 +13,8 @@ import numpy as np
 
 from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import LARGEST
+from auvbench.analysis.formatting import listed
 from auvbench.analysis.model import Agent, Finding, RunRecord
-from auvbench.analysis.prose import listed
 from auvbench.statistics.estimate import Estimate
 
 

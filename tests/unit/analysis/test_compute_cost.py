@@ -9,10 +9,10 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from auvbench.analysis.acting import action_time, solves, training_time
+from auvbench.analysis.compute_cost import action_time, solves, training_time
 from auvbench.analysis.findings import sentences
-from auvbench.analysis.further import with_columns
 from auvbench.analysis.model import Agent, Evaluation
+from auvbench.analysis.optional_columns import with_columns
 from auvbench.analysis.ranking import rank
 from auvbench.reporting.tables import columns
 from auvbench.reporting.tables.notes import notes
