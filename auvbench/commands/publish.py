@@ -15,7 +15,7 @@ from auvbench.commands.publish_readme import Study
 from auvbench.commands.report_options import Options, read
 from auvbench.commands.report_options import parser as report_parser
 from auvbench.errors import ReportError, UserError, closest
-from auvbench.untrusted import inside
+from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
     from auvbench.analysis.model import Problem, RunRecord
@@ -71,7 +71,7 @@ def main(argv: Sequence[str]) -> int:
         policies=own["policies"],
         command=shlex.join(["auvbench", "publish", *map(_placeless, argv)]),
     )
-    inside.check_output(study.folder)
+    path_safety.check_output(study.folder)
     if study.folder.exists() and not study.folder.is_dir():
         raise UserError(f"--to {study.folder}: is a file; name a folder")
     if study.policies:

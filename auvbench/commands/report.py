@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from auvbench.commands import report_terminal
 from auvbench.commands.report_options import Options, parse
 from auvbench.errors import ReportError, UserError
-from auvbench.untrusted import inside
+from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
     from auvbench.analysis.aggregate import Across
@@ -40,8 +40,8 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     over = over_all(reports, options)
     out = options.out or beside(runs)
     if options.out is None:  # a folder that was typed may be a link; one that lies there may be anybody's
-        inside.check_output(out)
-    inside.check_output(out / "figures")
+        path_safety.check_output(out)
+    path_safety.check_output(out / "figures")
     if len(reports) == 1:
         with storage(f"cannot write the report into {out}"):
             report, written = write(reports[0], options, command, out, over=over)
@@ -219,8 +219,8 @@ def write(
     if (
         options.out is None or title
     ):  # a folder that was typed may be a link; one that lies there may be anybody's
-        inside.check_output(out)
-    inside.check_output(out / "figures")
+        path_safety.check_output(out)
+    path_safety.check_output(out / "figures")
     try:
         make_folder(out)
     except OSError as error:

@@ -34,7 +34,7 @@ from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.durable import make_folder
 from auvbench.runs.files import as_json, write_folder
 from auvbench.runs.plan import load_config
-from auvbench.untrusted import archives, documents, inside, reading
+from auvbench.untrusted import archives, documents, path_safety, reading
 from auvbench.vehicles import sheet
 
 SCHEMA_VERSION = 1
@@ -194,7 +194,7 @@ def evaluate(
     state = run.manifest()["state"]
     if state != "complete":
         raise RunError(f"{run.path}: {state}, not complete; auvbench train finishes it")
-    inside.check(run.path)
+    path_safety.check(run.path)
     with _locked(run, protocol.name):
         if unless_done and is_done(run, protocol):
             return None

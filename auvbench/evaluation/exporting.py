@@ -27,7 +27,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.runs.durable import sha256, storage
 from auvbench.runs.files import as_lines, write_atomic
 from auvbench.runs.plan import load_config
-from auvbench.untrusted import inside
+from auvbench.untrusted import path_safety
 from auvbench.vehicles import sheet
 from auvbench.vehicles.actuators import Actuator
 from auvbench.vehicles.model import VehicleModel
@@ -81,7 +81,7 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
     manifest = run.manifest()
     if manifest["state"] != "complete":
         raise RunError(f"{run.path}: {manifest['state']}, not complete; auvbench train finishes it")
-    inside.check(run.path)
+    path_safety.check(run.path)
     config = load_config(run)
     _refuse_others(run, config)
     agent = make_agent(run, config.step.frequency)
@@ -103,7 +103,7 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
     card["check"] = {"observations": count, "largest_difference": difference, "limit": limit}
     card["versions"] = _versions()
     card |= more or {}
-    inside.check_output(target.parent, (target.name, cards.card_path(target).name))
+    path_safety.check_output(target.parent, (target.name, cards.card_path(target).name))
     with storage(f"cannot write into {target.parent}"):
         # The card first: it names the file's digest, so that an old file beside it is noticed.
         write_atomic(cards.card_path(target), as_lines(card))

@@ -16,7 +16,7 @@ from auvbench.policies import cards, exported
 from auvbench.reporting.tables.markdown import escape, pipes
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.manifest_fields import SHIPPED
-from auvbench.untrusted import inside
+from auvbench.untrusted import path_safety
 
 FOLDER = "policies"
 
@@ -76,7 +76,7 @@ def renew(
         TrainingError: the disk is full, read-only or failing.
     """
     there = folder / FOLDER
-    inside.check_output(there)
+    path_safety.check_output(there)
     rows = []
     for agent, i in chosen:
         run = agent.runs[i]

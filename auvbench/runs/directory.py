@@ -15,7 +15,7 @@ from auvbench.runs.durable import FAULTS, make_folder, storage_error
 from auvbench.runs.files import as_json, create_atomic, write_atomic, write_json
 from auvbench.runs.identity import SCHEMA_VERSION
 from auvbench.runs.manifest_fields import STATES
-from auvbench.untrusted import documents, inside, reading
+from auvbench.untrusted import documents, path_safety, reading
 from auvbench.untrusted.text import first_line
 
 __all__ = ["STATES", "RunDirectory", "damaged", "find_runs", "freeze", "now", "place"]
@@ -166,7 +166,7 @@ class RunDirectory:
             RunError: `config.yaml` was changed since the run was made; the message says which value, as far as
                 the folder's name tells. Or a link in the run leads out of it.
         """
-        inside.check(self.path)
+        path_safety.check(self.path)
         config = self.config()
         wrong = identity.mismatch(config, self.id)
         if wrong:
@@ -199,7 +199,7 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
         TrainingError: the disk is full or failing.
     """
     run = place(config)
-    inside.check(run.path)
+    path_safety.check(run.path)
     if run.exists():
         frozen = run.config()
         there, here = identity.relevant(frozen), identity.relevant(dict(config))

@@ -17,7 +17,7 @@ from typing import Any
 
 from auvbench.errors import RunError
 from auvbench.runs.durable import sha256
-from auvbench.untrusted import archives, inside, reading
+from auvbench.untrusted import archives, path_safety, reading
 from auvbench.untrusted.text import short
 
 SEAL = "seal"
@@ -114,7 +114,7 @@ def lacking(folder: Path, holder: Mapping[str, Any], prefix: str = "", *, deep: 
         if not name.startswith(prefix):
             continue
         path = folder / name
-        if not inside.is_below(name):
+        if not path_safety.is_below(name):
             return f"{short(name)} would lie outside the run"
         try:
             if deep:

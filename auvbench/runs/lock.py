@@ -28,7 +28,7 @@ from types import TracebackType
 from auvbench.errors import RunError, TrainingError
 from auvbench.runs import lock_files, processes
 from auvbench.runs.lock_files import Holder
-from auvbench.untrusted import inside
+from auvbench.untrusted import path_safety
 
 HEARTBEAT = 10.0  # s between two touches of a held lock
 STALE_AFTER = 300.0  # s without a touch after which a holder on another machine is suspected dead
@@ -134,7 +134,7 @@ def acquire(
         RunError: the directory cannot be written, or a link in it leads out of it.
     """
     run = Path(run)
-    inside.check(run)  # whoever holds a run's lock writes into it
+    path_safety.check(run)  # whoever holds a run's lock writes into it
     mine = Holder(
         host=processes.host(),
         pid=os.getpid(),

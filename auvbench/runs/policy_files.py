@@ -22,7 +22,7 @@ from auvbench.policies import cards, exported
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.durable import sha256, storage
 from auvbench.runs.files import write_atomic
-from auvbench.untrusted import inside
+from auvbench.untrusted import path_safety
 from auvbench.vehicles.model import VehicleModel
 
 UNNAMED = "onnx"
@@ -84,7 +84,7 @@ def keep(run: RunDirectory, config: dict[str, Any]) -> None:
     algo = config["algo"]
     if algo.get("agent") != "onnx":
         return
-    inside.check(run.path)
+    path_safety.check(run.path)
     target = run.model / exported.NETWORK
     if target.is_file() and _digest_of(target) == algo["sha256"]:
         return

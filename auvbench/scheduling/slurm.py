@@ -32,7 +32,7 @@ from auvbench.config.launchers import Slurm
 from auvbench.errors import RunError, UserError
 from auvbench.scheduling.base import Phase, Status, SubmitError
 from auvbench.training.worker import LOG, TARGET
-from auvbench.untrusted import documents, inside, reading
+from auvbench.untrusted import documents, path_safety, reading
 
 SCRIPTS = "slurm"
 """In the run directory: copies of the batch scripts that submitit wrote for it."""
@@ -148,10 +148,10 @@ class SlurmBackend:
 
     def submit(self, run: Path) -> SlurmJob:
         run = run.absolute()
-        inside.check(run)
+        path_safety.check(run)
         (run / LOG).parent.mkdir(exist_ok=True)
         (run / SCRIPTS).mkdir(exist_ok=True)
-        # submitit leaves a symbolic link beside its script, and a run that holds one is refused (untrusted.inside).
+        # submitit leaves a symbolic link beside its script, and a run that holds one is refused (untrusted.path_safety).
         with tempfile.TemporaryDirectory(prefix="auvbench-") as scratch:
             number = submit(self.executor(run, Path(scratch)), self.worker(run))
             (run / JOB_FILE).write_text(

@@ -28,7 +28,7 @@ from auvbench.errors import AuvbenchError, plain_warnings
 from auvbench.runs import interruption, lock, processes, standing
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Interrupted, Request
-from auvbench.untrusted import inside, streams
+from auvbench.untrusted import path_safety, streams
 
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
@@ -59,7 +59,7 @@ def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
     streams.forgiving()
     try:
         run = RunDirectory(Path(path))
-        inside.check(run.path)
+        path_safety.check(run.path)
         if log:
             redirect(run.path / LOG)
         with interruption.immediate() as request:

@@ -22,7 +22,7 @@ from auvbench.runs.files import write_json
 from auvbench.tuning import space
 from auvbench.tuning.journal import CONTROLLER
 from auvbench.tuning.space import Dimension
-from auvbench.untrusted import documents, inside, reading
+from auvbench.untrusted import documents, path_safety, reading
 
 SCHEMA_VERSION = 1
 """of study.json and of what a study's journal means"""
@@ -87,7 +87,9 @@ class StudyFolder:
         """
         place = self.path / CONTROLLER
         with storage(f"cannot write {self.path}"):
-            inside.check_output(self.path, (CONTROLLER, RUNS, FRESH, "report", "journal.log", "study.json"))
+            path_safety.check_output(
+                self.path, (CONTROLLER, RUNS, FRESH, "report", "journal.log", "study.json")
+            )
             make_folder(place)
         try:
             return lock.acquire(place)

@@ -23,7 +23,7 @@ from auvbench.statistics.estimate import Estimate
 from auvbench.tuning import preset, runs
 from auvbench.tuning.outcome import Outcome, Trial
 from auvbench.tuning.space import Dimension, with_values
-from auvbench.untrusted import inside
+from auvbench.untrusted import path_safety
 
 SCRIPTS = ("tables.js", "lightbox.js")
 
@@ -55,7 +55,7 @@ def report(found: Outcome) -> Path:
         OSError: it cannot be written.
     """
     folder = found.folder.report
-    inside.check_output(folder, ("index.html", "trials.csv", "figures"))
+    path_safety.check_output(folder, ("index.html", "trials.csv", "figures"))
     text(folder / "trials.csv", table(found))
     drawn = figures.draw(found, folder)
     return text(folder / "index.html", page(found, drawn, folder / "index.html"))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from auvbench.runs.durable import fsync_directory, make_folder, storage, write_durable
 from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore
-from auvbench.untrusted import inside
+from auvbench.untrusted import path_safety
 
 
 def seed(source: Path, checkpoint: Checkpoint, target: Path) -> None:
@@ -25,7 +25,7 @@ def seed(source: Path, checkpoint: Checkpoint, target: Path) -> None:
     Raises:
         TrainingError: the disk is full, read-only or failing.
     """
-    inside.check(target)
+    path_safety.check(target)
     there, here = CheckpointStore(source), CheckpointStore(target)
     staging = here.folder / f".staging-seed-{os.getpid()}"
     with storage(f"cannot copy the checkpoint of step {checkpoint.step} to {target}"):

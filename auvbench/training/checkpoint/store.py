@@ -23,7 +23,7 @@ from auvbench.errors import AuvbenchWarning, RunError, TrainingError
 from auvbench.runs.durable import fsync_directory, make_folder, sha256, storage, write_durable
 from auvbench.training.checkpoint.logs import LogMark
 from auvbench.training.checkpoint.replay import Segment
-from auvbench.untrusted import archives, documents, inside, reading
+from auvbench.untrusted import archives, documents, path_safety, reading
 
 SCHEMA_VERSION = 1
 MANIFEST = "manifest.json"
@@ -176,7 +176,7 @@ class CheckpointStore:
         contents = {}
         for name, entry in manifest["components"].items():
             try:
-                if not inside.is_below(name):
+                if not path_safety.is_below(name):
                     raise ValueError("its manifest names a file outside of it")
                 data = reading.content(path / name, archives.FILE)
             except OSError as error:

@@ -19,7 +19,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling import grid, slurm
 from auvbench.scheduling.base import Phase, SubmitError
 from auvbench.scheduling.slurm import SlurmBackend
-from auvbench.untrusted import inside
+from auvbench.untrusted import path_safety
 from tests import fake_training
 
 SBATCH = """\
@@ -166,7 +166,7 @@ def test_a_submitted_run_holds_no_link_so_that_whoever_works_on_it_takes_it(
     cluster: Cluster, run: RunDirectory
 ) -> None:
     backend().submit(run.path)
-    inside.check(run.path)
+    path_safety.check(run.path)
     assert [file.name for file in (run.path / slurm.SCRIPTS).iterdir()] == ["101_submission.sh"]
 
 

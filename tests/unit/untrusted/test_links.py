@@ -12,7 +12,7 @@ from auvbench.errors import RunError
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
 from auvbench.training import worker
-from auvbench.untrusted import inside
+from auvbench.untrusted import path_safety
 from tests import synthetic
 from tests.unit.runs.test_damage import frozen
 
@@ -99,7 +99,7 @@ def test_a_pipe_in_a_run_does_not_hang(tmp_path: Path) -> None:
     run.train.mkdir()
     os.mkfifo(run.train / "log.txt")
     with pytest.raises(RunError, match="neither a file nor a folder"):
-        inside.check(run.path)
+        path_safety.check(run.path)
     assert worker.main([str(run.path), "--log"]) == 2
 
 
@@ -135,6 +135,6 @@ def test_a_report_is_not_written_where_a_link_leads(
 
 
 def test_names_out_of_files_lead_nowhere_else() -> None:
-    assert inside.is_below("model/policy.pt")
+    assert path_safety.is_below("model/policy.pt")
     for name in ("../x", "/etc/passwd", "a/../../b", "", "a\0b", 5, None):
-        assert not inside.is_below(name)
+        assert not path_safety.is_below(name)
