@@ -14,7 +14,7 @@ from auvbench.analysis import consistency, derived_columns, scenarios
 from auvbench.analysis.model import Evaluation
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import integrity
-from auvbench.untrusted import documents, packed, reading, tables
+from auvbench.untrusted import bz2_io, documents, reading, tables
 from auvbench.untrusted.text import LONGEST, plain, short
 
 SCHEMA_VERSION = 1
@@ -93,7 +93,7 @@ def read_evaluation(directory: Path) -> Evaluation:
         raise Damage(f"summary.json has the fingerprint {short(repr(fingerprint), 40)}, which is no name")
     path = directory / "episodes.csv"
     try:
-        data = packed.content(path, tables.LARGEST)
+        data = bz2_io.content(path, tables.LARGEST)
     except FileNotFoundError as error:
         raise Damage("episodes.csv is missing") from error
     except (OSError, ValueError) as error:

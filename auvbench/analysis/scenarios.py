@@ -19,7 +19,7 @@ import pandas as pd
 
 from auvbench.record import SCENARIO_COLUMNS
 from auvbench.runs.durable import sha256
-from auvbench.untrusted import packed, tables
+from auvbench.untrusted import bz2_io, tables
 from auvbench.untrusted.text import short
 
 FOLDER = "scenarios"
@@ -46,7 +46,7 @@ def split(rows: bytes) -> tuple[bytes, bytes | None]:
 
 def name_of(digest: str) -> str:
     """The file of a table with this SHA-256, below `FOLDER`."""
-    return f"{digest[:16]}.csv{packed.SUFFIX}"
+    return f"{digest[:16]}.csv{bz2_io.SUFFIX}"
 
 
 def joined(frame: pd.DataFrame, summary: Mapping[str, Any], directory: Path) -> pd.DataFrame:
@@ -84,9 +84,9 @@ def of_study(digest: Any, directory: Path) -> bytes:
         raise ValueError(f"summary.json names the scenarios {short(repr(digest), 40)}, which is no digest")
     name = f"{FOLDER}/{name_of(digest)}"
     # of <study>/runs/<run>/evaluations/<protocol>
-    path = directory.resolve().joinpath("..", "..", "..", "..", name.removesuffix(packed.SUFFIX))
+    path = directory.resolve().joinpath("..", "..", "..", "..", name.removesuffix(bz2_io.SUFFIX))
     try:
-        content = packed.content(path, tables.LARGEST)
+        content = bz2_io.content(path, tables.LARGEST)
     except FileNotFoundError as error:
         raise ValueError(f"{name} of its study is missing: a copy is read where it was published") from error
     except (OSError, ValueError) as error:

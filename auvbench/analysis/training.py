@@ -8,7 +8,7 @@ from auvbench.analysis import consistency
 from auvbench.analysis.evaluations import Damage, finite
 from auvbench.analysis.model import RunRecord
 from auvbench.record import OUTCOMES
-from auvbench.untrusted import packed, tables
+from auvbench.untrusted import bz2_io, tables
 from auvbench.untrusted.text import short
 
 NUMBERS = ("step", "steps", "return", "final_distance_m")
@@ -24,11 +24,11 @@ def training(run: RunRecord) -> pd.DataFrame | None:
         Damage: the file cannot be read, lacks a column, or holds a value that cannot be.
     """
     path = run.directory / "train" / "episodes.csv"
-    if packed.beside(path) is None and not path.exists():
+    if bz2_io.beside(path) is None and not path.exists():
         return None
     name, needed = "train/episodes.csv", ("outcome", *NUMBERS)
     try:
-        data = packed.content(path, tables.LARGEST)
+        data = bz2_io.content(path, tables.LARGEST)
         frame = tables.csv(data, needed)
     except (OSError, ValueError) as error:
         raise Damage(f"{name} cannot be read ({short(error)})") from error

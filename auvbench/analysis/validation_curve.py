@@ -11,7 +11,7 @@ import numpy as np
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import RunRecord
 from auvbench.statistics.intervals import FloatArray
-from auvbench.untrusted import packed, reading
+from auvbench.untrusted import bz2_io, reading
 
 NAME = "train/validation.csv"
 AXES = ("step", "wall_s", "simulated_s")
@@ -46,10 +46,10 @@ def read_validation_curve(run: RunRecord) -> ValidationCurve | None:
         Damage: it cannot be read, or holds what it cannot.
     """
     path = run.directory / NAME
-    if packed.beside(path) is None:
+    if bz2_io.beside(path) is None:
         return None
     try:
-        rows = list(csv.DictReader(io.StringIO(packed.content(path, reading.DOCUMENT).decode("utf-8"))))
+        rows = list(csv.DictReader(io.StringIO(bz2_io.content(path, reading.DOCUMENT).decode("utf-8"))))
         if not rows:
             return None
         columns = {name: np.array([float(row[name]) for row in rows]) for name in (*AXES, "success_rate")}

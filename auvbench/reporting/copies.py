@@ -20,7 +20,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.runs.durable import fsync_directory, make_folder, sha256
 from auvbench.runs.files import write_atomic
 from auvbench.runs.manifest_fields import SHIPPED
-from auvbench.untrusted import documents, packed, reading
+from auvbench.untrusted import bz2_io, documents, reading
 from auvbench.untrusted.text import short
 
 RUNS = "runs"
@@ -155,7 +155,7 @@ def put_scenarios(table: bytes, folder: Path) -> str:
     """Writes scenarios that runs have in common beside them, where they are not there yet; the digest that names them."""
     digest = sha256(table)
     file = folder / scenarios.FOLDER / scenarios.name_of(digest)
-    data = packed.packed(table)
+    data = bz2_io.packed(table)
     if not file.is_file() or file.read_bytes() != data:
         write_atomic(file, data)
     return digest
@@ -171,6 +171,6 @@ def tidy_scenarios(folder: Path) -> None:
             return  # a damaged one may name any of them
         if isinstance(found, dict) and isinstance(digest := found.get(scenarios.NAMED), str):
             named.add(scenarios.name_of(digest))
-    for file in (folder / scenarios.FOLDER).glob(f"*.csv{packed.SUFFIX}"):
+    for file in (folder / scenarios.FOLDER).glob(f"*.csv{bz2_io.SUFFIX}"):
         if OURS.fullmatch(file.name) and file.name not in named and not file.is_symlink():
             file.unlink()

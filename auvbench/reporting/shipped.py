@@ -37,7 +37,7 @@ from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.files import as_lines, write_atomic
 from auvbench.runs.manifest_fields import SHIPPED
-from auvbench.untrusted import archives, packed, reading, tables
+from auvbench.untrusted import archives, bz2_io, reading, tables
 from auvbench.untrusted.text import short
 
 PATHS = "trajectories.npz"
@@ -90,14 +90,14 @@ def ship(run: RunRecord, folder: Path, protocol: str, paths: bool = True) -> lis
     problems = []
     try:
         if (rows := _training(run)) is not None:
-            write_atomic(staged / f"{TRAINING}{packed.SUFFIX}", packed.packed(rows))
+            write_atomic(staged / f"{TRAINING}{bz2_io.SUFFIX}", bz2_io.packed(rows))
             files[TRAINING] = integrity.entry(rows)
     except (OSError, ValueError) as error:  # of csv and of UTF-8, too
         problems.append(f"{TRAINING}: {short(error)}")
         files.pop(TRAINING, None)
-    if packed.beside(run.directory / VALIDATION) is not None:
-        data = packed.content(run.directory / VALIDATION, tables.LARGEST)
-        write_atomic(staged / f"{VALIDATION}{packed.SUFFIX}", packed.packed(data))
+    if bz2_io.beside(run.directory / VALIDATION) is not None:
+        data = bz2_io.content(run.directory / VALIDATION, tables.LARGEST)
+        write_atomic(staged / f"{VALIDATION}{bz2_io.SUFFIX}", bz2_io.packed(data))
     for evaluation in run.evaluations.values():
         first = evaluation.protocol == protocol
         target = here.evaluation(evaluation.protocol)
@@ -116,16 +116,16 @@ def _training(run: RunRecord) -> bytes | None:
     Raises:
         OSError, ValueError: they cannot be read, or are not those that the manifest vouches for.
     """
-    if packed.beside(run.directory / TRAINING) is None:
+    if bz2_io.beside(run.directory / TRAINING) is None:
         return None
-    data = packed.content(run.directory / TRAINING, tables.LARGEST)
+    data = bz2_io.content(run.directory / TRAINING, tables.LARGEST)
     if wrong := consistency.of_file(run.manifest, TRAINING, data):
         raise ValueError(wrong)  # else the digest of the slimmed rows would vouch for them
     return slim(data)
 
 
 def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: bool, paths: bool) -> None:
-    rows = packed.content(evaluation.directory / "episodes.csv", tables.LARGEST)
+    rows = bz2_io.content(evaluation.directory / "episodes.csv", tables.LARGEST)
     if wrong := consistency.of_file(evaluation.summary, "episodes.csv", rows):
         raise RunError(f"{evaluation.directory}: {wrong}: it was changed meanwhile; publish again")
     summary = dict(evaluation.summary)
@@ -144,7 +144,7 @@ def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: b
         rows = rounded(rows, FURTHER_DIGITS, FURTHER_COLUMNS)
         summary = consistency.without_means(summary)
         summary.pop(scenarios.NAMED, None)
-    write_atomic(target / f"episodes.csv{packed.SUFFIX}", packed.packed(rows))
+    write_atomic(target / f"episodes.csv{bz2_io.SUFFIX}", bz2_io.packed(rows))
     files = dict(integrity.table(summary) or {}) | {"episodes.csv": integrity.entry(rows)}
     source = evaluation.directory / PATHS
     if paths and source.is_file():

@@ -14,7 +14,7 @@ from auvbench.analysis.evaluations import Damage, read_evaluation
 from auvbench.analysis.model import Agent, Condition, Evaluation, Problem, Ranking, RunRecord
 from auvbench.analysis.training import training
 from auvbench.reporting.figures.style import Look, colour_of
-from auvbench.untrusted import packed
+from auvbench.untrusted import bz2_io
 
 FloatArray = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class Scene:
         return tuple(
             a
             for a in self.agents
-            if any(packed.beside(r.directory / "train/episodes.csv") is not None for r in a.runs)
+            if any(bz2_io.beside(r.directory / "train/episodes.csv") is not None for r in a.runs)
         )
 
     def trained(self, agents: Sequence[Agent]) -> tuple[Agent, ...]:

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from auvbench.analysis.effects import learns
 from auvbench.analysis.model import Agent, RunRecord
-from auvbench.untrusted import packed
+from auvbench.untrusted import bz2_io
 
 
 class Links:
@@ -77,5 +77,5 @@ class Links:
         return self.of_runs(label, self._run_ids.get(label, ()))
 
     def _existing(self, path: Path) -> str:
-        found = packed.beside(path)
+        found = bz2_io.beside(path)
         return self.to(found) if found is not None else ""
