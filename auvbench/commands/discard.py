@@ -20,7 +20,7 @@ def discard(rows: Sequence[Row], columns: Sequence[str] = (), *, ask: bool = Tru
     Returns the exit code: 0 when they are gone or there were none, 1 when one could not be removed or the answer was no.
     """
     from auvbench.commands import runs_table
-    from auvbench.runs.standing import State
+    from auvbench.runs.status import State
 
     pending = [row for row in rows if row.state is State.PENDING]
     if not pending:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from auvbench.config import schema
     from auvbench.config.schema import EvaluateConfig
     from auvbench.runs.directory import RunDirectory
-    from auvbench.runs.standing import Standing
+    from auvbench.runs.status import RunStatus
 
 USAGE = """\
 usage: auvbench evaluate PATH... [protocol=NAME] [KEY=VALUE ...] [--where KEY=VALUE,... ...]
@@ -190,28 +190,28 @@ def _how_far(done: int, of: int) -> str:
     return f"interrupted: {done} of {of} runs tested and kept; the same command goes on"
 
 
-def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[Standing]]:
+def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[RunStatus]]:
     """The runs that can be tested, or whose damage their test will name, and those that are not complete."""
-    from auvbench.runs import lock, standing
+    from auvbench.runs import lock, status
 
     clock = lock.shared_clock()
     ready, unfinished = [], []
     for run in runs:
         try:
-            found = standing.of(run, clock=clock)
+            found = status.of(run, clock=clock)
         except RunError:
             ready.append(run)
             continue
-        if found.state is standing.State.COMPLETE:
+        if found.state is status.State.COMPLETE:
             ready.append(run)
         else:
             unfinished.append(found)
     return ready, unfinished
 
 
-def _left_out(unfinished: Sequence[Standing]) -> str:
+def _left_out(unfinished: Sequence[RunStatus]) -> str:
     """One line: how many are in which state, and the command that finishes them."""
-    from auvbench.runs.standing import State
+    from auvbench.runs.status import State
 
     counts = Counter(found.state for found in unfinished)
     states = ", ".join(f"{counts[state]} {state}" for state in State if counts[state])

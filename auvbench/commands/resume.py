@@ -73,14 +73,14 @@ def _refuse_copies(runs: Sequence[RunDirectory]) -> None:
     Raises:
         RunError: one of them is a copy that publish made; those whose manifest is damaged are named later.
     """
-    from auvbench.runs import standing
+    from auvbench.runs import status
 
     for run in runs:
         try:
             manifest = run.manifest()
         except RunError:
             continue
-        standing.refuse_copy(run, manifest)
+        status.refuse_copy(run, manifest)
 
 
 def _is_override(text: str) -> bool:
@@ -138,13 +138,13 @@ def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[Ru
 def _one(run: RunDirectory) -> int:
     """In this process, with a live bar."""
     from auvbench.commands.bars import training_bar
-    from auvbench.runs import standing
+    from auvbench.runs import status
     from auvbench.training.execute import execute
     from auvbench.training.worker import carry_out
 
     run.check()
-    now = standing.of(run, deep=True)
-    if now.state is standing.State.COMPLETE:
+    now = status.of(run, deep=True)
+    if now.state is status.State.COMPLETE:
         print(f"{run.path}: complete already, nothing to do ({BUDGET}=N extends it)")
         return 0
     steps, total = now.manifest["steps"], now.manifest["total_steps"]

@@ -37,13 +37,13 @@ def _grid(configs: Sequence[DictConfig], command: str) -> int:
 
 
 def _one(config: DictConfig, command: str) -> int:
-    from auvbench.runs import standing
+    from auvbench.runs import status
     from auvbench.runs.plan import prepare
     from auvbench.runs.progress import WINDOW, telling
 
     run = prepare(config, command)
-    now = standing.of(run, deep=True)
-    if now.state is standing.State.COMPLETE:
+    now = status.of(run, deep=True)
+    if now.state is status.State.COMPLETE:
         print(
             f"{run.path}: complete already, nothing to do (another seed, or any changed value, is another run)"
         )

@@ -1,1 +1,1 @@
-"""What a run is and where it lies: identity, directory, durable files, records, provenance, locks, standing."""
+"""What a run is and where it lies: identity, directory, durable files, records, provenance, locks, status."""

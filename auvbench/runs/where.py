@@ -119,11 +119,11 @@ def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def facts(run: RunDirectory) -> dict[str, Any]:
     """What a run directory can be asked for; empty where its configuration cannot be read."""
-    from auvbench.runs import standing
+    from auvbench.runs import status
 
     try:
         known = flat(run.config())
-        known["state"] = str(standing.of(run).state)
+        known["state"] = str(status.of(run).state)
     except (RunError, RecursionError):
         return {}  # whoever works on it says what is wrong with it
     return known | {"id": run.id, "experiment": run.path.absolute().parent.name}

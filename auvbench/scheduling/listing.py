@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.errors import RunError, UserError, closest
-from auvbench.runs import identity, lock, standing, where
+from auvbench.runs import identity, lock, status, where
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.standing import State
+from auvbench.runs.status import State
 from auvbench.scheduling import progress
 from auvbench.untrusted.text import LONGEST, plain, short
 
@@ -96,7 +96,7 @@ def rows(runs: Iterable[RunDirectory]) -> tuple[list[Row], list[str]]:
 
 
 def _row(run: RunDirectory, clock: Callable[[Path], float]) -> Row:
-    at = standing.of(run, clock=clock)
+    at = status.of(run, clock=clock)
     manifest = at.manifest
     steps, episodes, success = manifest["steps"], manifest.get("episodes", 0), manifest.get("success_rate")
     wall = float(manifest["wall_time_s"])

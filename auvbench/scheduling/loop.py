@@ -14,9 +14,10 @@ from types import FrameType
 from typing import Protocol
 
 from auvbench.errors import RunError
-from auvbench.runs import lock, standing
+from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import SIGNALS
+from auvbench.runs.status import lost_model
 from auvbench.scheduling.base import Backend, Job, Phase, Status, SubmitError
 from auvbench.training import worker
 from auvbench.training.worker import HELD
@@ -179,7 +180,7 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
     """What became of a run whose job has ended; a death it could not record itself is recorded for it."""
     manifest = run.manifest()
     state = manifest["state"]
-    if state == "complete" and not standing.lost_model(run, manifest):
+    if state == "complete" and not lost_model(run, manifest):
         return Outcome.COMPLETE, ""
     if status.code == HELD:
         return Outcome.HELD, f"held by {lock.current(run.path) or 'somebody who has left by now'}"

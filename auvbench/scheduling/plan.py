@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.table import Table
 
 from auvbench.errors import RunError
-from auvbench.runs import lock, standing
+from auvbench.runs import lock, status
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.standing import Standing, State
+from auvbench.runs.status import RunStatus, State
 
 
 class Action(StrEnum):
@@ -54,22 +54,22 @@ class Step:
 
     run: RunDirectory
     action: Action
-    standing: Standing | None = None  # None: it cannot be read
+    status: RunStatus | None = None  # None: it cannot be read
     problem: str = ""  # why it is refused
 
     @property
     def detail(self) -> str:
         """How far it is, what went wrong, or who holds it."""
-        if self.standing is None:
+        if self.status is None:
             return self.problem
-        manifest = self.standing.manifest
+        manifest = self.status.manifest
         if self.action is Action.LEAVE:
-            return f"by {self.standing.holder}"
+            return f"by {self.status.holder}"
         if self.action is Action.RETRY:
             error = manifest.get("error") or {}
             return f"{error.get('message', 'no reason given')} (step {manifest['steps']})"
-        if self.standing.lost:
-            return f"{self.standing.lost}: from its last checkpoint"
+        if self.status.lost:
+            return f"{self.status.lost}: from its last checkpoint"
         if self.action is Action.RESUME:
             return f"from step {manifest['steps']} of {manifest['total_steps']}"
         return ""
@@ -111,7 +111,7 @@ def make(
         try:
             if check is not None:
                 check(run)
-            found = standing.of(run, clock=clock, deep=True)
+            found = status.of(run, clock=clock, deep=True)
         except RunError as error:
             steps.append(Step(run, Action.REFUSE, problem=str(error)))
             continue

@@ -12,7 +12,7 @@ import numpy as np
 from auvbench.config import algorithms, installed, schema, simulators
 from auvbench.config.agents import learns
 from auvbench.errors import AuvbenchError, TrainingError
-from auvbench.runs import integrity, interruption, provenance, standing
+from auvbench.runs import integrity, interruption, provenance, status
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.durable import storage
 from auvbench.runs.lock import LockLostError
@@ -31,9 +31,9 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
         KeyboardInterrupt: it was interrupted; the manifest says so.
     """
     manifest = run.manifest()
-    if standing.finished(run, manifest):
+    if status.finished(run, manifest):
         return manifest
-    standing.refuse_copy(run, manifest)
+    status.refuse_copy(run, manifest)
     config = load_config(run)
     begun = time.monotonic()
     before = float(manifest["wall_time_s"])

@@ -25,7 +25,7 @@ from types import FrameType
 from typing import Any
 
 from auvbench.errors import AuvbenchError, plain_warnings
-from auvbench.runs import interruption, lock, processes, standing
+from auvbench.runs import interruption, lock, processes, status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Interrupted, Request
 from auvbench.untrusted import path_safety, streams
@@ -93,7 +93,7 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
     """
     job = f"slurm:{os.environ['SLURM_JOB_ID']}" if "SLURM_JOB_ID" in os.environ else None
     with lock.acquire(run.path, job=job):
-        if standing.finished(run):  # somebody else's work, since we were sent
+        if status.finished(run):  # somebody else's work, since we were sent
             return
         try:
             function(run)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from auvbench.errors import RunError, TrainingError
-from auvbench.runs import lock, standing
+from auvbench.runs import lock, status
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.base import Backend
 from auvbench.scheduling.loop import Loop, Outcome, Result, View
@@ -149,7 +149,7 @@ class Controller(Loop):
         claimed = {path for other in self.jobs if other is not job for path in other.left}
         claimed |= {run.path for run in (*self.waiting, *self.active.values())}
         for run in job.runs:
-            if standing.finished(run) and lock.living_holder(run.path) is None:
+            if status.finished(run) and lock.living_holder(run.path) is None:
                 self._arrived(run.path)
             elif run.path not in claimed:
                 self.shown.add(run)

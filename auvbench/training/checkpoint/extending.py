@@ -12,7 +12,7 @@ from auvbench.agents.base import learner_of
 from auvbench.config.agents import learns
 from auvbench.config.compose import typed
 from auvbench.errors import ConfigError, RunError
-from auvbench.runs import standing
+from auvbench.runs import status
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.training.checkpoint.seeding import seed
 from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore
@@ -52,7 +52,7 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
     config = run.check()
     _check_budget(run, config, total_steps)
     _check_schedule(run, config)
-    now = standing.of(run)
+    now = status.of(run)
     if now.holder is not None:
         raise RunError(f"{run.path} is held by {now.holder}; extend it when it has ended")
     larger = copy.deepcopy(config)

@@ -100,7 +100,7 @@ def test_names_flags_and_values_are_known(words, some, capsys):
 def test_what_is_offered_is_what_commands_accept():
     from auvbench.analysis.measures import COLUMNS, measure
     from auvbench.commands import completing
-    from auvbench.runs.standing import State
+    from auvbench.runs.status import State
     from auvbench.scheduling.listing import SORTS
 
     for name in completing.measures():

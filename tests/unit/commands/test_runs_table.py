@@ -14,7 +14,7 @@ import yaml
 from auvbench import cli
 from auvbench.commands import runs_table
 from auvbench.runs import lock
-from auvbench.runs.standing import State
+from auvbench.runs.status import State
 from auvbench.scheduling.listing import Row
 from tests import fake_training
 

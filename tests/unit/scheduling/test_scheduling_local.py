@@ -17,7 +17,7 @@ import psutil
 import pytest
 from rich.console import Console
 
-from auvbench.runs import lock, lock_files, processes, standing
+from auvbench.runs import lock, lock_files, processes, status
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.local import LocalBackend
 from auvbench.scheduling.loop import Outcome, Result, judge
@@ -191,7 +191,7 @@ def test_kill_9_of_the_sweep_leaves_nothing_behind_and_costs_nothing(folder: Pat
             os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
         until(lambda: living_workers(folder) == [])
-        assert all(standing.of(run).state is not standing.State.RUNNING for run in runs)
+        assert all(status.of(run).state is not status.State.RUNNING for run in runs)
     process = start_sweep(folder)
     output, _ = process.communicate(timeout=60)
     assert process.returncode == 0, output

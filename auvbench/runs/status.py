@@ -29,7 +29,7 @@ class State(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class RunStatus:
     """A run as it is now."""
 
     run: RunDirectory
@@ -43,7 +43,7 @@ class Standing:
         return self.run.path.name
 
 
-def of(run: RunDirectory, *, clock: Callable[[Path], float] | None = None, deep: bool = False) -> Standing:
+def of(run: RunDirectory, *, clock: Callable[[Path], float] | None = None, deep: bool = False) -> RunStatus:
     """Looks at a run once.
 
     Args:
@@ -55,13 +55,13 @@ def of(run: RunDirectory, *, clock: Callable[[Path], float] | None = None, deep:
     state = State(manifest["state"])
     lost = lost_model(run, manifest, deep=deep) if state is State.COMPLETE else ""
     if state is State.COMPLETE and not lost:
-        return Standing(run, state, manifest)
+        return RunStatus(run, state, manifest)
     holder = lock.living_holder(run.path, clock=clock)
     if holder is not None:
-        return Standing(run, State.RUNNING, manifest, holder, lost)
+        return RunStatus(run, State.RUNNING, manifest, holder, lost)
     if lost or state is State.RUNNING:
         state = State.INTERRUPTED
-    return Standing(run, state, manifest, lost=lost)
+    return RunStatus(run, state, manifest, lost=lost)
 
 
 def finished(run: RunDirectory, manifest: dict[str, Any] | None = None) -> bool:
