@@ -20,7 +20,7 @@ from auvbench.analysis.processes import each
 from auvbench.config import answers
 from auvbench.errors import ReportError, closest
 from auvbench.runs import integrity
-from auvbench.runs import where as filters
+from auvbench.runs import run_filter as filters
 from auvbench.runs.manifest_fields import SHIPPED
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.text import short
@@ -54,7 +54,7 @@ def load(
         paths: run directories or folders above them.
         protocol: name, or names, of the protocols whose evaluations are read. A complete run that lacks the
             first of them is named as a problem; the others may be absent.
-        where: terms that a run must meet, as of `auvbench.runs.where`: ["vehicle=rexrov", "reward.k=1,40"].
+        where: terms that a run must meet, as of `auvbench.runs.run_filter`: ["vehicle=rexrov", "reward.k=1,40"].
 
     Returns:
         the runs sorted by id, failed and unfinished ones included (without evaluations), and the problems.

@@ -55,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.commands.grammar import take_where
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
-    from auvbench.runs import where
+    from auvbench.runs import run_filter
 
     rest, terms = take_where(arguments)
     shows = _take_cfg(rest)
@@ -74,10 +74,10 @@ def main(arguments: Sequence[str]) -> int:
         raise UserError("name a run directory or a folder that holds runs, e.g. auvbench evaluate outputs")
     from auvbench.runs.directory import find_runs
 
-    wanted = where.parse(terms)
+    wanted = run_filter.parse(terms)
     _refuse_own(terms)
     runs = find_runs(paths)
-    return _evaluate_all(where.select(runs, wanted, where.facts) if wanted else runs, config)
+    return _evaluate_all(run_filter.select(runs, wanted, run_filter.facts) if wanted else runs, config)
 
 
 def _take_cfg(words: list[str]) -> bool:

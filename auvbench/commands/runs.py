@@ -59,7 +59,7 @@ def main(argv: Sequence[str]) -> int:
     if given.discard and given.json:
         raise UserError("--json: lists runs; --discard removes them: one at a time")
     from auvbench.commands import runs_table
-    from auvbench.runs import where
+    from auvbench.runs import run_filter
     from auvbench.runs.directory import find_runs
     from auvbench.scheduling import listing
 
@@ -72,7 +72,7 @@ def main(argv: Sequence[str]) -> int:
     )
     found, problems = listing.rows(find_runs(given.paths))
     rows = listing.choose(found, wanted, given.sort)
-    rows = where.select(rows, where.parse(given.where), listing.facts)
+    rows = run_filter.select(rows, run_filter.parse(given.where), listing.facts)
     columns = _columns(given.columns, found)
     if given.discard:
         from auvbench.commands.discard import discard

@@ -75,7 +75,7 @@ def _cells(rows: Sequence[Row], columns: Sequence[str]) -> dict[str, list[Text]]
     from rich.text import Text
 
     from auvbench.runs.progress import telling
-    from auvbench.runs.where import text
+    from auvbench.runs.run_filter import text
     from auvbench.scheduling.estimate import duration
     from auvbench.scheduling.listing import varying
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.errors import RunError, UserError, closest
-from auvbench.runs import identity, lock, status, where
+from auvbench.runs import identity, lock, run_filter, status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.status import State
 from auvbench.scheduling import progress
@@ -130,7 +130,7 @@ def _row(run: RunDirectory, clock: Callable[[Path], float]) -> Row:
 
 def _config(run: RunDirectory) -> dict[str, Any]:
     try:
-        known = where.flat(run.config())
+        known = run_filter.flat(run.config())
     except (RunError, RecursionError):
         return {}  # whoever works on the run says what is wrong with it
     return {
@@ -174,8 +174,8 @@ def varying(rows: Sequence[Row]) -> list[str]:
         name = f"{key.split('.')[0]}.name"
         by_name: dict[str, set[str]] = {}
         for config in configs:
-            group = "" if name == key else where.text(config.get(name))
-            by_name.setdefault(group, set()).add(where.text(config.get(key)))
+            group = "" if name == key else run_filter.text(config.get(name))
+            by_name.setdefault(group, set()).add(run_filter.text(config.get(key)))
         if any(len(values) > 1 for values in by_name.values()):
             found.append(key)
     return found

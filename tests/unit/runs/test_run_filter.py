@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from auvbench.errors import UserError
-from auvbench.runs import where
+from auvbench.runs import run_filter
 
 RUNS: list[dict[str, Any]] = [
     {"vehicle.name": "rexrov", "reward.k": 1.0, "algo.name": "ppo", "seed": 0, "algo.net_arch": [64, 64]},
@@ -18,11 +18,11 @@ RUNS: list[dict[str, Any]] = [
 
 
 def select(*terms: str) -> list[int]:
-    return [RUNS.index(run) for run in where.select(RUNS, where.parse(terms), lambda run: run)]
+    return [RUNS.index(run) for run in run_filter.select(RUNS, run_filter.parse(terms), lambda run: run)]
 
 
 def test_the_examples_in_the_documentation() -> None:
-    assert doctest.testmod(where).failed == 0
+    assert doctest.testmod(run_filter).failed == 0
 
 
 @pytest.mark.parametrize(
