@@ -83,7 +83,7 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
         streams.say("auvbench: there is not enough memory for this; nothing that was written before is lost")
         return 1
     if isinstance(error, OSError) and error.errno in _DISK:
-        from auvbench.runs.durable import storage_error
+        from auvbench.runs.atomic_io import storage_error
 
         streams.say(f"auvbench: {plain(storage_error(error, 'cannot go on'))}")
         return 1

@@ -18,7 +18,7 @@ from typing import Any
 import pandas as pd
 
 from auvbench.record import SCENARIO_COLUMNS
-from auvbench.runs.durable import sha256
+from auvbench.runs.atomic_io import sha256
 from auvbench.untrusted import bz2_io, tables
 from auvbench.untrusted.text import short
 

@@ -76,7 +76,7 @@ def main(argv: Sequence[str]) -> int:
         raise UserError(f"--to {study.folder}: is a file; name a folder")
     if study.policies:
         export.require()
-    from auvbench.runs.durable import storage
+    from auvbench.runs.atomic_io import storage
 
     publish_readme.check(study, options)
     publish_readme.rehearse(paths, study, options)

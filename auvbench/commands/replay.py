@@ -70,7 +70,7 @@ def main(arguments: Sequence[str]) -> int:
 def _show(episode: Replay, stem: Path, video: Path | None) -> int:
     """On the terminal, as a figure `stem`.png and .svg, and as a film where one is asked for."""
     from auvbench.reporting.replay import draw, summary
-    from auvbench.runs.durable import storage
+    from auvbench.runs.atomic_io import storage
 
     print(summary(episode))
     with storage(f"cannot write into {stem.parent}"):

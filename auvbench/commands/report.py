@@ -33,7 +33,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _report(paths: Sequence[Path], options: Options, command: str) -> None:
-    from auvbench.runs.durable import storage
+    from auvbench.runs.atomic_io import storage
 
     reports = analysed(paths, options)
     runs = [run for report in reports for run in report.runs]
@@ -214,7 +214,7 @@ def write(
     """
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
-    from auvbench.runs.durable import make_folder
+    from auvbench.runs.atomic_io import make_folder
 
     if (
         options.out is None or title

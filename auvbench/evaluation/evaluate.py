@@ -30,8 +30,8 @@ from auvbench.evaluation.protocol import (
 from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import integrity, lock, provenance
+from auvbench.runs.atomic_io import make_folder
 from auvbench.runs.directory import RunDirectory, now
-from auvbench.runs.durable import make_folder
 from auvbench.runs.files import as_json, write_folder
 from auvbench.runs.plan import load_config
 from auvbench.untrusted import archives, documents, path_safety, reading

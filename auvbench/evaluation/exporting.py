@@ -23,8 +23,8 @@ from auvbench.policies import cards, exported
 from auvbench.policies.cards import FORMAT, SCHEMA_VERSION
 from auvbench.policies.exported import NETWORK
 from auvbench.runs import identity, integrity, provenance
+from auvbench.runs.atomic_io import sha256, storage
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.durable import sha256, storage
 from auvbench.runs.files import as_lines, write_atomic
 from auvbench.runs.plan import load_config
 from auvbench.untrusted import path_safety

@@ -16,8 +16,8 @@ from pathlib import Path
 from auvbench.analysis import scenarios
 from auvbench.errors import ReportError, RunError
 from auvbench.runs import integrity
+from auvbench.runs.atomic_io import fsync_directory, make_folder, sha256
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.durable import fsync_directory, make_folder, sha256
 from auvbench.runs.files import write_atomic
 from auvbench.runs.manifest_fields import SHIPPED
 from auvbench.untrusted import bz2_io, documents, reading

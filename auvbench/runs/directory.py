@@ -11,7 +11,7 @@ import yaml
 
 from auvbench.errors import RunError
 from auvbench.runs import identity, integrity, interpolations, manifest_fields
-from auvbench.runs.durable import FAULTS, make_folder, storage_error
+from auvbench.runs.atomic_io import FAULTS, make_folder, storage_error
 from auvbench.runs.files import as_json, create_atomic, write_atomic, write_json
 from auvbench.runs.identity import SCHEMA_VERSION
 from auvbench.runs.manifest_fields import STATES

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from auvbench.runs.durable import fsync_directory, make_folder, storage, write_durable
+from auvbench.runs.atomic_io import fsync_directory, make_folder, storage, write_durable
 
 
 def write_atomic(path: Path, data: bytes, *, sync_folder: bool = True) -> None:

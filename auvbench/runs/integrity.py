@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.errors import RunError
-from auvbench.runs.durable import sha256
+from auvbench.runs.atomic_io import sha256
 from auvbench.untrusted import archives, path_safety, reading
 from auvbench.untrusted.text import short
 

@@ -13,8 +13,8 @@ from auvbench.config import algorithms, installed, schema, simulators
 from auvbench.config.agents import learns
 from auvbench.errors import AuvbenchError, TrainingError
 from auvbench.runs import integrity, interruption, provenance, status
+from auvbench.runs.atomic_io import storage
 from auvbench.runs.directory import RunDirectory, now
-from auvbench.runs.durable import storage
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch

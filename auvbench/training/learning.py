@@ -14,8 +14,8 @@ from auvbench.config import schema, simulators
 from auvbench.envs.sharded import make_batch
 from auvbench.errors import ConfigError
 from auvbench.runs import integrity
+from auvbench.runs.atomic_io import fsync_directory, fsync_file, storage
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.durable import fsync_directory, fsync_file, storage
 from auvbench.runs.interruption import Request
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.progress import Reporter, Watch

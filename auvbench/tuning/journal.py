@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from auvbench.errors import RunError
 from auvbench.runs import lock
-from auvbench.runs.durable import storage
+from auvbench.runs.atomic_io import storage
 from auvbench.tuning import journal_lines, samplers
 from auvbench.tuning.rungs import FAILED, Progress
 from auvbench.tuning.space import Dimension, Value

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from auvbench.errors import RunError
-from auvbench.runs.durable import storage
+from auvbench.runs.atomic_io import storage
 from auvbench.untrusted import documents, reading
 
 LARGEST = 1 << 28

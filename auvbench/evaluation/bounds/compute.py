@@ -29,7 +29,7 @@ from auvbench.evaluation.bounds.trial import Commands, Scenario, Trial, scenario
 from auvbench.evaluation.protocol import Circumstance, circumstances, fingerprint, fingerprint_parts
 from auvbench.evaluation.rollout import batch_of
 from auvbench.runs import interruption, lock, processes
-from auvbench.runs.durable import make_folder, storage
+from auvbench.runs.atomic_io import make_folder, storage
 from auvbench.vehicles import sheet
 from auvbench.vehicles.symbolic import symbolic
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from auvbench.evaluation.bounds.search import Found
-from auvbench.runs.durable import fsync_directory, make_folder, storage
+from auvbench.runs.atomic_io import fsync_directory, make_folder, storage
 from auvbench.untrusted import documents, reading
 
 Key = tuple[str, int, int]

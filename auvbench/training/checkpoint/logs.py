@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from auvbench.runs.durable import fsync_directory, sha256_of_prefix
+from auvbench.runs.atomic_io import fsync_directory, sha256_of_prefix
 
 
 @dataclass(frozen=True, slots=True)

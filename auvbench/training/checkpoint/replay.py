@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from auvbench.agents.base import Ring
-from auvbench.runs.durable import fsync_directory, make_folder, sha256, sha256_of_prefix
+from auvbench.runs.atomic_io import fsync_directory, make_folder, sha256, sha256_of_prefix
 from auvbench.runs.files import write_atomic
 from auvbench.untrusted import archives, reading
 

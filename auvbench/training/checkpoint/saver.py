@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Learner, replay
 from auvbench.errors import TrainingError
 from auvbench.runs import lock
-from auvbench.runs.durable import storage
+from auvbench.runs.atomic_io import storage
 from auvbench.training.checkpoint.logs import GrowingLog, LogMark, cut
 from auvbench.training.checkpoint.replay import ReplayStore
 from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore

@@ -6,7 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
-from auvbench.runs.durable import fsync_directory, make_folder, storage, write_durable
+from auvbench.runs.atomic_io import fsync_directory, make_folder, storage, write_durable
 from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore
 from auvbench.untrusted import path_safety
 

@@ -20,7 +20,7 @@ from typing import Any
 
 from auvbench.agents.components import Components
 from auvbench.errors import AuvbenchWarning, RunError, TrainingError
-from auvbench.runs.durable import fsync_directory, make_folder, sha256, storage, write_durable
+from auvbench.runs.atomic_io import fsync_directory, make_folder, sha256, storage, write_durable
 from auvbench.training.checkpoint.logs import LogMark
 from auvbench.training.checkpoint.replay import Segment
 from auvbench.untrusted import archives, documents, path_safety, reading

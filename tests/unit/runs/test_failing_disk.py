@@ -17,7 +17,7 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import evaluate_config
 from auvbench.evaluation import evaluate
 from auvbench.guard import guarded
-from auvbench.runs import durable
+from auvbench.runs import atomic_io
 from tests import synthetic
 from tests.unit.runs.test_damage import frozen
 
@@ -52,7 +52,7 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, int], Disk]:
         for name in ("replace", "fsync", "link"):
             monkeypatch.setattr(os, name, disk.wrap(getattr(os, name)))
         monkeypatch.setattr(Path, "mkdir", disk.wrap(Path.mkdir))
-        monkeypatch.setattr(durable, "write_durable", disk.wrap(durable.write_durable))
+        monkeypatch.setattr(atomic_io, "write_durable", disk.wrap(atomic_io.write_durable))
         return disk
 
     return install
