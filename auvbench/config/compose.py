@@ -39,9 +39,9 @@ from auvbench.config import (
     isolated,
     launchers,
     mistakes,
+    restricted_yaml,
     schema,
     simulators,
-    trust,
     tuning,
 )
 from auvbench.config import overrides as typing
@@ -67,11 +67,11 @@ class WorkingDirectory(SearchPathPlugin):
     """Puts installed packages' folders and `./conf` of the working directory on Hydra's search path, the latter first."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
-        for provider, path in trust.installed_sources():
+        for provider, path in restricted_yaml.installed_sources():
             search_path.prepend(provider=provider, path=path, anchor="main")
         own = Path.cwd() / "conf"
         if own.is_dir():
-            search_path.prepend(provider="working-directory", path=f"{trust.SCHEME}://{own}")
+            search_path.prepend(provider="working-directory", path=f"{restricted_yaml.SCHEME}://{own}")
 
 
 # Hydra accepts plugin classes only from `hydra_plugins` or its own core package.
@@ -81,7 +81,7 @@ WorkingDirectory.__module__ = "hydra_plugins.auvbench_search_path"
 def _store() -> None:
     register_schemas()
     auvbench_launcher.store()
-    trust.register()
+    restricted_yaml.register()
 
 
 def _prepare() -> None:
@@ -90,7 +90,7 @@ def _prepare() -> None:
     version.setbase("1.3")
     register_schemas()
     auvbench_launcher.register()
-    trust.register()
+    restricted_yaml.register()
     plugins = Plugins.instance()
     if WorkingDirectory not in plugins.discover(SearchPathPlugin):
         plugins.register(WorkingDirectory)
@@ -251,7 +251,7 @@ def run(
         composed.append(config)
 
     try:
-        with trust.checked():
+        with restricted_yaml.checked():
             _run_hydra(
                 args=parsed,
                 args_parser=parser,

@@ -20,7 +20,7 @@ from hydra.core.plugins import Plugins
 from hydra.types import RunMode
 from omegaconf import DictConfig, open_dict
 
-from auvbench.config import trust
+from auvbench.config import restricted_yaml
 
 # What is borrowed below belongs to the process.
 _LOCK = threading.RLock()
@@ -48,9 +48,9 @@ def load(
     """
     path = ConfigSearchPathImpl()
     if folder is not None:
-        path.append("own", f"{trust.SCHEME}://{folder}")
+        path.append("own", f"{restricted_yaml.SCHEME}://{folder}")
     path.append("hydra", "pkg://hydra.conf")
-    for provider, installed in trust.installed_sources():
+    for provider, installed in restricted_yaml.installed_sources():
         path.append(provider, installed)
     path.append("main", f"pkg://{module}")
     path.append("schema", "structured://")
