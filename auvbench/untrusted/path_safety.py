@@ -1,89 +1,106 @@
-"""Nothing is written or deleted outside a run's own folder: a run that holds a link out of it is refused.
+"""Paths that another person may have chosen: names out of files, and links inside folders that auvbench writes.
 
-Whoever unpacks a run from a stranger has folders and files that may be links to anything: `checkpoints` to a
-folder of photographs, in which cleaning up would delete, `train/log.txt` to a shell's start-up file, to which
-lines would be appended. Where the run's folder itself lies, and through which links one gets there, is the
-user's own affair.
+A folder from a stranger may hold links: `checkpoints` to a folder of photographs, in which cleaning up would delete,
+or `train/log.txt` to a shell's start-up file, which would grow. A file in it may name `../../.bashrc`. So each name
+out of a file passes `child`, and a run is searched for links before anything is written into it. Links above the
+folder that the user typed are the user's own.
 """
 
 from __future__ import annotations
 
 import os
-import stat
+from collections.abc import Iterator
 from pathlib import Path
 
 from auvbench.errors import RunError
+from auvbench.untrusted.text import short
 
-APPENDED = "train"
-"""the folder of files that grow in place; all others are replaced by renaming, which leaves a second name alone"""
+GROWING = "train"
+"""the folder of files that grow in place; every other file is replaced by renaming, which spares a second name"""
+
+LONGEST = 255
+"""bytes of a name that a file system takes"""
+
+
+def child(folder: Path | str, name: object) -> Path:
+    """Return the path below `folder` that a file names.
+
+    Args:
+        folder: a folder that the user named.
+        name: plain names joined by "/", as the file has it; any type.
+
+    Raises:
+        ValueError: a part is empty, hidden in another folder ("..", "/"), not printable or too long, or a link lies
+            on the way.
+
+    >>> child("run", "train/episodes.csv").as_posix()
+    'run/train/episodes.csv'
+    """
+    path = Path(folder)
+    for part in name.split("/") if isinstance(name, str) else [""]:
+        if part in ("", ".", "..") or not part.isprintable() or len(part.encode()) > LONGEST:
+            raise ValueError(f"{short(repr(name), 60)} is no name of a file below {Path(folder).name}")
+        path /= part
+        if path.is_symlink():
+            raise ValueError(_link(path))
+    return path
 
 
 def check(run: Path | str) -> None:
-    """Looks at everything in a run's folder; a folder that is not there is fine.
+    """Search a run's folder for what leads out of it; a folder that does not exist is fine.
 
     Raises:
-        RunError: a link, a pipe or a device is in it, or a growing file has another name elsewhere.
+        RunError: a link, a pipe or a device lies in it, or a growing file has a second name.
     """
-    for place in _foreign(str(run)):
-        raise RunError(place)
+    for entry in _entries(str(run)):
+        if entry.is_symlink():
+            raise RunError(_link(entry.path))
+        if entry.is_file(follow_symlinks=False):
+            if _parent(entry) == GROWING and _links(entry) > 1:
+                raise RunError(
+                    f"{entry.path}: the file has a second name (a hard link), which would grow with it; "
+                    f"make it a copy: cp {entry.path} COPY && mv COPY {entry.path}"
+                )
+        # A lock's temporary file may be gone by now.
+        elif not entry.is_dir(follow_symlinks=False) and os.path.lexists(entry.path):
+            raise RunError(f"{entry.path}: neither a file nor a folder; remove it")
 
 
 def check_output(folder: Path | str, names: tuple[str, ...] = ()) -> None:
-    """That a folder of results is not a link, nor what is to be written into it under `names`.
+    """Refuse a folder of results that is a link, or holds a link under one of `names`.
 
     Raises:
         RunError: one of them is a link.
     """
     for path in (Path(folder), *(Path(folder) / name for name in names)):
         if path.is_symlink():
-            raise RunError(_link(str(path)))
+            raise RunError(_link(path))
 
 
-def is_below(name: object) -> bool:
-    """Whether a name out of a file leads to a place below the folder that it is relative to."""
-    if not isinstance(name, str) or not name or "\0" in name:
-        return False
-    parts = Path(name).parts
-    return not Path(name).is_absolute() and ".." not in parts
-
-
-def _link(path: str) -> str:
-    return (
-        f"{path}: a symbolic link where auvbench would write; it writes to no place that a folder leads it to: "
-        "remove the link, or put the files themselves there"
-    )
-
-
-def _foreign(folder: str) -> list[str]:
-    """The first thing that does not belong into a run, in words."""
-    waiting = [folder]
+def _entries(folder: str) -> Iterator[os.DirEntry[str]]:
+    """Yield all files and folders below a folder, each folder in the order of its names."""
+    waiting = [folder]  # a stack: a folder may be nested deeper than Python recurses
     while waiting:
-        here = waiting.pop()
         try:
-            entries = sorted(os.scandir(here), key=lambda entry: entry.name)
+            entries = sorted(os.scandir(waiting.pop()), key=lambda entry: entry.name)
         except (FileNotFoundError, NotADirectoryError):
             continue
         for entry in entries:
-            if entry.is_symlink():
-                return [_link(entry.path)]
+            yield entry
             if entry.is_dir(follow_symlinks=False):
                 waiting.append(entry.path)
-                continue
-            if not entry.is_file(follow_symlinks=False):
-                if not os.path.lexists(entry.path):  # a lock's temporary name, gone meanwhile
-                    continue
-                return [f"{entry.path}: neither a file nor a folder; a run holds nothing else: remove it"]
-            if os.path.basename(here) == APPENDED and _has_another_name(entry):
-                return [
-                    f"{entry.path}: the file has a second name elsewhere (a hard link), which would grow with it; "
-                    f"make it a copy: cp {entry.path} COPY && mv COPY {entry.path}"
-                ]
-    return []
 
 
-def _has_another_name(entry: os.DirEntry[str]) -> bool:
+def _parent(entry: os.DirEntry[str]) -> str:
+    return os.path.basename(os.path.dirname(entry.path))
+
+
+def _links(entry: os.DirEntry[str]) -> int:
     try:
-        status = entry.stat(follow_symlinks=False)
+        return entry.stat(follow_symlinks=False).st_nlink
     except FileNotFoundError:
-        return False
-    return stat.S_ISREG(status.st_mode) and status.st_nlink > 1
+        return 0
+
+
+def _link(path: Path | str) -> str:
+    return f"{path}: a symbolic link, which auvbench does not follow; replace it by what it leads to"

@@ -134,7 +134,45 @@ def test_a_report_is_not_written_where_a_link_leads(
         assert (code, "symbolic link" in error) == (2, True)
 
 
-def test_names_out_of_files_lead_nowhere_else() -> None:
-    assert path_safety.is_below("model/policy.pt")
-    for name in ("../x", "/etc/passwd", "a/../../b", "", "a\0b", 5, None):
-        assert not path_safety.is_below(name)
+def test_a_name_out_of_a_file_stays_below_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "model").mkdir()
+    assert path_safety.child(tmp_path, "model/policy.pt") == tmp_path / "model" / "policy.pt"
+    bad = (
+        "../x",
+        "/etc/passwd",
+        "a/../../b",
+        "",
+        "a//b",
+        ".",
+        "a\0b",
+        "a\nb",
+        "\x1b[2J",
+        "\u202ea",
+        "x" * 256,
+        5,
+        None,
+    )
+    for name in bad:
+        with pytest.raises(ValueError, match="no name"):
+            path_safety.child(tmp_path, name)
+
+
+@pytest.mark.parametrize("link", ["model", "model/policy.pt"])
+def test_a_name_out_of_a_file_leads_through_no_link(link: str, photographs: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    (run / link).parent.mkdir(parents=True)
+    (run / link).symlink_to(photographs)
+    with pytest.raises(ValueError, match="symbolic link"):
+        path_safety.child(run, "model/policy.pt")
+
+
+def test_a_folder_deeper_than_python_recurses_is_searched(tmp_path: Path) -> None:
+    here = os.getcwd()
+    os.chdir(tmp_path)
+    try:
+        for _ in range(1200):
+            os.mkdir("d")
+            os.chdir("d")
+    finally:
+        os.chdir(here)
+    path_safety.check(tmp_path)
