@@ -7,7 +7,10 @@ STAMP := $(VENV)/.installed
 PIP = $(BIN)/python -m pip install -qq --disable-pip-version-check
 # One torch thread per process; tests run side by side on the cores there are.
 JOBS ?= auto
+PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -q
 export OMP_NUM_THREADS ?= 1
+# Hundreds of test processes import the same modules: keep their bytecode.
+unexport PYTHONDONTWRITEBYTECODE
 # Without the theme's announcement of its successor.
 MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 # SIGKILLs per case of `make soak`, power cuts of a training, flipped bits.
@@ -21,7 +24,7 @@ REPLICATIONS ?= 500
 STUDIES ?= 500
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check format lint type layers docs bench statistics verification parity transfer soak fuzz lock test-cluster test-programs clean
+.PHONY: help install demo test test-slow check format lint type layers docs bench statistics verification parity transfer soak fuzz lock test-cluster test-programs clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -44,8 +47,11 @@ demo: $(STAMP) ## train PPO with K=1 and K=100, five seeds each; test them, PID 
 	$(BIN)/auvbench evaluate outputs/quickstart
 	$(BIN)/auvbench report outputs/quickstart
 
-test: $(STAMP) ## the test suite
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -q
+test: $(STAMP) ## the quick tests: what a contributor runs
+	$(PYTEST) -m "not slow"
+
+test-slow: $(STAMP) ## the tests that take seconds each: trainings, kills, virtual environments, browsers, ROS 2
+	$(PYTEST) -m slow
 
 check: $(STAMP) ## format, lint, types, layers, the links of the documentation
 	$(BIN)/ruff format --check .

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.waiting import LIMIT
+
 needs_pdflatex = pytest.mark.skipif(
     shutil.which("pdflatex") is None, reason="needs pdflatex (texlive-latex-recommended)"
 )
@@ -22,7 +24,7 @@ def compile_article(folder: Path, table: str) -> str:
     )
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
     done = subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=120, check=False
+        command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=LIMIT, check=False
     )
     assert done.returncode == 0, done.stdout[-2000:]
     assert (folder / "paper.pdf").is_file()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from auvbench.evaluation.evaluate import is_done
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
 from tests.unit.runs.test_damage import frozen
+from tests.waiting import until
 
 # Long enough to be met in the midst of it: random agents swim until their time is over.
 LONG = ["protocol.episodes=400", "protocol.batch=50", "protocol.trajectories=0"]
@@ -54,27 +54,18 @@ def being_tested(runs: list[RunDirectory]) -> list[lock.RunLock]:
     return [run for run in runs if lock.living_holder(run.path / "evaluations" / ".test") is not None]
 
 
-def wait_until(condition: object, seconds: float = 60.0) -> bool:
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        if condition():  # type: ignore[operator]
-            return True
-        time.sleep(0.02)
-    return False
-
-
 @pytest.mark.slow
 def test_a_killed_evaluate_leaves_no_worker(
     runs: list[RunDirectory], tmp_path: Path, killed: list[psutil.Process]
 ) -> None:
     main = evaluate(tmp_path, *LONG)
-    assert wait_until(lambda: being_tested(runs) or main.poll() is not None)
+    until(lambda: being_tested(runs) or main.poll() is not None, "an evaluation under way")
     workers = psutil.Process(main.pid).children(recursive=True)
     killed += workers
     assert len(being_tested(runs)) > 0
     main.kill()
     main.wait()
-    assert wait_until(lambda: not any(_lives(worker) for worker in workers), 5.0), workers
+    until(lambda: not any(_lives(worker) for worker in workers), "the end of the workers")
     assert not being_tested(runs)
     assert not list(tmp_path.glob("*/*/evaluations/test"))
 

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.waiting import LIMIT
+
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "auvbench-example"
 TRAIN = ("algo=pursuit,search,pid,ppo", "seed=0,1", "train.total_steps=4096", "launcher.workers=2")
@@ -24,7 +26,7 @@ def said(python: Path, *words: str, cwd: Path) -> str:
         key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")
     }
     done = subprocess.run(
-        [python, *words], cwd=cwd, capture_output=True, text=True, check=False, timeout=900, env=environment
+        [python, *words], cwd=cwd, capture_output=True, text=True, check=False, timeout=LIMIT, env=environment
     )
     assert done.returncode == 0, f"{' '.join(words)}: {done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     return done.stdout
@@ -72,7 +74,7 @@ def test_installed_beside_the_packages_that_are_here(tmp_path: Path) -> None:
         [*command, "--no-build-isolation", str(source(tmp_path))],
         check=True,
         capture_output=True,
-        timeout=300,
+        timeout=LIMIT,
     )
     assert (there / "auvbench_example").is_dir()
     runs_through(python, tmp_path)
@@ -87,6 +89,6 @@ def test_installed_from_the_package_index(tmp_path: Path) -> None:
     venv.create(tmp_path / "own", with_pip=True)
     python = tmp_path / "own" / "bin" / "python"
     pip = [str(python), "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt")]
-    subprocess.run([*pip, str(ROOT), str(source(tmp_path)), "pytest"], check=True, timeout=3000)
+    subprocess.run([*pip, str(ROOT), str(source(tmp_path)), "pytest"], check=True)
     runs_through(python, tmp_path)
     said(python, "-m", "pytest", "-q", "source/tests", cwd=tmp_path)

@@ -17,6 +17,7 @@ import pytest
 
 from auvbench.runs import lock, lock_files
 from auvbench.runs.directory import RunDirectory, find_runs
+from tests.waiting import LIMIT, until
 
 AUVBENCH = [sys.executable, "-m", "auvbench"]
 GRID = """
@@ -36,7 +37,7 @@ train:
 
 def auvbench(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*AUVBENCH, *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=300
+        [*AUVBENCH, *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=LIMIT
     )
 
 
@@ -138,7 +139,7 @@ def test_a_training_whose_run_was_taken_over_stops_without_writing_more(folder: 
         assert held is not None
         thief = json.dumps(asdict(replace(held, host="node7", machine="other", token="another")))
         (run.path / lock_files.FOLDER / "000002").write_text(thief)
-        output, _ = process.communicate(timeout=120)
+        output, _ = process.communicate(timeout=LIMIT)
     finally:
         process.kill()
     assert process.returncode == 1
@@ -180,12 +181,12 @@ def test_a_sweep_killed_again_and_again_ends_as_one_that_was_not(folder: Path) -
 
 
 def wait_for_work(folder: Path, process: subprocess.Popen[Any]) -> None:
-    """Until a worker has a run, or the sweep is over."""
-    deadline = time.monotonic() + 60
-    while process.poll() is None and time.monotonic() < deadline:
-        if folder.exists() and any(lock.living_holder(path) for path in folder.iterdir()):
-            return
-        time.sleep(0.05)
+    """Wait until a worker has a run, or the sweep is over."""
+
+    def begun() -> bool:
+        return folder.exists() and any(lock.living_holder(path) for path in folder.iterdir())
+
+    until(lambda: begun() or process.poll() is not None, "a worker with a run")
 
 
 def test_a_single_run_goes_where_the_launcher_says(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from auvbench import cli
 from auvbench.commands import runs as runs_command
+from tests.waiting import LIMIT
 
 FULL = Path("/dev/full")
 
@@ -24,7 +25,7 @@ def auvbench(
         stdout=stdout,
         stderr=subprocess.PIPE,
         env={**os.environ, **environment},
-        timeout=120,
+        timeout=LIMIT,
         check=False,
     )
     return done.returncode, (done.stdout or b"").decode(), done.stderr.decode()
@@ -46,7 +47,7 @@ def test_a_message_that_nobody_can_read_changes_no_exit_code() -> None:
             [sys.executable, "-m", "auvbench", "frobnicate"],
             stdout=full,
             stderr=full,
-            timeout=120,
+            timeout=LIMIT,
             check=False,
         )
     assert done.returncode == 2

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 import pickle
-import time
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
+from matplotlib.figure import Figure
 
 import auvbench
 from auvbench.envs import sb3
@@ -48,18 +48,16 @@ def test_pictures_show_where_the_vehicle_is():
     assert (difference > 80).mean() < 0.01
 
 
-def test_pictures_are_fast_enough_for_a_film():
+def test_a_picture_is_drawn_on_the_one_before(monkeypatch):
+    drawn = []
+    whole = Figure.draw
+    monkeypatch.setattr(Figure, "draw", lambda *arguments: (drawn.append(1), whole(*arguments))[1])
     env = gymnasium.make(ID, render_mode="rgb_array")
     env.reset(seed=1)
-    env.render()
-    times = []
     for _ in range(60):
-        env.step(np.zeros(6, dtype=np.float32))
-        begin = time.perf_counter()
         env.render()
-        times.append(time.perf_counter() - begin)
-    assert min(times) < 0.05
-    assert np.median(times) < 0.5
+        env.step(np.zeros(6, dtype=np.float32))
+    assert 0 < len(drawn) < 6
 
 
 def test_a_line_says_the_same():

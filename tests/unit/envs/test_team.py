@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import os
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from auvbench.envs import sharded, team
 from auvbench.envs.batch import Batch
 from auvbench.envs.team import TeamBatch
 from auvbench.errors import TrainingError
+from tests.waiting import until
 
 
 def configuration(threads: int, *overrides: str):
@@ -24,13 +24,6 @@ def configuration(threads: int, *overrides: str):
 
 def actions(n: int) -> np.ndarray:
     return np.random.default_rng(3).uniform(-2, 2, (n, 6))
-
-
-def until(condition) -> None:
-    deadline = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def test_threads_serve_batches_for_which_they_pay():

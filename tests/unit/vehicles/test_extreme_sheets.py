@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from auvbench import cli
 from auvbench.errors import VehicleError
 from auvbench.vehicles import pace
 from auvbench.vehicles.reader import read
+from tests.fuzz.harness import judge
 
 LAUGHS = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
     f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12)
@@ -35,7 +35,6 @@ def test_numbers_of_another_world_do_not_hang(
     factor: float,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     data = copy.deepcopy(read("bluerov2").data)
@@ -43,11 +42,8 @@ def test_numbers_of_another_world_do_not_hang(
     path = tmp_path / "conf" / "vehicle" / "w.yaml"
     path.parent.mkdir(parents=True)
     path.write_text(yaml.safe_dump(sheet))
-    started = time.process_time()
     for command in (["vehicles", "w"], ["vehicles", str(path), "--json"]):
-        assert cli.main(command) in (0, 2)
-        assert "defect" not in capsys.readouterr().err
-    assert time.process_time() - started < 30
+        judge(command)
 
 
 def test_damping_that_no_step_resolves_is_refused_before_a_run_is_made(
