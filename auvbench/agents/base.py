@@ -1,4 +1,4 @@
-"""What every agent offers, what one that learns offers beside, and the registry of those there are."""
+"""Agent and Learner protocols, and the function that makes an agent."""
 
 from __future__ import annotations
 
@@ -12,37 +12,13 @@ from numpy.typing import NDArray
 
 from auvbench.agents.components import Components
 from auvbench.config import schema
+from auvbench.config.agents import AGENTS
 from auvbench.record import Record
 from auvbench.vehicles.model import VehicleModel
 
 Integers = NDArray[np.int64]
 Observations = NDArray[np.float32]
 Actions = NDArray[np.floating]
-
-SB3 = "auvbench.agents.learned.sb3:SB3Learner"
-RESIDUAL = "auvbench.agents.learned.residual:ResidualLearner"
-
-LEARNERS: dict[str, str] = {
-    "ppo": SB3,
-    "sac": SB3,
-    "ddpg": SB3,
-    "td3": SB3,
-    "tqc": SB3,
-    "crossq": SB3,
-    "trpo": SB3,
-    "recurrent_ppo": SB3,
-    "ppo_residual": RESIDUAL,
-    "sac_residual": RESIDUAL,
-}
-CONTROLLERS: dict[str, str] = {
-    "pid": "auvbench.agents.classical.pid:controller",
-    "lqr": "auvbench.agents.classical.lqr:LQRController",
-    "smc": "auvbench.agents.classical.smc:SMCController",
-    "mpc": "auvbench.agents.classical.mpc:MPCController",
-    "random": "auvbench.agents.classical.random:RandomAgent",
-    "onnx": "auvbench.agents.policy_file:PolicyFile",
-}
-"""What makes an agent, as `module:name` of a callable that takes a configuration and a vehicle."""
 
 
 class Agent(Protocol):
@@ -218,12 +194,12 @@ def resolve(target: str) -> Any:
 def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
     """The agent that `config.algo` names, for the vehicle that it is to know; one that learns has learned nothing yet."""
     name = config.algo.agent
-    target = LEARNERS.get(name) or CONTROLLERS.get(name)
-    if target is None:
+    spec = AGENTS.get(name)
+    if spec is None:
         from auvbench.agents import entered
 
         return entered.make(config, vehicle)
-    agent: Agent = resolve(target)(config, vehicle)
+    agent: Agent = resolve(spec.factory)(config, vehicle)
     return agent
 
 

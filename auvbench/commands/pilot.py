@@ -205,16 +205,16 @@ def classical(name: str, vehicle: VehicleModel, frequency: float) -> Any:
         ConfigError: there is none of that name for a pilot, or it cannot steer this vehicle.
     """
     from auvbench.agents import base
-    from auvbench.config import algorithms
+    from auvbench.config.agents import AGENTS
 
-    schemas = {"pid": algorithms.PID, "smc": algorithms.SMC, "lqr": algorithms.LQR}
-    if name not in schemas:
-        raise ConfigError(f"{name}: neither a POLICY.onnx nor a controller; {closest(name, schemas)}")
-    gains = schemas[name](**_defaults("algo", name))
+    if name not in CONTROLLERS:
+        raise ConfigError(f"{name}: neither a POLICY.onnx nor a controller; {closest(name, CONTROLLERS)}")
+    spec = AGENTS[name]
+    gains = spec.schema(**_defaults("algo", name))
     config = SimpleNamespace(
         algo=gains, step=SimpleNamespace(frequency=frequency), task=SimpleNamespace(position_frame="world")
     )
-    return base.resolve(base.CONTROLLERS[name])(config, vehicle)
+    return base.resolve(spec.factory)(config, vehicle)
 
 
 def _defaults(group: str, name: str) -> dict[str, Any]:

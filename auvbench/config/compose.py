@@ -45,12 +45,13 @@ from auvbench.config import (
     tuning,
 )
 from auvbench.config import overrides as typing
+from auvbench.config.agents import AGENTS
 from auvbench.errors import ConfigError, closest
 from hydra_plugins import auvbench_launcher
 
 CONFIG_MODULE = "auvbench.conf"
 
-ALGORITHM_SCHEMAS = {f"{name}_schema": schema for name, schema in hints.CLASSES.items()}
+ALGORITHM_SCHEMAS = {f"{name}_schema": spec.schema for name, spec in AGENTS.items()}
 
 
 def register_schemas() -> None:
@@ -169,9 +170,9 @@ def _algorithm(config: DictConfig) -> Any:
     if isinstance(typed_already, type) and issubclass(typed_already, installed.AgentConfig):
         return OmegaConf.structured(typed_already)
     agent = str(OmegaConf.select(config, "algo.agent"))
-    if agent not in hints.CLASSES:
-        raise ConfigError(f"algo.agent={agent}: unknown; {closest(agent, hints.CLASSES)}")
-    return OmegaConf.structured(hints.CLASSES[agent])
+    if agent not in AGENTS:
+        raise ConfigError(f"algo.agent={agent}: unknown; {closest(agent, AGENTS)}")
+    return OmegaConf.structured(AGENTS[agent].schema)
 
 
 def _simulator(config: DictConfig) -> Any:

@@ -11,7 +11,7 @@ import typing
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from auvbench.config import algorithms
+from auvbench.config.agents import AGENTS
 from auvbench.errors import closest
 
 ELSEWHERE = {
@@ -50,25 +50,6 @@ RUN_KEYS = (
     "name",
 )
 """The questions whose answers tell runs apart."""
-
-CLASSES = {
-    "ppo": algorithms.PPO,
-    "sac": algorithms.SAC,
-    "ddpg": algorithms.DDPG,
-    "td3": algorithms.TD3,
-    "tqc": algorithms.TQC,
-    "crossq": algorithms.CrossQ,
-    "trpo": algorithms.TRPO,
-    "recurrent_ppo": algorithms.RecurrentPPO,
-    "ppo_residual": algorithms.PPOResidual,
-    "sac_residual": algorithms.SACResidual,
-    "pid": algorithms.PID,
-    "lqr": algorithms.LQR,
-    "smc": algorithms.SMC,
-    "mpc": algorithms.MPC,
-    "random": algorithms.Random,
-    "onnx": algorithms.ONNX,
-}
 
 
 def whole(text: str) -> int | None:
@@ -123,7 +104,7 @@ def owners(key: str) -> list[str]:
     group, _, field = key.partition(".")
     if group != "algo":
         return []
-    return [name for name, schema in CLASSES.items() if field in _keys(schema)]
+    return [name for name, spec in AGENTS.items() if field in _keys(spec.schema)]
 
 
 def _keys(schema: type[Any], prefix: str = "") -> Iterator[str]:
@@ -167,7 +148,7 @@ def _and(names: Sequence[str]) -> str:
 
 
 def _of_all_algorithms() -> list[str]:
-    return sorted({f"algo.{key}" for schema in CLASSES.values() for key in _keys(schema)})
+    return sorted({f"algo.{key}" for spec in AGENTS.values() for key in _keys(spec.schema)})
 
 
 def unknown_flag(

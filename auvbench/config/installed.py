@@ -17,8 +17,9 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import plugins
+from auvbench.config.agents import AGENTS
 from auvbench.config.algorithms import Tuned
-from auvbench.config.hints import CLASSES, whole
+from auvbench.config.hints import whole
 from auvbench.config.schema import name as path_name
 from auvbench.config.schema import number
 from auvbench.config.simulators import CAPABILITIES, Capabilities, InstalledSimulator
@@ -53,7 +54,7 @@ class Group:
 
 
 GROUPS = (
-    Group("algo", "agent", plugins.AGENTS, CLASSES, AgentConfig),
+    Group("algo", "agent", plugins.AGENTS, AGENTS, AgentConfig),
     Group("simulator", "name", plugins.SIMULATORS, CAPABILITIES, SimulatorConfig),
 )
 

@@ -15,7 +15,8 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
 from auvbench.config import launchers, schema, simulation, simulators, tuning
-from auvbench.config.hints import CLASSES, whole
+from auvbench.config.agents import AGENTS
+from auvbench.config.hints import whole
 from auvbench.errors import ConfigError
 
 _LAYOUT = "runs lie in <output>/<name>/<run id>: output=FOLDER and name=NAME choose where"
@@ -119,8 +120,8 @@ def whole_keys() -> frozenset[str]:
     for root in (schema.TrainConfig, schema.EvaluateConfig, simulation.Simulation):
         found |= _whole_below(root, "")
     found |= _whole_below(tuning.Tune, "tune.")
-    for kind in CLASSES.values():
-        found |= _whole_below(kind, "algo.")
+    for spec in AGENTS.values():
+        found |= _whole_below(spec.schema, "algo.")
     for group, kinds in (("launcher", launchers.SCHEMAS), ("simulator", simulators.SCHEMAS)):
         for kind in kinds.values():
             found |= _whole_below(kind, f"{group}.")

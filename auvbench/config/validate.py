@@ -10,8 +10,8 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from auvbench.config import algorithms, disturbance, plugins, schema, simulators
+from auvbench.config.agents import AGENTS
 from auvbench.config.clock import step_limit
-from auvbench.config.hints import CLASSES
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.text import short
 
@@ -84,8 +84,8 @@ def train_config(config: DictConfig) -> schema.TrainConfig:
         raise ConfigError("this is no training configuration")
     if not dataclasses.is_dataclass(typed.algo):
         agent = typed.algo.get("agent") if isinstance(typed.algo, dict) else None
-        if agent is not None and agent not in CLASSES:
-            known = [*CLASSES, *(one.name for one in plugins.declared(plugins.AGENTS))]
+        if agent is not None and agent not in AGENTS:
+            known = [*AGENTS, *(one.name for one in plugins.declared(plugins.AGENTS))]
             raise ConfigError(f"algo.agent={short(agent)}: unknown; {closest(str(agent), known)}")
         raise ConfigError(
             "algo: name an algorithm, e.g. algo=ppo; its file must start from a schema (see conf/algo)"

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.agents.base import LEARNERS, RESIDUAL, Agent
+from auvbench.agents.base import Agent
 from auvbench.config import schema
-from auvbench.config.agents import learns
+from auvbench.config.agents import AGENTS, learns
 from auvbench.config.clock import step_limit
 from auvbench.errors import RunError
 from auvbench.evaluation import observations
@@ -208,8 +208,9 @@ def _refuse_others(run: RunDirectory, config: schema.TrainConfig) -> None:
 
 
 def answers_by_itself(agent: str) -> bool:
-    """Whether the actions of a learner of this name (`algo.agent`) are those of a network that sees an observation alone."""
-    return LEARNERS.get(agent) != RESIDUAL and agent != "recurrent_ppo"
+    """Return whether a learner's policy (`algo.agent`) is one feed-forward network; a plug-in's export decides itself."""
+    spec = AGENTS.get(agent)
+    return spec is None or spec.exportable
 
 
 def no_network(name: str) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 from auvbench.agents import base as agents
 from auvbench.agents.base import Agent
 from auvbench.config import installed, plugins, schema
+from auvbench.config.agents import AGENTS
 from auvbench.errors import AuvbenchError
 from auvbench.evaluation.evaluate import Report, Roll, evaluate, in_process, make_agent, stale
 from auvbench.evaluation.protocol import Circumstance
@@ -102,9 +103,9 @@ def _row_by_row(run: RunDirectory) -> bool:
     try:
         algo = run.config().get("algo")
         name = str(algo.get("agent")) if isinstance(algo, dict) else ""
-        target = agents.CONTROLLERS.get(name)
-        if target is not None:
-            return bool(getattr(agents.resolve(target), "row_by_row", False))
+        spec = AGENTS.get(name)
+        if spec is not None and not spec.learns:
+            return bool(getattr(agents.resolve(spec.factory), "row_by_row", False))
         if not isinstance(algo, dict) or "package" not in algo:
             return False
         entered = installed.thing_of(plugins.AGENTS, name, str(algo["package"]))

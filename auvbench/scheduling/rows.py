@@ -1,16 +1,17 @@
-"""What a sweep knows of each of its runs, and when all of them will be done."""
+"""Rows of a sweep and the time that remains, by the rates that runs have shown."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from typing import Any
 
 from auvbench.config.agents import learns
 from auvbench.errors import RunError
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Progress
-from auvbench.scheduling import estimate, paces
+from auvbench.scheduling import estimate
 from auvbench.scheduling.base import Job, Phase
 
 WAITING = "waiting"
@@ -18,19 +19,17 @@ WAITING = "waiting"
 
 @dataclass(slots=True)
 class Row:
-    """What is known of one run."""
+    """One run of a sweep."""
 
     run: RunDirectory
     kind: str
     """the algorithm"""
     total_steps: int
-    """0 of what does not learn"""
+    """0 for an agent that does not learn"""
     steps: int
     """before this sweep"""
-    expected: float | None = None
-    """steps per second on the machine of `paces.COSTS`"""
-    telling_from: int = 0
-    """steps from which its own pace counts"""
+    warm_up: int = 0
+    """steps before the rate counts: an off-policy learner is faster until it updates"""
     state: str = WAITING
     job: Job | None = None
     message: str = ""
@@ -46,8 +45,7 @@ class Row:
             manifest["algo"],
             manifest["total_steps"] if trains else 0,
             manifest["steps"],
-            None if algo is None else paces.prior(algo),
-            0 if algo is None else paces.telling_from(algo),
+            _warm_up(algo),
         )
 
     @property
@@ -62,15 +60,20 @@ class Row:
 
     @property
     def pace(self) -> float | None:
-        """Steps per second that it has shown; None while they say nothing of the rest."""
+        """Measured steps per second; None before the first useful measurement."""
         at = self.progress
-        if at is None or at.steps_per_s <= 0 or at.steps < self.telling_from:
+        if at is None or at.steps_per_s <= 0 or at.steps < self.warm_up:
             return None
         return at.steps_per_s
 
 
+def _warm_up(algo: Mapping[str, Any] | None) -> int:
+    early = (algo or {}).get("learning_starts", 0)
+    return 3 * early if isinstance(early, int) else 0
+
+
 def _algorithm(run: RunDirectory) -> Mapping[str, Any] | None:
-    """None where the configuration cannot be read: the worker will say what is wrong with it."""
+    """Return the `algo` configuration; None if unreadable, because the worker reports that error."""
     try:
         algo = run.config()["algo"]
     except (RunError, KeyError, TypeError):
@@ -79,29 +82,20 @@ def _algorithm(run: RunDirectory) -> Mapping[str, Any] | None:
 
 
 def seconds_left(rows: Sequence[Row]) -> list[float | None]:
-    """Of each row, by its own pace, else by the measured one as this machine shows it to be; None: nobody knows."""
-    by_kind: dict[str, list[tuple[float, float]]] = {}
-    plain: dict[str, list[float]] = {}
+    """Return the seconds to go of each row, by its own rate or the mean of its algorithm's; None without a rate."""
+    rates: dict[str, list[float]] = {}
     for row in rows:
         if row.pace is not None:
-            plain.setdefault(row.kind, []).append(row.pace)
-            if row.expected is not None:
-                by_kind.setdefault(row.kind, []).append((row.pace, row.expected))
-    machine = estimate.speed([pair for pairs in by_kind.values() for pair in pairs])
+            rates.setdefault(row.kind, []).append(row.pace)
     found: list[float | None] = []
     for row in rows:
-        per_s = row.pace
-        if per_s is None and row.expected is not None:
-            # What runs of the same algorithm show also tells what their configuration changes.
-            per_s = row.expected * (estimate.speed(by_kind[row.kind]) if row.kind in by_kind else machine)
-        if per_s is None:
-            per_s = estimate.pace(row.kind, plain)
+        per_s = row.pace or (fmean(rates[row.kind]) if row.kind in rates else None)
         found.append(0.0 if row.to_go == 0 else None if per_s is None else row.to_go / per_s)
     return found
 
 
 def remaining(rows: Sequence[Row], slots: int | None) -> float | None:
-    """Seconds until all are done; None while the pace of one is unknown."""
+    """Return the seconds until all rows are done; None while an algorithm has no measured rate."""
     live = [row.state in (WAITING, Phase.QUEUED, Phase.RUNNING) for row in rows]
     running: list[float] = []
     waiting: list[float] = []
@@ -112,8 +106,3 @@ def remaining(rows: Sequence[Row], slots: int | None) -> float | None:
             return None
         (running if row.state == Phase.RUNNING else waiting).append(seconds)
     return estimate.makespan(running, waiting, slots)
-
-
-def shown(rows: Sequence[Row]) -> bool:
-    """Whether any run has shown its pace: until then an estimate is that of another machine."""
-    return any(row.pace is not None for row in rows)

@@ -38,8 +38,6 @@ def sweep(
     result = Result()
     if todo:
         view = views.view(todo, backend.limit, console)
-        if forecast := view.forecast():
-            console.print(forecast, highlight=False, markup=False, soft_wrap=not console.is_terminal)
         result = Loop(todo, backend, view).drive()
     else:
         backend.close()

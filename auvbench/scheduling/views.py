@@ -16,13 +16,12 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Progress, telling
 from auvbench.scheduling import live_table, progress
 from auvbench.scheduling.base import Job, Phase
-from auvbench.scheduling.estimate import clock_after, duration, rough
+from auvbench.scheduling.estimate import clock_after, duration
 from auvbench.scheduling.loop import Outcome
-from auvbench.scheduling.rows import WAITING, Row, remaining, seconds_left, shown
+from auvbench.scheduling.rows import WAITING, Row, remaining, seconds_left
 
 READ_EVERY = 1.0  # s between two looks at the runs' progress files
 LINES_EVERY = 60.0  # s between two plain lines about a run
-LONG = 3600.0  # s; a sweep that takes longer says so when it starts
 
 
 class Watch:
@@ -111,34 +110,22 @@ class SweepView(Watch):
         row.progress = progress.read(run.path) or row.progress
 
     def remaining(self) -> float | None:
-        """Seconds until the sweep's end; None where nobody knows."""
+        """Return the seconds until the sweep's end; None while unknown."""
         return remaining(list(self.rows.values()), self.slots)
 
-    def forecast(self) -> str:
-        """What a sweep of more than an hour says when it starts; empty of others."""
-        left = self.remaining()
-        if left is None or left < LONG:
-            return ""
-        count = sum(row.to_go > 0 for row in self.rows.values())
-        at_once = "all at once" if self.slots is None else f"{min(self.slots, count)} at a time"
-        return (
-            f"this takes some {duration(rough(left))}: {count} {'run that learns' if count == 1 else 'runs that learn'}, {at_once}, until about "
-            f"{clock_after(left)} (by speeds measured on another machine; better known when runs have shown theirs)"
-        )
-
     def counts(self) -> str:
-        """`12 of 45 complete, 2 failed, 2 running · 3 h 10 min to go, until 17:05`; about, before any has shown."""
+        """Return `12 of 45 complete, 2 failed, 2 running · 3 h 10 min to go, until 17:05`."""
         count: dict[str, int] = {}
         for row in self.rows.values():
             count[row.state] = count.get(row.state, 0) + 1
         parts = [f"{count.pop(str(Outcome.COMPLETE), 0)} of {len(self.rows)} complete"]
         parts += [f"{number} {state}" for state, number in sorted(count.items()) if state != "waiting"]
         left = self.remaining()
-        if not left:  # unknown, or over
-            return ", ".join(parts)
-        known = shown(list(self.rows.values()))
-        time_left = f"{duration(left)} to go" if known else f"about {duration(rough(left))} to go"
-        return f"{', '.join(parts)} · {time_left}, until {clock_after(left)}"
+        if left is None:
+            parts[-1] += " · estimating the time to go"
+        elif left > 0:
+            parts[-1] += f" · {duration(left)} to go, until {clock_after(left)}"
+        return ", ".join(parts)
 
 
 class PlainView(SweepView):
@@ -167,7 +154,7 @@ class PlainView(SweepView):
     def refresh(self) -> None:
         if not self.read():
             return
-        if not self._announced and shown(list(self.rows.values())) and self.remaining() is not None:
+        if not self._announced and self.remaining():
             self._announced = True
             self.event(self.counts())
         if time.monotonic() < self._next_lines:

@@ -10,8 +10,7 @@ import torch
 
 from auvbench import testing
 from auvbench.config import answers
-from auvbench.config.agents import learns
-from auvbench.config.hints import CLASSES
+from auvbench.config.agents import AGENTS, learns
 from auvbench.simulators.gazebo import bindings
 
 ON_POLICY = ("algo.n_envs=2", "algo.n_steps=32", "algo.batch_size=32", "algo.net_arch=[8]")
@@ -45,7 +44,7 @@ absent = bindings.missing()
 
 
 def test_no_agent_and_no_simulator_is_left_out() -> None:
-    assert OVERRIDES.keys() == CLASSES.keys()
+    assert OVERRIDES.keys() == AGENTS.keys()
     assert set(answers.names("simulator")) <= {"fossen", "gazebo", "ros2"}
 
 

@@ -18,22 +18,9 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from auvbench.agents.base import Actions, Integers, Observations, resolve
 from auvbench.agents.learned import arguments, forward, trained
 from auvbench.config import algorithms, schema
+from auvbench.config.agents import AGENTS
 from auvbench.errors import RunError
 from auvbench.untrusted import archives, reading
-
-ALGORITHMS: dict[str, str] = {
-    "ppo": "stable_baselines3:PPO",
-    "sac": "stable_baselines3:SAC",
-    "ddpg": "stable_baselines3:DDPG",
-    "td3": "stable_baselines3:TD3",
-    "tqc": "sb3_contrib:TQC",
-    "crossq": "sb3_contrib:CrossQ",
-    "trpo": "sb3_contrib:TRPO",
-    "recurrent_ppo": "sb3_contrib:RecurrentPPO",
-    "ppo_residual": "stable_baselines3:PPO",
-    "sac_residual": "stable_baselines3:SAC",
-}
-"""SB3's class of each `algo.agent`, as `module:name`."""
 
 WEIGHTS, STATISTICS = "policy.pt", "normalisation.npz"
 """The files of a trained model."""
@@ -42,7 +29,7 @@ WEIGHTS, STATISTICS = "policy.pt", "normalisation.npz"
 def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
     """The SB3 learner that `config.algo` describes, on an environment. One torch thread."""
     torch.set_num_threads(1)
-    learner: BaseAlgorithm = resolve(ALGORITHMS[config.algo.agent])(
+    learner: BaseAlgorithm = resolve(AGENTS[config.algo.agent].algorithm)(
         **arguments.of_learner(config, environment)
     )
     return learner
@@ -182,7 +169,7 @@ def _policy(config: schema.TrainConfig, n_u: int) -> BasePolicy:
     algo = config.algo
     observation_space = spaces.Box(-np.inf, np.inf, (observed(algo, n_u),), dtype=np.float32)
     action_space = spaces.Box(-1.0, 1.0, (n_u,), dtype=np.float32)
-    learner = resolve(ALGORITHMS[algo.agent])
+    learner = resolve(AGENTS[algo.agent].algorithm)
     kind = learner.policy_aliases[arguments.policy_name(algo)]
     given = arguments.of_policy(algo)
     if algo.agent == "ddpg":

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from auvbench.agents.base import CONTROLLERS, resolve
+from auvbench.agents.base import resolve
 from auvbench.agents.classical.estimate import Estimator
+from auvbench.config.agents import AGENTS
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
@@ -16,7 +17,7 @@ from auvbench.vehicles import sheet
 
 def success_rate(vehicle: str, episodes: int, *overrides: str) -> float:
     config = train_config(compose("train", ["algo=pid", f"vehicle={vehicle}", *overrides]))
-    agent = resolve(CONTROLLERS["pid"])(config, sheet.load(config.vehicle))
+    agent = resolve(AGENTS["pid"].factory)(config, sheet.load(config.vehicle))
     rows = np.arange(episodes)
     agent.reset(rows)
     result = roll_out(config, agent, episodes=rows, seed=123, batch=500)
@@ -70,7 +71,7 @@ def test_the_estimator_reads_yaw_and_velocity_from_the_observation():
 
 def test_pid_never_asks_for_more_than_there_is():
     config = train_config(compose("train", ["algo=pid", "algo.effort=0.5"]))
-    agent = resolve(CONTROLLERS["pid"])(config, sheet.load(config.vehicle))
+    agent = resolve(AGENTS["pid"].factory)(config, sheet.load(config.vehicle))
     agent.reset(np.arange(300))
     rng = np.random.default_rng(1)
     for _ in range(5):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from auvbench.agents.base import CONTROLLERS, resolve
+from auvbench.agents.base import resolve
 from auvbench.agents.classical import lqr
+from auvbench.config.agents import AGENTS
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
@@ -26,7 +27,7 @@ THRUSTERS = (
 
 def controller(algo: str, *overrides: str):
     config = train_config(compose("train", [f"algo={algo}", *overrides]))
-    return config, resolve(CONTROLLERS[config.algo.agent])(config, sheet.load(config.vehicle))
+    return config, resolve(AGENTS[config.algo.agent].factory)(config, sheet.load(config.vehicle))
 
 
 def records(algo: str, episodes: int, *overrides: str, batch: int = 500):

@@ -14,7 +14,6 @@ from auvbench.analysis.study import thesis
 from auvbench.analysis.study.testing_claims import WEAK, rank_correlation
 from auvbench.analysis.study.trend import trend
 from auvbench.commands import COMMANDS
-from auvbench.scheduling import estimate, paces
 
 ROOT = Path(__file__).parents[3]
 
@@ -67,19 +66,3 @@ def _uncorrelated(n: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     rng = np.random.default_rng(0)
     every = (rng.permutation(n).astype(float) for _ in range(2000))
     return min(every, key=lambda order: abs(np.corrcoef(np.arange(n), order)[0, 1]))
-
-
-def test_the_times_of_the_readme_are_those_of_the_estimate() -> None:
-    from auvbench.config.compose import compose
-
-    seconds = {
-        algo: 1e6 / (paces.prior(compose("train", [f"algo={algo}"]).algo) or 0.0)
-        for algo in ("sac", "ppo", "ddpg")
-    }
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    own = estimate.makespan([], [seconds[algo] for algo in ("sac", "ppo") for _ in range(27)], 2)
-    assert "54 runs: some 3 h on 2 cores" in text
-    assert own / 3600 == pytest.approx(3.0, abs=0.5)
-    whole = estimate.makespan([], [seconds[algo] for algo in seconds for _ in range(45)], 2)
-    assert "some eight hours on two cores" in " ".join(text.split())
-    assert whole / 3600 == pytest.approx(8.0, abs=0.7)

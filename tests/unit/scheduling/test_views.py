@@ -6,6 +6,7 @@ import doctest
 import io
 import json
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ from rich.console import Console
 from auvbench.config.compose import compose
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Progress
-from auvbench.scheduling import estimate, live_table, paces, views
+from auvbench.scheduling import estimate, live_table, views
 from auvbench.scheduling.base import Phase, Status
 from auvbench.scheduling.loop import Outcome
 from auvbench.scheduling.rows import Row
@@ -53,7 +54,7 @@ def start(view: views.Watch, run: RunDirectory) -> None:
     view.polled(run, Phase.RUNNING)
 
 
-@pytest.mark.parametrize("module", [estimate, paces, views])
+@pytest.mark.parametrize("module", [estimate, views])
 def test_the_examples_in_the_documentation(module: object) -> None:
     assert doctest.testmod(module).failed == 0  # type: ignore[arg-type]
 
@@ -159,25 +160,25 @@ def configured(path: Path, algo: str, total_steps: int, **changes: object) -> Ru
     return run
 
 
-def test_the_estimate_knows_that_sac_is_slower_before_one_has_run(tmp_path: Path) -> None:
-    runs = [
-        configured(tmp_path / f"run{n}", algo, 1_000_000)
-        for n, algo in enumerate(["ppo", "ppo", "sac", "sac"])
-    ]
-    view = views.PlainView(runs, 2, Console(file=io.StringIO()))
-    before = view.remaining()
-    assert before is not None
-    ppo, sac = (1e6 / (paces.prior(run.config()["algo"]) or 0.0) for run in (runs[0], runs[2]))
-    assert sac > 5 * ppo
-    assert before == pytest.approx(ppo + sac)
-    for run in runs[:2]:
-        start(view, run)
-        at = Progress(
-            500_000, 1_000_000, 0.5e6 / ppo, 500, 0.9, None, time.time()
-        )  # half as fast as measured
-        (run.path / "progress.json").write_text(json.dumps({f: getattr(at, f) for f in at.__slots__}))
+def test_the_time_to_go_waits_for_a_rate_of_every_algorithm(tmp_path: Path) -> None:
+    runs = [configured(tmp_path / f"run{n}", algo, 1000) for n, algo in enumerate(["ppo", "ppo", "td3"])]
+    view = views.PlainView(runs, 1, Console(file=io.StringIO()))
+    start(view, runs[0])
+    write(runs[0], 500, 100.0)
     view.refresh()
-    assert view.remaining() == pytest.approx(ppo + 2 * sac), "this machine is half as fast in all"
+    assert view.remaining() is None, "no rate of TD3 yet"
+    assert "estimating" in view.counts()
+    view.ended(runs[0], Outcome.COMPLETE, "")
+    start(view, runs[2])
+    (runs[2].path / "progress.json").write_text(
+        json.dumps(asdict(Progress(500, 1000, 10.0, 5, None, None, time.time())))
+    )
+    view._next_read = 0.0
+    view.refresh()
+    assert view.remaining() is None, "TD3 makes no update in its first steps"
+    view.rows[runs[2].path].warm_up = 0
+    assert view.remaining() == pytest.approx(50.0 + 10.0)
+    assert "1 min to go" in view.counts()
 
 
 def test_a_learner_is_not_believed_before_it_learns(tmp_path: Path) -> None:
@@ -187,24 +188,3 @@ def test_a_learner_is_not_believed_before_it_learns(tmp_path: Path) -> None:
     assert row.pace is None
     row.progress = Progress(100_000, 1_000_000, 900.0, 10, None, None, time.time())
     assert row.pace == 900.0
-
-
-def test_what_the_configuration_changes_changes_the_estimate(tmp_path: Path) -> None:
-    usual = configured(tmp_path / "a", "sac", 1000).config()["algo"]
-    assert paces.prior(usual | {"gradient_steps": 32}) < 0.5 * (paces.prior(usual) or 0.0)  # type: ignore[operator]
-    assert paces.prior({"name": "mine", "agent": "mine"}) is None
-    assert paces.prior({**usual, "name": "mine"}) == paces.prior(usual)
-    assert paces.prior({**usual, "n_envs": "many"}) is None
-
-
-def test_a_grid_of_more_than_an_hour_says_so(tmp_path: Path) -> None:
-    long = [configured(tmp_path / f"run{n}", "sac", 1_000_000) for n in range(60)]
-    said = views.PlainView(long, 2, Console(file=io.StringIO())).forecast()
-    assert said.startswith("this takes some ")
-    assert " h" in said
-    assert "60 runs that learn, 2 at a time" in said
-    assert "another machine" in said
-    short = [configured(tmp_path / f"short{n}", "ppo", 1000) for n in range(4)]
-    assert views.PlainView(short, 2, Console(file=io.StringIO())).forecast() == ""
-    unknown = [configured(tmp_path / "mine", "sac", 10**9, name="mine", agent="mine")]
-    assert views.PlainView(unknown, 2, Console(file=io.StringIO())).forecast() == ""
