@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from auvbench import cli
 from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
 from auvbench.training.checkpoint.store import CheckpointStore
-from auvbench.training.execute import execute
+from tests.conftest import Trained
 from tests.soak.bits import bits
 from tests.soak.campaign import CASES, frozen
 
@@ -22,19 +23,11 @@ CASE = "ppo-1"
 Harm = Callable[[RunDirectory], object]
 
 
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunDirectory, dict[str, str]]:
-    run = frozen(tmp_path_factory.mktemp("trained"), "trained", CASE, [])
-    execute(run)
-    return run, bits(run.path)
-
-
 @pytest.fixture
-def run(trained: tuple[RunDirectory, dict[str, str]], tmp_path: Path) -> RunDirectory:
-    import shutil
-
-    place = tmp_path / "trained" / trained[0].id
-    shutil.copytree(trained[0].path, place)
+def run(trained: Trained, tmp_path: Path) -> RunDirectory:
+    run = trained(CASE)
+    place = tmp_path / "trained" / run.id
+    shutil.copytree(run.path, place)
     return RunDirectory(place)
 
 
@@ -85,7 +78,7 @@ HARMS: list[tuple[Harm, str]] = [
 @pytest.mark.parametrize(("harm", "message"), HARMS)
 def test_train_brings_it_back_with_the_same_bits(
     run: RunDirectory,
-    trained: tuple[RunDirectory, dict[str, str]],
+    trained: Trained,
     harm: Harm,
     message: str,
     capsys: pytest.CaptureFixture[str],
@@ -95,20 +88,16 @@ def test_train_brings_it_back_with_the_same_bits(
     out = capsys.readouterr().out
     assert message in out
     assert "its training goes on from its last checkpoint" in out
-    assert bits(run.path) == trained[1]
+    assert bits(run.path) == bits(trained(CASE).path)
     assert cli.main(command(run)) == 0
     assert "complete already" in capsys.readouterr().out
 
 
-def test_without_a_checkpoint_it_is_trained_anew(
-    run: RunDirectory, trained: tuple[RunDirectory, dict[str, str]]
-) -> None:
-    import shutil
-
+def test_without_a_checkpoint_it_is_trained_anew(run: RunDirectory, trained: Trained) -> None:
     emptied(run)
     shutil.rmtree(CheckpointStore(run.path).folder)
     assert cli.main(["resume", str(run.path)]) == 0
-    assert bits(run.path) == trained[1]
+    assert bits(run.path) == bits(trained(CASE).path)
 
 
 def test_a_grid_sees_it_too(run: RunDirectory, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,6 +14,7 @@ from auvbench.analysis import processes
 from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
 from auvbench.training.execute import execute
+from tests.conftest import Trained
 from tests.soak.bits import bits
 from tests.soak.campaign import frozen
 from tests.soak.power import LOSSES, Disk
@@ -62,10 +63,8 @@ def test_the_disk_forgets_what_was_not_synced(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    run = frozen(tmp_path_factory.mktemp("whole"), "whole", CASE, [])
-    execute(run)
-    return bits(run.path)
+def whole(trained: Trained) -> dict[str, str]:
+    return bits(trained(CASE).path)
 
 
 def test_a_run_that_ended_stands_a_cut(tmp_path: Path, whole: dict[str, str]) -> None:

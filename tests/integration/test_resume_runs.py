@@ -23,6 +23,7 @@ from auvbench.runs.interruption import Interrupted
 from auvbench.training.checkpoint.extending import prepare
 from auvbench.training.checkpoint.store import CheckpointStore, CheckpointWarning
 from auvbench.training.execute import execute
+from tests.conftest import Trained
 from tests.soak.bits import bits
 from tests.soak.campaign import frozen
 
@@ -36,11 +37,9 @@ def case(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(scope="module")
-def whole(case: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The bits of the run that nothing happens to."""
-    run = frozen(tmp_path_factory.mktemp("whole"), "whole", case, [])
-    execute(run)
-    return bits(run.path)
+def whole(case: str, trained: Trained) -> dict[str, str]:
+    """Return the bits of the run that nothing happens to."""
+    return bits(trained(case).path)
 
 
 @pytest.fixture
@@ -391,11 +390,9 @@ def test_resume_finishes_an_interrupted_run(
     assert "complete already" in capsys.readouterr().out
 
 
-def test_resume_finishes_several_runs_side_by_side(tmp_path: Path) -> None:
+def test_resume_finishes_several_runs_side_by_side(trained: Trained, tmp_path: Path) -> None:
     """In fresh processes of their own, which end with the same bits as one here."""
-    whole = frozen(tmp_path / "whole", "whole", "sac-8", [])
-    execute(whole)
     runs = [frozen(tmp_path / "tried", "tried", "sac-8", [EVERY, *seed]) for seed in ([], ["seed=7"])]
     assert main(["resume", str(tmp_path / "tried"), "--workers", "2"]) == 0
-    assert bits(runs[0].path) == bits(whole.path)
+    assert bits(runs[0].path) == bits(trained("sac-8").path)
     assert runs[1].manifest()["state"] == "complete"

@@ -15,6 +15,7 @@ from auvbench.evaluation.protocol import circumstances, fingerprint
 from auvbench.runs.directory import RunDirectory
 from auvbench.training.execute import execute
 from auvbench.training.validation import COLUMNS
+from tests.conftest import Once, Trained
 from tests.soak.bits import bits
 from tests.soak.campaign import frozen
 
@@ -36,17 +37,16 @@ def case(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(scope="module")
-def watched(case: str, tmp_path_factory: pytest.TempPathFactory) -> RunDirectory:
-    run = frozen(tmp_path_factory.mktemp("watched"), "watched", case, [WATCHED])
-    execute(run)
-    return run
+def watched(case: str, once: Once) -> RunDirectory:
+    folder = once(f"watched-{case}", lambda folder: execute(frozen(folder, "watched", case, [WATCHED])))
+    (path,) = (folder / "watched").iterdir()
+    return RunDirectory(path)
 
 
 def test_training_does_not_notice_that_it_is_watched(
-    case: str, watched: RunDirectory, tmp_path: Path
+    case: str, watched: RunDirectory, trained: Trained
 ) -> None:
-    alone = frozen(tmp_path, "alone", case, [])
-    execute(alone)
+    alone = trained(case)
     expected, found = bits(alone.path), bits(watched.path)
     different = {key for key in expected.keys() | found.keys() if expected.get(key) != found.get(key)}
     assert different == {"scalars"}, "TensorBoard has the validation's rates besides"
