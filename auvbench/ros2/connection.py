@@ -40,6 +40,7 @@ class Connection:
 
     Attributes:
         clock: which of CLOCKS is used.
+        lost: the server did not answer or was moved by another client; this connection cannot go on.
         pose: (n, 7), and velocity (n, 6), the last that were told.
 
     """
@@ -50,6 +51,7 @@ class Connection:
         self.namespace = interface.namespaces(namespace, 1)[0]
         self.actuators = tuple(actuators)
         self.timeout = timeout
+        self.lost = False
         self.session = Session()
         try:
             self.node = self.session.node("auvbench_client")
@@ -57,6 +59,7 @@ class Connection:
             self._prepare()
             self._make()
             discovery.check(self.session, self.node, self._ends, timeout)
+            self._server = self._publishers()
             self.clock = self._choose(clock)
             self._begin()
         except BaseException:
@@ -82,6 +85,19 @@ class Connection:
         self._due = 0.0
 
     # Connecting.
+
+    @property
+    def usable(self) -> bool:
+        """Whether the server that was found first still publishes, and no other does.
+
+        A restarted server has the same topics, and a clock that began anew.
+        """
+        return not self.lost and self._publishers() == self._server
+
+    def _publishers(self) -> list[bytes]:
+        """Return the identifiers of those that publish the first vehicle's odometry."""
+        found = self.node.get_publishers_info_by_topic(self.names[0].odometry)
+        return sorted(bytes(one.endpoint_gid) for one in found)
 
     def _make(self) -> None:
         ros, session = self.session.ros, self.session
@@ -194,7 +210,7 @@ class Connection:
         self.session.until(lambda: all(answer.value is not None for answer, _ in asked), self.timeout)
         for answer, service in asked:
             if answer.value is None:
-                raise TrainingError(
+                raise self._gone(
                     f"{service}: no answer within {self.timeout:g} s; does the server still run (ros2 node list)?"
                 )
         return [answer.value for answer, _ in asked]
@@ -293,7 +309,7 @@ class Connection:
         """Raises where the server's clock went further than this run's own steps."""
         ahead = (int(self._stamp.max()) - self._reached) / 1e9
         if ahead > 0.0:
-            raise TrainingError(
+            raise self._gone(
                 f"{self.names[0].odometry}: is {ahead:g} s ahead of this run's own steps: somebody else steps or"
                 " commands the same server (ros2 topic info -v on its commands)"
             )
@@ -319,7 +335,12 @@ class Connection:
             )
         else:
             why = "was the server killed or paused, or is it slower than simulator.timeout?"
-        raise TrainingError(f"{topic}: silent for {self.timeout:g} s; {why}")
+        raise self._gone(f"{topic}: silent for {self.timeout:g} s; {why}")
+
+    def _gone(self, message: str) -> TrainingError:
+        """Give the connection up, and return the error to raise."""
+        self.lost = True
+        return TrainingError(message)
 
     def close(self) -> None:
         """Commands nothing any more and leaves; the world goes on at its own pace."""

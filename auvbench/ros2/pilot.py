@@ -108,8 +108,11 @@ class Pilot:
 
     def _odometry(self, message: Any) -> None:
         stamp = messages.read_time(message.header.stamp)
-        if stamp and stamp <= self._stamp:
-            return  # the same once more, or an older one: it does not make the pose younger
+        behind = (self._stamp - stamp) / 1e9  # s
+        if behind > self.limits.pose_timeout:
+            self._went_back()
+        elif behind >= 0.0 and stamp:
+            return  # repeated or overtaken: the pose gets no younger
         pose = np.empty(7)
         messages.read_pose(message.pose.pose, pose)
         if not np.all(np.isfinite(pose)) or abs(float(np.linalg.norm(pose[3:])) - 1.0) > 0.01:
@@ -119,7 +122,14 @@ class Pilot:
         self._seen = time.monotonic()
 
     def _clock(self, message: Any) -> None:
-        self._now = messages.read_time(message.clock) / 1e9
+        now = messages.read_time(message.clock) / 1e9
+        if now < self._now - self.limits.pose_timeout:
+            self._went_back()
+        self._now = now
+
+    def _went_back(self) -> None:
+        """Disarm: a clock that goes back is that of another server, whose vehicle may be elsewhere."""
+        self.disarm("the clock went back (was the server restarted?)")
 
     def _goal(self, message: Any) -> None:
         frame = message.header.frame_id.lstrip("/")

@@ -35,7 +35,7 @@ def connect(settings: simulators.Ros2, vehicle: VehicleModel) -> Connection:
     namespace = settings.namespace or vehicle.name
     key = (os.getpid(), namespace, vehicle.actuators, settings.clock)
     found = _connections.get(key)
-    if found is not None and found.node.count_publishers(found.names[0].odometry) == 1:
+    if found is not None and found.usable:
         return found
     for other in [k for k in _connections if k[0] == os.getpid()]:
         _connections.pop(other).close()  # its server was stopped since, or another one is asked for

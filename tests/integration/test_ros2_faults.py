@@ -12,11 +12,13 @@ import pytest
 import torch
 
 from auvbench.cli import main
+from auvbench.config.simulators import Ros2
 from auvbench.errors import TrainingError
 from auvbench.ros2.connection import Connection
 from auvbench.ros2.middleware import InterfaceError, Session
 from auvbench.runs.directory import RunDirectory
 from auvbench.simulators import ros2
+from auvbench.vehicles.sheet import load
 from tests import dds
 
 pytestmark = dds.needs_ros
@@ -211,6 +213,20 @@ def _kill_after_checkpoint(folder, server):
     while time.monotonic() < end and not list(folder.glob("default/ppo-*/checkpoints/*/*")):
         time.sleep(0.01)
     server.send(signal.SIGKILL)
+
+
+def test_a_restarted_server_gets_a_new_connection(elsewhere):
+    settings = Ros2(name="ros2", namespace=None, clock="lockstep", timeout=20.0)
+    vehicle = load("bluerov2")
+    with dds.serving("--lockstep"):
+        first = ros2.connect(settings, vehicle)
+        for _ in range(3):
+            first.step(STILL, 0.1)
+        assert ros2.connect(settings, vehicle) is first
+    with dds.serving("--lockstep"):
+        odometry = first.names[0].odometry
+        assert first.session.seen(lambda: first.node.count_publishers(odometry) == 1, 60.0)
+        ros2.connect(settings, vehicle).step(STILL, 0.1)
 
 
 def test_no_validation_on_a_servers_vehicles(tmp_path, capsys):

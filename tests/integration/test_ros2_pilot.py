@@ -221,6 +221,21 @@ def test_the_same_pose_again_and_again_gets_no_younger(steering):
     steering.until(lambda: steering.said("holding: /bluerov2/odom is"))
 
 
+def test_a_clock_that_goes_back_disarms_is_said_once_and_is_accepted(steering):
+    tank = steering
+    tank.stamp = 32_000  # ms
+    tank.until(lambda: tank.pilot._stamp >= 32_000_000_000)
+    tank.stamp = 0  # the server was restarted
+    tank.until(lambda: not tank.pilot.armed)
+    tank.until(tank.rests)
+    tank.until(lambda: tank.pilot._stamp < 1_000_000_000 and tank.pilot.age < 0.1)
+    tank.until(lambda: tank.said("the clock went back"))
+    tank.goal(20.0, 0.0, -10.0)
+    tank.until(lambda: tank.arm().success)
+    tank.until(tank.pushes)
+    assert sum("the clock went back" in state for state in tank.states) == 1
+
+
 @pytest.mark.parametrize("z", [-0.9, -60.5, float("nan")])
 def test_depth_limits(steering, z):
     steering.position[2] = z
