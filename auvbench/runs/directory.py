@@ -229,7 +229,11 @@ def renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
     Raises:
         RunError: the run cannot be written.
     """
-    if run.config() == config or run.manifest()["state"] == "complete":
+    try:
+        complete = run.manifest()["state"] == "complete"
+    except RunError:
+        return  # a damaged manifest is reported when the run is carried out
+    if complete or run.config() == config:
         return
     try:
         run.write_config(config)
