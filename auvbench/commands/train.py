@@ -37,10 +37,13 @@ def _grid(configs: Sequence[DictConfig], command: str) -> int:
 
 
 def _one(config: DictConfig, command: str) -> int:
+    from auvbench.config.validate import train_config
     from auvbench.runs import status
     from auvbench.runs.plan import prepare
     from auvbench.runs.progress import WINDOW, telling
+    from auvbench.training import preflight
 
+    preflight.check(train_config(config))
     run = prepare(config, command)
     now = status.of(run, deep=True)
     if now.state is status.State.COMPLETE:

@@ -133,6 +133,7 @@ def plan_of(
     from auvbench.config import tuning
     from auvbench.config.compose import option, typed
     from auvbench.runs import plan as runs_plan
+    from auvbench.training import preflight
     from auvbench.tuning import samplers, scores, space
     from auvbench.tuning.folder import Plan, StudyFolder
 
@@ -147,6 +148,7 @@ def plan_of(
     base["train"]["total_steps"] = tune.rungs[-1]
     checked = typed(OmegaConf.create({**base, "name": name, "output": output, "seed": seed}))
     runs_plan.check_vehicle(checked)
+    preflight.check(checked)
     searched = OmegaConf.to_container(config)
     assert isinstance(searched, dict)
     written = searched.get("search")

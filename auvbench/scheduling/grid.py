@@ -10,12 +10,14 @@ from rich.console import Console
 
 from auvbench.config import launchers
 from auvbench.config.agents import learns
+from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
 from auvbench.runs import plan
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.base import Backend
 from auvbench.scheduling.loop import Result
 from auvbench.scheduling.sweep import sweep
+from auvbench.training import preflight
 from auvbench.training.worker import TARGET
 
 
@@ -31,12 +33,14 @@ def carry_out(
         console: where the tables go; standard output by default.
 
     Raises:
-        ConfigError, VehicleError: a value of any job is wrong; nothing has been written then.
+        ConfigError, VehicleError, MissingExtraError: a job cannot run; nothing has been written then.
         RunError: a run's directory holds another configuration, or cannot be written.
     """
     distinct: dict[Path, DictConfig] = {}
     for config in configs:
         distinct.setdefault(plan.check(config).path, config)
+    for config in distinct.values():
+        preflight.check(train_config(config))
     learning = any(learns(config.algo) for config in distinct.values())
     chosen = backend(configs[0].launcher, target=target, learning=learning)
     if any(config.launcher != configs[0].launcher for config in configs):

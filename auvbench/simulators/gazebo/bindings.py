@@ -47,20 +47,17 @@ class Gazebo:
 
 @cache
 def load() -> Gazebo:
-    """The bindings.
+    """Load the bindings and choose a partition for this process.
 
-    Services stay in this process: a partition of its own keeps runs side by side apart, unless GZ_PARTITION says
-    that somebody wants to look on.
+    Services stay in this process: its own partition keeps concurrent runs apart. The user can set GZ_PARTITION to
+    watch a run.
 
     Raises:
-        ConfigError: they are not installed; the message says how they are.
+        ConfigError: as `modules`.
     """
     os.environ.setdefault("GZ_PARTITION", f"auvbench-{os.getpid()}")
     os.environ.setdefault("GZ_IP", "127.0.0.1")
-    try:
-        sim, math, transport, common, *messages = (import_module(name) for name in _MODULES)
-    except ImportError as error:
-        raise ConfigError(f"simulator=gazebo: {error}; {INSTALL}") from error
+    sim, math, transport, common, *messages = modules()
     common.set_verbosity(1)  # errors; what Gazebo notes at every start and reset is for its developers
     boolean, factories, entity, physics, control = messages
     return Gazebo(
@@ -73,6 +70,18 @@ def load() -> Gazebo:
         physics.Physics,
         control.WorldControl,
     )
+
+
+def modules() -> list[Any]:
+    """Import the bindings and change nothing else: processes that start later keep partitions of their own.
+
+    Raises:
+        ConfigError: they are not installed; the message says how to install them.
+    """
+    try:
+        return [import_module(name) for name in _MODULES]
+    except ImportError as error:
+        raise ConfigError(f"simulator=gazebo: {error}; {INSTALL}") from error
 
 
 def missing() -> str | None:
