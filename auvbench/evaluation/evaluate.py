@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,7 +19,7 @@ from auvbench.config import installed, plugins, schema, simulators
 from auvbench.config.agents import learns
 from auvbench.config.clock import step_limit
 from auvbench.envs.chosen import at_frequency
-from auvbench.errors import AgentError, AuvbenchError, RunError
+from auvbench.errors import AgentError, AuvbenchError, AuvbenchWarning, RunError
 from auvbench.evaluation import inference
 from auvbench.evaluation.protocol import (
     Circumstance,
@@ -30,9 +31,9 @@ from auvbench.evaluation.protocol import (
 from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import integrity, lock, provenance
-from auvbench.runs.atomic_io import make_folder
+from auvbench.runs.atomic_io import make_folder, storage
 from auvbench.runs.directory import RunDirectory, now
-from auvbench.runs.files import as_json, write_folder
+from auvbench.runs.files import as_json, write_atomic, write_folder
 from auvbench.runs.plan import load_config
 from auvbench.untrusted import archives, documents, path_safety, reading
 from auvbench.vehicles import sheet
@@ -229,7 +230,6 @@ def _evaluate(run: RunDirectory, protocol: schema.Protocol, report: Report, roll
             from auvbench.simulators import ros2
 
             clocks[condition.name] = ros2.clock()
-    timed = inference.measure(make_agent(run, conditions[0].config.step.frequency), conditions[0].config)
     conditions = as_played(conditions, clocks)
     summary = {
         "schema_version": SCHEMA_VERSION,
@@ -244,12 +244,27 @@ def _evaluate(run: RunDirectory, protocol: schema.Protocol, report: Report, roll
         **({"clocks": clocks} if clocks else {}),
         "conditions": [_condition_summary(c, r) for c, r in rollouts],
         # Of this machine and this hour; nothing compares it.
-        "inference": timed,
+        "inference": None,
         "created": now(),
         "versions": provenance.versions() | installed.releases(conditions[0].config),
     }
-    _write(run.evaluation(protocol.name), summary, rollouts)
+    folder = run.evaluation(protocol.name)
+    summary[integrity.FILES] = _write(folder, summary, rollouts)
+    # After the rows, which may have taken hours: nothing that happens from here on loses them.
+    summary["inference"] = _time(run, conditions[0].config)
+    with storage(f"cannot write {folder}"):
+        write_atomic(folder / "summary.json", as_json(integrity.sealed(summary)))
     return summary
+
+
+def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | None:
+    """Time the actions of the run's agent; None, with a warning, where it fails."""
+    try:
+        return inference.measure(make_agent(run, config.step.frequency), config)
+    except Exception as error:  # an installed agent may raise any of them
+        reason = f"{run.id}: the time of an action is missing: {plugins.told(error)}"
+        warnings.warn(AuvbenchWarning(reason), stacklevel=2)
+        return None
 
 
 @contextmanager
@@ -299,8 +314,10 @@ def _condition_summary(condition: Circumstance, rollout: Rollout) -> dict[str, A
     }
 
 
-def _write(folder: Path, summary: dict[str, Any], rollouts: list[tuple[Circumstance, Rollout]]) -> None:
-    """Writes the three files of an evaluation.
+def _write(
+    folder: Path, summary: dict[str, Any], rollouts: list[tuple[Circumstance, Rollout]]
+) -> dict[str, integrity.Entry]:
+    """Write the three files of an evaluation; return the digests of the tables.
 
     Raises:
         TrainingError: the disk is full, read-only or failing.
@@ -309,6 +326,7 @@ def _write(folder: Path, summary: dict[str, Any], rollouts: list[tuple[Circumsta
     table = {name: integrity.entry(data) for name, data in files.items()}
     files["summary.json"] = as_json(integrity.sealed({**summary, integrity.FILES: table}))
     write_folder(folder, files)
+    return table
 
 
 def _rows(rollouts: list[tuple[Circumstance, Rollout]]) -> bytes:

@@ -1,16 +1,17 @@
-"""How long an agent takes for an action, on one core of this machine: noise, and so no part of any row or digest.
+"""Time the actions of an agent on one core of this machine. The result is noise, and part of no row and no digest.
 
-One episode at a time, as a vehicle would ask: an agent's first action of an episode may take longer than the others.
-Processor time of the whole process is counted, not that of a clock on the wall: an action that had to wait for other work
-on the machine (trainings beside a test are usual) would seem several times as long.
-The embedded simulator makes the observations, whatever simulator the test is on.
+One episode at a time, as on a vehicle: the first action of an episode may take longer than the others. The processor
+time of the whole process counts, not wall time, so that other work on the machine does not. The embedded simulator
+makes the observations, whichever simulator the test uses.
 """
 
 from __future__ import annotations
 
 import os
 import time
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import count, islice
 from typing import Any
 
 import numpy as np
@@ -22,28 +23,25 @@ from auvbench.evaluation.rollout import batch_of
 from auvbench.runs import provenance
 
 ACTIONS = 200
+WARM_UP = 3
+"""actions that are not counted: the first calls compile and build"""
 SECONDS = 3.0
-"""after which no further action is timed, however few were"""
+"""of wall time after which no further action is timed; the first one always is"""
 
 
 def measure(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
-    """Median and 95th percentile of the ms of processor time that an action takes, and on what machine.
+    """Return median and 95th percentile of the ms of processor time per action, and the machine.
 
     Args:
-        agent: fresh; nobody asks it for anything afterwards.
-        config: of the condition, whose validation episodes it steers.
+        agent: fresh, and not used afterwards.
+        config: of the condition; the agent steers its validation episodes.
 
     Raises:
-        ActionError, RunError: the agent's actions are none.
+        ActionError, RunError: the agent's actions are not valid.
     """
     config = replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
-    times: list[float] = []
-    begun = time.perf_counter()
-    episode = 0
-    _act(agent, config, 0, [], begun, most=3)  # what is compiled or built at the first call is none of it
-    while len(times) < ACTIONS and time.perf_counter() - begun < SECONDS:
-        _act(agent, config, episode, times, begun, most=ACTIONS)
-        episode += 1
+    _some(agent, config, WARM_UP)
+    times = _some(agent, config, ACTIONS)
     ms = 1e3 * np.asarray(times)
     return {
         "actions": len(times),
@@ -57,20 +55,29 @@ def measure(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
     }
 
 
-def _act(
-    agent: Agent, config: schema.TrainConfig, episode: int, times: list[float], begun: float, most: int
-) -> None:
-    """One episode to its end, to `most` actions in all, or to the end of the time."""
-    batch = batch_of("validation", config, 1, 0)
-    numbers = np.array([episode])
-    batch.task.assign(numbers)
-    observation = batch.reset()
-    agent.reset(numbers)
-    while len(times) < most and (not times or time.perf_counter() - begun < SECONDS):
-        before = time.process_time()
-        action = agent.act(observation)
-        times.append(time.process_time() - before)
-        result = batch.step(action)
-        observation = result.observation
-        if len(result.ended):
-            return
+def _some(agent: Agent, config: schema.TrainConfig, most: int) -> list[float]:
+    """Return the times of up to `most` actions, at least one, that begin within `SECONDS`."""
+    times: list[float] = []
+    begun = time.perf_counter()
+    for seconds in islice(_times(agent, config), most):
+        times.append(seconds)
+        if time.perf_counter() - begun > SECONDS:
+            break
+    return times
+
+
+def _times(agent: Agent, config: schema.TrainConfig) -> Iterator[float]:
+    """Yield the processor time of each action in s, episode after episode."""
+    for episode in count():
+        batch = batch_of("validation", config, 1, 0)
+        numbers = np.array([episode])
+        batch.task.assign(numbers)
+        observation = batch.reset()
+        agent.reset(numbers)
+        ended = False
+        while not ended:
+            before = time.process_time()
+            action = agent.act(observation)
+            yield time.process_time() - before
+            result = batch.step(action)
+            observation, ended = result.observation, len(result.ended) > 0
