@@ -1,23 +1,22 @@
-"""ROS 2 in tests: a domain that nobody else on this machine has, and servers in processes of their own."""
+"""ROS 2 in tests: domains that no other test uses, and servers in processes of their own."""
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from auvbench.errors import ConfigError
 from auvbench.ros2 import middleware
+from tests.waiting import LIMIT
 
 
 def missing() -> str | None:
@@ -41,46 +40,61 @@ needs_ros = pytest.mark.skipif(
 DOMAINS = range(1, 101)
 """Above, ports would lie among those that the system hands out."""
 
+_claims: list[socket.socket] = []
+"""of the domains in use; servers inherit them, so that a domain is taken while any process of a test lives in it"""
+
 
 @contextlib.contextmanager
 def domain() -> Iterator[int]:
-    """A ROS domain that no other test on this machine has: its lock is held while it is used."""
+    """Use a ROS domain that no other test in this network namespace has."""
     if ABSENT is not None:
         pytest.fail(f"ROS 2 should be here (make install): {ABSENT}")
     numbers = list(DOMAINS)
     random.SystemRandom().shuffle(numbers)
     for number in numbers:
-        path = Path(tempfile.gettempdir()) / f"auvbench-test-domain-{number}.lock"
+        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
-            handle = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
-        except OSError:  # another user's
-            continue
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            claim.bind(f"\0auvbench-test-domain-{number}")  # exclusive, and gone with its last holder
         except OSError:
-            os.close(handle)
+            claim.close()
             continue
-        before = {name: os.environ.get(name) for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")}
-        os.environ |= {"ROS_DOMAIN_ID": str(number), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        try:
-            yield number
-        finally:
-            for name, value in before.items():
-                os.environ.pop(name, None) if value is None else os.environ.__setitem__(name, value)
-            os.close(handle)
+        _claims.append(claim)
+        with pytest.MonkeyPatch.context() as environment:
+            environment.setenv("ROS_DOMAIN_ID", str(number))
+            environment.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+            try:
+                yield number
+            finally:
+                _claims.remove(claim)
+                claim.close()
         return
     pytest.fail("all ROS domains of this machine are taken")
+
+
+def command(*arguments: str, before: str = "") -> list[str]:
+    """Return the command line of `auvbench ...` in a process that dies with this one.
+
+    Args:
+        arguments: those of auvbench.
+        before: Python that runs first.
+    """
+    code = (
+        f"import sys; from auvbench.runs import processes; processes.die_with_parent({os.getpid()}); {before}\n"
+        "from auvbench.cli import main; sys.exit(main(sys.argv[1:]))"
+    )
+    return [sys.executable, "-c", code, *arguments]
 
 
 class Process:
     """`auvbench ...` in a process of its own, in the present domain; its output is kept."""
 
-    def __init__(self, *arguments: str) -> None:
+    def __init__(self, *arguments: str, before: str = "") -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "auvbench", *arguments],
+            command(*arguments, before=before),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            pass_fds=[claim.fileno() for claim in _claims],
         )
         self.lines: list[str] = []
         self._news = threading.Condition()
@@ -100,39 +114,35 @@ class Process:
     def output(self) -> str:
         return "\n".join(self.lines)
 
-    def says(self, text: str, seconds: float = 60.0) -> None:
-        """Waits until a line holds `text`."""
+    def says(self, text: str) -> None:
+        """Wait until a line holds `text`."""
 
         def there() -> bool:
             return any(text in line for line in self.lines) or not self._reader.is_alive()
 
         with self._news:
-            self._news.wait_for(there, seconds)
+            self._news.wait_for(there, LIMIT)
         assert any(text in line for line in self.lines), f"{text!r} is not in:\n{self.output}"
 
     def send(self, number: int) -> None:
         self.process.send_signal(number)
 
-    def ends(self, seconds: float = 30.0) -> int:
-        """Waits for its end; the exit code."""
-        code = self.process.wait(seconds)
-        self._reader.join(5.0)
+    def ends(self) -> int:
+        """Wait for its end; return the exit code."""
+        code = self.process.wait(LIMIT)
+        self._reader.join(LIMIT)
         return code
 
     def stop(self) -> None:
         if self.process.poll() is None:
             self.send(signal.SIGCONT)
             self.send(signal.SIGTERM)
-            try:
-                self.process.wait(15.0)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-        self._reader.join(5.0)
+        self.ends()
 
 
 @contextlib.contextmanager
 def serving(*arguments: str) -> Iterator[Process]:
-    """`auvbench serve`, once it answers."""
+    """Run `auvbench serve`, once it answers."""
     server = Process("serve", *arguments)
     try:
         server.says("does ")

@@ -102,7 +102,7 @@ def main(arguments: Sequence[str]) -> int:
         low, high = given.depth
         raise UserError(f"--depth {low:g} {high:g}: must be LOW below HIGH, both from -10000 to 0 (z, up)")
 
-    from auvbench.ros2 import middleware
+    from auvbench.ros2 import discovery, middleware
 
     middleware.load()
     from auvbench.ros2.mission import Logbook
@@ -133,6 +133,7 @@ def main(arguments: Sequence[str]) -> int:
                 f"ros2 service call {names.of('pilot/arm')} std_srvs/srv/SetBool '{{data: true}}'",
                 flush=True,
             )
+            pilot.look(discovery.FOUND)
             pilot.run(lambda: request.signal is None)
         finally:
             pilot.close("the pilot was ended")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from auvbench.errors import TrainingError
 from auvbench.ros2 import discovery, interface, messages
-from auvbench.ros2.discovery import LEAVING, SETTLE
+from auvbench.ros2.discovery import FOUND, LEASE, LEAVING, SETTLE
 from auvbench.ros2.middleware import Answer, InterfaceError, Session
 
 Floats = NDArray[np.float64]
@@ -131,7 +131,12 @@ class Connection:
             "clock": lambda: self.node.count_publishers(interface.CLOCK) > 0,
             "wall": lambda: True,
         }
-        found = clock if clock != "auto" else next(name for name in CLOCKS if there[name]())
+        found = clock
+        if clock == "auto":
+            # Our own server offers lock-step, even where the service is not discovered yet.
+            ours = "auvbench" in self.about
+            self.session.seen(lambda: ours or there["lockstep"]() or there["clock"](), FOUND)
+            found = "lockstep" if ours else next(name for name in CLOCKS if there[name]())
         if not self.session.seen(there[found], self.timeout):
             topic = self.names[0].lockstep if found == "lockstep" else interface.CLOCK
             raise InterfaceError(
@@ -158,7 +163,8 @@ class Connection:
                 try:
                     since = self.lockstep(True)
                 except InterfaceError:
-                    if time.monotonic() > begun + LEAVING:
+                    # A client that only the server still knows of was killed.
+                    if time.monotonic() > begun + (LEAVING if self._crowded() else LEASE):
                         raise
                     self.session.seen(lambda: False, 0.1)
                     continue
@@ -172,6 +178,10 @@ class Connection:
                 )
         if self.clock == "clock" and not self.session.until(lambda: self._time >= 0, self.timeout):
             raise InterfaceError(f"{interface.CLOCK}: silent for {self.timeout:g} s; is the server paused?")
+
+    def _crowded(self) -> bool:
+        """Return whether another client commands a vehicle."""
+        return any(self.node.count_publishers(topic) > 1 for ends in self._ends for topic in ends.commands)
 
     # Messages.
 

@@ -13,8 +13,14 @@ from auvbench.ros2.middleware import InterfaceError, Session, surroundings
 SETTLE = 0.4
 """s that are given to what is discovered after the first of its kind"""
 
-LEAVING = 2.0
-"""s that are given to those who were here before"""
+FOUND = 3.0
+"""s in which a server that runs is discovered, unless the machine is very busy"""
+
+LEAVING = 5.0
+"""s in which a client that has just closed is forgotten"""
+
+LEASE = 25.0
+"""s in which a client that was killed is forgotten: Fast DDS keeps it for 20 s"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +45,7 @@ def find(
         timeout: s.
 
     Raises:
-        InterfaceError: nobody is there, or in another namespace.
+        InterfaceError: no server is there, or it has another namespace.
     """
     count = node.count_publishers
     one, first = (interface.Names(name) for name in (namespace, f"{namespace}_1"))
@@ -48,7 +54,7 @@ def find(
         return bool(count(one.odometry) > 0 or count(first.odometry) > 0)
 
     if not session.seen(there, timeout):
-        raise InterfaceError(f"{one.odometry}: nobody publishes it{_elsewhere(node, namespace, timeout)}")
+        raise InterfaceError(f"{absent(node, namespace, 'simulator.namespace')} (waited {timeout:g} s)")
     if count(one.odometry) > 0:
         return [one], _about(session, node, one, timeout)
     about = _about(session, node, first, timeout)
@@ -99,19 +105,27 @@ def check(session: Session, node: Any, vehicles: Sequence[Ends], timeout: float)
                 )
 
 
-def _elsewhere(node: Any, namespace: str, timeout: float) -> str:
-    """Where vehicles are instead, and what decides whether they are seen."""
-    others = [
+def namespaces(node: Any) -> list[str]:
+    """Return the namespaces in which odometry is published at present."""
+    return sorted(
         topic.removesuffix("/odom").strip("/")
         for topic, _ in node.get_topic_names_and_types()
         if topic.endswith("/odom") and node.count_publishers(topic) > 0
-    ]
-    if others:
-        return f", but there are other namespaces; simulator.namespace: {closest(namespace, others)}"
-    return (
-        f" within {timeout:g} s: is a server running (auvbench serve), in the same domain?"
-        f" Here {surroundings()}"
     )
+
+
+def absent(node: Any, namespace: str, option: str) -> str:
+    """Return why no vehicle is found in a namespace: the namespaces there are, or what decides what is seen.
+
+    Args:
+        node: has looked for a while.
+        namespace: that was asked for.
+        option: what sets the namespace, for the message.
+    """
+    topic = interface.Names(namespace).odometry
+    if others := namespaces(node):
+        return f"{topic}: no publisher; {option} {namespace}: {closest(namespace, others)}"
+    return f"{topic}: no publisher; is a server running (auvbench serve) in the same domain? Here {surroundings()}"
 
 
 def _about(session: Session, node: Any, names: interface.Names, timeout: float) -> dict[str, str]:
@@ -119,7 +133,8 @@ def _about(session: Session, node: Any, names: interface.Names, timeout: float) 
     ros = session.ros
     client = node.create_client(ros.parameters.GetParameters, names.of(f"{interface.NODE}/get_parameters"))
     session.renew()
-    if not session.seen(client.service_is_ready, 3 * SETTLE):
+    # Every run needs the node's set_parameters, and the two services come together.
+    if not session.seen(client.service_is_ready, timeout):
         return {}
     request = ros.parameters.GetParameters.Request(names=["simulator", "vehicle", "auvbench", "vehicles"])
     answer = session.ask(client, request)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import AuvbenchError, RunError
-from auvbench.ros2 import interface, messages
+from auvbench.ros2 import discovery, interface, messages
 from auvbench.ros2.middleware import Session
 from auvbench.ros2.mission import Logbook
 from auvbench.ros2.steering import Controller, Limits, Steering, Thrust
@@ -103,6 +103,13 @@ class Pilot:
         node.create_service(ros.services.SetBool, self.names.of(f"{NODE}/arm"), self._arm)
         node.create_service(ros.services.Trigger, self.names.of(f"{NODE}/stop"), self._stop)
         session.renew()
+
+    def look(self, seconds: float) -> bool:
+        """Wait for the vehicle's odometry at most `seconds`; without it, report the namespaces there are."""
+        if self.session.seen(lambda: self.node.count_publishers(self.names.odometry) > 0, seconds):
+            return True
+        self._note(discovery.absent(self.node, self.names.namespace, "--namespace"))
+        return False
 
     # What comes in.
 

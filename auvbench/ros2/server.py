@@ -18,13 +18,9 @@ from auvbench.ros2.vehicle_node import Settings, VehicleNode
 Floats = NDArray[np.float64]
 
 LOOK = 1.0
-"""s between two looks at whether somebody else serves the same namespace"""
-NEW = 15.0
-"""s for which a server that nobody uses is the newcomer, who leaves: on a busy machine another one is seen late"""
-
-LOOKS = 3
-"""one after the other in which somebody listens and nobody else serves, before a server counts as used: a newcomer may see
-the clients of the first server before it sees that server"""
+"""s between two looks for another server in the same namespace"""
+MARK = "auvbench_server_"
+"""Name of a node that says, in ns after it, when its server began: of two servers the newer one leaves."""
 
 REMEDY = "stop one of the two, or give one another name with --namespace"
 
@@ -105,10 +101,10 @@ class Server:
         self.session = Session()
         self._missing = n * n_u
         self._due = time.monotonic()
-        self._looked = self._began = self._due
+        self._looked = self._due
         self._told = False
-        self._watched_for = 0
-        """looks in which it was used"""
+        self._began = time.time_ns()
+        self.session.node(f"{MARK}{self._began}", self.namespaces[0])
         ros = self.session.ros
         self.vehicles = [
             VehicleNode(self, i, name, start, about or {}) for i, name in enumerate(self.namespaces)
@@ -224,15 +220,7 @@ class Server:
         now = time.monotonic()
         if now - self._looked > LOOK:
             self._looked = now
-            company = self._company()
-            if company and not self._told:
-                if now - self._began < NEW and self._watched_for < LOOKS:
-                    raise InterfaceError(f"{company}; {REMEDY}")
-                # The newcomer leaves by itself if it is one of ours; this one was here first.
-                warnings.warn(company, AuvbenchWarning, stacklevel=2)
-            self._told = bool(company)
-            if self._watched_for < LOOKS:
-                self._watched_for = self._watched_for + 1 if not company and self._watched() else 0
+            self._look()
         if self.lockstep or self.paused:
             self.session.turn(SLICE)
             return
@@ -250,29 +238,44 @@ class Server:
             self._due = now if now - self._due > 5 * period else self._due + period
 
     def alone(self, seconds: float) -> None:
-        """Waits whether somebody serves these namespaces already.
+        """Wait for signs of another server in these namespaces.
 
         Raises:
-            InterfaceError: somebody does.
+            InterfaceError: another server was there first.
         """
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.session.turn(SLICE)
-            if company := self._company():
+            others = self._others()
+            if (company := self._company()) and (not others or min(others) < self._began):
                 raise InterfaceError(f"{company}; {REMEDY}")
 
+    def _look(self) -> None:
+        """Leave to an older server of these namespaces, and warn once of any other."""
+        company = self._company()
+        if company and min(self._others(), default=self._began) < self._began:
+            raise InterfaceError(f"{company}; {REMEDY}")
+        if company and not self._told:
+            warnings.warn(company, AuvbenchWarning, stacklevel=2)
+        self._told = bool(company)
+
+    def _others(self) -> list[int]:
+        """Return when other servers with a vehicle in these namespaces began, in ns."""
+        spaces = {f"/{name}" for name in self.namespaces}
+        found = [
+            int(name.removeprefix(MARK))
+            for name, space in self.vehicles[0].node.get_node_names_and_namespaces()
+            if space in spaces and name.startswith(MARK) and name.removeprefix(MARK).isdecimal()
+        ]
+        return [began for began in found if began != self._began]
+
     def _company(self) -> str:
-        """Who publishes what this publishes, in words; empty where nobody does."""
+        """Return a sentence about another publisher of a vehicle's odometry; empty without one."""
         for name in self.namespaces:
             topic = interface.Names(name).odometry
             if self.vehicles[0].node.count_publishers(topic) > 1:
-                return f"{topic}: somebody else publishes it too, another server in the namespace {name}"
+                return f"{topic}: another server publishes it, too, in the namespace {name}"
         return ""
-
-    def _watched(self) -> bool:
-        """Whether somebody listens to where a vehicle is."""
-        node = self.vehicles[0].node
-        return any(node.count_subscribers(interface.Names(name).odometry) for name in self.namespaces)
 
     def close(self) -> None:
         """Leaves the network."""

@@ -14,14 +14,16 @@ import torch
 from auvbench.cli import main
 from auvbench.config.simulators import Ros2
 from auvbench.errors import TrainingError
+from auvbench.ros2 import discovery, interface
 from auvbench.ros2.connection import Connection
 from auvbench.ros2.middleware import InterfaceError, Session
 from auvbench.runs.directory import RunDirectory
 from auvbench.simulators import ros2
 from auvbench.vehicles.sheet import load
 from tests import dds
+from tests.waiting import LIMIT, until
 
-pytestmark = dds.needs_ros
+pytestmark = [dds.needs_ros, pytest.mark.slow]
 
 THRUSTERS = tuple(f"thruster{i}" for i in range(1, 7))
 STILL = np.zeros((1, 6))
@@ -48,20 +50,21 @@ def elsewhere(domain):
         ros2._leave()
 
 
-def connected(namespace="bluerov2", clock="auto", timeout=20.0):
+def connected(namespace="bluerov2", clock="auto", timeout=LIMIT):
     return Connection(namespace, THRUSTERS, clock, timeout)
 
 
 def test_a_server_that_starts_late_is_waited_for_and_one_that_stops_is_said(elsewhere):
     found = []
-    waiting = threading.Thread(target=lambda: found.append(connected(timeout=60.0)))
+    waiting = threading.Thread(target=lambda: found.append(connected()))
     waiting.start()
-    time.sleep(1.0)
     with dds.serving():
-        waiting.join(60.0)
+        waiting.join(LIMIT)
         (connection,) = found
         assert connection.clock == "lockstep"
         connection.step(STILL, 0.1)
+    odometry = connection.names[0].odometry
+    assert connection.session.seen(lambda: connection.node.count_publishers(odometry) == 0, LIMIT)
     connection.timeout = 1.0
     with pytest.raises(TrainingError, match=r"/bluerov2/odom: silent for 1 s; the server has stopped"):
         connection.step(STILL, 0.1)
@@ -69,72 +72,122 @@ def test_a_server_that_starts_late_is_waited_for_and_one_that_stops_is_said(else
 
 
 def test_nobody_there(elsewhere):
-    with pytest.raises(
-        InterfaceError, match=r"/bluerov2/odom: nobody publishes it within 0.2 s.*ROS_DOMAIN_ID"
-    ):
+    with pytest.raises(InterfaceError, match=r"/bluerov2/odom: .*ROS_DOMAIN_ID"):
         connected(timeout=0.2)
 
 
-def test_another_namespace_another_vehicle_and_company(server):
-    with pytest.raises(
-        InterfaceError, match=r"/bluerov3/odom: .* simulator.namespace: did you mean 'bluerov2'"
-    ):
-        connected("bluerov3", timeout=15.0)
-    with pytest.raises(InterfaceError, match=r"/bluerov2/cmd_thruster9: nobody listens"):
-        Connection("bluerov2", ("thruster1", "thruster9"), "auto", 8.0)
+@pytest.fixture
+def stranger(domain):
+    session = Session()
+    yield session
+    session.close()
+
+
+def test_another_namespace_is_refused_with_those_there_are(server, stranger):
+    node = stranger.node("stranger")
+    assert stranger.seen(lambda: discovery.namespaces(node) == ["bluerov2"], LIMIT)
+    with pytest.raises(InterfaceError, match=r"/bluerov3/odom: .* did you mean 'bluerov2'"):
+        discovery.find(stranger, node, "bluerov3", 0.0)
+
+
+def ends_of(session, node, *actuators):
+    """This end of a vehicle, once its server and other clients are discovered."""
+    ros, names = session.ros, interface.Names("bluerov2")
+    commands = {
+        topic: node.create_publisher(ros.std.Float64, topic, session.qos)
+        for topic in map(names.command, actuators)
+    }
+    reset = node.create_client(ros.services.Trigger, names.reset)
+    session.renew()
+    first = commands[names.command("thruster1")]
+    assert session.seen(lambda: first.get_subscription_count() > 0 and reset.service_is_ready(), LIMIT)
+    return discovery.Ends(names, commands, reset, reset)
+
+
+def call(session, client, request):
+    assert session.seen(client.service_is_ready, LIMIT)
+    answer = session.ask(client, request)
+    assert session.until(lambda: answer.value is not None, LIMIT)
+    return answer.value
+
+
+def test_an_actuator_that_the_server_lacks_is_named(server, stranger):
+    node = stranger.node("stranger")
+    ends = ends_of(stranger, node, "thruster1", "thruster9")
+    with pytest.raises(InterfaceError, match=r"^/bluerov2/cmd_thruster9: "):
+        discovery.check(stranger, node, [ends], 0.1)
+
+
+def test_a_second_client_refuses_and_is_refused(server, stranger):
     first = connected()
-    with pytest.raises(InterfaceError, match=r"/bluerov2/cmd_thruster1: somebody else commands this vehicle"):
-        connected()
-    first.step(STILL, 0.1)
-    # A second server in the same namespace sees the first one and leaves.
-    second = dds.Process("serve")
-    try:
-        assert second.ends() == 2
-    finally:
-        second.stop()
-    assert "/bluerov2/odom: somebody else publishes it too" in second.output
-    assert "--namespace" in second.output
-    # Somebody else moves the clock of a server in lock-step.
-    stranger = Session()
+    node = stranger.node("stranger")
+    topic = "/bluerov2/cmd_thruster1"
+    assert stranger.seen(lambda: node.count_publishers(topic) == 1, LIMIT)
+    ends = ends_of(stranger, node, "thruster1")
+    with pytest.raises(InterfaceError, match=rf"^{topic}: "):
+        discovery.check(stranger, node, [ends], 0.1)
+    lockstep = node.create_client(stranger.ros.services.SetBool, "/bluerov2/lockstep")
+    stranger.renew()
+    wanted = stranger.ros.services.SetBool.Request(data=True)
+    refused = until(lambda: None if (a := call(stranger, lockstep, wanted)).success else a, "a refusal")
+    assert refused.message.startswith(topic)
+    first.close()
+
+
+def test_a_server_that_another_client_moves(server, stranger):
+    first = connected()
     node = stranger.node("stranger")
     client = node.create_client(stranger.ros.services.Trigger, "/bluerov2/step")
     stranger.renew()
-    assert stranger.seen(client.service_is_ready, 10.0)
-    answer = stranger.ask(client, stranger.ros.services.Trigger.Request())
-    assert stranger.until(lambda: answer.value is not None, 10.0)
-    stranger.close()
-    time.sleep(0.3)
-    with pytest.raises(TrainingError, match=r"/bluerov2/odom: is 0.1 s ahead .* somebody else"):
+    assert call(stranger, client, stranger.ros.services.Trigger.Request()).success
+    assert first.session.until(lambda: first._stamp[0] > first._reached, LIMIT)
+    with pytest.raises(TrainingError, match=r"/bluerov2/odom: is 0.1 s ahead"):
         first.step(STILL, 0.1)
+    assert not first.usable
     first.close()
 
 
-BLIND = (
-    "from auvbench.ros2.server import Server; Server.alone = lambda *_: None; from auvbench.cli import main; "
-)
+KILLED = """
+import os, signal
+from auvbench.ros2.connection import Connection
+Connection("bluerov2", tuple(f"thruster{i}" for i in range(1, 7)), "lockstep", 300.0)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
 
 
-def test_a_server_that_sees_the_first_one_late_leaves_and_the_first_one_stays(server):
+def test_a_client_that_was_killed_keeps_nobody_away(server):
+    done = subprocess.run([sys.executable, "-c", KILLED], timeout=LIMIT, check=False)
+    assert done.returncode == -signal.SIGKILL
+    connection = connected()
+    connection.step(STILL, 0.1)
+    connection.close()
+
+
+BLIND = "from auvbench.ros2.server import Server; Server.alone = lambda *_: None"
+
+
+@pytest.mark.parametrize("before", ["", BLIND], ids=["at its start", "later"])
+def test_the_second_server_of_a_namespace_leaves_and_the_first_stays(server, before):
     first = connected()
+    second = dds.Process("serve", before=before)
+    try:
+        assert second.ends() == 2, second.output
+    finally:
+        second.stop()
+    assert "/bluerov2/odom: another server publishes it, too" in second.output
+    assert "--namespace" in second.output
     first.step(STILL, 0.1)
-    code = f"{BLIND}raise SystemExit(main(['serve']))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 2
-    assert "/bluerov2/odom: somebody else publishes it too" in done.stderr
-    assert "--namespace" in done.stderr
     assert server.process.poll() is None
     first.close()
-    connected().close()
 
 
-def test_two_servers_that_both_live(domain):
-    stranger = Session()
+def test_two_servers_that_both_live(domain, stranger):
     node = stranger.node("stranger")
     for _ in range(2):
         node.create_publisher(stranger.ros.nav.Odometry, "/twins/odom", stranger.qos)
-    with pytest.raises(InterfaceError, match=r"/twins/odom: 2 publish it: several servers"):
-        connected("twins")
-    stranger.close()
+    assert stranger.seen(lambda: node.count_publishers("/twins/odom") == 2, LIMIT)
+    with pytest.raises(InterfaceError, match=r"^/twins/odom: 2 "):
+        discovery.check(stranger, node, [discovery.Ends(interface.Names("twins"), {}, None, None)], 0.1)
 
 
 def test_what_the_server_refuses(server):
@@ -154,10 +207,10 @@ def test_delayed_is_not_lost_and_halted_is_said(server):
     connection.step(STILL, 0.1)
     before = connection._stamp.copy()
     server.send(signal.SIGSTOP)
-    threading.Timer(1.0, server.send, (signal.SIGCONT,)).start()
     begun = time.monotonic()
+    threading.Timer(1.0, server.send, (signal.SIGCONT,)).start()
     connection.step(STILL, 0.1)
-    assert time.monotonic() - begun > 0.5
+    assert time.monotonic() - begun > 0.9
     np.testing.assert_array_equal(connection._stamp - before, 100_000_000)
     connection.timeout = 0.5
     server.send(signal.SIGSTOP)
@@ -167,6 +220,7 @@ def test_delayed_is_not_lost_and_halted_is_said(server):
         connection.step(STILL, 0.1)
     with pytest.raises(TrainingError, match=r"/bluerov2/reset: no answer within 0.5 s"):
         connection.reset([0], {})
+    server.send(signal.SIGCONT)
     connection.close()
 
 
@@ -179,7 +233,7 @@ LEARNER = [
     "train.checkpoint.steps=64",
     "train.progress=false",
     "simulator=ros2",
-    "simulator.timeout=10",  # DDS announces itself again every 3 s: on a busy machine the first ones may be lost
+    "simulator.timeout=20",
     "task.max_steps=30",
 ]
 
@@ -195,7 +249,7 @@ def test_a_training_whose_server_is_killed_goes_on_with_the_next_one(elsewhere, 
     (path,) = (tmp_path / "default").glob("ppo-*")
     error = capsys.readouterr().err
     assert "/bluerov2/" in error
-    assert "for 10 s" in error or "within 10 s" in error
+    assert "20 s" in error
     manifest = RunDirectory(path).manifest()
     assert manifest["state"] == "failed"
     assert "/bluerov2/" in manifest["error"]["message"]
@@ -209,10 +263,21 @@ def test_a_training_whose_server_is_killed_goes_on_with_the_next_one(elsewhere, 
 
 
 def _kill_after_checkpoint(folder, server):
-    end = time.monotonic() + 60.0
-    while time.monotonic() < end and not list(folder.glob("default/ppo-*/checkpoints/*/*")):
-        time.sleep(0.01)
+    until(lambda: list(folder.glob("default/ppo-*/checkpoints/*/*")), "a checkpoint")
     server.send(signal.SIGKILL)
+
+
+def test_a_mistyped_namespace_is_corrected_by_the_next_command(elsewhere, tmp_path, capsys):
+    torch.set_num_threads(1)
+    command = ["train", f"output={tmp_path}", *LEARNER, "simulator.timeout=1", "train.total_steps=64"]
+    assert main([*command, "simulator.namespace=blurov2"]) == 2
+    (path,) = (tmp_path / "default").iterdir()
+    ros2._leave()
+    with dds.serving("--lockstep"):
+        words = ["simulator.namespace=bluerov2", "simulator.timeout=60"]
+        assert main(["resume", str(path), *words]) == 0
+    assert RunDirectory(path).manifest()["state"] == "complete"
+    capsys.readouterr()
 
 
 def test_a_restarted_server_gets_a_new_connection(elsewhere):
@@ -225,7 +290,7 @@ def test_a_restarted_server_gets_a_new_connection(elsewhere):
         assert ros2.connect(settings, vehicle) is first
     with dds.serving("--lockstep"):
         odometry = first.names[0].odometry
-        assert first.session.seen(lambda: first.node.count_publishers(odometry) == 1, 60.0)
+        assert first.session.seen(lambda: first.node.count_publishers(odometry) == 1, LIMIT)
         ros2.connect(settings, vehicle).step(STILL, 0.1)
 
 
@@ -247,7 +312,7 @@ def test_a_middleware_that_does_not_start(domain, environment, message):
         env=os.environ | environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=LIMIT,
     )
     assert done.returncode == 2, done.stderr
     said = [line for line in done.stderr.splitlines() if line.startswith("auvbench: ")]
@@ -262,7 +327,7 @@ def test_without_the_extra(module):
         "from auvbench.cli import main\n"
         "sys.exit(main(['serve']))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert f"{module} (ROS 2 Jazzy) is not installed" in done.stderr

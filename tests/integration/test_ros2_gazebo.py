@@ -9,10 +9,12 @@ from auvbench.simulators.gazebo import bindings
 from auvbench.simulators.gazebo.simulator import GazeboSimulator
 from auvbench.vehicles.sheet import load
 from tests import dds
+from tests.waiting import LIMIT
 
 absent = bindings.missing()
 pytestmark = [
     pytest.mark.gazebo,
+    pytest.mark.slow,
     pytest.mark.skipif(absent is not None, reason=f"Gazebo is not here: {absent}"),
     dds.needs_ros,
 ]
@@ -23,7 +25,7 @@ def test_a_served_gazebo_is_the_same_bits():
     rng = np.random.default_rng(0)
     pose = np.array([[0.0, 0.0, -5.0, 1.0, 0.0, 0.0, 0.0]])
     with dds.domain(), dds.serving("--lockstep", "simulator=gazebo"):
-        there = ros2.Ros2Simulator(vehicle, 1, Ros2(name="ros2", namespace=None, clock="auto", timeout=60.0))
+        there = ros2.Ros2Simulator(vehicle, 1, Ros2(name="ros2", namespace=None, clock="auto", timeout=LIMIT))
         here = GazeboSimulator(vehicle, 1, max_step=0.01)
         for _ in range(2):  # the second time a reset must have reset everything
             for simulator in (here, there):

@@ -17,8 +17,9 @@ from auvbench.errors import ConfigError
 from auvbench.runs.directory import RunDirectory
 from auvbench.simulators import ros2
 from tests import dds
+from tests.waiting import LIMIT
 
-pytestmark = dds.needs_ros
+pytestmark = [dds.needs_ros, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +29,7 @@ def two_vehicles():
         ros2._leave()
 
 
-SETTINGS = Ros2(name="ros2", namespace=None, clock="lockstep", timeout=20.0)
+SETTINGS = Ros2(name="ros2", namespace=None, clock="lockstep", timeout=LIMIT)
 
 
 def batches(*overrides, n=2):
