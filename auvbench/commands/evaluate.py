@@ -37,7 +37,7 @@ policy and frozen statistics. What is tested already is skipped, what is not com
                   --where vehicle=rexrov reward.k=1,40 algo!=random
   --cfg job       print the configuration of the test and stop
 
-Exit code 0 when every complete run is tested, whatever is not complete yet; 1 when a test failed; 2 when there is
+Exit code 0 when every complete run is tested; 1 when a test failed or another process works on a run; 2 when there is
 nothing to test or an argument is wrong.
 
 examples:
@@ -131,7 +131,7 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     ready, unfinished = _ready(runs)
     if not ready:
         raise UserError(f"nothing to evaluate: {_left_out(unfinished)}")
-    failed = there = tested = 0
+    failed = held = there = tested = 0
     protocol = config.protocol
     with counting_bar(len(ready), f"protocol {protocol.name}", _each(protocol, ready)) as tell:
 
@@ -152,6 +152,7 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
             for result in results:
                 if result.error:
                     failed += 1
+                    held += result.held
                     tell.line(f"auvbench: {result.error}", error=True)
                 elif result.summary is None:
                     there += 1
@@ -168,6 +169,8 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     if unfinished:
         print(f"auvbench: {_left_out(unfinished)}", file=sys.stderr)
     if failed == len(ready):
+        if held:
+            return 1
         raise UserError("nothing could be evaluated")
     which = "" if config.protocol.name == "test" else f" --protocol {config.protocol.name}"
     folder = Path(os.path.commonpath([run.path.parent for run in ready]))
@@ -192,13 +195,12 @@ def _how_far(done: int, of: int) -> str:
 
 def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[RunStatus]]:
     """The runs that can be tested, or whose damage their test will name, and those that are not complete."""
-    from auvbench.runs import lock, status
+    from auvbench.runs import status
 
-    clock = lock.shared_clock()
     ready, unfinished = [], []
     for run in runs:
         try:
-            found = status.of(run, clock=clock)
+            found = status.of(run)
         except RunError:
             ready.append(run)
             continue

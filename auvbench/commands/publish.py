@@ -20,7 +20,7 @@ from auvbench.untrusted import path_safety
 if TYPE_CHECKING:
     from auvbench.analysis.model import Problem, RunRecord
     from auvbench.commands.grammar import Parser
-    from auvbench.runs.lock_files import Holder
+    from auvbench.runs.lock import Holder
 
 PICTURES = "success_over_grid,success_over_conditions,training_success,failures"
 NAMED = 3
@@ -150,10 +150,12 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
 
     Raises:
         ReportError: not one can be shipped, or the folder holds what publish did not write; nothing was changed then.
+        RunHeldError: other processes work on all of them.
     """
     from auvbench.analysis.grouping import failed_training
     from auvbench.analysis.load import load, require
     from auvbench.reporting import copies, shipped
+    from auvbench.runs import lock
 
     folder = study.folder
     copies.prepare(folder)
@@ -163,7 +165,10 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
     held = {run.id: holder for run in runs if (holder := _holder(run)) is not None}
     chosen = [run for run in runs if (run.evaluations or failed_training(run)) and run.id not in held]
     if not any(options.protocol in run.evaluations for run in chosen):
-        raise ReportError(f"all runs that could be published are at work; {_at_work(held)}")
+        name, holder = next(iter(held.items()))
+        raise lock.RunHeldError(
+            Path(name), holder, f"all runs that could be published are at work; {_at_work(held)}"
+        )
     # Of a run that is there and cannot be shipped now, an earlier copy stays.
     found = {run.id for run in runs} | {Path(problem.where).name for problem in problems}
     gone = [name for name in copies.names(folder) if name not in found]
@@ -182,7 +187,8 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
     left += [
         f"{p.where}: {p.message}"
         for p in problems
-        if p.kind not in ("missing", "duplicate") and not (p.kind == "failed" and p.where in ids)
+        if p.kind not in ("missing", "duplicate", "unverified")
+        and not (p.kind == "failed" and p.where in ids)
     ]
     left += [_at_work({name: holder}) for name, holder in held.items()]
     for line in (*left, *_in_short(untested)):
@@ -203,7 +209,7 @@ def _in_short(untested: Sequence[Problem]) -> list[str]:
 def _holder(run: RunRecord) -> Holder | None:
     """Who works on a run at present; nobody works on a copy."""
     from auvbench.runs import lock
-    from auvbench.runs.schemas import SHIPPED
+    from auvbench.runs.manifest_fields import SHIPPED
 
     return None if run.manifest.get(SHIPPED) is True else lock.living_holder(run.directory)
 

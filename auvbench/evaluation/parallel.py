@@ -26,6 +26,7 @@ from auvbench.evaluation.protocol import Circumstance
 from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.runs import interruption, processes
 from auvbench.runs.directory import RunDirectory
+from auvbench.runs.lock import RunHeldError
 
 LOOK = 0.1  # s between two looks at whether somebody asked to leave
 GRACE = 0.8  # s for the tests under way to end once somebody has
@@ -39,6 +40,8 @@ class Result:
     summary: dict[str, Any] | None = None
     """None where it was done already or failed"""
     error: str = ""
+    held: bool = False
+    """whether the error is that another process is testing it"""
     why: str = ""
     """why what was there was not good any more, where it was tested again"""
 
@@ -148,7 +151,7 @@ def _test(
     try:
         return Result(run, evaluate(run, protocol, report, unless_done=not force, roll=roll))
     except AuvbenchError as error:
-        return Result(run, error=str(error))
+        return Result(run, error=str(error), held=isinstance(error, RunHeldError))
 
 
 @contextmanager

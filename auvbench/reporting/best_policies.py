@@ -15,7 +15,7 @@ from auvbench.errors import AuvbenchError
 from auvbench.policies import cards, exported
 from auvbench.reporting.tables.markdown import escape, pipes
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.schemas import SHIPPED
+from auvbench.runs.manifest_fields import SHIPPED
 from auvbench.untrusted import path_safety
 
 FOLDER = "policies"

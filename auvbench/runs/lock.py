@@ -1,89 +1,118 @@
-"""One process per run directory, also on network file systems and after any kind of death.
+"""One process per run: a lock of the kernel, and a file that names its holder for people.
 
-How the lock lies on disk, and why only one can take it: lock_files.py.
+`RUN/lock/held` carries the lock: `flock`, which NFS keeps on the file server. The kernel or the server frees it when the
+holder ends, however that ends. So no clock, host name or process id decides who may work on a run.
 
-When is a holder dead?
-
-* On this machine: when no process with its pid and its start mark lives.
-* Elsewhere: when it has not touched its file for `STALE_AFTER` seconds, both times read from the file
-  server's clock (we touch a file too and compare), and then does not touch it either while we watch, timed by
-  our monotonic clock. So a clock that jumps, here or on the server, never costs a living holder its run.
-* The same cluster job in an earlier life (a requeue): the same, without waiting for `STALE_AFTER`.
+`RUN/lock/holder.json` names the holder. On a file system without `flock` this file is the lock itself. There it outlives
+a killed holder, and the message says what to remove.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import fcntl
 import os
-import threading
+import shlex
+import sys
 import time
 import uuid
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from auvbench.errors import RunError, TrainingError
-from auvbench.runs import lock_files, processes
-from auvbench.runs.lock_files import Holder
-from auvbench.untrusted import path_safety
+from auvbench.runs import processes
+from auvbench.runs.atomic_io import FAULTS, storage_error
+from auvbench.runs.files import as_json, write_atomic
+from auvbench.untrusted import path_safety, typed_json
+from auvbench.untrusted.text import short
 
-HEARTBEAT = 10.0  # s between two touches of a held lock
-STALE_AFTER = 300.0  # s without a touch after which a holder on another machine is suspected dead
-WATCH = 3 * HEARTBEAT  # s that a suspect is watched before its lock is taken over
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
+
+FOLDER, LOCK, HOLDER = "lock", "held", "holder.json"
+
+LEASE = 120.0  # s for which a file server may keep the lock of a node that died (NFSv4: 90 s by default)
+LOOK = 10.0  # s for which a look (`living_holder`), which takes an instant, may keep a free lock
+
+_NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP)
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Who holds a run."""
+
+    host: str
+    pid: int
+    since: str  # ISO 8601 with a time zone
+    command: str
+    token: str  # unique for each acquisition; empty where holder.json is damaged
+    job: str | None = None  # the cluster's job, for example "slurm:17"
+    kernel: bool = True  # whether a kernel lock was held, which ends with its holder
+    path: str = field(default="", compare=False)  # of holder.json, where it was read
+
+    def __str__(self) -> str:
+        file = shlex.quote(self.path)
+        if not self.token:
+            return f"an unknown process ({file} does not say which; remove it if no process works here)"
+        job = f", {short(self.job).replace(':', ' job ')}" if self.job else ""
+        text = f"{short(self.host)}, pid {self.pid}{job}, since {self.since} ({short(self.command, 80)})"
+        return text if self.kernel else f"{text}; if that process is dead, rm {file} frees it"
 
 
 class RunHeldError(RunError):
-    """Somebody else works on the run; it is left alone."""
+    """Another process works on the run. Exit code 1: nothing is wrong with what was typed."""
 
-    def __init__(self, run: Path, holder: Holder) -> None:
-        super().__init__(f"{run} is held by {holder}; left alone")
+    exit_code = 1
+
+    def __init__(self, run: Path, holder: Holder, message: str = "") -> None:
+        super().__init__(message or f"{run} is held by {holder}; left alone")
         self.run = run
         self.holder = holder
 
 
 class LockLostError(TrainingError):
-    """The run was taken over while this process stood still (a suspended machine, an unreachable server)."""
+    """The run belongs to another process now: its folder was replaced, or the file server gave the lock away."""
 
 
-@dataclass(slots=True)
 class RunLock:
-    """A held lock. Use `with lock.acquire(run) as held:`; a thread of it touches the file meanwhile."""
+    """A held lock. Use `with lock.acquire(run) as held:`."""
 
-    run: Path
-    generation: int
-    holder: Holder
-    heartbeat: float = HEARTBEAT
-    _released: threading.Event = field(default_factory=threading.Event)
-    _lost: str | None = None
+    def __init__(self, run: Path, holder: Holder, kernel_lock: BaseFileLock | None) -> None:
+        self.run = run
+        self.holder = holder
+        self._kernel_lock = kernel_lock
+        self._verified = time.monotonic()
+        _mine[run.absolute()] = self
 
-    @property
-    def path(self) -> Path:
-        return lock_files.file_of(self.run, self.generation)
-
-    def verify(self, *, look: bool = True) -> None:
-        """Raises `LockLostError` when the run belongs to somebody else by now.
+    def verify(self, every: float = 0.0) -> None:
+        """Raise `LockLostError` if another process has the run.
 
         Args:
-            look: at the file server, before something important is written; without it, the last heartbeat's
-                look has to do, which costs nothing.
+            every: s; do nothing if the last look was less than this ago.
         """
-        if look:
-            self._look()
-        if self._lost is not None:
-            raise LockLostError(self._lost)
+        now = time.monotonic()
+        if now - self._verified < every:
+            return
+        self._verified = now
+        found = current(self.run)
+        if found is None or found.token != self.holder.token:
+            why = f"{found} has taken it over" if found else "its lock was removed"
+            raise LockLostError(f"{self.run}: {why}; this process stops without writing more")
 
     def release(self) -> None:
-        """Frees the lock; does nothing the second time, or when it was lost."""
-        if self._released.is_set():
-            return
-        self._released.set()
-        _mine.pop(self.run.absolute(), None)
+        """Free the lock. Do nothing the second time."""
+        if _mine.get(self.run.absolute()) is self:
+            del _mine[self.run.absolute()]
         with contextlib.suppress(OSError):
-            if lock_files.highest(self.run) == self.generation:
-                lock_files.release(self.run, self.generation, self.holder)
+            found = current(self.run)
+            if found is not None and found.token == self.holder.token:
+                _holder_path(self.run).unlink(missing_ok=True)
+        if self._kernel_lock is not None:
+            self._kernel_lock.release()
 
     def __enter__(self) -> RunLock:
         return self
@@ -93,162 +122,169 @@ class RunLock:
     ) -> None:
         self.release()
 
-    def _look(self) -> None:
-        highest = lock_files.highest(self.run)
-        if highest == self.generation:
-            return
-        other = lock_files.read(self.run, highest) if highest else None
-        taker = f"{other[0]} has taken it over" if other and other[0] else "its lock was removed"
-        self._lost = f"{self.run}: {taker} while this process stood still; it stops without writing more"
 
-    def _beat(self) -> None:
-        while not self._released.wait(self.heartbeat):
-            # A server that does not answer for a while is no reason to stop: the next touch may succeed.
-            with contextlib.suppress(OSError):
-                os.utime(self.path)  # "now" is the file server's, not ours
-            with contextlib.suppress(OSError):
-                self._look()
+_mine: dict[Path, RunLock] = {}
+"""The locks of this process, for code that writes into a run without having been handed its lock."""
 
 
-def acquire(
-    run: str | Path,
-    *,
-    job: str | None = None,
-    gone: str | None = None,
-    heartbeat: float = HEARTBEAT,
-    stale_after: float = STALE_AFTER,
-    watch: float = WATCH,
-) -> RunLock:
-    """Takes the run's lock, over from a dead holder if need be.
+def acquire(run: str | Path, *, job: str | None = None) -> RunLock:
+    """Take the run's lock.
 
     Args:
         run: the run directory.
-        job: the cluster job that this process is, if any; an earlier life of the same job is suspected at once.
-        gone: a cluster job that the cluster says has ended; its lock is taken over without more ado.
-        heartbeat: seconds between two touches.
-        stale_after: seconds without a touch after which a holder on another machine is suspected dead.
-        watch: seconds that a suspect is watched.
+        job: the cluster job of this process. Its own earlier life may have died with its node: then the file server's
+            lease is waited for.
 
     Raises:
-        RunHeldError: a living process holds it.
+        RunHeldError: another process holds it.
         RunError: the directory cannot be written, or a link in it leads out of it.
+        TrainingError: the disk is full or failing.
     """
     run = Path(run)
-    path_safety.check(run)  # whoever holds a run's lock writes into it
-    mine = Holder(
-        host=processes.host(),
-        pid=os.getpid(),
-        started=processes.start_mark(os.getpid()) or "",
-        machine=processes.machine(),
-        since=datetime.now(UTC).isoformat(timespec="seconds"),
-        token=uuid.uuid4().hex,
-        job=job,
-    )
+    path_safety.check(run)
+    before = current(run)
+    requeued = job is not None and before is not None and before.job == job
     try:
-        while True:
-            last = lock_files.highest(run)
-            if last and not _may_take(run, last, job, gone, stale_after, watch):
-                holder = current(run)
-                if holder is None:  # released while we looked
-                    continue
-                raise RunHeldError(run, holder)
-            if lock_files.create(run, last + 1, mine):
-                break
+        (run / FOLDER).mkdir(exist_ok=True)
+        kernel_lock = _kernel_lock(run, LEASE if requeued else 0.0)
+        holder = _myself(job, kernel=kernel_lock is not None)
+        try:
+            _announce(run, holder)
+        except BaseException:
+            if kernel_lock is not None:
+                kernel_lock.release()
+            raise
     except OSError as error:
+        if error.errno in FAULTS:
+            raise storage_error(error, f"cannot lock {run}") from error
         raise RunError(f"{run} cannot be locked: {error.strerror or error}") from error
-    held = RunLock(run, last + 1, mine, heartbeat)
-    for generation in lock_files.generations(run):
-        if generation < held.generation:
-            lock_files.file_of(run, generation).unlink(missing_ok=True)
-    _mine[run.absolute()] = held
-    threading.Thread(target=held._beat, name="run-lock", daemon=True).start()
-    return held
+    return RunLock(run, holder, kernel_lock)
 
 
-_mine: dict[Path, RunLock] = {}
-"""The locks that this process holds, for those who write into a run without having been handed its lock."""
-
-
-def verify(run: str | Path, *, look: bool = True) -> None:
-    """As `RunLock.verify`, for the lock that this process took; does nothing when it took none."""
+def verify(run: str | Path, every: float = 0.0) -> None:
+    """As `RunLock.verify`, for the lock that this process took; do nothing if it took none."""
     held = _mine.get(Path(run).absolute())
     if held is not None:
-        held.verify(look=look)
+        held.verify(every)
 
 
 def current(run: str | Path) -> Holder | None:
-    """Who the lock file names at present, alive or not; None when the run is free."""
+    """Return whom holder.json names, alive or dead; None without that file."""
+    path = _holder_path(Path(run))
+    try:
+        holder = typed_json.read(path, Holder, 1 << 16)
+        if datetime.fromisoformat(holder.since).tzinfo is None:
+            raise ValueError("a time without a zone")
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError):
+        return _unknown(Path(run))
+    return replace(holder, path=str(path))
+
+
+def living_holder(run: str | Path) -> Holder | None:
+    """Return the process that holds the run; None if it is free."""
     run = Path(run)
-    last = lock_files.highest(run)
-    found = lock_files.read(run, last) if last else None
-    return None if found is None or found[0].free else found[0]
+    holder = current(run)
+    if holder is None or not holder.kernel or _is_locked(run / FOLDER / LOCK):
+        return holder
+    return None
 
 
-def living_holder(
-    run: str | Path, *, clock: Callable[[Path], float] | None = None, stale_after: float = STALE_AFTER
-) -> Holder | None:
-    """Who holds the run, as far as one look can tell; None when it is free or its holder is dead.
+def _is_locked(path: Path) -> bool:
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:  # held; or nothing can be known, and then holder.json counts
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+class _MovedError(Exception):
+    """The run's folder was renamed between opening its lock file and locking it."""
+
+
+def _kernel_lock(run: Path, patience: float) -> BaseFileLock | None:
+    """Take the kernel's lock; return None where the file system has none.
 
     Args:
         run: the run directory.
-        clock: tells the file server's time for a run; `shared_clock` asks it once for many runs.
-        stale_after: as in `acquire`.
+        patience: s to wait for a holder.
+
+    Raises:
+        RunHeldError: another process holds it.
     """
-    run = Path(run)
-    last = lock_files.highest(run)
-    found = lock_files.read(run, last) if last else None
-    if found is None or found[0].free:
-        return None
-    holder, touched = found
-    if holder.here:
-        return holder if processes.start_mark(holder.pid) == holder.started else None
-    age = (clock or server_time)(run) - touched
-    return holder if abs(age) <= stale_after else None
+    import filelock
+
+    path = run / FOLDER / LOCK
+
+    def check(descriptor: int) -> None:
+        if not os.path.samestat(os.fstat(descriptor), os.stat(path)):
+            raise _MovedError
+
+    lock = filelock.FileLock(path, timeout=0, thread_local=False, fallback_to_soft=False, on_acquired=check)
+    began = time.monotonic()
+    while True:
+        try:
+            lock.acquire()
+            return lock
+        except _MovedError:
+            continue
+        except filelock.Timeout as error:
+            limit = patience if _is_locked(path) else max(patience, LOOK)
+            if time.monotonic() - began >= limit:
+                raise RunHeldError(run, current(run) or _unknown(run)) from error
+            time.sleep(0.02)
+        except OSError as error:
+            if error.errno in _NO_LOCKS:
+                return None
+            raise
 
 
-def server_time(folder: Path) -> float:
-    """The clock of the file server that `folder` lies on, in seconds of its epoch."""
-    probe = folder / f".clock-{uuid.uuid4().hex}"
+def _announce(run: Path, holder: Holder) -> None:
+    """Write holder.json.
+
+    Raises:
+        RunHeldError: a process without a kernel lock holds the run.
+    """
+    path = _holder_path(run)
+    data = as_json({key: value for key, value in asdict(holder).items() if key != "path"})
+    found = current(run)
+    if found is not None and not (holder.kernel and found.kernel):
+        raise RunHeldError(run, found)
+    if holder.kernel:
+        write_atomic(path, data, sync_folder=False)
+        return
     try:
-        probe.touch()
-        return probe.stat().st_mtime
-    except OSError:  # read-only: a look is all we can have then, and the local clock has to do
-        return time.time()
-    finally:
-        with contextlib.suppress(OSError):
-            probe.unlink()
+        with path.open("xb") as file:
+            file.write(data)
+    except FileExistsError:
+        raise RunHeldError(run, current(run) or _unknown(run)) from None
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
 
 
-def shared_clock() -> Callable[[Path], float]:
-    """`server_time` that asks once for all runs of a folder."""
-    ask = cache(server_time)
-    return lambda run: ask(run.parent)
+def _myself(job: str | None, *, kernel: bool) -> Holder:
+    return Holder(
+        host=processes.host(),
+        pid=os.getpid(),
+        since=datetime.now(UTC).isoformat(timespec="seconds"),
+        command=short(shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])),
+        token=uuid.uuid4().hex,
+        job=job,
+        kernel=kernel,
+    )
 
 
-def _may_take(
-    run: Path, generation: int, job: str | None, gone: str | None, stale_after: float, watch: float
-) -> bool:
-    """Whether the lock of this generation is free or its holder dead."""
-    found = lock_files.read(run, generation)
-    if found is None:  # somebody newer cleaned it away: look again
-        return lock_files.highest(run) == generation
-    holder, touched = found
-    if holder.free or (gone is not None and holder.job == gone):
-        return True
-    if holder.here:
-        return processes.start_mark(holder.pid) != holder.started
-    # A touch "in the future" means that a clock jumped back: age says nothing then, only watching does.
-    suspect = abs(server_time(run) - touched) > stale_after or (job is not None and holder.job == job)
-    return suspect and not _stirs(run, generation, touched, watch)
+def _unknown(run: Path) -> Holder:
+    return Holder("", 0, "", "", "", path=str(_holder_path(run)))
 
 
-def _stirs(run: Path, generation: int, touched: float, watch: float) -> bool:
-    deadline = time.monotonic() + watch
-    while time.monotonic() < deadline:
-        time.sleep(min(1.0, watch / 10))
-        found = lock_files.read(run, generation)
-        if found is None or found[0].free:
-            return False
-        if found[1] != touched:
-            return True
-    return False
+def _holder_path(run: Path) -> Path:
+    return run / FOLDER / HOLDER

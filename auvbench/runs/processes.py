@@ -1,8 +1,4 @@
-"""Who a process is, in a way that survives recycled process ids and clocks that jump.
-
-A pid alone is reused by the system. A pid together with the tick of the kernel's own counter at which the
-process started, the boot and the pid namespace is not, and none of these depends on the wall clock.
-"""
+"""Identify a process by its pid and start time, and end processes together with another one."""
 
 from __future__ import annotations
 
@@ -16,7 +12,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,16 +24,6 @@ _STARTTIME = 19  # field 22 of /proc/PID/stat, counted from the state (field 3),
 
 def host() -> str:
     return socket.gethostname()
-
-
-@cache
-def machine() -> str:
-    """Names this boot of this kernel and this pid namespace: where a pid means what it means here."""
-    try:
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
-        return f"{boot}/{os.readlink('/proc/self/ns/pid')}"
-    except OSError:  # not Linux: the host name has to do
-        return host()
 
 
 def start_mark(pid: int) -> str | None:

@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.untrusted.typed_json import Count, Share
-
 WINDOW = 100
 """Episodes over which success rate and return are averaged."""
 
@@ -31,11 +29,11 @@ def telling(rate: float | None, episodes: int) -> float | None:
 class Progress:
     """Where a run is."""
 
-    steps: Count
-    total_steps: Count
+    steps: int
+    total_steps: int
     steps_per_s: float
-    episodes: Count
-    success_rate: Share | None
+    episodes: int
+    success_rate: float | None
     """share of the last WINDOW training episodes; None before the first ended"""
     mean_return: float | None
     time: float

@@ -6,16 +6,14 @@ lock has a living holder.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 from typing import Any
 
 from auvbench.errors import RunError
-from auvbench.runs import integrity, lock, lock_files
+from auvbench.runs import integrity, lock
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.schemas import SHIPPED
+from auvbench.runs.manifest_fields import SHIPPED
 
 
 class State(StrEnum):
@@ -35,7 +33,7 @@ class RunStatus:
     run: RunDirectory
     state: State
     manifest: dict[str, Any]
-    holder: lock_files.Holder | None = None  # who works on it, while it is running
+    holder: lock.Holder | None = None  # who works on it, while it is running
     lost: str = ""  # which file of its model is not what its manifest says, where that says complete
 
     @property
@@ -43,12 +41,11 @@ class RunStatus:
         return self.run.path.name
 
 
-def of(run: RunDirectory, *, clock: Callable[[Path], float] | None = None, deep: bool = False) -> RunStatus:
-    """Looks at a run once.
+def of(run: RunDirectory, *, deep: bool = False) -> RunStatus:
+    """Return where a run stands now.
 
     Args:
         run: the run directory.
-        clock: as in `lock.living_holder`, for looking at many.
         deep: compare the content of a complete run's model with its digests, not its size alone.
     """
     manifest = run.manifest()
@@ -56,7 +53,7 @@ def of(run: RunDirectory, *, clock: Callable[[Path], float] | None = None, deep:
     lost = lost_model(run, manifest, deep=deep) if state is State.COMPLETE else ""
     if state is State.COMPLETE and not lost:
         return RunStatus(run, state, manifest)
-    holder = lock.living_holder(run.path, clock=clock)
+    holder = lock.living_holder(run.path)
     if holder is not None:
         return RunStatus(run, State.RUNNING, manifest, holder, lost)
     if lost or state is State.RUNNING:
@@ -82,10 +79,22 @@ def refuse_copy(run: RunDirectory, manifest: dict[str, Any]) -> None:
 
 
 def lost_model(run: RunDirectory, manifest: dict[str, Any], *, deep: bool = True) -> str:
-    """Return which file of a complete run's model is missing or damaged; empty where the model is whole.
+    """Which file of a complete run's model is missing or damaged, in words; empty where the model is whole.
 
-    A shipped copy has lost nothing: it has rows, and never had a model.
+    Of a run that was trained before digests were kept, only a missing or empty file can be told. A shipped copy of a run has
+    lost nothing: it has rows, and never had a model.
     """
     if manifest.get(SHIPPED) is True:
         return ""
-    return integrity.lacking(run.path, manifest, f"{run.model.name}/", deep=deep)
+    if integrity.table(manifest) is not None:
+        return integrity.lacking(run.path, manifest, f"{run.model.name}/", deep=deep)
+    if manifest["steps"] == 0:  # a controller that does not learn has no model
+        return ""
+    for name in _MODEL:
+        path = run.model / name
+        if not path.is_file() or path.stat().st_size == 0:
+            return f"{run.model.name}/{name} is {'empty' if path.is_file() else 'missing'}"
+    return ""
+
+
+_MODEL = ("policy.pt", "normalisation.npz")

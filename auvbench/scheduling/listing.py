@@ -6,11 +6,10 @@ import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
-from pathlib import Path
 from typing import Any
 
 from auvbench.errors import RunError, UserError, closest
-from auvbench.runs import identity, lock, run_filter, status
+from auvbench.runs import identity, run_filter, status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.status import State
 from auvbench.scheduling import progress
@@ -82,21 +81,20 @@ class Filter:
 
 def rows(runs: Iterable[RunDirectory]) -> tuple[list[Row], list[str]]:
     """A row per run, and a line per run whose manifest cannot be read."""
-    clock = lock.shared_clock()
     found: list[Row] = []
     problems: list[str] = []
     for run in runs:
         try:
-            found.append(_row(run, clock))
+            found.append(_row(run))
         except RunError as error:
             problems.append(plain(error))
-        except (KeyError, ValueError, TypeError, OSError) as error:  # of a lock or progress file
+        except (KeyError, ValueError, TypeError, OSError) as error:  # of a progress file
             problems.append(plain(f"{run.path}: damaged: {error}"))
     return found, problems
 
 
-def _row(run: RunDirectory, clock: Callable[[Path], float]) -> Row:
-    at = status.of(run, clock=clock)
+def _row(run: RunDirectory) -> Row:
+    at = status.of(run)
     manifest = at.manifest
     steps, episodes, success = manifest["steps"], manifest.get("episodes", 0), manifest.get("success_rate")
     wall = float(manifest["wall_time_s"])

@@ -183,7 +183,7 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
     if state == "complete" and not lost_model(run, manifest):
         return Outcome.COMPLETE, ""
     if status.code == HELD:
-        return Outcome.HELD, f"held by {lock.current(run.path) or 'somebody who has left by now'}"
+        return Outcome.HELD, f"held by {lock.current(run.path) or 'a process that has ended by now'}"
     # An error in the manifest of a job that was killed is that of an earlier attempt.
     if state == "failed" and manifest["error"] and (status.code is None or status.code > 0):
         return Outcome.FAILED, str(manifest["error"]["message"])
@@ -197,9 +197,13 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
     if status.code is not None and status.code >= 0:
         message = f"{message}; {run.train / 'log.txt'} may say why"
     try:
-        with lock.acquire(run.path, gone=job.mark):
+        with lock.acquire(run.path):
             worker.fail(run, kind="WorkerDied", message=message)
     except lock.RunHeldError as held:
+        if (
+            job.mark is not None and held.holder.job == job.mark
+        ):  # its node died; the file server has yet to notice
+            return Outcome.FAILED, message
         return Outcome.HELD, f"{message}; taken over by {held.holder}"
     except (RunError, OSError) as error:
         message = f"{message}; its manifest could not be written ({error})"

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from auvbench.errors import RunError
-from auvbench.runs import lock, status
+from auvbench.runs import status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.status import RunStatus, State
 
@@ -105,13 +105,12 @@ def make(
         watched: whether a held run is one of the backend's own jobs, to be waited for and not left alone.
         check: looks further than at the manifest, and raises a RunError where a run is damaged.
     """
-    clock = lock.shared_clock()
     steps = []
     for run in runs:
         try:
             if check is not None:
                 check(run)
-            found = status.of(run, clock=clock, deep=True)
+            found = status.of(run, deep=True)
         except RunError as error:
             steps.append(Step(run, Action.REFUSE, problem=str(error)))
             continue

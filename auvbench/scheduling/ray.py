@@ -99,7 +99,7 @@ class RayBackend:
         ready, _ = self.ray.wait([job.task], timeout=0)
         if not ready:
             # Ray tells queued from running tasks only through its dashboard; the run's lock tells it too.
-            return Status(Phase.QUEUED if lock.current(job.run) is None else Phase.RUNNING)
+            return Status(Phase.QUEUED if lock.living_holder(job.run) is None else Phase.RUNNING)
         errors = self.ray.exceptions
         try:
             return Status(Phase.ENDED, code=self.ray.get(job.task))

@@ -104,7 +104,7 @@ class Session:
             Interrupted: somebody wants the run to stop; it is saved.
         """
         self.steps = steps
-        lock.verify(self._run.path, look=False)
+        lock.verify(self._run.path, every=1.0)
         if self._stop.signal is not None:
             if self._learner.exact_resume:
                 self._checkpointer.save(self._learner, steps)
@@ -127,6 +127,7 @@ class Session:
             raise TrainingError(
                 f"the learner returned at step {self.steps:,} of {self.total_steps:,}; it must go on until the budget is used up"
             )
+        lock.verify(self._run.path)
         if self._learner.exact_resume:
             self._checkpointer.save(self._learner, self.steps)
         if self._validator is not None and self._validator.is_owed(self.steps, self._environment.n):

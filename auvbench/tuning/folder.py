@@ -16,8 +16,9 @@ from auvbench.config.tuning import Tune, refuse_test
 from auvbench.config.validate import check, evaluate_protocol
 from auvbench.errors import AuvbenchError, ConfigError, RunError
 from auvbench.runs import identity, interpolations, lock
-from auvbench.runs.atomic_io import make_folder, storage, write_json
+from auvbench.runs.atomic_io import make_folder, storage
 from auvbench.runs.directory import damaged, now
+from auvbench.runs.files import write_json
 from auvbench.tuning import space
 from auvbench.tuning.journal import CONTROLLER
 from auvbench.tuning.space import Dimension
@@ -79,10 +80,11 @@ class StudyFolder:
         return self.path / "best.yaml"
 
     def hold(self) -> lock.RunLock:
-        """The study for this process alone; released when it ends.
+        """Lock the study for this process.
 
         Raises:
-            RunError: somebody else holds it, or the folder cannot be written.
+            RunHeldError: another process holds it.
+            RunError: the folder cannot be written.
         """
         place = self.path / CONTROLLER
         with storage(f"cannot write {self.path}"):
@@ -93,9 +95,11 @@ class StudyFolder:
         try:
             return lock.acquire(place)
         except lock.RunHeldError as error:
-            raise RunError(
-                f"{self.path}: {error.holder} is searching here at present; a study has one controller (another "
-                "name=NAME is another study)"
+            raise lock.RunHeldError(
+                place,
+                error.holder,
+                f"{self.path}: {error.holder} searches here at present; a study has one controller (another "
+                "name=NAME is another study)",
             ) from error
 
     def write(self, plan: Plan) -> None:

@@ -96,8 +96,8 @@ class Journal:
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
-        """Whoever was suspended so long that another took the study over writes no more into it."""
-        lock.verify(self.path.parent / CONTROLLER, look=False)
+        """Write into the study, unless another process has taken it over."""
+        lock.verify(self.path.parent / CONTROLLER)
         with storage(f"cannot write {self.path}"):
             yield
 

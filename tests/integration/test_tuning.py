@@ -160,8 +160,8 @@ def test_another_study_in_the_same_place_is_refused(
 def test_a_second_controller_says_so(pid: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study = StudyFolder(pid / "tune" / "pid")
     with lock.acquire(study.path / "controller"):
-        assert tune(pid, *PID) == 2
-    assert "is searching here at present" in capsys.readouterr().err
+        assert tune(pid, *PID) == 1
+    assert f"pid {os.getpid()}" in capsys.readouterr().err
     assert tune(pid, *PID) == 0
 
 

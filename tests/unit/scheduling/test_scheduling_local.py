@@ -17,7 +17,7 @@ import psutil
 import pytest
 from rich.console import Console
 
-from auvbench.runs import lock, lock_files, processes, status
+from auvbench.runs import lock, processes, status
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.local import LocalBackend
 from auvbench.scheduling.loop import Outcome, Result, judge
@@ -73,7 +73,7 @@ def until(condition: Callable[[], object], seconds: float = 30.0) -> None:
         time.sleep(0.02)
 
 
-def living_workers(folder: Path) -> list[lock_files.Holder]:
+def living_workers(folder: Path) -> list[lock.Holder]:
     holders = [lock.living_holder(path) for path in sorted(folder.iterdir())]
     return [holder for holder in holders if holder is not None]
 
@@ -224,7 +224,7 @@ def test_a_held_run_is_left_alone_and_named(folder: Path) -> None:
 
 def test_outputs_that_cannot_be_written_fail_with_a_clear_message(folder: Path) -> None:
     run = fake_training.make(folder / "run")
-    (run.path / lock_files.FOLDER).touch()  # where the lock's folder should be: nothing can be written there
+    (run.path / lock.FOLDER).touch()  # where the lock's folder should be: nothing can be written there
     result, _ = carry_out([run])
     assert "cannot be locked" in (run.path / "train" / "log.txt").read_text()
     assert result.exit_code == 1

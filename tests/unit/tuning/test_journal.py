@@ -107,8 +107,8 @@ def test_who_lost_the_study_writes_no_more_into_it(tmp_path):
     journal = a_study(path)
     place = tmp_path / CONTROLLER
     place.mkdir()
-    with lock.acquire(place) as held:
-        held._lost = "somebody has taken it over"
+    with lock.acquire(place):
+        (place / lock.FOLDER / lock.HOLDER).unlink()
         before = path.read_bytes()
         with pytest.raises(lock.LockLostError):
             journal.start({"algo.a": 0.1, "algo.d": "y"}, 0)
