@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,23 +15,28 @@ import torch
 
 from auvbench.cli import main
 
+ON_POLICY = ["algo.n_envs=8", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=512"]
+OFF_POLICY = ["algo.n_envs=8", "algo.learning_starts=64", "algo.batch_size=32", "train.total_steps=320"]
+OFF_POLICY += ["algo.gradient_steps=1"]
 SMALL = {
-    "ppo": ["algo.n_envs=8", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=512"],
-    "sac": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
-    "ddpg": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
-    "td3": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
+    "ppo": ON_POLICY,
+    "sac": OFF_POLICY,
+    "ddpg": OFF_POLICY,
+    "td3": OFF_POLICY,
     "ppo_fast": ["algo.n_envs=8", "algo.batch_size=64", "train.total_steps=512"],
-    "tqc": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
-    "crossq": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
-    "trpo": ["algo.n_envs=8", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=512"],
-    "recurrent_ppo": ["algo.n_envs=8", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=512"],
-    "ppo_residual": ["algo.n_envs=8", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=512"],
-    "sac_residual": ["algo.n_envs=8", "algo.learning_starts=64", "train.total_steps=320"],
+    "tqc": OFF_POLICY,
+    "crossq": OFF_POLICY,
+    "trpo": ON_POLICY,
+    "recurrent_ppo": [*ON_POLICY, "algo.lstm_size=8"],
+    "ppo_residual": ON_POLICY,
+    "sac_residual": OFF_POLICY,
     "ppo_thesis": ["algo.n_steps=64", "train.total_steps=128"],
     "sac_thesis": ["algo.learning_starts=64", "train.total_steps=96"],
     "pid": [],
     "random": [],
 }
+QUICK = ("ppo", "sac", "pid")
+ALL = [algo if algo in QUICK else pytest.param(algo, marks=pytest.mark.slow) for algo in SMALL]
 SHORT = ["task.max_steps=40", "train.progress=false"]
 
 
@@ -49,27 +55,37 @@ def only_run(folder: Path) -> Path:
     return manifest.parent
 
 
+@pytest.fixture
+def outputs(request, once, folder) -> Path:
+    """A copy of the outputs of a small training of an algorithm, the test's parameter."""
+
+    def make(made: Path) -> None:
+        assert (
+            auvbench("train", f"algo={request.param}", *SMALL[request.param], *SHORT, f"output={made}") == 0
+        )
+
+    return Path(shutil.copytree(once(f"first-{request.param}", make), folder / "outputs"))
+
+
 def rows(path: Path) -> list[dict[str, str]]:
     with open(path, newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize("algo", sorted(SMALL))
-def test_every_algorithm_trains_and_is_evaluated(algo, folder, capsys):
-    assert auvbench("train", f"algo={algo}", "seed=3", *SMALL[algo], *SHORT) == 0
+@pytest.mark.parametrize("outputs", ALL, indirect=True)
+def test_every_algorithm_trains_and_is_evaluated(outputs, folder):
     run = only_run(folder)
-    assert str(run.relative_to(folder)) in capsys.readouterr().out
     manifest = json.loads((run / "manifest.json").read_text())
     assert manifest["state"] == "complete"
     assert manifest["versions"]["torch"] == torch.__version__
-    if algo not in ("pid", "random"):
+    if manifest["algo"] not in ("pid", "random"):
         assert manifest["steps"] >= manifest["total_steps"]
         training = rows(run / "train" / "episodes.csv")
         assert len(training) == manifest["episodes"] > 0
         assert list((run / "train").glob("events.out.tfevents.*"))
         weights = torch.load(run / "model" / "policy.pt", weights_only=True)
         assert all(torch.isfinite(tensor).all() for tensor in weights.values())
-    assert auvbench("evaluate", "outputs", "protocol.episodes=7", "protocol.trajectories=2") == 0
+    assert auvbench("evaluate", "outputs", "protocol.episodes=7", "protocol.trajectories=2", "workers=1") == 0
     tested = rows(run / "evaluations" / "test" / "episodes.csv")
     assert [row["episode"] for row in tested] == [str(e) for e in range(7)]
     with np.load(run / "evaluations" / "test" / "trajectories.npz", allow_pickle=False) as archive:
@@ -94,22 +110,23 @@ def test_from_nothing_to_a_ranked_table(folder, capsys):
 
 
 def test_the_same_command_again_does_nothing(folder, capsys):
-    command = ["train", "algo=ppo", *SMALL["ppo"], *SHORT]
+    command = ["train", "algo=pid", *SHORT]
     assert auvbench(*command) == 0
-    before = {p: p.stat().st_mtime_ns for p in only_run(folder).rglob("*") if p.is_file()}
+    run = only_run(folder)
+    assert str(run.relative_to(folder)) in capsys.readouterr().out
+    before = {p: p.stat().st_mtime_ns for p in run.rglob("*") if p.is_file()}
     assert auvbench(*command) == 0
     assert "complete already" in capsys.readouterr().out
     assert before == {p: p.stat().st_mtime_ns for p in only_run(folder).rglob("*") if p.is_file()}
 
 
-def test_the_same_configuration_gives_the_same_bits(folder):
-    command = ["train", "algo=ppo", *SMALL["ppo"], *SHORT]
-    for name in ("a", "b"):
-        # In a process of its own: nothing that ran before may matter.
-        subprocess.run(
-            [sys.executable, "-m", "auvbench", *command, f"name={name}"], check=True, capture_output=True
-        )
-    a, b = (next(Path("outputs", name).iterdir()) for name in ("a", "b"))
+@pytest.mark.slow
+@pytest.mark.parametrize("outputs", ["ppo"], indirect=True)
+def test_the_same_configuration_gives_the_same_bits(outputs, folder):
+    command = ["train", "algo=ppo", *SMALL["ppo"], *SHORT, "name=alone"]
+    # In a process of its own: what ran before in the other's process may not matter.
+    subprocess.run([sys.executable, "-m", "auvbench", *command], check=True, capture_output=True)
+    a, b = only_run(folder), next(Path("outputs/alone").iterdir())
     assert a.name == b.name
     assert (a / "train" / "episodes.csv").read_bytes() == (b / "train" / "episodes.csv").read_bytes()
     for key, value in torch.load(a / "model" / "policy.pt", weights_only=True).items():
@@ -117,15 +134,22 @@ def test_the_same_configuration_gives_the_same_bits(folder):
         assert torch.equal(value, other), key
 
 
-@pytest.mark.parametrize("algo", ["ppo", "crossq", "recurrent_ppo", "ppo_residual", "pid", "random"])
-def test_rows_do_not_depend_on_the_batch(algo, folder):
-    assert auvbench("train", f"algo={algo}", *SMALL[algo], *SHORT) == 0
+@pytest.mark.parametrize(
+    "outputs",
+    [
+        "ppo",
+        *(
+            pytest.param(algo, marks=pytest.mark.slow)
+            for algo in ("crossq", "recurrent_ppo", "ppo_residual", "pid", "random")
+        ),
+    ],
+    indirect=True,
+)
+def test_rows_do_not_depend_on_the_batch(outputs, folder):
     tables = []
-    for batch in (500, 7, 1):
-        assert (
-            auvbench("evaluate", "outputs", "protocol.episodes=9", f"protocol.batch={batch}", "force=true")
-            == 0
-        )
+    for batch in (500, 4, 1):
+        protocol = ["protocol.episodes=6", f"protocol.batch={batch}", "protocol.trajectories=0"]
+        assert auvbench("evaluate", "outputs", *protocol, "force=true", "workers=1") == 0
         tables.append((only_run(folder) / "evaluations" / "test" / "episodes.csv").read_bytes())
     assert tables[0] == tables[1] == tables[2]
 
