@@ -50,6 +50,7 @@ def runs_through(python: Path, folder: Path) -> None:
     assert float(rows["pursuit"]["success_rate"]) > 0.9
 
 
+@pytest.mark.slow
 def test_installed_beside_the_packages_that_are_here(tmp_path: Path) -> None:
     venv.create(tmp_path / "own", with_pip=False, symlinks=True)
     python = tmp_path / "own" / "bin" / "python"

@@ -13,6 +13,7 @@ from auvbench.vehicles.sheet import load
 absent = bindings.missing()
 pytestmark = [
     pytest.mark.gazebo,
+    pytest.mark.slow,
     pytest.mark.skipif(absent is not None, reason=f"Gazebo is not here: {absent}"),
 ]
 

@@ -14,6 +14,7 @@ from auvbench.simulators.gazebo import bindings
 absent = bindings.missing()
 pytestmark = [
     pytest.mark.gazebo,
+    pytest.mark.slow,
     pytest.mark.skipif(absent is not None, reason=f"Gazebo is not here: {absent}"),
 ]
 

@@ -14,7 +14,13 @@ from auvbench.config.agents import AGENTS, learns
 from auvbench.simulators.gazebo import bindings
 
 ON_POLICY = ("algo.n_envs=2", "algo.n_steps=32", "algo.batch_size=32", "algo.net_arch=[8]")
-OFF_POLICY = ("algo.n_envs=2", "algo.batch_size=16", "algo.learning_starts=32", "algo.net_arch=[8]")
+OFF_POLICY = (
+    "algo.n_envs=2",
+    "algo.batch_size=16",
+    "algo.gradient_steps=1",
+    "algo.learning_starts=32",
+    "algo.net_arch=[8]",
+)
 OVERRIDES: dict[str, tuple[str, ...]] = {
     "ppo": ON_POLICY,
     "sac": OFF_POLICY,

@@ -43,7 +43,8 @@ def test_the_episode_is_the_one_of_the_table(run, tmp_path, capsys):
         assert pictures.convert("L").tobytes() != first, "nothing moves"
 
 
-def test_a_condition_with_a_decimal_point_keeps_its_whole_name(run, tmp_path):
+def test_a_condition_with_a_decimal_point_keeps_its_whole_name(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(films, "LONGEST", 3)
     common = ["replay", str(run), "--protocol", "robustness", "--out", str(tmp_path)]
     assert main([*common, "--condition", "current=0.5", "--episode", "2", "--video"]) == 0
     assert main([*common, "--condition", "current=0.75", "--episode", "7"]) == 0

@@ -27,7 +27,7 @@ from tests.conftest import Trained
 from tests.soak.bits import bits
 from tests.soak.campaign import frozen
 
-CASES = ("ppo-8", "sac-8", "ppo_residual-8")
+CASES = ("ppo-8", *(pytest.param(case, marks=pytest.mark.slow) for case in ("sac-8", "ppo_residual-8")))
 EVERY = "train.checkpoint.steps=200"
 
 
@@ -390,6 +390,7 @@ def test_resume_finishes_an_interrupted_run(
     assert "complete already" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_resume_finishes_several_runs_side_by_side(trained: Trained, tmp_path: Path) -> None:
     """In fresh processes of their own, which end with the same bits as one here."""
     runs = [frozen(tmp_path / "tried", "tried", "sac-8", [EVERY, *seed]) for seed in ([], ["seed=7"])]

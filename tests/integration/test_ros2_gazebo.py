@@ -17,6 +17,7 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(absent is not None, reason=f"Gazebo is not here: {absent}"),
     dds.needs_ros,
+    pytest.mark.slow,
 ]
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from auvbench.cli import main
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory, find_runs
 from tests.waiting import LIMIT, until
@@ -64,6 +65,7 @@ def words(output: str) -> list[list[str]]:
     return [line.split() for line in output.splitlines()]
 
 
+@pytest.mark.slow
 def test_an_experiment_is_started_narrowed_and_typed_again(folder: Path) -> None:
     done = auvbench(folder, "train", "experiment=study", "algo=random,pid", "reward.k=40")
     assert done.returncode == 0, done.stderr
@@ -81,14 +83,18 @@ def test_an_experiment_is_started_narrowed_and_typed_again(folder: Path) -> None
     ]  # Hydra wrote nothing of its own
 
 
-def test_nothing_starts_when_one_job_is_wrong(folder: Path) -> None:
-    done = auvbench(folder, "train", "-m", "experiment=study", "seed=0,1,-1")
-    assert done.returncode == 2
-    assert done.stderr.startswith("auvbench: seed=-1: must be at least 0")
-    assert done.stderr.count("\n") == 1
+def test_nothing_starts_when_one_job_is_wrong(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main(["train", "-m", "experiment=study", "seed=0,1,-1"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("auvbench: seed=-1: ")
+    assert error.count("\n") == 1
     assert not (folder / "outputs").exists()
 
 
+@pytest.mark.slow
 def test_editing_yaml_during_a_sweep_changes_nothing_and_a_changed_config_is_refused(folder: Path) -> None:
     done = auvbench(folder, "train", "-m", "algo=random", "seed=0,1")
     assert done.returncode == 0, done.stderr
@@ -100,6 +106,7 @@ def test_editing_yaml_during_a_sweep_changes_nothing_and_a_changed_config_is_ref
     assert refused.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_worker_of_a_sweep_and_a_process_of_its_own_compute_the_same_bits(folder: Path) -> None:
     arguments = ["algo=ppo", "train.total_steps=6000"]
     swept = auvbench(folder, "train", "-m", *arguments, "seed=0,1", "name=swept")
@@ -112,17 +119,19 @@ def test_a_worker_of_a_sweep_and_a_process_of_its_own_compute_the_same_bits(fold
     assert len(result(one)) == 3
 
 
-def test_a_single_run_that_is_held_is_left_alone(folder: Path) -> None:
-    first = auvbench(folder, "train", "algo=random", "seed=3")
-    assert first.returncode == 0
+def test_a_single_run_that_is_held_is_left_alone(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main(["train", "algo=random", "seed=3"]) == 0
     (run,) = find_runs([folder])
     run.update_manifest(state="interrupted")
     with lock.acquire(run.path):
-        second = auvbench(folder, "train", "algo=random", "seed=3")
-    assert second.returncode == 1
-    assert f"held by {lock.processes.host()}, pid {os.getpid()}, since" in second.stderr
+        assert main(["train", "algo=random", "seed=3"]) == 1
+    assert f"held by {lock.processes.host()}, pid {os.getpid()}, since" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_training_whose_run_was_taken_over_stops_without_writing_more(folder: Path) -> None:
     """As after a night in a suspended laptop, while a cluster went on with the run."""
     process = subprocess.Popen(
@@ -188,9 +197,11 @@ def wait_for_work(folder: Path, process: subprocess.Popen[Any]) -> None:
     until(lambda: begun() or process.poll() is not None, "a worker with a run")
 
 
-def test_a_single_run_goes_where_the_launcher_says(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_single_run_goes_where_the_launcher_says(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
     monkeypatch.setenv("PATH", str(folder))
-    done = auvbench(folder, "train", "algo=pid", "launcher=slurm")
-    assert done.returncode == 2
-    assert "launcher=slurm: there is no sbatch on this machine" in done.stderr
+    assert main(["train", "algo=pid", "launcher=slurm"]) == 2
+    assert "launcher=slurm: there is no sbatch on this machine" in capsys.readouterr().err
     assert not list((folder / "outputs").glob("*/*/model"))

@@ -31,7 +31,7 @@ def without_wall_time(run: RunDirectory) -> list[dict[str, str]]:
     return [{key: value for key, value in row.items() if key != "wall_s"} for row in rows(run)]
 
 
-@pytest.fixture(scope="module", params=["ppo-8", "sac-8"])
+@pytest.fixture(scope="module", params=["ppo-8", pytest.param("sac-8", marks=pytest.mark.slow)])
 def case(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 

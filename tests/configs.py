@@ -1,0 +1,40 @@
+"""Configurations of the package's own files; each is composed once per process, then copied."""
+
+from __future__ import annotations
+
+import copy
+from functools import cache
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from auvbench.config import schema
+from auvbench.config.compose import compose
+from auvbench.config.validate import evaluate_config, train_config
+
+
+@cache
+def _composed(entry: str, overrides: tuple[str, ...]) -> DictConfig:
+    return compose(entry, overrides, folder=None)
+
+
+def composed(*overrides: str) -> DictConfig:
+    """Return the configuration of a training, as `compose` does."""
+    return copy.deepcopy(_composed("train", overrides))
+
+
+def training(*overrides: str) -> schema.TrainConfig:
+    """Return the typed, checked configuration of a training."""
+    return train_config(composed(*overrides))
+
+
+def plain(*overrides: str) -> dict[str, Any]:
+    """Return the configuration of a training as plain values, as `config.yaml` holds it."""
+    values = OmegaConf.to_container(composed(*overrides), resolve=True)
+    assert isinstance(values, dict)
+    return {str(key): value for key, value in values.items()}
+
+
+def protocol(*overrides: str) -> schema.Protocol:
+    """Return the typed, checked protocol of `auvbench evaluate`."""
+    return evaluate_config(copy.deepcopy(_composed("evaluate", overrides))).protocol
