@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
-from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import (
+    ConfigCompositionException,
+    HydraException,
+    MissingConfigException,
+    OverrideParseException,
+)
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import (
     ConfigAttributeError,
@@ -61,6 +68,8 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
     text = str(error)
     if not isinstance(error, HydraException | OmegaConfBaseException):
         return ConfigError(_unread(error, overrides))
+    if isinstance(error, OverrideParseException):
+        return ConfigError(_unparsed(error.override))
     if isinstance(error, MissingConfigException):
         option = error.missing_cfg_file or "?"
         if option.endswith((".yaml", ".yml")) and "/" in option:
@@ -98,10 +107,6 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
     if several:
         key, _, values = several.group(1).partition("=")
         return ConfigError(_several(key, values, compose, entry))
-    unequal = re.search(r"parsing override '([^']*)'", text)
-    if unequal:
-        detail = " ".join(text.split("\nSee ")[0].split()).split("' ", 1)[-1]
-        return ConfigError(f"{unequal.group(1)!r}: an override is written key=value ({detail})")
     if isinstance(error, ConfigCompositionException | HydraException):
         return ConfigError(" ".join(text.split("\nSee ")[0].split()))
     return ConfigError(" ".join(text.split()))
@@ -125,6 +130,23 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
             f"{group}: name an option, e.g. {group.partition('=')[0]}=NAME (auvbench train --help lists them)"
         )
     return " ".join(str(error).split())
+
+
+def _unparsed(override: str) -> str:
+    """Return what to type in place of an override that is outside Hydra's grammar."""
+    key, separator, value = override.partition("=")
+    if not separator:
+        return f"{override!r}: an override is written key=value"
+    quoted = key + "=" + re.sub(r"""(?<![\w."'])[\w./]+=[^\s,\[\]{}"']+""", r'"\g<0>"', value)
+    try:
+        OverridesParser.create().parse_override(quoted)
+    except HydraException:
+        example = '[{name: a, overrides: ["simulator=ros2"]}]' if key == "protocol.conditions" else '"TEXT"'
+        return (
+            f"{override}: the value cannot be read; put the whole in single quotes and each text with special characters "
+            f"in double quotes: '{key}={example}'"
+        )
+    return f"{override}: the value cannot be read; put each text with a = in double quotes: {shlex.quote(quoted)}"
 
 
 def _several(key: str, values: str, compose: Compose, entry: str) -> str:

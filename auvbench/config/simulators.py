@@ -5,6 +5,7 @@ What a simulator cannot is refused here, while the configuration is checked and 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -109,39 +110,58 @@ def threads(simulator: Any) -> int:
 
 
 def check(simulator: Simulator, disturbance: Disturbance) -> None:
-    """Checks that the simulator can do what the disturbance asks.
+    """Refuse a disturbance that is beyond the simulator.
 
     Raises:
-        ConfigError: names the key that asks too much, and simulators that could.
+        ConfigError: names the key that asks too much, and what can do it.
     """
     can = capabilities(simulator)
+    who = f"simulator={simulator.name}{_restriction(simulator)}"
     key, needed = _current(disturbance.current)
-    if CURRENTS.index(needed) > CURRENTS.index(can.currents):
-        others = _others(
-            lambda c: CURRENTS.index(c.currents) >= CURRENTS.index(needed),
-        )
+
+    def flows(c: Capabilities) -> bool:
+        return CURRENTS.index(c.currents) >= CURRENTS.index(needed)
+
+    if not flows(can):
         at_most = "has no current" if can.currents == "none" else f"takes a {can.currents} current at most"
-        who = f"simulator={simulator.name}"
-        who += _restriction(simulator)
-        raise ConfigError(f"{key}: asks for a {needed} current, and {who} {at_most}; {others}")
-    drawn = disturbance.randomisation
-    if not can.scales:
-        for name in ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust"):
-            scale: Scale = getattr(drawn, name)
-            if scale.low != 1.0 or scale.high != 1.0:
-                raise ConfigError(
-                    f"disturbance.randomisation.{name}: asks for vehicles with numbers of their own, which "
-                    f"simulator={simulator.name}{_restriction(simulator)} does not have; {_others(lambda c: c.scales)}"
-                )
+        raise ConfigError(
+            f"{key}: asks for a {needed} current, and {who} {at_most}; {_remedy(simulator, flows)}"
+        )
+    if can.scales:
+        return
+    for name in ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust"):
+        scale: Scale = getattr(disturbance.randomisation, name)
+        if scale.low != 1.0 or scale.high != 1.0:
+            raise ConfigError(
+                f"disturbance.randomisation.{name}: asks for vehicles with numbers of their own, which {who} does not "
+                f"have; {_remedy(simulator, lambda c: c.scales)}"
+            )
+
+
+_FULL = {"gazebo": ("hydrodynamics", "corrected"), "ros2": ("clock", "lockstep")}
+"""By simulator: the option, and its value, with which it can all that CAPABILITIES says."""
+
+
+def _restricted(simulator: Simulator) -> bool:
+    return capabilities(simulator) != CAPABILITIES.get(simulator.name, capabilities(simulator))
 
 
 def _restriction(simulator: Simulator) -> str:
-    """The option with which a simulator can less than it could."""
-    can = capabilities(simulator)
-    if can == CAPABILITIES.get(simulator.name, can):
+    """Return the option with which a simulator can less than it could."""
+    if not _restricted(simulator):
         return ""
-    key = "clock" if isinstance(simulator, Ros2) else "hydrodynamics"
+    key, _ = _FULL[simulator.name]
     return f" with simulator.{key}={getattr(simulator, key)}"
+
+
+def _remedy(simulator: Simulator, able: Callable[[Capabilities], bool]) -> str:
+    """Return what to type: another option of this simulator if that is enough, or another simulator."""
+    options = [
+        f"simulator={name}" for name, can in CAPABILITIES.items() if able(can) and name != simulator.name
+    ]
+    if _restricted(simulator) and able(CAPABILITIES[simulator.name]):
+        options.insert(0, "simulator.{}={}".format(*_FULL[simulator.name]))
+    return f"use {' or '.join(options)}"
 
 
 def _current(current: Current) -> tuple[str, str]:
@@ -153,7 +173,3 @@ def _current(current: Current) -> tuple[str, str]:
     if varies:
         return "disturbance.current.gauss_markov", "varying"
     return "disturbance.current.speed", "steady" if speed > 0.0 else "none"
-
-
-def _others(able: Any) -> str:
-    return "use " + " or ".join(f"simulator={name}" for name, can in CAPABILITIES.items() if able(can))

@@ -156,7 +156,7 @@ def current_table(cases: Sequence[Case], compute: Callable[[str], None]) -> str:
 
 def environment() -> str:
     found = bindings.versions() | {name: versions()[name] for name in ("python", "numpy")}
-    return ", ".join(f"{name} {version}" for name, version in found.items()) + f"; {platform.machine()}"
+    return ", ".join(f"{name} {found[name]}" for name in sorted(found)) + f"; {platform.machine()}"
 
 
 def write(sections: dict[str, str]) -> None:

@@ -97,7 +97,7 @@ _LIBRARY = re.compile(r"lib(gz-sim8|gz-physics7|sdformat14|dart)\.so\.([0-9.]+)$
 
 
 def versions() -> dict[str, str]:
-    """Versions of Gazebo's libraries in this process by name, from the files that are mapped into it."""
+    """Return the versions of Gazebo's libraries in this process by name, sorted, from the files that are mapped into it."""
     found: dict[str, str] = {}
     try:
         lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
@@ -108,4 +108,4 @@ def versions() -> dict[str, str]:
         match = _LIBRARY.search(os.path.realpath(path)) if path.startswith("/") else None
         if match:
             found[match.group(1)] = match.group(2)
-    return found
+    return dict(sorted(found.items()))

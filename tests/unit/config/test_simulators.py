@@ -55,6 +55,22 @@ def test_what_it_cannot_is_refused_with_the_key_and_a_way_out(plain, overrides, 
     assert message.endswith("simulator=able")
 
 
+@pytest.mark.parametrize(
+    ("simulator", "remedy"),
+    [
+        (["simulator=gazebo", "simulator.hydrodynamics=published"], "simulator.hydrodynamics=corrected"),
+        (["simulator=ros2", "simulator.clock=wall"], "simulator.clock=lockstep"),
+    ],
+)
+def test_the_remedy_is_the_option_that_restricts(simulator, remedy):
+    with pytest.raises(ConfigError) as caught:
+        check(*simulator, "disturbance=gauss_markov")
+    proposed = str(caught.value).rpartition("; use ")[2].split(" or ")
+    assert proposed[0] == remedy
+    assert simulator[0] not in proposed
+    check(simulator[0], remedy, "disturbance=gauss_markov")
+
+
 def test_a_steady_current_passes_where_one_is_taken_and_not_where_there_is_none(plain):
     plain()
     check("disturbance=current")
