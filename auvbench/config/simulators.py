@@ -129,11 +129,11 @@ def check(simulator: Simulator, disturbance: Disturbance) -> None:
         )
     if can.scales:
         return
-    for name in ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust"):
-        scale: Scale = getattr(disturbance.randomisation, name)
+    for part in ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust"):
+        scale: Scale = getattr(disturbance.randomisation, part)
         if scale.low != 1.0 or scale.high != 1.0:
             raise ConfigError(
-                f"disturbance.randomisation.{name}: asks for vehicles with numbers of their own, which {who} does not "
+                f"disturbance.randomisation.{part}: asks for vehicles with numbers of their own, which {who} does not "
                 f"have; {_remedy(simulator, lambda c: c.scales)}"
             )
 
