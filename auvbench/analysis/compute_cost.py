@@ -1,10 +1,8 @@
-"""What agents cost beside what they do: solves that failed or were late, the time of an action, and of a training.
-
-None is part of a row: time differs from machine to machine, and a simulation waits for a late action.
-"""
+"""Computing cost: the time of an action and of a training, and solves that failed or were late."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,29 +15,30 @@ from auvbench.analysis.formatting import listed
 from auvbench.analysis.model import Agent, Finding, RunRecord
 from auvbench.statistics.estimate import Estimate
 
+NOTABLE = 0.001
+"""share of solves that are late, or fail, from which it is worth a sentence"""
 
-def solves(agents: Sequence[Agent], protocol: str, condition: str) -> Finding | None:
-    """A sentence where an agent that solves for its actions did not always, or not in time."""
-    parts, runs, times = [], [], []
+
+def late_solves(agents: Sequence[Agent], protocol: str, condition: str) -> Finding | None:
+    """Return a finding for the agent with the largest share of solves that failed or took longer than a step."""
+    worst, share, text = None, NOTABLE, ""
     for agent in agents:
         found: Counter[str] = Counter()
         for run in agent.runs:
             found.update(notes(run, protocol, condition))
         n, failed, late = (found[key] for key in ("solves", "failed_solves", "late_solves"))
-        if n and (failed or late):
-            parts.append(
-                f"{agent.label}: of {n:,} solves {failed:,} failed and {late:,} took longer than a step of the agent "
-                f"({100 * failed / n:.2g} % and {100 * late / n:.2g} %)"
+        if n and max(failed, late) / n >= share:
+            worst, share = agent, max(failed, late) / n
+            text = (
+                f"{agent.label} is late or fails in its optimisation: of {n:,} solves {late:,} took longer than a step "
+                f"and {failed:,} failed. The simulation waits for a late one, a vehicle does not."
             )
-            runs += [run.id for run in agent.runs]
-            times += [text for run in agent.runs if (text := _machine(run, protocol))]
-    if not parts:
+    if worst is None:
         return None
-    text = (
-        f"{'; '.join(parts)}. After a failed solve the plan of the step before goes on; the simulation waits for a late "
-        "one, which a vehicle would not."
-    )
-    return Finding(text, statistic=listed(list(dict.fromkeys(times)), 3), run_ids=tuple(runs))
+    times = [machine for run in worst.runs if (machine := _machine(run, protocol))]
+    estimate = Estimate(share, math.nan, math.nan)
+    ids = tuple(run.id for run in worst.runs)
+    return Finding("late_solves", text, (worst.label,), estimate, listed(list(dict.fromkeys(times)), 3), ids)
 
 
 def notes(run: RunRecord, protocol: str, condition: str) -> dict[str, int]:

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.analysis.formatting import counted, difference, listed
+from auvbench.analysis.formatting import counted, difference
 from auvbench.analysis.measures import measure
 from auvbench.analysis.model import NO_POLICY, Agent, Finding
-from auvbench.record import OUTCOMES
 from auvbench.statistics import holm
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray
@@ -27,8 +26,6 @@ ENOUGH_SCENARIOS = 10
 """of either kind, before anything is said of where failures lie"""
 TELLING = (0.05, 0.999)
 """success rates between which there are failures and successes enough to compare"""
-MOST = 6
-"""agents that a sentence names"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,88 +41,30 @@ class Place:
 
 
 def failures(agents: Sequence[Agent], confidence: float) -> list[Finding]:
-    """How the agents fail and where, in the order of the table.
+    """Return for each kind of scenario the agent that fails most more in it than elsewhere, where that is resolved.
 
     Args:
         agents: of one table, with the same scenarios.
-        confidence: of all statements of where failures lie together.
+        confidence: of all findings together (Holm).
     """
-    tested = [agent for agent in agents if (agent.outcome != NO_POLICY).any()]
-    if not tested:
-        return []
-    counts = {agent.label: _counts(agent) for agent in tested}
-    if not any(c[1:].any() for c in counts.values()):
-        episodes = int(sum(c.sum() for c in counts.values()))
-        return [Finding(f"No agent failed in any of the {episodes:,} test episodes.")]
-    found = places(tested, confidence)
+    found = places([agent for agent in agents if (agent.outcome != NO_POLICY).any()], confidence)
     adjusted = holm([place.p_value for place in found])
     told = [place for place, p in zip(found, adjusted, strict=True) if p < 1 - confidence]
-    result = [_how(counts)]
-    for where in dict.fromkeys(place.where for place in found):
+    result = []
+    for where in dict.fromkeys(place.where for place in told):
         mine = [place for place in told if place.where == where]
-        if mine:
-            result.append(_where(mine, len(found)))
-    rest = list(dict.fromkeys(place.label for place in found if place not in told))
-    none = [label for label in rest if label not in {place.label for place in told}]
-    if none and found:
-        kinds = listed(list(dict.fromkeys(place.where for place in found)), word="or")
-        result.append(
-            Finding(
-                f"Whether {_names(none)} fails more with a waypoint {kinds} is not resolved.",
-                statistic=_family(len(found)),
-            )
+        most = max(mine, key=lambda place: abs(place.difference.value))
+        ids = next(tuple(run.id for run in agent.runs) for agent in agents if agent.label == most.label)
+        others = f"; resolved for {counted(len(mine) - 1, 'more agent')}" if len(mine) > 1 else ""
+        text = (
+            f"{most.label} fails with {100 * most.rates[0]:.1f} % of the waypoints {where}, and with "
+            f"{100 * most.rates[1]:.1f} % of those {most.elsewhere} "
+            f"({difference(most.difference, measure('success_rate'))}){others}."
         )
+        basis = f"Holm over {counted(len(found), 'such test')}"
+        labels = tuple(place.label for place in mine)
+        result.append(Finding("failures_by_place", text, labels, most.difference, basis, ids))
     return result
-
-
-def _counts(agent: Agent) -> NDArray[np.int64]:
-    """Episodes by outcome, of the trainings that gave a policy."""
-    return np.array([int((agent.outcome == code).sum()) for code in range(len(OUTCOMES))])
-
-
-def _names(labels: Sequence[str]) -> str:
-    return listed(labels, MOST, word="or") if len(labels) <= MOST + 1 else f"any of {len(labels)} agents"
-
-
-def _how(counts: dict[str, NDArray[np.int64]]) -> Finding:
-    """Of each agent what its failures are."""
-    parts = []
-    failing = {label: c for label, c in counts.items() if c[1:].any()}
-    for label, (_, collisions, timeouts) in list(failing.items())[:MOST]:
-        n = int(collisions + timeouts)
-        if not collisions or not timeouts:
-            kind = "collision" if collisions else "timeout"
-            parts.append(f"{label}, {counted(n, kind)}")
-        else:
-            parts.append(
-                f"{label}, {counted(int(collisions), 'collision')} and {counted(int(timeouts), 'timeout')}"
-            )
-    more = f"; and {len(failing) - MOST} more agents" if len(failing) > MOST else ""
-    without = [label for label in counts if label not in failing]
-    clean = f" {listed(without, MOST)} did not fail." if without else ""
-    return Finding(
-        f"How the agents failed: {'; '.join(parts)}{more}.{clean}",
-        statistic="Episodes of all training seeds of an agent.",
-    )
-
-
-def _where(found: Sequence[Place], tests: int) -> Finding:
-    m = measure("success_rate")  # for its unit: these are rates too
-    parts = [
-        f"{place.label} {100 * place.rates[0]:.1f} % against {100 * place.rates[1]:.1f} % ({difference(place.difference, m)})"
-        for place in found[:MOST]
-    ]
-    more = f"; and {len(found) - MOST} more agents" if len(found) > MOST else ""
-    place = found[0]
-    text = f"Failures with a waypoint {place.where} against {place.elsewhere}: {'; '.join(parts)}{more}."
-    return Finding(text, statistic=_family(tests))
-
-
-def _family(tests: int) -> str:
-    return (
-        f"Each agent by itself, with {100 * TELLING[0]:g} to {100 * TELLING[1]:g} % success; scenarios by Welch's "
-        f"test, training seeds besides; Holm over {counted(tests, 'such test')}."
-    )
 
 
 def places(agents: Sequence[Agent], confidence: float) -> list[Place]:

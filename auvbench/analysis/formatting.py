@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from auvbench.analysis.measures import Measure
-from auvbench.analysis.rounding import rounded
+from auvbench.analysis.rounding import rounded, significant
 from auvbench.statistics.estimate import Estimate
 
 _UNITS = {"m": "m", "s": "s", "N": "N", "J": "J", "rad": "rad"}
@@ -20,7 +20,7 @@ def name(m: Measure) -> str:
     ('success rate', 'deviation mean', 'smoothness')
     """
     if m.penalty:
-        return f"PAR-{m.penalty:.0f} of the {'steps' if m.column == 'steps' else 'time'}"
+        return f"PAR-{m.penalty:.0f} {'steps' if m.column == 'steps' else 'time'}"
     words = m.name.split("_") if m.rate else m.column.split("_")
     while len(words) > 1 and (words[-1] in _UNITS or words[-1] == "per"):
         words.pop()
@@ -33,9 +33,13 @@ def unit(m: Measure) -> str:
     >>> from auvbench.analysis.measures import measure
     >>> unit(measure("success_rate")), unit(measure("mean_energy_J")), unit(measure("mean_smoothness_per_s"))
     (' %', ' J', '/s')
+    >>> unit(measure("par1_steps")), unit(measure("par1_time_s"))
+    (' steps', ' s')
     """
     if m.rate:
         return " %"
+    if m.column == "steps":
+        return " steps"
     if m.column.endswith("_per_s"):
         return "/s"
     last = m.column.rpartition("_")[2]
@@ -48,12 +52,35 @@ def amount(estimate: Estimate, m: Measure) -> str:
     return f"{value}{unit(m)}" + (f" [{low}, {high}]" if low else "")
 
 
+def size(value: float, m: Measure, digits: int = 2) -> str:
+    """A difference without sign and interval: '2 points', '1.1 s'.
+
+    >>> from auvbench.analysis.measures import measure
+    >>> size(0.02, measure("success_rate")), size(10.99, measure("par1_steps")), size(1.099, measure("par1_time_s"))
+    ('2 points', '11 steps', '1.1 s')
+    """
+    scaled = abs(value) * (100.0 if m.rate else 1.0)
+    return f"{significant(scaled, digits)}{' points' if m.rate else unit(m)}".replace(".0 ", " ")
+
+
 def difference(estimate: Estimate, m: Measure) -> str:
     """A difference with its interval and sign: '+3.1 points [1.0, 5.2]' for a rate."""
     value, low, high = rounded(estimate, 100.0 if m.rate else 1.0)
     sign = "+" if estimate.value > 0 and not value.startswith("-") else ""
     of = " points" if m.rate else unit(m)
     return f"{sign}{value}{of}" + (f" [{low}, {high}]" if low else "")
+
+
+def rounded_difference(estimate: Estimate, m: Measure) -> tuple[str, str]:
+    """The size of a difference and its interval without signs: ('28 steps', ' [27, 29]').
+
+    >>> from auvbench.analysis.measures import measure
+    >>> rounded_difference(Estimate(-28.0, -29.46, -26.5), measure("par1_steps"))
+    ('28.0 steps', ' [26.5, 29.5]')
+    """
+    away = estimate if estimate.value > 0 else turned(estimate)
+    value, low, high = rounded(away, 100.0 if m.rate else 1.0)
+    return f"{value}{' points' if m.rate else unit(m)}", f" [{low}, {high}]" if low else ""
 
 
 def turned(estimate: Estimate) -> Estimate:

@@ -118,6 +118,8 @@ class Row:
     """False for a controller that does not learn: it has no training seeds to be unsure of"""
     compared: bool = True
     """False for one training seed: the row describes one policy, and takes no part in any test"""
+    budget: tuple[int, ...] = ()
+    """environment steps that its trainings were given: one number, several if runs differ, none for a controller"""
     failed_seeds: tuple[int, ...] = ()
     """those of `seeds` whose training failed and counts as success 0"""
 
@@ -135,7 +137,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One agent against another, or against the baseline, paired by scenario."""
+    """Two agents of the table on the measure it is ranked by, paired by scenario."""
 
     first: str
     second: str
@@ -143,12 +145,58 @@ class Comparison:
     difference: Estimate
     p_value: float
     p_adjusted: float
-    """Holm-corrected over all pairs of the table; with the baseline, over the comparisons with it"""
+    """Holm-corrected over all pairs of the table"""
     probability_of_improvement: Estimate
     verdict: str = "undecided"
-    """what may be said of the first agent: better | worse | equivalent (with a margin) | undecided"""
-    p_equivalence: float | None = None
-    """that the difference is no smaller than the margin, corrected as `p_adjusted` is; None without a margin"""
+    """of the first agent: better | worse | undecided"""
+
+
+@dataclass(frozen=True, slots=True)
+class Needed:
+    """What would decide an open comparison, with 80 % power if the true difference is the one seen."""
+
+    unit: str
+    """seeds | episodes"""
+    have: int
+    count: int | None
+    """None: more than is planned for"""
+
+
+@dataclass(frozen=True, slots=True)
+class Against:
+    """One agent against the baseline."""
+
+    agent: str
+    difference: Estimate
+    """agent less baseline; the intervals of all comparisons hold together. No ends for one training seed"""
+    verdict: str
+    """ahead | equivalent | behind | open"""
+    needed: Needed | None = None
+    """for an open comparison that can be planned"""
+
+
+@dataclass(frozen=True, slots=True)
+class Primary:
+    """The primary analysis: each agent against one baseline on one measure."""
+
+    measure: str
+    baseline: str
+    margin: float
+    """smallest difference of interest, in the measure's unit (rates from 0 to 1); NaN where there is none"""
+    confidence: float
+    """of all intervals together"""
+    comparisons: tuple[Against, ...]
+    """in the order of the table, without the baseline"""
+    chosen_by_rank: bool = False
+    """the baseline is the best of this very table, because no controller is in it"""
+
+    def of(self, label: str) -> Against | None:
+        """Return the comparison of an agent; None for the baseline."""
+        return next((c for c in self.comparisons if c.agent == label), None)
+
+    def having(self, verdict: str) -> list[Against]:
+        """Return the comparisons with a verdict, in the order of the table."""
+        return [c for c in self.comparisons if c.verdict == verdict]
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,8 +242,10 @@ class Ranking:
     condition: str
     fingerprint: str
     confidence: float
-    baseline: str | None
+    primary: Primary | None
+    """None for a table of one agent, or where no agent is compared"""
     comparisons: tuple[Comparison, ...]
+    """exploratory: pairs of agents, corrected over all pairs"""
     improvement: NDArray[np.float64]
     """(agents, agents) probability that the row's agent does better than the column's on a scenario; NaN where
     one of them is not compared"""
@@ -204,18 +254,12 @@ class Ranking:
     """all of the protocol where it has several, that of the ranking among them"""
     compare: str = "algorithms"
     """what a row stands for: 'algorithms' (a configuration over its training seeds) or 'policies' (one training)"""
-    ties: tuple[Comparison, ...] = ()
-    """tests on `then` of the pairs that `rank_by` does not resolve; a family of their own"""
-    margin: float | None = None
-    """smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1)"""
     columns: tuple[str, ...] = ()
     """further columns that were asked for, as names of `further.COLUMNS`"""
     machines: tuple[str, ...] = ()
     """which of the times among them were taken on other processors; nothing where all are of one"""
     notices: tuple[str, ...] = ()
     """what must be read before the table: unequal budgets of training"""
-    agreement: str = ""
-    """whose few seeds agree, where that makes intervals look surer than they are; '' where it does not"""
     limit: Limit | None = None
     """None where it was not looked for, or there is none"""
     no_limit: str = ""
@@ -235,11 +279,27 @@ class Ranking:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One sentence that the data generate, or one claim of a study with its verdict."""
+    """What the data show beside the primary analysis, as data and as one sentence."""
+
+    kind: str
+    """name of its template: a function in `findings` or beside it"""
+    text: str
+    agents: tuple[str, ...] = ()
+    """labels that it is about"""
+    estimate: Estimate | None = None
+    """its number, mostly a difference; rates from 0 to 1"""
+    basis: str = ""
+    """how it was computed, in one clause"""
+    run_ids: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ClaimVerdict:
+    """One claim of a study with its verdict."""
 
     text: str
     verdict: str = ""
-    """'' | holds | does not hold | cannot be said"""
+    """holds | does not hold | cannot be said"""
     statistic: str = ""
     missing: str = ""
     run_ids: tuple[str, ...] = ()

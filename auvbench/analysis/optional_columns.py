@@ -1,4 +1,4 @@
-"""Columns on request: over conditions and seeds at once, of the next training, and of how fast was learned."""
+"""Optional columns: over conditions and seeds at once, the next training, computing time, how fast was learned."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from auvbench.analysis import limit
 from auvbench.analysis.compute_cost import action_time, machines, training_time
 from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.measures import MEASURES
 from auvbench.analysis.model import NO_POLICY, Agent, Problem, Ranking
 from auvbench.analysis.validation_curve import read_validation_curve
 from auvbench.errors import ReportError, closest
@@ -123,18 +124,24 @@ COLUMNS: Mapping[str, Callable[[Agent, str, float, int], Estimate | None]] = {
 times are shares of 1."""
 
 
+ALWAYS = "action_ms"
+"""computed for every table"""
+
+
 def check(names: Sequence[str]) -> None:
-    """
+    """Validate the names of --columns: optional columns and measures.
+
     Raises:
         ReportError: there is no column of that name.
     """
+    known = [*COLUMNS, *MEASURES]
     for name in names:
-        if name not in COLUMNS:
-            raise ReportError(f"--columns {name!r} is not a column; {closest(name, COLUMNS)}")
+        if name not in known:
+            raise ReportError(f"--columns {name!r} is not a column; {closest(name, known)}")
 
 
 def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str], seed: int = 0) -> Ranking:
-    """The ranking with further columns; an agent that has no value of one gets none.
+    """Return the ranking with optional columns; an agent without a value of one gets none.
 
     Raises:
         ReportError: there is no column of that name.
@@ -142,9 +149,10 @@ def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]
     check(names)
     by_label = {agent.label: agent for agent in agents}
     rows, problems = [], list(ranking.problems)
+    computed = [name for name in dict.fromkeys((ALWAYS, *names)) if name in COLUMNS]
     for row in ranking.rows:
         added = {}
-        for name in names:
+        for name in computed:
             try:
                 found = COLUMNS[name](by_label[row.label], ranking.protocol, ranking.confidence, seed)
             except Damage as damage:
@@ -157,6 +165,6 @@ def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]
         ranking,
         rows=tuple(rows),
         columns=tuple(names),
-        machines=machines(agents, ranking.protocol, names),
+        machines=machines(agents, ranking.protocol, computed),
         problems=tuple(dict.fromkeys(problems)),
     )

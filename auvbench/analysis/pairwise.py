@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from auvbench.analysis.measures import Measure
 from auvbench.analysis.model import Agent, Comparison
 from auvbench.statistics.intervals import FloatArray
 
-BETTER, WORSE, EQUIVALENT, UNDECIDED = "better", "worse", "equivalent", "undecided"
+BETTER, WORSE, UNDECIDED = "better", "worse", "undecided"
 
 BoolArray = NDArray[np.bool_]
 
@@ -24,86 +24,64 @@ class Tests:
 
     measure: Measure
     confidence: float
+    own: st.Crossed
+    """with each agent's own variance between seeds"""
     table: st.Crossed
-    pairs: st.Pairs
+    """with the variances that the tests use"""
     p: FloatArray
     adjusted: FloatArray
     """by Holm over all pairs"""
-    equivalence: FloatArray
-    """that the difference is no smaller than the margin, by Holm over all pairs; NaN without a margin"""
-    p_equivalence: FloatArray
-    """the same, one by one"""
 
     @property
     def resolved(self) -> BoolArray:
         """(n, n) Pairs that differ."""
         return np.asarray(self.adjusted < 1 - self.confidence)
 
-    def against(self, baseline: int) -> Tests:
-        """The same tests, with those against one agent corrected as a family of their own.
-
-        Naming a baseline is asking n - 1 questions beforehand, as in Dunnett's comparisons with a control. Letters
-        and ranks stay with the family of all pairs.
-        """
-        return replace(
-            self,
-            adjusted=_family(self.adjusted, self.p, baseline),
-            equivalence=_family(self.equivalence, self.p_equivalence, baseline),
-        )
-
     def verdict(self, i: int, j: int) -> str:
-        """What may be said of agent i against agent j.
+        """Return what may be said of agent i against agent j."""
+        if not self.resolved[i, j]:
+            return UNDECIDED
+        return BETTER if (self.table.mean[i] - self.table.mean[j]) * self.measure.sign > 0 else WORSE
 
-        A difference that is certainly smaller than the margin is none of interest, resolved or not.
-        """
-        if self.equivalence[i, j] < 1 - self.confidence:
-            return EQUIVALENT
-        if self.adjusted[i, j] < 1 - self.confidence:
-            ahead = self.pairs.difference[i, j] * self.measure.sign > 0
-            return BETTER if ahead else WORSE
-        return UNDECIDED
-
-    def comparison(self, agents: Sequence[Agent], i: int, j: int, scores: Sequence[FloatArray]) -> Comparison:
-        """The pair as a reader sees it; `scores` (S, E) of each agent, higher is better."""
-        small = float(self.equivalence[i, j])
-        return Comparison(
-            first=agents[i].label,
-            second=agents[j].label,
-            metric=self.measure.name,
-            difference=self.pairs.estimate(i, j, self.table, self.confidence),
-            p_value=float(self.p[i, j]),
-            p_adjusted=float(self.adjusted[i, j]),
-            probability_of_improvement=st.improvement(scores[i], scores[j], self.confidence),
-            verdict=self.verdict(i, j),
-            p_equivalence=None if np.isnan(small) else small,
+    def comparisons(
+        self, agents: Sequence[Agent], listed: Sequence[tuple[int, int]], scores: Sequence[FloatArray]
+    ) -> tuple[Comparison, ...]:
+        """Return the listed pairs as a reader sees them; `scores` (S, E) of each agent, higher is better."""
+        intervals = st.pairs(self.table, self.confidence, self.own)
+        return tuple(
+            Comparison(
+                first=agents[i].label,
+                second=agents[j].label,
+                metric=self.measure.name,
+                difference=intervals.estimate(i, j, self.table, self.confidence),
+                p_value=float(self.p[i, j]),
+                p_adjusted=float(self.adjusted[i, j]),
+                probability_of_improvement=st.improvement(scores[i], scores[j], self.confidence),
+                verdict=self.verdict(i, j),
+            )
+            for i, j in listed
         )
 
 
-def all_pairs(
-    agents: Sequence[Agent], m: Measure, compared: BoolArray, confidence: float, margin: float | None = None
-) -> Tests:
-    """Tests all pairs of the agents that are compared.
+def all_pairs(agents: Sequence[Agent], m: Measure, compared: BoolArray, confidence: float) -> Tests:
+    """Test all pairs of the agents that are compared.
 
     Args:
         agents: of one table.
         m: what they are compared by.
-        compared: (n,) False for an agent that is one policy of an algorithm.
-        confidence: of the intervals; all verdicts hold together with it.
-        margin: smallest difference of interest, in the measure's unit.
+        compared: (n,) False for an agent with one training seed.
+        confidence: of the table: all verdicts hold together with it.
     """
-    plain = m.table(agents)
-    # Only what is compared lends its variance: a policy among algorithms has none, and tells nothing of theirs.
-    table = st.pooled(plain)
-    pairs = st.pairs(table, confidence, plain)
+    own = m.table(agents)
+    # Only agents with several seeds lend their variance: one policy shows none.
+    table = st.pooled(own)
     among = np.outer(compared, compared) & ~np.eye(len(agents), dtype=bool)
-    p = np.where(among, _p_values(agents, m, plain), np.nan)
-    nothing = np.full_like(p, np.nan)
-    raw = nothing if margin is None else np.where(among, st.equivalence(table, margin), np.nan)
-    return Tests(m, confidence, table, pairs, p, _holm(p), _holm(raw), raw)
+    p = np.where(among, _p_values(agents, m, own), np.nan)
+    return Tests(m, confidence, own, table, p, _holm(p))
 
 
 def _p_values(agents: Sequence[Agent], m: Measure, table: st.Crossed) -> FloatArray:
-    """P (n, n) of no difference. Rates of two agents with one run each: McNemar's mid-p; else `st.resolution`."""
+    """Return p (n, n) of no difference: McNemar's mid-p for rates of two single runs, else `st.resolution`."""
     p = st.resolution(table)
     single = [i for i, agent in enumerate(agents) if len(agent.outcome) == 1]
     if m.rate and len(single) > 1:
@@ -113,7 +91,7 @@ def _p_values(agents: Sequence[Agent], m: Measure, table: st.Crossed) -> FloatAr
 
 
 def _holm(p: FloatArray) -> FloatArray:
-    """Holm over the upper triangle of a symmetric matrix."""
+    """Adjust the upper triangle of a symmetric matrix by Holm's procedure."""
     upper = np.triu_indices(len(p), 1)
     adjusted = np.full_like(p, np.nan)
     adjusted[upper] = st.holm(p[upper])
@@ -121,15 +99,8 @@ def _holm(p: FloatArray) -> FloatArray:
     return adjusted
 
 
-def _family(adjusted: FloatArray, p: FloatArray, baseline: int) -> FloatArray:
-    others = [j for j in range(len(p)) if j != baseline]
-    result = adjusted.copy()
-    result[baseline, others] = result[others, baseline] = st.holm(p[baseline, others])
-    return result
-
-
 def letters(resolved: BoolArray, compared: BoolArray) -> list[str]:
-    """Group letters of the agents that are compared; '' for the others."""
+    """Return the group letters of the agents that are compared; '' for the others."""
     here = np.flatnonzero(compared)
     names = [""] * len(compared)
     for i, name in zip(here, st.letters(resolved[np.ix_(here, here)]), strict=True):
@@ -138,7 +109,7 @@ def letters(resolved: BoolArray, compared: BoolArray) -> list[str]:
 
 
 def rank_intervals(value: FloatArray, resolved: BoolArray) -> list[tuple[int, int]]:
-    """From 1 + the agents that are resolved to be better, to n - those that are resolved to be worse.
+    """Return for each agent the ranks from 1 + its resolved superiors to n - its resolved inferiors.
 
     Because the tests of all pairs hold together, so do these intervals: Mogstad, Romano, Shaikh & Wilhelm (2024,
     Rev. Econ. Stud. 91:476). Bootstrapped ranks do not have that property near ties (Xie, Singh & Zhang 2009).

@@ -1,24 +1,27 @@
-"""How many seeds a study needs: the spread of trainings that are there, and what it takes to resolve a difference."""
+"""Plan seeds and episodes: from the spread of trainings that are there to the number that resolves a difference."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from auvbench.analysis.effects import learns
-from auvbench.analysis.formatting import name, unit
 from auvbench.analysis.measures import Measure
-from auvbench.analysis.model import Agent, Finding, Ranking
-from auvbench.analysis.rounding import significant
+from auvbench.analysis.model import Agent, Needed
+from auvbench.analysis.pairwise import Tests
 from auvbench.errors import ReportError
 from auvbench.statistics import power as st
 from auvbench.statistics.differences import pair_spread
-from auvbench.statistics.resolution import pooled
+from auvbench.statistics.intervals import quantile
 
 LEAST, MOST = 0.005, 0.995
 """rates that are planned for"""
+POWER = 0.8
+MOST_EPISODES = 100_000
+"""beyond which no number of test episodes is named"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,49 +144,40 @@ def needs(
     return Need(episodes, alone, among)
 
 
-def advice(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> Finding | None:
-    """How many seeds would resolve the first agent from the next that is not; None where nothing is to be said.
+def needed(
+    agents: Sequence[Agent], tests: Tests, i: int, baseline: int, margin: float, level: float
+) -> Needed | None:
+    """Return how many seeds, or episodes where nothing learns, would decide an open comparison with the baseline.
 
-    By the power of the t-test with the variances that the report tests them by, at what Holm's correction asks of the
-    clearest pair.
-    It takes the difference seen for the true one, which it may not be: it says what that would take, no more.
+    By the approximate power of the t-test: the difference seen is taken for the true one. It is decided where the
+    interval excludes zero, or lies within the margin; the nearer of the two counts.
+
+    Args:
+        agents: of the table.
+        tests: of all their pairs.
+        i: the agent.
+        baseline: its opponent.
+        margin: smallest difference of interest; NaN where there is none.
+        level: of the interval of this comparison.
+
+    Returns:
+        None where no difference can be computed.
     """
-    if ranking.compare != "algorithms" or len(ranking.rows) < 2 or not ranking.rows[0].compared:
+    table = tests.table
+    apart = abs(float(table.mean[i] - table.mean[baseline]))
+    goals = [distance for distance in (apart, margin - apart) if distance > 0]
+    fixed = float(pair_spread(table).scenarios[i, baseline])
+    if not goals or not np.isfinite(fixed):
         return None
-    first = ranking.rows[0]
-    other = next((row for row in ranking.rows[1:] if row.compared and not ranking.resolved(first, row)), None)
-    pair = [agent for agent in agents if other is not None and agent.label in (first.label, other.label)]
-    if other is None or len(pair) != 2:
-        return None
-    compared = {row.label for row in ranking.rows if row.compared}
-    others = [agent for agent in agents if agent.label in compared and agent not in pair]
-    table = pooled(m.table([*pair, *others]))
-    apart = float(abs(table.mean[0] - table.mean[1]))
-    learning = [i for i, agent in enumerate(pair) if learns(agent)]
-    if not np.isfinite(apart) or apart == 0 or not learning:
-        return None
-    spread = pair_spread(table)
+    learning = [j for j in (i, baseline) if learns(agents[j])]
+    if not learning:
+        episodes = int(table.episodes[i])
+        quantiles = float(quantile(1 - level, episodes - 1) + quantile(2 * POWER - 1))
+        enough = math.ceil(episodes * fixed * (quantiles / max(goals)) ** 2)
+        return Needed("episodes", episodes, enough if enough <= MOST_EPISODES else None)
     per_seed = float((table.between_seeds * table.seeds)[learning].sum())
-    tested = sum(row.compared for row in ranking.rows)
-    alpha = (1 - ranking.confidence) / max(tested * (tested - 1) / 2, 1)
     sharing = max(int((table.seeds > 1).sum()), 1)
-    n = st.seeds_by_formula(apart, per_seed, float(spread.scenarios[0, 1]), alpha, sharing=sharing)
-    points = 100 * apart
-    seen = (
-        f"{points:{'.2g' if points < 1 else '.1f'}} points" if m.rate else f"{significant(apart, 3)}{unit(m)}"
-    )
-    have = max(int(table.seeds[i]) for i in learning)
-    of = "each" if len(learning) > 1 else pair[learning[0]].label
-    subject = f"{first.label} and {other.label} are not resolved in {name(m)}"
-    if n is None:
-        text = (
-            f"{subject}. Here they differ by {seen}, which not even {st.MOST_SEEDS} seeds of {of} would show."
-        )
-    else:
-        text = f"{subject}: if they truly differ by the {seen} seen here, about {max(n, have + 1)} seeds of {of} would show it (there are {have})."
-    clearest = f"the clearest of {tested * (tested - 1) // 2} pairs" if tested > 2 else "the one pair"
-    statistic = (
-        f"80 % power at what Holm's correction asks of {clearest}, with {first.episodes} episodes and the variances "
-        "seen; auvbench plan simulates it. Adding seeds until it is resolved would find differences where there are none."
-    )
-    return Finding(text, statistic=statistic, run_ids=tuple(first.run_ids + other.run_ids))
+    have = max(int(table.seeds[j]) for j in learning)
+    found = [st.seeds_by_formula(distance, per_seed, fixed, level, POWER, sharing) for distance in goals]
+    count = min((n for n in found if n is not None), default=None)
+    return Needed("seeds", have, None if count is None else max(count, have + 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from auvbench import statistics as st
 from auvbench.analysis.conditions import successes
 from auvbench.analysis.effects import learns
-from auvbench.analysis.luck import agreement
 from auvbench.analysis.measures import Measure, all_measures, to_rank_by
-from auvbench.analysis.model import NO_POLICY, Agent, Comparison, Problem, Ranking, Row
-from auvbench.analysis.pairwise import BoolArray, Tests, all_pairs, letters, rank_intervals
+from auvbench.analysis.model import NO_POLICY, Agent, Problem, Ranking, Row
+from auvbench.analysis.pairwise import BoolArray, all_pairs, letters, rank_intervals
 from auvbench.analysis.policies import COMPARE, more_seeds, one_policy, rows_of
-from auvbench.analysis.timing import unequal_budgets
+from auvbench.analysis.primary import find_baseline, primary_analysis
+from auvbench.analysis.timing import budgets_of
 from auvbench.analysis.tuned import tuned_on_these
 from auvbench.errors import ReportError, closest
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray
 
 ALL_PAIRS = 30
-"""Up to so many agents every pair is listed in `Ranking.comparisons`; beyond, those that `_listed` names."""
+"""up to so many agents `Ranking.comparisons` has all pairs"""
 
 
 def rank(
@@ -39,24 +39,22 @@ def rank(
     condition: str = "nominal",
     problems: Sequence[Problem] = (),
 ) -> Ranking:
-    """Rank agents by one measure, ties by a second; the result does not depend on the order of the agents.
+    """Rank agents by one measure and compare each with a baseline; the order of the agents does not matter.
 
-    Rows are in the order of the point values. What the data resolve is said by the group letters, the intervals of
-    the ranks and the adjusted p-values, which all come from the same tests of all pairs on `rank_by`; comparisons
-    with the baseline are corrected among themselves. `then` is tested as well, as a family of its own.
+    Rows are in the order of the point values. The primary analysis compares each agent with the baseline. Group
+    letters, rank intervals and comparisons are exploratory: they come from the tests of all pairs.
 
     Args:
         agents: of one protocol and condition, with the same scenarios.
-        rank_by: a name of `measures.MEASURES`; means of steps and times rank by their penalised mean
-            (`measures.RANKED_AS`), so that a failure counts.
-        then: decides between agents that are exactly equal in `rank_by`, and between two episodes that both went
-            well in the probability of improvement.
-        baseline: label of an agent, or its algorithm where that is one agent.
-        confidence: of all intervals; letters and rank intervals hold for all agents together with it.
+        rank_by: the primary measure, a name of `measures.MEASURES`; means of steps and times rank by their penalised
+            mean (`measures.RANKED_AS`), so that a failure counts.
+        then: decides between agents that are exactly equal in `rank_by`, and between two successful episodes in the
+            probability of improvement.
+        baseline: label of an agent, or its algorithm where that is one agent; None chooses one.
+        confidence: of all intervals.
         compare: "algorithms": a row is a configuration over its training seeds, and one with a single seed is
             described but not compared; "policies": a row is one training, compared as it is.
-        margin: smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1): comparisons then
-            may end as equivalent.
+        margin: smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1); None takes the default.
         protocol: named in the table; by default that of the agents' runs.
         condition: named in the table.
         problems: named in the table.
@@ -75,15 +73,11 @@ def rank(
     if not np.isfinite(value).any():
         raise ReportError(f"no agent has values of {by.name}")
     compared = np.array([compare == "policies" or not one_policy(agent) for agent in agents])
-    decided = all_pairs(agents, by, compared, confidence, margin)
+    tests = all_pairs(agents, by, compared, confidence)
     ranks = _ranks(value, _oriented(estimates, finer))
-    intervals = rank_intervals(value, decided.resolved)
-    groups = letters(decided.resolved, compared)
+    intervals = rank_intervals(value, tests.resolved)
+    groups = letters(tests.resolved, compared)
     scores = [_score(agent, by, finer) for agent in agents]
-    listed = _listed(agents, compared, reference)
-    ties = _ties(agents, decided, finer, compared, listed, reference)
-    if reference is not None:
-        decided = decided.against(agents.index(reference))
     rows = tuple(
         Row(
             label=agent.label,
@@ -97,6 +91,7 @@ def rank(
             estimates=estimates[i],
             trained=learns(agent),
             compared=bool(compared[i]),
+            budget=budgets_of(agent),
             failed_seeds=tuple(
                 run.seed
                 for run, outcome in zip(agent.runs, agent.outcome, strict=True)
@@ -114,40 +109,14 @@ def rank(
         condition=condition,
         fingerprint=agents[0].fingerprint,
         confidence=confidence,
-        baseline=None if reference is None else reference.label,
-        comparisons=tuple(decided.comparison(agents, i, j, scores) for i, j in listed),
+        primary=primary_analysis(agents, tests, compared, reference, margin),
+        comparisons=tests.comparisons(agents, _listed(compared), scores),
         improvement=_improvement(scores, compared),
         problems=(*problems, *_without_values(agents, (by, finer))),
         conditions=successes(agents, name, confidence),
         compare=compare,
-        ties=ties,
-        margin=margin,
-        notices=tuple(filter(None, (tuned_on_these(agents, name), unequal_budgets(agents)))),
-        agreement=agreement(agents, by, confidence) if compare == "algorithms" else "",
+        notices=tuple(filter(None, (tuned_on_these(agents, name),))),
         more_seeds=more_seeds(agents) if compare == "algorithms" else "",
-    )
-
-
-def _ties(
-    agents: Sequence[Agent],
-    decided: Tests,
-    finer: Measure,
-    compared: BoolArray,
-    listed: Sequence[tuple[int, int]],
-    baseline: Agent | None,
-) -> tuple[Comparison, ...]:
-    """The pairs that the first measure does not resolve, tested on the second; all pairs are its family."""
-    if finer.name == decided.measure.name or not any(np.isfinite(finer.values(a)).any() for a in agents):
-        return ()
-    second = all_pairs(agents, finer, compared, decided.confidence)
-    if baseline is not None:
-        second = second.against(agents.index(baseline))
-    scores = [np.nan_to_num(finer.sign * finer.values(agent), nan=-np.inf) for agent in agents]
-    resolved = decided.resolved
-    return tuple(
-        second.comparison(agents, i, j, scores)
-        for i, j in listed
-        if not resolved[i, j] and np.isfinite(second.p[i, j])
     )
 
 
@@ -167,25 +136,6 @@ def _check(agents: Sequence[Agent], confidence: float, compare: str, margin: flo
     if len(scenarios) > 1:
         found = ", ".join(f"{fingerprint} ({n} episodes)" for fingerprint, n in sorted(scenarios))
         raise ReportError(f"the agents met different scenarios and cannot share a table: {found}")
-
-
-def find_baseline(agents: Sequence[Agent], name: str) -> Agent:
-    """The agent of that label (letter case aside), or of that algorithm if it is the only one.
-
-    Raises:
-        ReportError: none or several; lists the labels.
-    """
-    wanted = name.casefold()
-    exact = [agent for agent in agents if agent.label == name]
-    found = exact or [agent for agent in agents if agent.label.casefold() == wanted]
-    found = found or [agent for agent in agents if str(agent.key.get("algo", "")).casefold() == wanted]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        labels = ", ".join(sorted(agent.label for agent in found))
-        raise ReportError(f"--baseline {name!r} is {len(found)} agents; give one of their labels: {labels}")
-    hint = closest(name, (agent.label for agent in agents))
-    raise ReportError(f"--baseline {name!r} is not among the agents; {hint}")
 
 
 def _estimates(agents: Sequence[Agent], confidence: float) -> list[dict[str, Estimate]]:
@@ -222,18 +172,15 @@ def _ranks(value: FloatArray, finer: FloatArray) -> NDArray[np.int64]:
     return ranks
 
 
-def _listed(agents: Sequence[Agent], compared: BoolArray, baseline: Agent | None) -> list[tuple[int, int]]:
-    """Pairs (better placed, worse placed) that get a `Comparison`, of the agents that are compared.
+def _listed(compared: BoolArray) -> list[tuple[int, int]]:
+    """Return the pairs (better placed, worse placed) that get a `Comparison`.
 
-    Every pair of up to `ALL_PAIRS` agents; of more, the neighbours, the first with all, the baseline with all.
+    All pairs of up to `ALL_PAIRS` compared agents; of more, each with the next and the first with all.
     """
     here = [int(i) for i in np.flatnonzero(compared)]
-    every = [(i, j) for place, i in enumerate(here) for j in here[place + 1 :]]
     if len(here) <= ALL_PAIRS:
-        return every
-    middle = next((i for i in here if agents[i] is baseline), here[0])
-    near = set(pairwise(here))
-    return [(i, j) for i, j in every if (i, j) in near or i == here[0] or middle in (i, j)]
+        return list(combinations(here, 2))
+    return [(i, j) for i, j in combinations(here, 2) if i == here[0] or here.index(j) == here.index(i) + 1]
 
 
 def _improvement(scores: Sequence[FloatArray], compared: BoolArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Success at the end of training against success in the test: a policy that trains well and tests badly, or the reverse."""
+"""Success at the end of training against success in the test."""
 
 from __future__ import annotations
 
@@ -9,23 +9,22 @@ from typing import TypeGuard
 
 from auvbench.analysis.conditions import UNDISTURBED
 from auvbench.analysis.effects import learns
-from auvbench.analysis.formatting import counted, listed
+from auvbench.analysis.formatting import counted
 from auvbench.analysis.model import NO_POLICY, Agent, Finding, Ranking, RunRecord
 from auvbench.analysis.timing import step_limit
 from auvbench.runs.progress import TELLING, WINDOW
 from auvbench.statistics import wilson
+from auvbench.statistics.estimate import Estimate
 
 STRONG = 0.2
 """difference of the two rates from which it is worth a sentence"""
 LENGTHS = 2
 """of the longest episode, that a training's environments must have had at least"""
-MOST = 5
-"""agents that a sentence names"""
 
 
 @dataclass(frozen=True, slots=True)
 class _Gap:
-    """The trainings of an agent whose test tells another story."""
+    """The trainings of one agent whose success at the end of training is not that of the test."""
 
     agent: Agent
     runs: tuple[RunRecord, ...]
@@ -33,44 +32,36 @@ class _Gap:
     """mean over these runs"""
     test: float
 
-    @property
-    def text(self) -> str:
-        seeds = counted(len(self.agent.runs), "seed")
-        of = f"seed {self.runs[0].seed}" if len(self.runs) == 1 else f"{len(self.runs)} of {seeds}"
-        where = "" if len(self.agent.runs) == 1 else f", {of}"
-        return f"{self.agent.label} ({100 * self.training:.0f} % against {100 * self.test:.0f} %{where})"
 
+def train_test_gaps(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
+    """Return a finding for trainings that looked better than their test, and one for trainings that looked worse.
 
-def training_and_test(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
-    """A finding for trainings that promised more than the test kept, and one for the reverse; none where they agree.
-
-    They differ where the rates are `STRONG` apart and their intervals have no value in common. Of a disturbed
-    condition nothing is said: there the test is meant to be harder.
+    They differ where the rates are `STRONG` apart and their intervals do not meet. A disturbed test is meant to be
+    harder, so there nothing is found.
     """
     if ranking.condition != UNDISTURBED:
         return []
     found = []
-    for sign, verdict in ((1, "promises more than the test keeps"), (-1, "looks worse than the test is")):
+    for sign, word in ((1, "better"), (-1, "worse")):
         gaps = [gap for agent in agents if learns(agent) and (gap := _gap(agent, sign, ranking.confidence))]
-        gaps.sort(key=lambda gap: -abs(gap.training - gap.test))
-        if not gaps:
-            continue
-        fewest = min(_window(run) for gap in gaps for run in gap.runs)
-        last = (
-            f"{WINDOW} training episodes" if fewest == WINDOW else f"training episodes ({fewest} to {WINDOW})"
-        )
-        text = (
-            f"Training {verdict}: success in the last {last} against the test, "
-            f"{listed([gap.text for gap in gaps], MOST)}."
-        )
-        statistic = (
-            f"Rates {100 * STRONG:.0f} points apart or more, whose {100 * ranking.confidence:g} % intervals do not "
-            "meet. Training adds exploration to every action, and the test takes the policy's own; so the two may "
-            "differ, and the test is what is ranked."
-        )
-        ids = tuple(run.id for gap in gaps for run in gap.runs)
-        found.append(Finding(text, statistic=statistic, run_ids=ids))
+        if gaps:
+            found.append(_finding(gaps, word))
     return found
+
+
+def _finding(gaps: Sequence[_Gap], word: str) -> Finding:
+    worst = max(gaps, key=lambda gap: abs(gap.training - gap.test))
+    seeds = f", seed {', '.join(str(run.seed) for run in worst.runs)}" if len(worst.agent.runs) > 1 else ""
+    others = len(gaps) - 1
+    more = f"; so do{'es' * (others == 1)} {counted(others, 'more agent')}" if others else ""
+    text = (
+        f"{worst.agent.label} looks {word} in training than in the test: {100 * worst.training:.0f} % against "
+        f"{100 * worst.test:.0f} % success{seeds}{more}."
+    )
+    gap = Estimate(worst.training - worst.test, math.nan, math.nan)
+    basis = f"last {min(map(_window, worst.runs))} training episodes, which explore; the test does not"
+    ids = tuple(run.id for gap in gaps for run in gap.runs)
+    return Finding("train_test_gap", text, tuple(gap.agent.label for gap in gaps), gap, basis, ids)
 
 
 def _gap(agent: Agent, sign: int, confidence: float) -> _Gap | None:

@@ -167,25 +167,26 @@ def _heading(report: Report) -> str:
 
 
 def _findings(reports: Sequence[Report]) -> str:
-    """The sentences that the data generate, section by section."""
-    from auvbench.reporting.write import finding_in_markdown
+    """Return the findings of each section, the first five at once."""
+    from auvbench.reporting.write import findings_in_markdown
 
     parts = []
     for report in reports:
         if len(reports) > 1:
             parts.append(_heading(report))
-        parts.append("\n".join(f"* {finding_in_markdown(finding)}" for finding in report.findings))
+        parts.append(findings_in_markdown(report.findings) or "None.")
     return "\n\n".join(parts)
 
 
 def _claims(reports: Sequence[Report]) -> str:
-    """The verdicts of a study and its numbers beside ours, of each section that has them."""
+    """Return the verdicts of a study and its numbers beside ours, of each section that has them."""
     from auvbench.analysis import study
-    from auvbench.reporting.write import finding_in_markdown
+    from auvbench.reporting.write import claims_in_markdown
 
     parts = []
     for report in reports:
-        parts += [f"{i}. {finding_in_markdown(claim)}" for i, claim in enumerate(report.claims, 1)]
+        if report.claims:
+            parts.append(claims_in_markdown(report.claims))
         if report.beside:
             parts.append("\n" + study.markdown(report.beside).rstrip())
     return "\n".join(parts) or "Nothing can be said of the study's claims."

@@ -16,7 +16,7 @@ from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
     from auvbench.analysis.aggregate import Across
-    from auvbench.analysis.model import Agent, Finding, Problem, Ranking, RunRecord
+    from auvbench.analysis.model import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
     from auvbench.analysis.sections import Section
     from auvbench.analysis.study import Beside
     from auvbench.reporting.figures import Figure
@@ -122,7 +122,7 @@ def _has_baseline(reports: Sequence[Report], options: Options) -> None:
     Raises:
         ReportError: no section has the baseline.
     """
-    if options.baseline is not None and all(report.ranking.baseline is None for report in reports):
+    if options.baseline is not None and all(report.without_baseline for report in reports):
         raise ReportError(f"--baseline {options.baseline!r} is in none of the {len(reports)} sections")
 
 
@@ -130,14 +130,15 @@ def _analyse(
     part: Section, problems: Sequence[Problem], condition: str, options: Options, several: bool
 ) -> Report:
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
-    from auvbench.analysis.findings import sentences
+    from auvbench.analysis.findings import find
     from auvbench.analysis.limit import beside as beside_limit
     from auvbench.analysis.load import agents
     from auvbench.analysis.measures import in_unit
     from auvbench.analysis.model import Problem
     from auvbench.analysis.optional_columns import with_columns
     from auvbench.analysis.policies import rows_of
-    from auvbench.analysis.ranking import find_baseline, rank
+    from auvbench.analysis.primary import find_baseline
+    from auvbench.analysis.ranking import rank
 
     grouped, more = agents(part.runs, options.group_by, options.protocol, condition, options.failed_trainings)
     grouped = rows_of(grouped, options.compare)
@@ -160,12 +161,12 @@ def _analyse(
         problems=(*problems, *part.problems, *more),
     )
     ranking = beside_limit(ranking, grouped)
-    if options.columns:
-        ranking = with_columns(ranking, grouped, options.columns, options.seed)
+    ranking = with_columns(ranking, grouped, options.columns, options.seed)
     by_label = {agent.label: agent for agent in grouped}
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
     claims, numbers = _study(part.runs, ordered, options)
-    return Report(part, part.runs, ordered, ranking, sentences(ranking, ordered), claims, numbers)
+    missing = options.baseline is not None and baseline is None
+    return Report(part, part.runs, ordered, ranking, find(ranking, ordered), claims, numbers, missing)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,14 +179,16 @@ class Report:
     """in the order of the ranking"""
     ranking: Ranking
     findings: Sequence[Finding]
-    claims: Sequence[Finding]
+    claims: Sequence[ClaimVerdict]
     beside: Sequence[Beside]
     """the study's own numbers next to ours"""
+    without_baseline: bool = False
+    """the baseline that was named is not in this section"""
 
 
 def _study(
     runs: Sequence[RunRecord], agents: Sequence[Agent], options: Options
-) -> tuple[Sequence[Finding], Sequence[Beside]]:
+) -> tuple[Sequence[ClaimVerdict], Sequence[Beside]]:
     if options.study is None:
         return (), ()
     from auvbench.analysis import study

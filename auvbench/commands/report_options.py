@@ -28,6 +28,8 @@ class Options:
     group_by: tuple[str, ...]
     columns: tuple[str, ...]
     across: bool
+    pairs: bool
+    all_findings: bool
     baseline: str | None
     protocol: str
     condition: str | None
@@ -75,7 +77,7 @@ def parser() -> Parser:
     add = parser.add_argument
     add("paths", nargs="+", type=Path, metavar="PATH", help="run directories, or folders above them")
     add("--preset", type=Path, metavar="FILE", help="a YAML file of these options (rank_by: mean_steps)")
-    add("--rank-by", metavar="METRIC", help="success_rate, collision_rate, timeout_rate or mean_<column>")
+    add("--rank-by", metavar="METRIC", help="primary measure: success_rate, par1_time_s, mean_<column>, ...")
     add("--then", metavar="METRIC", help="decides between equals")
     add("--group-by", metavar="KEY,...", help="configuration keys whose values make a row: algo,reward.k")
     add("--columns", metavar="NAME,...", help="further columns: iqm_success, next_training, auc_steps, ...")
@@ -84,6 +86,13 @@ def parser() -> Parser:
         action=argparse.BooleanOptionalAction,
         default=None,
         help="one table over all conditions and vehicles",
+    )
+    add("--pairs", action=argparse.BooleanOptionalAction, default=None, help="show ranks and all pairs")
+    add(
+        "--all-findings",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="show all findings, not the first five",
     )
     add(
         "--baseline",
@@ -105,7 +114,7 @@ def parser() -> Parser:
     add(
         "--compare", metavar="WHAT", help="algorithms: over training seeds; policies: each training by itself"
     )
-    add("--margin", metavar="M", help="smallest difference of interest, in the table's unit: 2 is 2 points")
+    add("--margin", metavar="M", help="smallest difference of interest, in the measure's unit: 2 is 2 points")
     add("--failed-trainings", metavar="HOW", help="zero: a failed training is a seed without success; omit")
     add("--seed", metavar="N", help="of the permutation tests of --study")
     return parser
@@ -139,7 +148,7 @@ def _options(settings: Mapping[str, Any]) -> Options:
     if study is not None and study not in STUDIES:
         raise UserError(f"unknown study {study!r}; {closest(str(study), STUDIES)}")
     confidence = _number("confidence", settings["confidence"], 0.5, 0.999)
-    for name in ("figures", "across"):
+    for name in ("figures", "across", "pairs", "all_findings"):
         if not isinstance(settings[name], bool):
             raise UserError(f"{name}={settings[name]!r} is neither true nor false")
     return Options(
@@ -148,6 +157,8 @@ def _options(settings: Mapping[str, Any]) -> Options:
         group_by=_names(settings["group_by"]),
         columns=() if settings["columns"] is None else _names(settings["columns"]),
         across=settings["across"],
+        pairs=settings["pairs"],
+        all_findings=settings["all_findings"],
         baseline=None if settings["baseline"] is None else str(settings["baseline"]),
         protocol=str(settings["protocol"]),
         condition=None if settings["condition"] is None else str(settings["condition"]),

@@ -23,7 +23,6 @@ def write_sections(
         none, of the sections.
     """
     from auvbench.reporting import sections as files
-    from auvbench.reporting.figures import colour_of
     from auvbench.reporting.page.overview import Part, write_overview
 
     whole, below = [], []
@@ -32,10 +31,7 @@ def write_sections(
         found, written = write(report, options, command, folder, report.section.title)
         whole.append(found)
         below += written
-    parts = [
-        Part(r.section.title, r.section.folder, r.ranking, r.agents, r.runs, r.findings, colour_of(r.agents))
-        for r in whole
-    ]
+    parts = [Part(r.section.title, r.section.folder, r.ranking, r.agents, r.runs, r.findings) for r in whole]
     above = []
     if "html" in options.format:
         above.append(write_overview(out / "index.html", parts, command, over))

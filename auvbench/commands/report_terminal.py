@@ -19,26 +19,26 @@ def show(report: Report, options: Options) -> None:
     from rich.text import Text
 
     from auvbench.reporting import tables
-    from auvbench.reporting.tables.notes import of_pairs
-    from auvbench.reporting.write import against_baseline
 
+    if "terminal" not in options.format:
+        return
     console = Console(highlight=False)
-    if "terminal" in options.format:
-        console.print(tables.terminal(report.ranking))
-        if report.ranking.conditions:
-            console.print()
-            console.print(tables.conditions_terminal(report.ranking))
-        if comparisons := against_baseline(report.ranking):
-            console.print()
-            console.print(tables.comparisons_terminal(comparisons))
-            console.print(Text(of_pairs(report.ranking), style="dim"))
-        for title, findings in (("findings", report.findings), ("claims of the study", report.claims)):
-            if findings:
-                console.print(Text(f"\n{title}", style="bold"))
-                console.print(tables.findings_terminal(findings))
-        if report.beside:
-            console.print()
-            console.print(tables.beside_terminal(report.beside, console.width))
+    console.print(tables.terminal(report.ranking))
+    if report.ranking.conditions:
+        console.print()
+        console.print(tables.conditions_terminal(report.ranking))
+    if report.findings:
+        console.print(Text("\nfindings", style="bold"))
+        console.print(tables.findings_terminal(report.findings, all_of_them=options.all_findings))
+    if report.claims:
+        console.print(Text("\nclaims of the study", style="bold"))
+        console.print(tables.claims_terminal(report.claims))
+    if report.beside:
+        console.print()
+        console.print(tables.beside_terminal(report.beside, console.width))
+    if options.pairs:
+        console.print()
+        console.print(tables.appendix_terminal(report.ranking))
 
 
 def show_over(over: Across | None, options: Options) -> None:

@@ -13,7 +13,8 @@ from auvbench.analysis.measures import to_rank_by
 from auvbench.analysis.model import NO_POLICY, Agent, RunRecord
 from auvbench.errors import AuvbenchError
 from auvbench.policies import cards, exported
-from auvbench.reporting.tables.markdown import escape, pipes
+from auvbench.reporting.tables.markdown import escape
+from auvbench.reporting.tables.markdown import rows as rows_of
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.manifest_fields import SHIPPED
 from auvbench.untrusted import path_safety
@@ -174,19 +175,21 @@ def any_of_ours(folder: Path) -> bool:
 def markdown(rows: Sequence[Best]) -> str:
     """The block of the README: agent, run, success in the test, file; and who has no file, and why."""
     files = [row for row in rows if not row.reason]
-    table = pipes(
-        ("agent", "best run", "success (%)", "policy", "card"),
+    table = rows_of(
         [
-            (
-                escape(row.agent),
-                escape(row.run),
-                f"{100 * row.success:.1f}",
-                f"[{escape(row.run)}.onnx](<{FOLDER}/{row.run}.onnx>)",
-                f"[json](<{FOLDER}/{row.run}.json>)",
-            )
-            for row in files
-        ],
-        right_from=5,
+            ("agent", "best run", "success (%)", "policy", "card"),
+            ["---"] * 5,
+            *(
+                (
+                    escape(row.agent),
+                    escape(row.run),
+                    f"{100 * row.success:.1f}",
+                    f"[{escape(row.run)}.onnx](<{FOLDER}/{row.run}.onnx>)",
+                    f"[json](<{FOLDER}/{row.run}.json>)",
+                )
+                for row in files
+            ),
+        ]
     )
     by_reason: dict[str, list[str]] = {}
     for row in rows:

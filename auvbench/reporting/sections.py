@@ -13,7 +13,7 @@ from auvbench.reporting import tables
 from auvbench.reporting.figures import FIGURES
 from auvbench.reporting.page.overview import Part
 from auvbench.reporting.tables.markdown import escape
-from auvbench.reporting.write import finding_in_markdown, text
+from auvbench.reporting.write import findings_in_markdown, text
 from auvbench.untrusted.text import cell
 
 OF_ONE_SECTION = ("table.tex", "conditions.tex", "conditions.csv", "comparisons.csv", "verdicts.json")
@@ -32,7 +32,7 @@ def markdown(path: Path, parts: Sequence[Part], over: Across | None = None) -> P
         pieces += [
             f"## {escape(part.title[:1].upper() + part.title[1:])}",
             tables.markdown(part.ranking).rstrip(),
-            "\n".join(f"- {finding_in_markdown(finding)}" for finding in part.findings),
+            findings_in_markdown(part.findings),
             f"[All of {escape(part.title)}](<{part.folder}/report.md>)",
         ]
     return text(path, "\n\n".join(filter(None, pieces)) + "\n")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from auvbench.analysis import study
 from auvbench.analysis.aggregate import Across
-from auvbench.analysis.model import Comparison, Finding, Ranking
+from auvbench.analysis.findings import SHOWN
+from auvbench.analysis.model import ClaimVerdict, Finding, Ranking
 from auvbench.analysis.study import Beside
 from auvbench.reporting import tables
 from auvbench.reporting.figures import Figure
@@ -36,90 +38,85 @@ def if_any(path: Path, content: str) -> list[Path]:
     return []
 
 
-def against_baseline(ranking: Ranking) -> tuple[Comparison, ...]:
-    """The comparisons that get a table of their own: each agent against the baseline, in the ranking's order."""
-    found = {}
-    for x in ranking.comparisons:
-        if x.second == ranking.baseline:
-            found[x.first] = x
-        elif x.first == ranking.baseline:
-            found[x.second] = _reversed(x)
-    return tuple(found[row.label] for row in ranking.rows if row.label in found)
-
-
-def _reversed(x: Comparison) -> Comparison:
-    """The same comparison seen from the other agent."""
-    d, p = x.difference, x.probability_of_improvement
-    return replace(
-        x,
-        verdict={"better": "worse", "worse": "better"}.get(x.verdict, x.verdict),
-        first=x.second,
-        second=x.first,
-        difference=replace(d, value=-d.value, low=-d.high, high=-d.low),
-        probability_of_improvement=replace(p, value=1 - p.value, low=1 - p.high, high=1 - p.low),
-    )
-
-
 def markdown(
     ranking: Ranking,
     findings: Sequence[Finding],
-    claims: Sequence[Finding],
+    claims: Sequence[ClaimVerdict],
     beside: Sequence[Beside],
     figures: Sequence[Figure],
     folder: Path,
     over: Across | None = None,
 ) -> str:
-    """report.md: the table, what it says, comparisons, claims, figures; links are relative to `folder`.
+    """Return report.md; its links are relative to `folder`.
 
     Args:
         ranking: the table.
-        findings: sentences that the data generate.
+        findings: what the data show beside the primary analysis.
         claims: claims of a study with their verdicts.
         beside: the study's own numbers next to ours.
-        figures: drawn already.
+        figures: drawn already, the main one first.
         folder: where report.md will lie.
         over: the agents over all tasks, where that was asked for.
     """
     parts = ["# Report", tables.markdown(ranking).rstrip()]
+    parts += [_figure(figure, folder) for figure in figures[:1]]
+    if findings:
+        parts += ["## Findings", findings_in_markdown(findings)]
     if ranking.conditions:
         parts += ["## Conditions", tables.conditions_markdown(ranking).rstrip()]
     if over is not None:
         parts += ["## Over all tasks", tables.across_markdown(over).rstrip()]
-    if findings:
-        parts += ["## Findings", "\n".join(f"- {finding_in_markdown(finding)}" for finding in findings)]
-    if comparisons := against_baseline(ranking):
-        parts += [f"## Against {escape(ranking.baseline or '')}"]
-        parts += [tables.comparisons_markdown(comparisons).rstrip(), escape(of_pairs(ranking))]
     if claims:
-        parts += [
-            "## Claims of the study",
-            "\n".join(f"{i}. {finding_in_markdown(f)}" for i, f in enumerate(claims, 1)),
-        ]
+        parts += ["## Claims of the study", claims_in_markdown(claims)]
     if beside:
         parts += ["## The study's table and ours", study.markdown(beside).rstrip()]
-    if figures:
-        parts.append("## Figures")
-    for figure in figures:
-        link = Path(os.path.relpath(figure.png, folder)).as_posix()
-        parts += [
-            f"### {escape(figure.title)}",
-            f"![{escape(figure.title)}](<{link}>)",
-            escape(figure.caption),
-        ]
+    if figures[1:]:
+        parts += ["## Figures", *(f"### {escape(f.title)}\n\n{_figure(f, folder)}" for f in figures[1:])]
+    parts += ["## Appendix: ranks", tables.ranks_markdown(ranking).rstrip(), escape(of_pairs(ranking))]
     return "\n\n".join(parts) + "\n"
 
 
-def verdicts(claims: Sequence[Finding], findings: Sequence[Finding]) -> str:
-    """verdicts.json: each claim of a study with its verdict, then each finding, both in their order; empty without any."""
+def _figure(figure: Figure, folder: Path) -> str:
+    link = Path(os.path.relpath(figure.png, folder)).as_posix()
+    return f"![{escape(figure.title)}](<{link}>)\n\n{escape(figure.caption)}"
+
+
+def verdicts(claims: Sequence[ClaimVerdict], findings: Sequence[Finding]) -> str:
+    """Return verdicts.json: each claim of a study, then each finding, as data; empty without any."""
     said = [{"claim": i, **asdict(claim)} for i, claim in enumerate(claims, 1)]
-    said += [{"finding": i, **asdict(finding)} for i, finding in enumerate(findings, 1)]
+    said += [{"finding": i, **_plain(finding)} for i, finding in enumerate(findings, 1)]
     return as_json(said).decode() if said else ""
 
 
+def _plain(finding: Finding) -> dict[str, Any]:
+    """Return a finding as JSON takes it: no number is null."""
+    found = asdict(finding)
+    if finding.estimate is not None:
+        ends = {key: value for key, value in found["estimate"].items() if value == value}
+        found["estimate"] = {"low": None, "high": None} | ends
+    return found
+
+
+def findings_in_markdown(findings: Sequence[Finding]) -> str:
+    """Return the first findings as a list, the others folded."""
+    lines = [f"* {finding_in_markdown(finding)}" for finding in findings]
+    shown, rest = lines[:SHOWN], lines[SHOWN:]
+    if rest:
+        inside = "\n".join(rest)
+        shown += ["", f"<details><summary>{len(rest)} more</summary>", "", inside, "", "</details>"]
+    return "\n".join(shown)
+
+
 def finding_in_markdown(finding: Finding) -> str:
-    text = escape(finding.text)
-    if finding.verdict:
-        text += f" **{escape(finding.verdict[0].upper() + finding.verdict[1:])}.**"
-    for more in (finding.statistic, finding.missing and f"Missing: {finding.missing}"):
-        text += f" {escape(more)}" if more else ""
-    return text
+    """Return a finding with its basis in brackets."""
+    return escape(finding.text + (f" ({finding.basis})" if finding.basis else ""))
+
+
+def claims_in_markdown(claims: Sequence[ClaimVerdict]) -> str:
+    """Return the numbered claims with their verdicts and what stands behind them."""
+    lines = []
+    for i, claim in enumerate(claims, 1):
+        verdict = escape(f"{claim.verdict[:1].upper()}{claim.verdict[1:]}.")
+        more = [claim.statistic, claim.missing and f"Missing: {claim.missing}"]
+        lines.append(" ".join([f"{i}. {escape(claim.text)} **{verdict}**", *map(escape, filter(None, more))]))
+    return "\n".join(lines)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from auvbench.analysis.model import Agent, Finding, RunRecord
+from auvbench.analysis.model import Agent, ClaimVerdict, RunRecord
 from auvbench.analysis.study.beside import Beside, beside, markdown
 from auvbench.analysis.study.claims import CLAIMS
 from auvbench.analysis.study.evidence import Evidence
@@ -25,7 +25,7 @@ def answer(
     *,
     confidence: float = 0.95,
     seed: int = 0,
-) -> list[Finding]:
+) -> list[ClaimVerdict]:
     """Each claim of a study with its verdict: holds, does not hold, cannot be said (and what is missing).
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from auvbench.analysis.model import Finding
+from auvbench.analysis.model import ClaimVerdict
 from auvbench.analysis.study import testing_claims as testing
 from auvbench.analysis.study import training_claims as training
 from auvbench.analysis.study.evidence import Evidence
@@ -19,7 +19,7 @@ class Claim:
     text: str
     parts: Callable[[Evidence], list[Part]]
 
-    def __call__(self, evidence: Evidence) -> Finding:
+    def __call__(self, evidence: Evidence) -> ClaimVerdict:
         return together(self.text, self.parts(evidence))
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from auvbench.analysis.formatting import amount, counted, p_value
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Agent, Finding
+from auvbench.analysis.model import Agent, ClaimVerdict
 from auvbench.analysis.study.trend import Trend
 from auvbench.statistics.estimate import Estimate
 
@@ -45,7 +45,7 @@ class Levels:
         return cls(confidence, 1 - (1 - confidence) / parts)
 
 
-def together(text: str, parts: Sequence[Part]) -> Finding:
+def together(text: str, parts: Sequence[Part]) -> ClaimVerdict:
     """A claim fails if one of its parts does, holds if all do, and cannot be said otherwise."""
     verdicts = [part.verdict for part in parts]
     verdict = FAILS if FAILS in verdicts else OPEN if OPEN in verdicts else HOLDS
@@ -60,7 +60,7 @@ def together(text: str, parts: Sequence[Part]) -> Finding:
         if part.missing
     ]
     runs = tuple(dict.fromkeys(run for part in parts for run in part.run_ids))
-    return Finding(text, verdict, _sentence(statistics), _sentence(missing), runs)
+    return ClaimVerdict(text, verdict, _sentence(statistics), _sentence(missing), runs)
 
 
 def _sentence(parts: Sequence[str]) -> str:

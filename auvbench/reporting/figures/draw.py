@@ -7,11 +7,21 @@ from pathlib import Path
 
 from auvbench.analysis.model import Agent, Problem, Ranking, RunRecord
 from auvbench.analysis.processes import beside
-from auvbench.reporting.figures import conditions, learning, matrices, paths, style, testing, training
+from auvbench.reporting.figures import (
+    conditions,
+    difference,
+    learning,
+    matrices,
+    paths,
+    style,
+    testing,
+    training,
+)
 from auvbench.reporting.figures.model import Figure
 from auvbench.reporting.figures.scene import Drawing, Scene, scene
 
 FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
+    "difference_from_baseline": difference.difference_from_baseline,
     "success_over_grid": matrices.success_over_grid,
     "success_over_time": testing.success_over_time,
     "performance_profiles": testing.performance_profiles,

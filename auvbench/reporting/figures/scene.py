@@ -52,7 +52,8 @@ class Scene:
         """The k best-ranked agents, with the baseline in the last place if it is not among them."""
         agents = self.agents if among is None else tuple(among)
         chosen = agents[:k]
-        baseline = [agent for agent in agents if agent.label == self.ranking.baseline]
+        primary = self.ranking.primary
+        baseline = [agent for agent in agents if primary is not None and agent.label == primary.baseline]
         if baseline and baseline[0] not in chosen:
             return (*chosen[:-1], baseline[0])
         return chosen

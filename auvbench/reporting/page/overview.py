@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from auvbench.analysis.aggregate import Across
+from auvbench.analysis.findings import SHOWN
+from auvbench.analysis.headline import headline
 from auvbench.analysis.model import Agent, Finding, Ranking, RunRecord
-from auvbench.reporting.page import sources, table
+from auvbench.reporting.page import numbers, sources, table
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.page.sources import Sentence
-from auvbench.reporting.page.writer import hues_of, over_all, render, title_of
-from auvbench.reporting.tables.notes import grouped
+from auvbench.reporting.page.writer import over_all, render, title_of
+from auvbench.reporting.tables.main import main_table
+from auvbench.reporting.tables.notes import grouped, notes
 from auvbench.reporting.write import text
 
 
@@ -28,7 +30,6 @@ class Part:
     agents: Sequence[Agent]
     runs: Sequence[RunRecord]
     findings: Sequence[Finding]
-    colours: Mapping[str, tuple[str, Any, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +38,11 @@ class _Shown:
 
     title: str
     heading: str
+    headline: str
     fingerprint: str
     href: str
-    table: table.Table
+    table: table.ShownTable
+    notes: list[str]
     findings: list[Sentence]
 
 
@@ -52,15 +55,16 @@ def write_overview(path: Path, parts: Sequence[Part], command: str = "", over: A
     shown = []
     for part in parts:
         links = Links(path, part.agents, part.runs, part.ranking.protocol, f"./{part.folder}/index.html")
-        hues = hues_of(part.agents, part.colours)
         shown.append(
             _Shown(
                 part.title,
                 part.title[:1].upper() + part.title[1:],
+                numbers.minus(headline(part.ranking)),
                 part.ranking.fingerprint,
                 f"./{part.folder}/index.html",
-                table.main_table(part.ranking, hues, links),
-                sources.sentences(part.findings, links),
+                table.of_agents(main_table(part.ranking), part.ranking, {}, links),
+                [numbers.minus(line) for line in notes(part.ranking)],
+                sources.findings(part.findings[:SHOWN], links),
             )
         )
     first = parts[0].ranking
@@ -71,6 +75,7 @@ def write_overview(path: Path, parts: Sequence[Part], command: str = "", over: A
         runs,
         first,
         title=title_of(runs),
+        headline=f"{len(parts)} sections: agents are compared on one vehicle and the same scenarios, never across.",
         parts=shown,
         problems=grouped(problems),
         facts=[fact for fact in facts if fact.name != "Scenarios"],  # each section has its own

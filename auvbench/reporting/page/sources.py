@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from auvbench.analysis.model import Agent, Finding, Ranking, RunRecord
+from auvbench.analysis.model import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 from auvbench.runs.progress import telling
@@ -57,12 +57,15 @@ class Sentence:
     """A finding or a claim as printed."""
 
     text: str
-    verdict: str
-    style: str
-    statistic: str
-    missing: str
+    basis: str
     sources: tuple[Source, ...]
-    folded: bool
+    verdict: str = ""
+    style: str = ""
+    missing: str = ""
+
+    @property
+    def folded(self) -> bool:
+        return len(self.sources) > SHOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,25 +102,30 @@ def run_lines(
     return lines
 
 
-def sentences(findings: Iterable[Finding], links: Links) -> list[Sentence]:
-    found = []
-    for finding in findings:
-        sources = tuple(
-            Source(run_id, f"#{anchor}") for run_id in finding.run_ids if (anchor := links.anchor(run_id))
+def findings(found: Iterable[Finding], links: Links) -> list[Sentence]:
+    """Return findings as printed, with links to their runs."""
+    return [
+        Sentence(numbers.minus(f.text), numbers.minus(f.basis), _sources(f.run_ids, links)) for f in found
+    ]
+
+
+def claims(found: Iterable[ClaimVerdict], links: Links) -> list[Sentence]:
+    """Return claims as printed, with their verdicts and links to their runs."""
+    return [
+        Sentence(
+            numbers.minus(claim.text),
+            numbers.minus(claim.statistic),
+            _sources(claim.run_ids, links),
+            claim.verdict,
+            VERDICTS.get(claim.verdict, "open"),
+            claim.missing,
         )
-        style = VERDICTS.get(finding.verdict, "open")
-        found.append(
-            Sentence(
-                numbers.minus(finding.text),
-                finding.verdict,
-                style,
-                numbers.minus(finding.statistic),
-                finding.missing,
-                sources,
-                len(sources) > SHOWN,
-            )
-        )
-    return found
+        for claim in found
+    ]
+
+
+def _sources(run_ids: Iterable[str], links: Links) -> tuple[Source, ...]:
+    return tuple(Source(run_id, f"#{anchor}") for run_id in run_ids if (anchor := links.anchor(run_id)))
 
 
 def facts(ranking: Ranking, agents: Sequence[Agent], runs: Sequence[RunRecord]) -> list[Fact]:

@@ -14,14 +14,21 @@ import jinja2
 from markupsafe import Markup
 
 from auvbench.analysis.aggregate import Across
-from auvbench.analysis.model import Agent, Comparison, Finding, Problem, Ranking, RunRecord
-from auvbench.reporting.page import comparisons, conditions, sources, study, table
+from auvbench.analysis.findings import SHOWN
+from auvbench.analysis.headline import headline
+from auvbench.analysis.model import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
 from auvbench.reporting.page import figures as figures_
+from auvbench.reporting.page import numbers, sources, study, table
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.tables.across import HEADINGS, cells, notes
-from auvbench.reporting.tables.notes import grouped, limit_lines, of_pairs
-from auvbench.reporting.write import against_baseline, text
+from auvbench.reporting.tables import model as tables
+from auvbench.reporting.tables.aggregate import across_table
+from auvbench.reporting.tables.aggregate import notes as notes_of
+from auvbench.reporting.tables.appendix import pairs_table, ranks_table
+from auvbench.reporting.tables.conditions import conditions_table
+from auvbench.reporting.tables.main import main_table
+from auvbench.reporting.tables.notes import grouped, limit_lines, notes, of_pairs
+from auvbench.reporting.write import text
 
 if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
     from auvbench.analysis.study import Beside
@@ -29,7 +36,7 @@ if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
 
 SCRIPTS = ("tables.js", "lightbox.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
 """Joined in this order into the page's one script."""
-QUESTION = "Which controller tracks waypoints best on this vehicle, and how sure are we?"
+MAIN_FIGURE = "difference_from_baseline"
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 _GREY = "#7f7f7f"
 _DASHES = {"-": "solid", "solid": "solid", "--": "dashed", "dashed": "dashed"} | {
@@ -48,7 +55,7 @@ def write(
     runs: Sequence[RunRecord],
     figures: Sequence[Figure] = (),
     findings: Sequence[Finding] = (),
-    claims: Sequence[Finding] = (),
+    claims: Sequence[ClaimVerdict] = (),
     beside: Sequence[Beside] = (),
     problems: Sequence[Problem] = (),
     trajectories: trajectories_.Scenes | None = None,
@@ -69,7 +76,7 @@ def write(
         agents: the agents of the ranking, in any order.
         runs: every run that was found, with or without an evaluation.
         figures: objects with `name`, `title`, `caption`, `png`, `svg`, in the order to show.
-        findings: sentences that the data generate.
+        findings: what the data show beside the primary analysis.
         claims: the claims of a study with their verdicts.
         beside: the numbers of a study's own table with ours.
         problems: what was found while loading; those of the ranking are added.
@@ -95,26 +102,23 @@ def write(
     if scenes is None:
         scenes = trajectories_.read(agents, protocol=ranking.protocol, condition=ranking.condition)
     embedded, figure_problems = figures_.embed(figures, links)
-    shown = table.main_table(ranking, hues, links)
-    against = against_baseline(ranking)
-    others = _without(ranking.comparisons, against)
     everything = _distinct((*ranking.problems, *problems, *figure_problems, *scenes.problems))
+    found = sources.findings(findings, links)
     html = render(
         runs,
         ranking,
         title=(title or title_of(runs)) + (f", {section}" if section else ""),
+        headline=numbers.minus(headline(ranking)),
         above="../index.html" if section else "",
-        table=shown,
-        further=table.further_tables(ranking, shown, hues, links),
-        conditions=conditions.tables(ranking, hues, links),
+        **tables_of(ranking, hues, links),
+        notes=[numbers.minus(line) for line in notes(ranking)],
         over=over_all(over),
-        against=comparisons.pairs(against, alpha=1.0 - ranking.confidence),
-        pairs=comparisons.pairs(others, alpha=1.0 - ranking.confidence),
-        ties=comparisons.pairs(ranking.ties, alpha=1.0 - ranking.confidence),
-        findings=sources.sentences(findings, links),
-        claims=sources.sentences(claims, links),
+        findings=found[:SHOWN],
+        more_findings=found[SHOWN:],
+        claims=sources.claims(claims, links),
         beside=study.table(beside, hues, links),
-        figures=embedded,
+        main_figure=next((figure for figure in embedded if figure.name == MAIN_FIGURE), None),
+        figures=[figure for figure in embedded if figure.name != MAIN_FIGURE],
         scenes=scenes,
         data=_data(scenes, agents, styles, runs),
         runs=sources.run_lines(runs, agents, hues, links),
@@ -126,21 +130,42 @@ def write(
     return text(path, html)
 
 
+def tables_of(ranking: Ranking, hues: Mapping[str, str], links: Links) -> dict[str, Any]:
+    """Return the tables of one section as the template draws them."""
+
+    def shown(whole: tables.Table | None) -> list[table.ShownTable]:
+        wanted = [] if whole is None or not ranking.rows else table.parts(whole)
+        return [table.of_agents(part, ranking, hues, links) for part in wanted]
+
+    main = main_table(ranking)
+    pairs = ranking.comparisons
+    return {
+        "table": table.of_agents(main, ranking, {}, links),  # its colours are those of the verdicts
+        "conditions": shown(conditions_table(ranking)) if ranking.conditions else [],
+        "further": shown(table.metrics_table(ranking, main)),
+        "ranks": table.of_agents(ranks_table(ranking), ranking, hues, links),
+        "pairs": table.printed(pairs_table(pairs)) if pairs else None,
+    }
+
+
 def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
-    """The page of some runs as HTML; `shown` replaces parts of a page that shows nothing."""
+    """Return the page of some runs as HTML; `shown` replaces parts of a page that shows nothing."""
     nothing: dict[str, Any] = {
         "parts": (),
         "above": "",
         "table": None,
+        "notes": (),
         "further": (),
         "conditions": (),
         "over": None,
-        "against": (),
-        "pairs": (),
+        "ranks": None,
+        "pairs": None,
         "findings": (),
+        "more_findings": (),
         "claims": (),
         "beside": None,
         "marks": study.MARKS,
+        "main_figure": None,
         "figures": (),
         "scenes": trajectories_.Scenes(),
         "data": {},
@@ -152,9 +177,7 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         "limit": (),
     }
     always = {
-        "question": QUESTION,
         "ranking": ranking,
-        "ranked_by": table.order_in_words(ranking),
         "pairs_note": of_pairs(ranking),
         "vehicles": sources.vehicles(found),
         "runs_found": len(found),
@@ -163,15 +186,9 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
     return filled("page.html", SCRIPTS, **(nothing | always | shown))
 
 
-def over_all(table: Across | None) -> dict[str, Any] | None:
-    """The agents over all tasks as the template draws them."""
-    if table is None:
-        return None
-    return {
-        "headings": HEADINGS,
-        "rows": [cells(row) for row in table.rows],
-        "notes": notes(table),
-    }
+def over_all(found: Across | None) -> dict[str, Any] | None:
+    """Return the agents over all tasks as the template draws them."""
+    return None if found is None else {"table": table.printed(across_table(found)), "notes": notes_of(found)}
 
 
 def hues_of(agents: Sequence[Agent], colours: Mapping[str, tuple[str, Any, Any]]) -> dict[str, str]:
@@ -257,12 +274,6 @@ def _data(
 
 def _length(value: Any, default: float) -> float:
     return float(value) if isinstance(value, int | float) and abs(value) < 1e6 else default
-
-
-def _without(found: Sequence[Comparison], shown: Sequence[Comparison]) -> list[Comparison]:
-    """The comparisons of other pairs of agents than those shown, whichever of a pair comes first."""
-    there = {(frozenset((x.first, x.second)), x.metric) for x in shown}
-    return [x for x in found if (frozenset((x.first, x.second)), x.metric) not in there]
 
 
 def _distinct(problems: Sequence[Problem]) -> list[Problem]:

@@ -1,18 +1,20 @@
-"""The ranked table in four shapes. Each function draws what a `Ranking` holds and computes nothing."""
+"""The tables of a report in every format. Each function draws what a `Ranking` holds and computes nothing."""
 
-from auvbench.reporting.tables.across import (
+from auvbench.reporting.tables.aggregate import (
     across_csv,
     across_latex,
     across_markdown,
+    across_table,
     across_terminal,
 )
 from auvbench.reporting.tables.beside import beside_terminal
-from auvbench.reporting.tables.comma import comparisons_csv, conditions_csv, csv, limit_csv
-from auvbench.reporting.tables.conditions import conditions_latex
-from auvbench.reporting.tables.latex import latex
-from auvbench.reporting.tables.markdown import comparisons_markdown, conditions_markdown, markdown
+from auvbench.reporting.tables.csv import comparisons_csv, conditions_csv, csv, limit_csv
+from auvbench.reporting.tables.latex import conditions_latex, latex
+from auvbench.reporting.tables.main import main_table
+from auvbench.reporting.tables.markdown import conditions_markdown, markdown, ranks_markdown
 from auvbench.reporting.tables.terminal import (
-    comparisons_terminal,
+    appendix_terminal,
+    claims_terminal,
     conditions_terminal,
     findings_terminal,
     terminal,
@@ -22,11 +24,12 @@ __all__ = [
     "across_csv",
     "across_latex",
     "across_markdown",
+    "across_table",
     "across_terminal",
+    "appendix_terminal",
     "beside_terminal",
+    "claims_terminal",
     "comparisons_csv",
-    "comparisons_markdown",
-    "comparisons_terminal",
     "conditions_csv",
     "conditions_latex",
     "conditions_markdown",
@@ -35,6 +38,8 @@ __all__ = [
     "findings_terminal",
     "latex",
     "limit_csv",
+    "main_table",
     "markdown",
+    "ranks_markdown",
     "terminal",
 ]

@@ -1,19 +1,23 @@
-"""The table for a paper: booktabs, intervals under the values, as many tables as fit the width of an article."""
+"""Tables for a paper: booktabs, intervals under the values, as many tables as fit the width of an article."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 
+from auvbench.analysis.formatting import name
+from auvbench.analysis.measures import measure
 from auvbench.analysis.model import Ranking
-from auvbench.reporting.tables import columns as c
+from auvbench.reporting.tables.conditions import conditions_note, conditions_table
+from auvbench.reporting.tables.main import main_table
+from auvbench.reporting.tables.model import Cell, Heading, Table
 from auvbench.reporting.tables.notes import grouped, notes
+from auvbench.reporting.tables.split import split
 
 ROWS_PER_FLOAT = 25
-"""a float does not break across pages, so a long ranking continues in another one"""
+"""a float does not break across pages, so a long table continues in another one"""
 
-HEAD = r"% \usepackage{booktabs} \usepackage[T1]{fontenc} \usepackage[utf8]{inputenc}"
+HEAD = r"% \usepackage{booktabs} \usepackage{amssymb} \usepackage[T1]{fontenc} \usepackage[utf8]{inputenc}"
 
 TEXT_WIDTH = 345.0
 """points; that of \\documentclass{article}, the narrowest of the usual ones in one column"""
@@ -40,6 +44,11 @@ _SPECIAL = {
     "†": r"\textdagger{}",
     "×": r"$\times$",
     "−": "$-$",
+    "±": r"$\pm$",
+    "▲": r"$\blacktriangle$",
+    "■": r"$\blacksquare$",
+    "▼": r"$\blacktriangledown$",
+    "○": r"$\circ$",
 }
 
 
@@ -53,107 +62,83 @@ def escape(text: str) -> str:
 
 
 def latex(ranking: Ranking) -> str:
-    r"""Tables to `\input`: where episodes end, then motion and effort. Needs booktabs, and T1 for `"` and `<`."""
-    outcome = (*c.extra(ranking), *c.present(c.OUTCOMES, ranking))
-    motion = c.present(c.MOTION, ranking)
-    lead = c.lead(ranking)
-    caption = f"Agents ranked by {escape(ranking.rank_by)} on protocol {escape(ranking.protocol)}"
-    tables: list[str] = []
-    for shown, title, label in (
-        (outcome, f"{caption}.", "outcomes"),
-        (motion, f"{caption}: motion and effort.", "motion"),
-    ):
-        for i, part in enumerate(fitting(ranking, lead, shown)):
-            more = f"-{chr(ord('a') + i)}" if i else ""
-            title_ = f"{title} Further columns." if i else title
-            tables += floats(ranking, lead, part, title_, label + more, full=not tables)
-    return "\n\n".join([HEAD, *tables]) + "\n"
+    r"""Return the main table to `\input`. Needs booktabs, amssymb for the verdicts' symbols, and T1 for `"` and `<`."""
+    by = name(measure(ranking.rank_by))
+    against = f" against {ranking.primary.baseline}" if ranking.primary else ""
+    caption = f"Agents{against} in {by} on protocol {ranking.protocol}."
+    return _document(main_table(ranking), caption, "main", _below(ranking))
 
 
-def fitting(ranking: Ranking, lead: Sequence[str], columns: Sequence[c.Column]) -> list[list[c.Column]]:
-    """The columns in parts that stand beside the lead within `TEXT_WIDTH`; one column at least in each."""
-    marked = c.policies(ranking)
-    cells = [c.lead_cells(row, lead, marked) for row in ranking.rows]
-    room = TEXT_WIDTH - sum(6.0 + max(map(_points, texts)) for texts in zip(lead, *cells, strict=True))
-    parts: list[list[c.Column]] = []
-    left = 0.0
-    for column in columns:
-        values, intervals = zip(*(c.cell(row, column) for row in ranking.rows), strict=True)
-        heading = re.sub(r"\\[a-zA-Z]+|\\.", "x", column.tex).replace("$", "")
-        headings = heading.replace(" (", "\n(").split("\n")
-        width = 6.0 + max(*map(_points, (*headings, *values)), *(0.85 * _points(text) for text in intervals))
-        if not parts or width > left:
-            parts.append([])
-            left = room
-        parts[-1].append(column)
-        left -= width
-    return parts
+def conditions_latex(ranking: Ranking) -> str:
+    r"""Return success by condition to `\input`; an empty string where the protocol has only one."""
+    if not ranking.conditions:
+        return ""
+    return _document(conditions_table(ranking), conditions_note(ranking), "conditions")
 
 
-def _points(text: str) -> float:
-    r"""Width in \scriptsize Computer Modern, on the long side; \tiny is 0.85 of it."""
-    narrow, wide = " .,:[]()ijlft", "=<>@%+mw"
-    return sum(3.0 if x in narrow else 6.0 if x.isupper() or x in wide else 4.1 for x in text)
+def _document(table: Table, caption: str, label: str, below: str = "") -> str:
+    return "\n\n".join([HEAD, *floats(table, caption, label, below)]) + "\n"
 
 
-def floats(
-    ranking: Ranking,
-    lead: Sequence[str],
-    shown: Sequence[c.Column],
-    caption: str,
-    label: str,
-    *,
-    full: bool = False,
-) -> list[str]:
-    """The rows in tables of at most `ROWS_PER_FLOAT`; with `full`, the note stands below the first."""
-    rows, marked = ranking.rows, c.policies(ranking)
-    chunks = [rows[i : i + ROWS_PER_FLOAT] for i in range(0, len(rows), ROWS_PER_FLOAT)] or [()]
-    result = []
-    for i, chunk in enumerate(chunks):
-        continued = " (continued)" if i else ""
-        name = f"tab:auvbench-{label}" + (f"-{i + 1}" if i else "")
-        below = _below(ranking) if full and not i else ""
-        result.append(
-            _float(replace(ranking, rows=chunk), marked, lead, shown, caption + continued, name, below)
-        )
+def floats(table: Table, caption: str, label: str, below: str = "") -> list[str]:
+    """Return the table in floats of at most `TEXT_WIDTH` and `ROWS_PER_FLOAT`; the note stands below the first."""
+    result: list[str] = []
+    for part in split(table, lambda i: _width(table, i), TEXT_WIDTH):
+        shown = table.part(part)
+        starts = range(0, max(len(shown.lines), 1), ROWS_PER_FLOAT)
+        for chunk in (replace(shown, lines=shown.lines[i : i + ROWS_PER_FLOAT]) for i in starts):
+            title = f"{caption} (continued)" if result else caption
+            mark = f"-{len(result) + 1}" if result else ""
+            result.append(
+                _float(chunk, escape(title), f"tab:auvbench-{label}{mark}", "" if result else below)
+            )
     return result
 
 
-def _float(
-    ranking: Ranking,
-    marked: frozenset[str],
-    lead: Sequence[str],
-    shown: Sequence[c.Column],
-    caption: str,
-    label: str,
-    below: str,
-) -> str:
-    headings = [*lead, *(_split_heading(column.tex) for column in shown)]
+def _width(table: Table, i: int) -> float:
+    """Return the points that a column takes, with its padding."""
+    cells = [line.cells[i] for line in table.lines]
+    heading = table.headings[i]
+    title = re.sub(r"\\[a-zA-Z]+|\\.", "x", heading.tex or heading.title).replace("$", "")
+    widths = [_points(title), _points(f"({heading.unit})")]
+    widths += [_points(cell.value) for cell in cells] + [0.85 * _points(cell.more) for cell in cells]
+    return 6.0 + max(widths)
+
+
+def _points(text: str) -> float:
+    r"""Return the width in \scriptsize Computer Modern, on the long side; \tiny is 0.85 of it."""
+    narrow, wide = " .,:[]()ijlft", "=<>@%+mw▲■▼○"
+    return sum(3.0 if x in narrow else 6.0 if x.isupper() or x in wide else 4.1 for x in text)
+
+
+def _float(table: Table, caption: str, label: str, below: str) -> str:
     lines = [
         r"\begin{table}[htbp]",
         r"\centering\scriptsize\setlength{\tabcolsep}{3pt}",
         rf"\caption{{{caption}}}\label{{{label}}}",
-        rf"\begin{{tabular}}{{@{{}}{''.join('r' if name == 'seeds' else 'l' for name in lead)}{'r' * len(shown)}@{{}}}}",
+        rf"\begin{{tabular}}{{@{{}}{''.join('l' if h.words else 'r' for h in table.headings)}@{{}}}}",
         r"\toprule",
-        " & ".join(headings) + r" \\",
+        " & ".join(map(_heading, table.headings)) + r" \\",
         r"\midrule",
     ]
-    for row in ranking.rows:
-        cells = [c.cell(row, column) for column in shown]
-        values = [escape(text) for text in (*c.lead_cells(row, lead, marked), *(v for v, _ in cells))]
+    for line in table.lines:
         # A bracket at the start of a row would be read as the optional argument of the \\ above it.
-        intervals = [*("" for _ in lead), *(rf"{{\tiny {escape(i)}}}" if i else "" for _, i in cells)]
-        lines += [" & ".join(values) + r" \\[-2pt]", " & ".join(intervals) + r" \\[1.5pt]"]
+        lines.append(" & ".join(escape(cell.value) for cell in line.cells) + r" \\[-2pt]")
+        lines.append(" & ".join(map(_more, line.cells)) + r" \\[1.5pt]")
     lines += [r"\bottomrule", r"\end{tabular}"]
     if below:
         lines += ["", r"\medskip", rf"\parbox{{\linewidth}}{{{below}}}"]
     return "\n".join([*lines, r"\end{table}"])
 
 
-def _split_heading(tex: str) -> str:
-    """The unit under the title, so that a column is no wider than its interval."""
-    title, bracket, unit = tex.partition(" (")
-    return rf"\shortstack{{{title}\\({unit}}}" if bracket else tex
+def _more(cell: Cell) -> str:
+    return rf"{{\tiny {escape(cell.more)}}}" if cell.more else ""
+
+
+def _heading(heading: Heading) -> str:
+    """Return the heading, its unit below it, so that a column is no wider than its interval."""
+    title = heading.tex or escape(heading.title)
+    return rf"\shortstack{{{title}\\({escape(heading.unit)})}}" if heading.unit else title
 
 
 def _below(ranking: Ranking) -> str:

@@ -1,209 +1,161 @@
-"""The table on a terminal: as many columns as fit, the most telling first."""
+"""Tables and findings on a terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.padding import Padding
-from rich.table import Table
+from rich.table import Table as RichTable
 from rich.text import Text
 
-from auvbench.analysis.model import Comparison, Finding, Ranking, Row
-from auvbench.analysis.rounding import rounded
-from auvbench.reporting.tables import columns as c
-from auvbench.reporting.tables.blocks import blocks
-from auvbench.reporting.tables.conditions import LEAD, by_condition, factor, note
-from auvbench.reporting.tables.notes import grouped, notes
+from auvbench.analysis.findings import SHOWN
+from auvbench.analysis.headline import headline
+from auvbench.analysis.model import ClaimVerdict, Finding, Ranking
+from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
+from auvbench.reporting.tables.appendix import pairs_table, ranks_table
+from auvbench.reporting.tables.conditions import conditions_note, conditions_table
+from auvbench.reporting.tables.main import main_table
+from auvbench.reporting.tables.model import Cell, Line, Table
+from auvbench.reporting.tables.notes import grouped, notes, of_pairs
+from auvbench.reporting.tables.split import split
 
 MOST_PROBLEMS = 6
 """per kind on screen; the files list all"""
-NEEDLESS = ("seeds", "group")
-"""columns before the metrics that a terminal too narrow for all does without, in this order"""
 LABEL = 26
-"""characters of a label beside each other"""
+"""characters of a label on one line"""
 MOST_ROWS = 20
 """of success by condition, which takes several tables on a narrow screen"""
+STYLES = {AHEAD: "green", EQUIVALENT: "blue", BEHIND: "red", OPEN: "yellow"}
 
 
-class RankingTable:
-    """A rich renderable that chooses its columns when it knows how wide the terminal is."""
+class TableView:
+    """A rich renderable that fits a table to the terminal.
 
-    def __init__(self, ranking: Ranking) -> None:
-        self.ranking = ranking
+    Columns that do not fit continue in further tables, or with `drop` are left out and named.
+    """
+
+    def __init__(self, table: Table, *, drop: bool = False) -> None:
+        self.table, self.drop = table, drop
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        lead, chosen, left_out = self._fitting(console, options.max_width)
-        for line in self.ranking.notices:
-            yield Text(line, style="yellow")
-        yield _table(self.ranking, lead, chosen)
-        for line in notes(self.ranking):
-            yield Text(line, style="dim")
-        if left_out:
-            yield Text(f"Not shown for want of width: {', '.join(left_out)}.", style="dim")
-        yield from _problems(self.ranking)
-
-    def _fitting(self, console: Console, width: int) -> tuple[list[str], list[c.Column], list[str]]:
-        """Headings of the first columns, the metrics that fit, what it is ranked by first, and what does not fit."""
-        usual = c.present(c.COLUMNS, self.ranking)
-        asked = [column for column in c.extra(self.ranking) if column.metric in self.ranking.columns]
-        by_weight = [c.COLUMNS[i] for i in c.BY_WEIGHT if c.COLUMNS[i] in usual]
-        order = [*c.extra(self.ranking), *by_weight]
-        order.sort(key=lambda column: column.metric != self.ranking.rank_by)
-        lead = list(c.lead(self.ranking))
-        for heading in NEEDLESS:  # before what it is ranked by would be cut
-            if (
-                heading in lead
-                and _fixed(console, self.ranking, lead) + _width(self.ranking, order[0]) > width
-            ):
-                lead.remove(heading)
-        room = width - _fixed(console, self.ranking, lead)
-        kept: list[c.Column] = []
-        for column in order:
-            room -= _width(self.ranking, column)
-            if room < 0 and kept:
+        headings = self.table.headings
+        if not self.drop:
+            for part in split(self.table, self._width, options.max_width):
+                yield _rendered(self.table.part(part))
+            return
+        kept, room = set[int](), options.max_width
+        for i in sorted(range(len(headings)), key=lambda i: headings[i].weight):
+            room -= self._width(i)
+            if room < 0 and headings[i].weight:
                 break
-            kept.append(column)
-        shown = [column for column in (order[0], *usual, *order) if column in kept]
-        left_out = [heading for heading in c.lead(self.ranking) if heading not in lead]
-        left_out += [
-            column.title for column in dict.fromkeys((*order[:1], *asked, *usual)) if column not in shown
-        ]
-        return lead, list(dict.fromkeys(shown)), left_out
+            kept.add(i)
+        yield _rendered(self.table.part(sorted(kept)))
+        if rest := [heading.title for i, heading in enumerate(headings) if i not in kept]:
+            yield Text(f"Not shown for want of width: {', '.join(rest)}.", style="dim")
+
+    def _width(self, i: int) -> int:
+        """Return the width of a column on screen, with its padding."""
+        heading = self.table.headings[i]
+        texts = [text for line in self.table.lines for text in (line.cells[i].value, line.cells[i].more)]
+        widest = max(map(cell_len, (heading.title, heading.unit, *texts)))
+        if i < self.table.lead:
+            words = max((len(word) for text in texts for word in text.split()), default=0)
+            widest = min(widest, max(words, LABEL))
+        return widest + 2
 
 
-class ConditionsTable:
-    """Success by condition: one table after the other where the terminal is narrower than all conditions."""
-
-    def __init__(self, ranking: Ranking) -> None:
-        self.ranking = ranking
-        rows, self.columns = by_condition(ranking)
-        self.rows = replace(rows, rows=rows.rows[:MOST_ROWS])
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        room = options.max_width - _fixed(console, self.rows, LEAD)
-        for shown in blocks(self.columns, lambda column: _width(self.rows, column), room, factor):
-            yield _table(self.rows, LEAD, shown)
-            yield Text()
-        yield Text(note(self.ranking), style="dim")
-        if len(self.ranking.rows) > MOST_ROWS:
-            yield Text(f"The best {MOST_ROWS} agents; the written report has all.", style="dim")
-
-
-def _fixed(console: Console, ranking: Ranking, lead: Sequence[str]) -> int:
-    """Width of the table without any metric."""
-    wide = console.options.update(max_width=10_000)
-    return console.measure(_table(ranking, lead, ()), options=wide).maximum
-
-
-def _width(ranking: Ranking, column: c.Column) -> int:
-    """Of a column on screen, with its padding: measured here, since rich measures all columns anew each time."""
-    texts = [text for row in ranking.rows for text in c.cell(row, column)]
-    return max(map(cell_len, (column.title, column.unit, *texts))) + 2
-
-
-def _table(ranking: Ranking, lead: Sequence[str], shown: Sequence[c.Column]) -> Table:
-    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 1))
-    widest = max((len(word) for row in ranking.rows for word in row.label.split()), default=5)
-    for heading in lead:
-        if heading == "agent":
-            # Of two lines, as the numbers are: a long label leaves room for them.
-            table.add_column(heading, overflow="fold", min_width=max(widest, 5), max_width=max(widest, LABEL))
+def _rendered(table: Table) -> RichTable:
+    shown = RichTable(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 1))
+    for i, heading in enumerate(table.headings):
+        title = Text.assemble(heading.title, (f"\n{heading.unit}" if heading.unit else "", "dim"))
+        if i < table.lead:
+            words = [len(word) for line in table.lines for word in line.cells[i].value.split()]
+            shown.add_column(
+                title, overflow="fold", min_width=max(words, default=5), max_width=max(LABEL, *words, 5)
+            )
         else:
-            table.add_column(heading, justify="right" if heading == "seeds" else "left", no_wrap=True)
-    for column in shown:
-        table.add_column(
-            Text.assemble(f"{column.title}\n", (column.unit, "dim")), justify="right", no_wrap=True
-        )
-    marked = c.policies(ranking)
-    for row in ranking.rows:
-        styles = {"group": "cyan", "agent": "bold" if row.rank == 1 else ""}
-        cells = [
-            Text(text, style=styles.get(heading, ""))
-            for heading, text in zip(lead, c.lead_cells(row, lead, marked), strict=True)
-        ]
-        table.add_row(*cells, *(_stacked(row, column) for column in shown))
-    return table
+            shown.add_column(title, justify="left" if heading.words else "right", no_wrap=True)
+    for line in table.lines:
+        shown.add_row(*(_stacked(cell, line) for cell in line.cells))
+    return shown
 
 
-def _stacked(row: Row, column: c.Column) -> Text:
-    value, interval = c.cell(row, column)
-    text = Text(value)
-    if interval:
-        text.append(f"\n{interval}", style="dim")
+def _stacked(cell: Cell, line: Line) -> Text:
+    # The verdict's own cell ends in its word; its symbol tells it apart without colour.
+    text = Text(
+        cell.value,
+        style=STYLES.get(line.verdict, "") if line.verdict and cell.value.endswith(line.verdict) else "",
+    )
+    if cell.more:
+        text.append(f"\n{cell.more}", style="dim")
     return text
 
 
-def _problems(ranking: Ranking) -> RenderResult:
-    for title, problems in grouped(ranking.problems):
-        yield Text(f"\n{title} ({len(problems)})", style="bold yellow")
-        for problem in problems[:MOST_PROBLEMS]:
-            yield Padding(
-                Text.assemble((problem.where, "bold"), f": {problem.message}"), (0, 0, 0, 2), expand=False
-            )
-        if len(problems) > MOST_PROBLEMS:
-            yield Padding(
-                Text(f"and {len(problems) - MOST_PROBLEMS} more (the written report lists all)"), (0, 0, 0, 2)
-            )
-
-
 def terminal(ranking: Ranking) -> RenderableType:
-    """The ranked table, its note and the list of what is not in it, for `rich.console.Console.print`."""
-    return RankingTable(ranking)
+    """Return the headline, the main table, its notes and the problems, for `rich.console.Console.print`."""
+    parts: list[RenderableType] = [Text(headline(ranking), style="bold"), Text()]
+    parts += [Text(line, style="yellow") for line in ranking.notices]
+    parts.append(TableView(main_table(ranking), drop=True))
+    parts += [Text(line, style="dim") for line in notes(ranking)]
+    return Group(*parts, *_problems(ranking))
+
+
+def appendix_terminal(ranking: Ranking) -> RenderableType:
+    """Return rank intervals, group letters and all pairs: the exploratory part, behind --pairs."""
+    parts: list[RenderableType] = [
+        Text("ranks (exploratory: all pairs)", style="bold"),
+        TableView(ranks_table(ranking)),
+    ]
+    if ranking.comparisons:
+        parts += [Text(), TableView(pairs_table(ranking.comparisons)), Text(of_pairs(ranking), style="dim")]
+    return Group(*parts)
 
 
 def conditions_terminal(ranking: Ranking) -> RenderableType:
-    """Success under each condition of the protocol, for `Console.print`; nothing where it has only one."""
-    return ConditionsTable(ranking) if ranking.conditions else Group()
-
-
-def comparisons_terminal(comparisons: Sequence[Comparison]) -> RenderableType:
-    """Paired differences, Holm-corrected, for `Console.print`; nothing where there are none."""
-    if not comparisons:
+    """Return success under each condition of the protocol; nothing where it has only one."""
+    if not ranking.conditions:
         return Group()
-    table = Table(box=None, header_style="bold", pad_edge=False, title_justify="left")
-    others, metrics = ({getattr(c, name) for c in comparisons} for name in ("second", "metric"))
-    title = "paired differences"
-    title += f" in {next(iter(metrics))}" if len(metrics) == 1 else ""
-    title += f" from {next(iter(others))}" if len(others) == 1 else ""
-    table.title = Text(title, style="bold")
-    # What is the same in all rows stands in the title: a narrow terminal has no room to say it again.
-    named = [("agent", "first")] + [("against", "second")] * (len(others) > 1)
-    named += [("metric", "metric")] * (len(metrics) > 1)
-    for heading, _ in named:
-        table.add_column(heading, overflow="fold")
-    for heading in ("difference", "p (Holm)", "verdict", "does better"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for comparison in comparisons:
-        # As Text: a label with brackets is no markup.
-        names = (Text(getattr(comparison, field)) for _, field in named)
-        table.add_row(*names, *difference(comparison))
+    table = conditions_table(ranking)
+    few = Table(table.headings, table.lines[:MOST_ROWS])
+    more = (
+        f" The best {MOST_ROWS} agents; the written report has all." if len(table.lines) > MOST_ROWS else ""
+    )
+    return Group(TableView(few), Text(conditions_note(ranking) + more, style="dim"))
+
+
+def findings_terminal(findings: Sequence[Finding], *, all_of_them: bool = False) -> RenderableType:
+    """Return the first findings, or all, as a list."""
+    shown = findings if all_of_them else findings[:SHOWN]
+    table = RichTable.grid(padding=(0, 1))
+    for finding in shown:
+        basis = f" ({finding.basis})" if finding.basis else ""
+        table.add_row("•", Text.assemble(finding.text, (basis, "dim")))
+    if len(shown) < len(findings):
+        table.add_row("", Text(f"{len(findings) - len(shown)} more: --all-findings", style="dim"))
     return table
 
 
-def findings_terminal(findings: Sequence[Finding]) -> RenderableType:
-    """Sentences, or numbered claims with their verdicts, with what stands behind them."""
-    table = Table.grid(padding=(0, 1))
+def claims_terminal(claims: Sequence[ClaimVerdict]) -> RenderableType:
+    """Return the numbered claims of a study with their verdicts and what stands behind them."""
+    table = RichTable.grid(padding=(0, 1))
     table.add_column(justify="right", no_wrap=True)
-    table.add_column()
-    for i, finding in enumerate(findings, 1):
-        text = Text(finding.text)
-        if finding.verdict:
-            text.append(f" {finding.verdict[0].upper()}{finding.verdict[1:]}.", style="bold")
-        for more in (finding.statistic, finding.missing and f"Missing: {finding.missing}"):
+    for i, claim in enumerate(claims, 1):
+        text = Text(claim.text)
+        text.append(f" {claim.verdict[:1].upper()}{claim.verdict[1:]}.", style="bold")
+        for more in (claim.statistic, claim.missing and f"Missing: {claim.missing}"):
             text.append(f" {more}" if more else "", style="dim")
-        table.add_row(f"{i}." if finding.verdict else "•", text)
+        table.add_row(f"{i}.", text)
     return table
 
 
-def difference(comparison: Comparison) -> tuple[str, str, str, str]:
-    """Difference with interval, corrected p value, verdict, and probability of improvement in percent, as text."""
-    percent = comparison.metric.endswith("_rate")
-    value, low, high = rounded(comparison.difference, 100.0 if percent else 1.0)
-    sign = "+" if comparison.difference.value > 0 else ""
-    p = comparison.p_adjusted
-    better = rounded(comparison.probability_of_improvement, 100.0)[0]
-    shown = f"{sign}{value}{' points' if percent else ''}" + (f" [{low}, {high}]" if low else "")
-    return shown, "< 0.001" if p < 0.001 else f"{p:.3f}", comparison.verdict, f"{better} %"
+def _problems(ranking: Ranking) -> list[RenderableType]:
+    found: list[RenderableType] = []
+    for title, problems in grouped(ranking.problems):
+        found.append(Text(f"\n{title} ({len(problems)})", style="bold yellow"))
+        lines = [Text.assemble((p.where, "bold"), f": {p.message}") for p in problems[:MOST_PROBLEMS]]
+        if len(problems) > MOST_PROBLEMS:
+            lines.append(Text(f"and {len(problems) - MOST_PROBLEMS} more (the written report lists all)"))
+        found += [Padding(line, (0, 0, 0, 2), expand=False) for line in lines]
+    return found

@@ -1,4 +1,4 @@
-"""The table as CSV in full precision, for whoever computes on."""
+"""Tables as CSV in full precision."""
 
 from __future__ import annotations
 
@@ -7,20 +7,23 @@ import io
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from auvbench.analysis.model import Comparison, Ranking
+from auvbench.analysis.model import Comparison, Ranking, Row
 from auvbench.untrusted.text import cell
 
 
 def csv(ranking: Ranking) -> str:
-    """A row per agent: rank, key, seeds, runs, and value, low and high of every metric (rates from 0 to 1)."""
+    """Return a row per agent: the primary analysis, the key, seeds, runs, and every metric (rates from 0 to 1)."""
     keys = list(dict.fromkeys(key for row in ranking.rows for key in row.key))
     metrics = list(dict.fromkeys(metric for row in ranking.rows for metric in row.estimates))
-    header = ["rank", "rank_low", "rank_high", "group", "compared", "agent", *keys]
+    header = ["agent", "budget", "baseline", "margin"]
+    header += ["difference", "difference_low", "difference_high", "verdict", "needed", "needed_unit"]
+    header += ["rank", "rank_low", "rank_high", "group", "compared", *keys]
     header += ["seeds", "runs", "episodes", "protocol", "condition", "fingerprint", "confidence", "covers"]
     header += [name for metric in metrics for name in (metric, f"{metric}_low", f"{metric}_high")]
     rows = []
     for row in ranking.rows:
-        line: list[Any] = [row.rank, *row.rank_interval, row.group, int(row.compared), row.label]
+        line: list[Any] = [row.label, " ".join(map(str, row.budget)), *_against(ranking, row)]
+        line += [row.rank, *row.rank_interval, row.group, int(row.compared)]
         line += [row.key.get(key) for key in keys]
         covers = "; ".join(dict.fromkeys(estimate.covers for estimate in row.estimates.values()))
         line += [" ".join(map(str, row.seeds)), " ".join(row.run_ids), row.episodes, ranking.protocol]
@@ -30,6 +33,27 @@ def csv(ranking: Ranking) -> str:
             line += [None] * 3 if estimate is None else [estimate.value, estimate.low, estimate.high]
         rows.append(line)
     return lines(header, rows)
+
+
+def _against(ranking: Ranking, row: Row) -> list[Any]:
+    """Return baseline, margin, difference with its ends, verdict and what would decide an open one."""
+    primary = ranking.primary
+    if primary is None:
+        return [None] * 8
+    start: list[Any] = [primary.baseline, primary.margin]
+    against = primary.of(row.label)
+    if against is None:
+        return [*start, 0.0, None, None, "baseline", None, None]
+    d, needed = against.difference, against.needed
+    return [
+        *start,
+        d.value,
+        d.low,
+        d.high,
+        against.verdict,
+        needed.count if needed else None,
+        needed.unit if needed else None,
+    ]
 
 
 def conditions_csv(ranking: Ranking) -> str:
@@ -69,11 +93,11 @@ def limit_csv(ranking: Ranking) -> str:
 
 
 def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
-    """A row per paired comparison; an empty string where there are none."""
+    """Return a row per pair of agents; an empty string without any."""
     if not comparisons:
         return ""
     header = ["first", "second", "metric", "difference", "difference_low", "difference_high", "p", "p_holm"]
-    header += ["verdict", "p_equivalence"]
+    header += ["verdict"]
     header += ["probability_of_improvement", "probability_low", "probability_high"]
     return lines(header, map(_comparison, comparisons))
 
@@ -81,7 +105,7 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
 def _comparison(x: Comparison) -> list[Any]:
     better = x.probability_of_improvement
     line = [x.first, x.second, x.metric, x.difference.value, x.difference.low, x.difference.high]
-    line += [x.p_value, x.p_adjusted, x.verdict, x.p_equivalence]
+    line += [x.p_value, x.p_adjusted, x.verdict]
     return [*line, better.value, better.low, better.high]
 
 
@@ -91,7 +115,7 @@ def lines(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     writer = csv_module.writer(buffer, lineterminator="\n")
     writer.writerow(header)
     for row in rows:
-        # A label that begins with = is no formula for whoever opens the table in a spreadsheet.
+        # A spreadsheet would take a label that begins with = for a formula.
         writer.writerow(["" if value is None or value != value else cell(_plain(value)) for value in row])
     return buffer.getvalue()
 

@@ -5,37 +5,46 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from auvbench.analysis.aggregate import Across, Over
-from auvbench.analysis.rounding import NOTHING, rounded
-from auvbench.reporting.tables.comma import lines
-from auvbench.reporting.tables.latex import HEAD
-from auvbench.reporting.tables.latex import escape as in_latex
-from auvbench.reporting.tables.markdown import escape as in_markdown
-from auvbench.reporting.tables.markdown import pipes
-from auvbench.statistics.estimate import Estimate
-
-HEADINGS = ("agent", "seeds", "tasks", "IQM of success (%)", "optimality gap (%)")
+from auvbench.analysis.rounding import NOTHING
+from auvbench.reporting.tables.csv import lines
+from auvbench.reporting.tables.latex import HEAD, floats
+from auvbench.reporting.tables.markdown import escape, pipes
+from auvbench.reporting.tables.model import Cell, Heading, Line, Table, estimate_cell
+from auvbench.reporting.tables.terminal import TableView
 
 
-def cells(row: Over) -> tuple[str, ...]:
-    """The texts of a row, under `HEADINGS`."""
-    return (row.label, _seeds(row), str(row.tasks), *(_text(e) for e in (row.iqm, row.gap)))
+def across_table(table: Across) -> Table:
+    """Return the agents over all tasks."""
+    headings = (
+        Heading("agent", words=True),
+        Heading("seeds"),
+        Heading("tasks"),
+        Heading("IQM of success", "%"),
+        Heading("optimality gap", "%"),
+    )
+    lines = [
+        Line(
+            (
+                Cell(row.label),
+                Cell(_seeds(row)),
+                Cell(str(row.tasks)),
+                *(estimate_cell(e, 100.0) for e in (row.iqm, row.gap)),
+            )
+        )
+        for row in table.rows
+    ]
+    return Table(headings, tuple(lines))
 
 
 def _seeds(row: Over) -> str:
-    """Training seeds: '5', or '5, 3' where they differ from section to section."""
+    """Return the training seeds: '5', or '5, 3' where they differ from section to section."""
     if not row.trained:
         return NOTHING
     there = [n for n in row.trainings if n]
     return str(there[0]) if len(set(there)) == 1 else ", ".join(map(str, there))
-
-
-def _text(estimate: Estimate) -> str:
-    value, low, high = rounded(estimate, 100.0)
-    return f"{value} [{low}, {high}]" if low else value
 
 
 def notes(table: Across) -> list[str]:
@@ -62,47 +71,19 @@ def notes(table: Across) -> list[str]:
 
 
 def across_terminal(table: Across) -> RenderableType:
-    """For `rich.console.Console.print`."""
-    shown = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 1))
-    for i, heading in enumerate(HEADINGS):
-        title, bracket, unit = heading.partition(" (")
-        text = Text.assemble(title, (f"\n({unit}" if bracket else "", "dim"))
-        shown.add_column(text, justify="right" if i else "left", overflow="fold", no_wrap=bool(i))
-    for row in table.rows:
-        shown.add_row(*(Text(text) for text in cells(row)))
-    return Group(
-        Text("over all tasks", style="bold"), shown, *(Text(line, style="dim") for line in notes(table))
-    )
+    """Return the table for `rich.console.Console.print`."""
+    lines = [Text(line, style="dim") for line in notes(table)]
+    return Group(Text("over all tasks", style="bold"), TableView(across_table(table)), *lines)
 
 
 def across_markdown(table: Across) -> str:
-    """A pipe table and its notes."""
-    rows = [[in_markdown(text) for text in cells(row)[:1]] + list(cells(row)[1:]) for row in table.rows]
-    return pipes(HEADINGS, rows, 1) + "\n\n" + "\n".join(in_markdown(line) for line in notes(table)) + "\n"
+    """Return a pipe table and its notes."""
+    return pipes(across_table(table)) + "\n\n" + "\n".join(map(escape, notes(table))) + "\n"
 
 
 def across_latex(table: Across) -> str:
-    r"""A table to `\input`."""
-    rows = [" & ".join(map(in_latex, cells(row))) + r" \\" for row in table.rows]
-    return (
-        "\n".join(
-            [
-                HEAD,
-                r"\begin{table}[htbp]",
-                r"\centering\scriptsize\setlength{\tabcolsep}{3pt}",
-                rf"\caption{{{in_latex(' '.join(notes(table)))}}}\label{{tab:auvbench-across}}",
-                r"\begin{tabular}{@{}lrrrr@{}}",
-                r"\toprule",
-                " & ".join(map(in_latex, HEADINGS)) + r" \\",
-                r"\midrule",
-                *rows,
-                r"\bottomrule",
-                r"\end{tabular}",
-                r"\end{table}",
-            ]
-        )
-        + "\n"
-    )
+    r"""Return a table to `\input`."""
+    return "\n\n".join([HEAD, *floats(across_table(table), " ".join(notes(table)), "across")]) + "\n"
 
 
 def across_csv(table: Across) -> str:

@@ -1,0 +1,134 @@
+"""The primary analysis: each agent against one baseline, with a margin, corrected over these comparisons alone.
+
+Each agent has one interval of its difference from the baseline. The intervals hold together (Bonferroni), and a
+verdict is read off its interval, so the two cannot disagree:
+
+* equivalent: the whole interval lies within the margin around zero;
+* ahead, behind: else, the interval lies on one side of zero;
+* open: anything else.
+
+Holm's procedure would decide at most a few comparisons more, but it has no simultaneous intervals that agree with its
+verdicts and say more than their sign (Strassburger & Bretz 2008, Stat. Med. 27:4914).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from auvbench import statistics as st
+from auvbench.analysis.effects import learns
+from auvbench.analysis.measures import Measure
+from auvbench.analysis.model import Against, Agent, Primary
+from auvbench.analysis.pairwise import BoolArray, Tests
+from auvbench.analysis.planning import needed
+from auvbench.errors import ReportError, closest
+from auvbench.statistics.estimate import Estimate
+
+AHEAD, EQUIVALENT, BEHIND, OPEN = VERDICTS = ("ahead", "equivalent", "behind", "open")
+
+USUAL_BASELINE = "pid"
+NO_BASELINE = ("random",)
+"""controllers that are no baseline unless they are named"""
+RATE_MARGIN, RELATIVE_MARGIN = 0.02, 0.05
+"""default margins: of a rate, and of any other measure as a share of the baseline's value"""
+
+
+def primary_analysis(
+    agents: Sequence[Agent],
+    tests: Tests,
+    compared: BoolArray,
+    baseline: Agent | None,
+    margin: float | None,
+) -> Primary | None:
+    """Compare each agent with the baseline.
+
+    Args:
+        agents: in the order of the table.
+        tests: of all pairs of them on the primary measure.
+        compared: (n,) False for an agent with one training seed, whose comparison stays open.
+        baseline: one of the agents; None chooses it (`default_baseline`).
+        margin: smallest difference of interest in the measure's unit; None takes 2 points of a rate, 5 % of the
+            baseline's value of anything else.
+
+    Returns:
+        None where there is nothing to compare.
+    """
+    chosen = baseline or default_baseline(agents, compared)
+    if chosen is None or len(agents) < 2:
+        return None
+    b = next(i for i, agent in enumerate(agents) if agent is chosen)
+    m, confidence = tests.measure, tests.confidence
+    margin = default_margin(m, float(tests.table.mean[b])) if margin is None else margin
+    family = [i for i in range(len(agents)) if i != b and compared[i] and compared[b]]
+    level = (1 - confidence) / max(len(family), 1)
+    intervals = st.pairs(tests.table, 1 - level, tests.own)
+    found = []
+    for i, agent in enumerate(agents):
+        if i == b:
+            continue
+        difference = intervals.estimate(i, b, tests.table, confidence)
+        if i not in family:
+            nothing = Estimate(difference.value, math.nan, math.nan, confidence, difference.covers)
+            found.append(Against(agent.label, nothing, OPEN))
+            continue
+        if not tests.p[i, b] < level:  # the test on two scales may be stricter than the interval
+            difference = _with_zero(difference)
+        verdict = verdict_of(difference, margin, m)
+        plan = needed(agents, tests, i, b, margin, level) if verdict == OPEN else None
+        found.append(Against(agent.label, difference, verdict, plan))
+    by_rank = baseline is None and learns(chosen)
+    return Primary(m.name, chosen.label, margin, confidence, tuple(found), by_rank)
+
+
+def verdict_of(difference: Estimate, margin: float, m: Measure) -> str:
+    """Read the verdict off the interval of a difference from the baseline.
+
+    >>> from auvbench.analysis.measures import measure
+    >>> verdict_of(Estimate(-3, -4, -2), 1.0, measure("par1_steps"))
+    'ahead'
+    >>> verdict_of(Estimate(-0.5, -0.9, -0.1), 1.0, measure("par1_steps"))
+    'equivalent'
+    """
+    low, high = sorted((m.sign * difference.low, m.sign * difference.high))
+    if -margin < low and high < margin:
+        return EQUIVALENT
+    return AHEAD if low > 0 else BEHIND if high < 0 else OPEN
+
+
+def _with_zero(e: Estimate) -> Estimate:
+    return Estimate(e.value, min(e.low, 0.0), max(e.high, 0.0), e.confidence, e.covers)
+
+
+def default_margin(m: Measure, baseline: float) -> float:
+    """Return the margin where none is named; NaN where the baseline has no value to take a share of."""
+    if m.rate:
+        return RATE_MARGIN
+    return RELATIVE_MARGIN * abs(baseline) or math.nan
+
+
+def default_baseline(agents: Sequence[Agent], compared: BoolArray) -> Agent | None:
+    """Return PID where the table has it, else its best controller, else its best agent; None where none is compared."""
+    able = [agent for agent, ok in zip(agents, compared, strict=True) if ok]
+    usual = [agent for agent in able if agent.key.get("algo") == USUAL_BASELINE]
+    controllers = [a for a in able if not learns(a) and a.key.get("algo") not in NO_BASELINE]
+    return next(iter((*usual, *controllers, *able)), None)
+
+
+def find_baseline(agents: Sequence[Agent], name: str) -> Agent:
+    """Return the agent of that label (letter case aside), or of that algorithm if it is the only one.
+
+    Raises:
+        ReportError: none or several; lists the labels.
+    """
+    wanted = name.casefold()
+    exact = [agent for agent in agents if agent.label == name]
+    found = exact or [agent for agent in agents if agent.label.casefold() == wanted]
+    found = found or [agent for agent in agents if str(agent.key.get("algo", "")).casefold() == wanted]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        labels = ", ".join(sorted(agent.label for agent in found))
+        raise ReportError(f"--baseline {name!r} is {len(found)} agents; give one of their labels: {labels}")
+    hint = closest(name, (agent.label for agent in agents))
+    raise ReportError(f"--baseline {name!r} is not among the agents; {hint}")

@@ -1,0 +1,119 @@
+"""The main figure: each agent's difference from the baseline, with its interval and verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from auvbench.analysis.formatting import name, size, unit
+from auvbench.analysis.measures import measure
+from auvbench.analysis.model import Against, Primary
+from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
+from auvbench.reporting.figures import style
+from auvbench.reporting.figures.scene import Drawing, Scene
+
+
+class Look(NamedTuple):
+    """How a verdict is drawn: colour and shape both tell it."""
+
+    colour: str
+    marker: str
+    filled: bool = True
+
+
+LOOKS = {
+    AHEAD: Look("#009E73", "^"),
+    EQUIVALENT: Look("#0072B2", "s"),
+    BEHIND: Look("#D55E00", "v"),
+    OPEN: Look("#6b6b6b", "o", filled=False),
+}
+"""colours of Okabe and Ito (2008)"""
+
+COMMON = 0.85
+"""share of the intervals' ends that the axis shows; the ends beyond are cut and marked by an arrow"""
+
+
+def difference_from_baseline(scene: Scene) -> Drawing | None:
+    """Draw a line per agent, best first; None where nothing is compared."""
+    primary = scene.ranking.primary
+    if primary is None:
+        return None
+    m = measure(primary.measure)
+    scale = 100.0 if m.rate else 1.0
+    rows = [primary.of(row.label) or row.label for row in scene.ranking.rows]
+    figure = style.canvas(5.2, 0.9 + 0.19 * len(rows))
+    ax = figure.subplots()
+    low, high = _axis(primary, scale)
+    if math.isfinite(primary.margin):
+        ax.axvspan(-scale * primary.margin, scale * primary.margin, color="#0072B2", alpha=0.1, linewidth=0)
+    ax.axvline(0, color="#444444", linewidth=0.9)
+    for y, row in enumerate(rows):
+        if isinstance(row, Against):
+            _line(ax, row, y, scale, (low, high))
+        else:
+            ax.plot(0, y, marker="|", color="#222222", markersize=9, markeredgewidth=2)
+    labels = [row.agent if isinstance(row, Against) else f"{row} (baseline)" for row in rows]
+    ax.set_yticks(range(len(rows)), labels)
+    ax.set_ylim(len(rows) - 0.4, -0.6)
+    ax.set_xlim(low, high)
+    ax.grid(axis="y", visible=False)
+    words = "points" if m.rate else unit(m).strip()
+    better = "right" if m.higher_is_better else "left"
+    ax.set_xlabel(f"{name(m)}, difference from {primary.baseline} ({words}); {better} is better")
+    handles = [
+        Line2D([], [], color=look.colour, marker=look.marker, markerfacecolor=_face(look), label=verdict)
+        for verdict, look in LOOKS.items()
+        if primary.having(verdict)
+    ]
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), handlelength=2.2)
+    within = (
+        f" Blue: within the margin of {size(primary.margin, m)}." if math.isfinite(primary.margin) else ""
+    )
+    caption = (
+        f"Differences in {name(m)} from {primary.baseline} with intervals that hold together with "
+        f"{100 * primary.confidence:g} %.{within} An arrow: the interval goes on."
+    )
+    return Drawing(figure, f"Difference from {primary.baseline}", caption)
+
+
+def _face(look: Look) -> str:
+    return look.colour if look.filled else "white"
+
+
+def _line(ax: Axes, against: Against, y: int, scale: float, ends: tuple[float, float]) -> None:
+    look = LOOKS[against.verdict]
+    value, low, high = (
+        scale * x for x in (against.difference.value, against.difference.low, against.difference.high)
+    )
+    left, right = max(low, ends[0]), min(high, ends[1])
+    inset = 0.012 * (ends[1] - ends[0])
+    if math.isfinite(low) and right > left:
+        ax.plot([left, right], [y, y], color=look.colour, linewidth=1.8, solid_capstyle="butt")
+    for beyond, at, arrow in (
+        (min(low, value) < ends[0], ends[0] + inset, "<"),
+        (max(high, value) > ends[1], ends[1] - inset, ">"),
+    ):
+        if beyond:
+            ax.plot(at, y, marker=arrow, color=look.colour, markersize=5)
+    if ends[0] <= value <= ends[1]:
+        ax.plot(value, y, marker=look.marker, color=look.colour, markerfacecolor=_face(look), markersize=5.5)
+
+
+def _axis(primary: Primary, scale: float) -> tuple[float, float]:
+    """Return the ends of the axis: round zero and the margin, without the few widest intervals."""
+    shown: Sequence[Against] = primary.comparisons
+    ends = np.array([[c.difference.low, c.difference.value, c.difference.high] for c in shown]) * scale
+    ends = ends[np.isfinite(ends)]
+    margin = scale * primary.margin if math.isfinite(primary.margin) else 0.0
+    most = max(float(np.quantile(np.abs(ends), COMMON)), 1.5 * margin) if ends.size else 1.0
+    low, high = (
+        max(min(ends.min(initial=0.0), -1.5 * margin), -most),
+        min(max(ends.max(initial=0.0), 1.5 * margin), most),
+    )
+    room = 0.04 * (high - low) or 1.0
+    return low - room, high + room

@@ -1,0 +1,112 @@
+"""The main table: each agent's difference from the baseline, with what a reader needs to judge it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from auvbench.analysis.formatting import unit
+from auvbench.analysis.labels import in_short
+from auvbench.analysis.measures import measure
+from auvbench.analysis.model import Needed, Ranking, Row
+from auvbench.analysis.planning import MOST_EPISODES
+from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
+from auvbench.analysis.rounding import NOTHING
+from auvbench.reporting.tables.columns import DAGGER, column_of
+from auvbench.reporting.tables.model import Cell, Heading, Line, Table, estimate_cell, heading_of
+from auvbench.statistics.power import MOST_SEEDS
+
+SYMBOLS = {AHEAD: "▲", EQUIVALENT: "■", BEHIND: "▼", OPEN: "○"}
+"""a verdict is told by its shape as well as by its colour"""
+BASELINE = "baseline"
+USUAL = {"success_rate": 1, "mean_energy_J": 3, "action_ms": 4}
+"""metrics behind the primary one, with their weight where there is no room for all"""
+
+_Column = tuple[Heading, Callable[[Row], Cell]]
+
+
+def main_table(ranking: Ranking) -> Table:
+    """Return the main table; a column that no agent has a number for is left out."""
+    columns = [*_lead(ranking), *_metric(ranking, ranking.rank_by), *_against(ranking)]
+    for metric, weight in (USUAL | dict.fromkeys(ranking.columns, 1)).items():
+        if metric != ranking.rank_by:
+            columns += _metric(ranking, metric, weight)
+    lines = tuple(
+        Line(tuple(cell(row) for _, cell in columns), verdict_of(ranking, row.label)) for row in ranking.rows
+    )
+    return Table(tuple(heading for heading, _ in columns), lines)
+
+
+def verdict_of(ranking: Ranking, label: str) -> str:
+    """Return an agent's verdict, 'baseline' for the baseline, '' where nothing is compared."""
+    if ranking.primary is None:
+        return ""
+    against = ranking.primary.of(label)
+    return against.verdict if against else BASELINE
+
+
+def label_of(row: Row) -> str:
+    """Return the label, with a dagger for one training seed."""
+    return row.label if row.compared else f"{row.label} {DAGGER}"
+
+
+def needed_text(needed: Needed | None) -> str:
+    """Return what would decide an open comparison: '(9 seeds)', '(> 128 seeds)'; '' where that is not known."""
+    if needed is None:
+        return ""
+    most = MOST_SEEDS if needed.unit == "seeds" else MOST_EPISODES
+    return f"(> {most} {needed.unit})" if needed.count is None else f"({needed.count} {needed.unit})"
+
+
+def _lead(ranking: Ranking) -> list[_Column]:
+    columns: list[_Column] = [(Heading("agent", words=True), lambda row: Cell(label_of(row)))]
+    if any(row.trained for row in ranking.rows):
+        columns.append((Heading("budget", "steps", weight=1), _budget))
+        columns.append((Heading("trainings", weight=2), _trainings))
+    return columns
+
+
+def _budget(row: Row) -> Cell:
+    if not row.budget or not any(row.budget):
+        return Cell(NOTHING)
+    ends = dict.fromkeys(in_short(steps) for steps in (row.budget[0], row.budget[-1]))
+    return Cell(" to ".join(ends), sort=float(row.budget[-1]))
+
+
+def _trainings(row: Row) -> Cell:
+    n = len(row.seeds)
+    return Cell(str(n), sort=float(n)) if row.trained else Cell(NOTHING)
+
+
+def _metric(ranking: Ranking, metric: str, weight: int = 0) -> list[_Column]:
+    if not any(metric in row.estimates for row in ranking.rows):
+        return []
+    column = column_of(metric)
+    return [(heading_of(column, weight), lambda row: estimate_cell(row.estimates.get(metric), column.scale))]
+
+
+def _against(ranking: Ranking) -> list[_Column]:
+    primary = ranking.primary
+    if primary is None:
+        return []
+    m = measure(ranking.rank_by)
+
+    def difference(row: Row) -> Cell:
+        against = primary.of(row.label)
+        return (
+            estimate_cell(against.difference, 100.0 if m.rate else 1.0, signed=True)
+            if against
+            else Cell(NOTHING)
+        )
+
+    def verdict(row: Row) -> Cell:
+        against = primary.of(row.label)
+        if against is None:
+            return Cell(BASELINE)
+        order = float((AHEAD, EQUIVALENT, OPEN, BEHIND).index(against.verdict))
+        return Cell(f"{SYMBOLS[against.verdict]} {against.verdict}", needed_text(against.needed), order)
+
+    points = "points" if m.rate else unit(m).strip()
+    return [
+        (Heading(f"from {primary.baseline}", points), difference),
+        (Heading("result", words=True), verdict),
+    ]

@@ -1,0 +1,90 @@
+"""A table as data: every format renders the same headings and cells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from auvbench.analysis.rounding import NOTHING, rounded
+from auvbench.reporting.tables.columns import Column
+from auvbench.statistics.estimate import Estimate
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """The head of one column."""
+
+    title: str
+    unit: str = ""
+    tex: str = ""
+    """the title in LaTeX where it is not the text"""
+    words: bool = False
+    """set to the left, as words are; numbers are set to the right"""
+    group: str = ""
+    """columns of one group stay together where a table is split"""
+    metric: str = ""
+    """key of `Row.estimates`, where the column is one"""
+    weight: int = 0
+    """columns of greater weight are left out first where there is no room; 0 stays"""
+
+    @property
+    def text(self) -> str:
+        return f"{self.title} ({self.unit})" if self.unit else self.title
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One entry: a value and, below or behind it, its interval or remark."""
+
+    value: str
+    more: str = ""
+    sort: float | None = None
+
+    @property
+    def text(self) -> str:
+        return f"{self.value} {self.more}" if self.more else self.value
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One row."""
+
+    cells: tuple[Cell, ...]
+    verdict: str = ""
+    """of the agent against the baseline; '' where it has none"""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Headings and rows; the first `lead` columns say what a row is and stand in every part of a split table."""
+
+    headings: tuple[Heading, ...]
+    lines: tuple[Line, ...]
+    lead: int = 1
+
+    def part(self, columns: Sequence[int]) -> Table:
+        """Return the table with some of its columns."""
+        return replace(
+            self,
+            headings=tuple(self.headings[i] for i in columns),
+            lines=tuple(replace(line, cells=tuple(line.cells[i] for i in columns)) for line in self.lines),
+        )
+
+
+def heading_of(column: Column, weight: int = 0) -> Heading:
+    """Return the heading of a metric."""
+    return Heading(column.title, column.unit, column.tex, metric=column.metric, weight=weight)
+
+
+def estimate_cell(estimate: Estimate | None, scale: float = 1.0, *, signed: bool = False) -> Cell:
+    """Return an estimate as a cell: value and interval; a dash where there is none, never zero.
+
+    >>> estimate_cell(Estimate(0.98, 0.964, 0.989), 100.0).text
+    '98.0 [96.4, 98.9]'
+    """
+    if estimate is None:
+        return Cell(NOTHING)
+    value, low, high = rounded(estimate, scale)
+    sign = "+" if signed and estimate.value > 0 and value != NOTHING else ""
+    sort = estimate.value if value != NOTHING else None
+    return Cell(f"{sign}{value}", f"[{low}, {high}]" if low else "", sort)
