@@ -12,6 +12,8 @@ def headline(ranking: Ranking) -> str:
     """Return one sentence: who is furthest ahead of the baseline, and how many agents have which verdict."""
     m = measure(ranking.rank_by)
     primary = ranking.primary
+    if not ranking.rows:
+        return "No agent could be ranked."
     if primary is None:
         row = ranking.rows[0]
         if len(ranking.rows) == 1:

@@ -141,16 +141,16 @@ def column(browser: Driver, table: str, place: int) -> list[str]:
 def test_page_has_its_parts_in_order(opened: Driver) -> None:
     headings = [h.text for h in opened.find_elements(By.TAG_NAME, "h2")]
     assert headings == [
-        "Ranking",
         "Findings",
         "Claims of the study",
         "Figures",
         "Episodes in 3-D",
+        "Appendix",
         "Runs",
         "Problems",
         "Methods",
     ]
-    assert "Which controller" in find(opened, "h1").text
+    assert "PID" in find(opened, "h1").text
     assert opened.execute_script("return document.querySelectorAll('h1').length") == 1
 
 
@@ -160,17 +160,18 @@ def test_hostile_text_runs_nothing(opened: Driver) -> None:
 
 
 def test_click_on_a_heading_sorts(opened: Driver) -> None:
-    header = find(opened, "#ranking-table th.plotted")
+    headers = opened.find_elements(By.CSS_SELECTOR, "#main-table thead th")
+    header = next(h for h in headers if h.text.startswith("success"))
     place = opened.execute_script("return arguments[0].cellIndex", header) + 1
-    before = [float(value) for value in column(opened, "ranking-table", place)]
+    before = [float(value) for value in column(opened, "main-table", place)]
     assert before == sorted(before, reverse=True)
     header.find_element(By.TAG_NAME, "button").click()
     assert header.get_attribute("aria-sort") == "ascending"
-    assert [float(value) for value in column(opened, "ranking-table", place)] == sorted(before)
+    assert [float(value) for value in column(opened, "main-table", place)] == sorted(before)
     header.find_element(By.TAG_NAME, "button").send_keys(Keys.ENTER)
     assert header.get_attribute("aria-sort") == "descending"
-    assert [float(value) for value in column(opened, "ranking-table", place)] == before
-    assert len(opened.find_elements(By.CSS_SELECTOR, "#ranking-table [aria-sort]")) == 1
+    assert [float(value) for value in column(opened, "main-table", place)] == before
+    assert len(opened.find_elements(By.CSS_SELECTOR, "#main-table [aria-sort]")) == 1
 
 
 def test_text_sorts_by_its_numbers_and_missing_values_stay_last(opened: Driver) -> None:
@@ -295,7 +296,7 @@ def test_figures_enlarge_and_close(opened: Driver) -> None:
 
 
 def test_numbers_lead_to_their_runs(opened: Driver) -> None:
-    link = find(opened, "#ranking-table tbody a.number[href^='#agent-']")
+    link = find(opened, "#main-table tbody a[href^='#agent-']")
     link.click()
     target = opened.execute_script("return document.querySelector(':target')?.closest('table').id")
     assert target == "runs-table"
@@ -360,11 +361,9 @@ def test_a_phone_shows_figures_large_enough_to_read_and_says_where_there_is_more
     scales = browser.execute_script(scale.replace("i.width", "i.getAttribute('width')"))
     assert len(scales) > 10
     assert min(scales) >= 0.49  # nine-point text is then nine pixels high
-    clipped = (
-        "return document.getElementById('ranking-table').closest('.scroll').classList.contains('clipped')"
-    )
+    clipped = "return document.getElementById('main-table').closest('.scroll').classList.contains('clipped')"
     assert browser.execute_script(clipped)
-    browser.execute_script("document.getElementById('ranking-table').closest('.scroll').scrollLeft = 1e4")
+    browser.execute_script("document.getElementById('main-table').closest('.scroll').scrollLeft = 1e4")
     browser.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
     assert not browser.execute_script(clipped)
 

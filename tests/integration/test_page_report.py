@@ -28,7 +28,7 @@ def test_report_command_writes_the_page(tmp_path: Path) -> None:
     text = shown(page)
     for label in ("PID", "SAC K=1", "SAC K=40", "PPO K=40"):
         assert label in text
-    assert "Against the baseline PID" in text
+    assert "from PID" in text
     assert "the loss is not finite" in text
     assert "deviation_mean_m" in text  # the column that is gone is named
     assert f"auvbench report {tmp_path / 'grid'} --baseline pid --format html" in text
@@ -44,5 +44,5 @@ def test_page_of_another_condition_shows_its_paths(tmp_path: Path, condition: st
     assert main([str(tmp_path / "grid"), *options]) == 0
     page = tmp_path / "grid" / "report" / "index.html"
     assert f"condition {condition}" in shown(page)
-    assert "covers test episodes only" in shown(page)
+    assert "† one training seed" in shown(page)
     assert page.read_text(encoding="utf-8").count('"points": "') == 9  # 3 episodes of 3 runs

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +34,7 @@ LOOKS = {
 """colours of Okabe and Ito (2008)"""
 
 COMMON = 0.85
-"""share of the intervals' ends that the axis shows; the ends beyond are cut and marked by an arrow"""
+"""share of the agents whose intervals the axis holds whole; the others are cut and marked by an arrow"""
 
 
 def difference_from_baseline(scene: Scene) -> Drawing | None:
@@ -46,7 +45,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     m = measure(primary.measure)
     scale = 100.0 if m.rate else 1.0
     rows = [primary.of(row.label) or row.label for row in scene.ranking.rows]
-    figure = style.canvas(5.2, 0.9 + 0.19 * len(rows))
+    figure = style.canvas(4.55, 0.9 + 0.19 * len(rows))
     ax = figure.subplots()
     low, high = _axis(primary, scale)
     if math.isfinite(primary.margin):
@@ -106,14 +105,13 @@ def _line(ax: Axes, against: Against, y: int, scale: float, ends: tuple[float, f
 
 def _axis(primary: Primary, scale: float) -> tuple[float, float]:
     """Return the ends of the axis: round zero and the margin, without the few widest intervals."""
-    shown: Sequence[Against] = primary.comparisons
-    ends = np.array([[c.difference.low, c.difference.value, c.difference.high] for c in shown]) * scale
-    ends = ends[np.isfinite(ends)]
-    margin = scale * primary.margin if math.isfinite(primary.margin) else 0.0
-    most = max(float(np.quantile(np.abs(ends), COMMON)), 1.5 * margin) if ends.size else 1.0
-    low, high = (
-        max(min(ends.min(initial=0.0), -1.5 * margin), -most),
-        min(max(ends.max(initial=0.0), 1.5 * margin), most),
-    )
-    room = 0.04 * (high - low) or 1.0
-    return low - room, high + room
+    ends = np.array([[c.difference.low, c.difference.value, c.difference.high] for c in primary.comparisons])
+    ends *= scale
+    reach = np.nanmax(np.abs(ends), axis=1)
+    reach = reach[np.isfinite(reach)]
+    room = 1.5 * scale * primary.margin if math.isfinite(primary.margin) else 0.0
+    most = max(float(np.quantile(reach, COMMON, method="lower")) if reach.size else 0.0, room) or 1.0
+    low, high = np.nanmin(ends, initial=-room), np.nanmax(ends, initial=room)
+    low, high = max(float(low), -most), min(float(high), most)
+    edge = 0.04 * (high - low)
+    return low - edge, high + edge

@@ -9,11 +9,14 @@ from scipy.special import expit
 
 from auvbench.analysis.model import Agent, RunRecord
 
+CONTROLLERS = ("pid", "lqr", "mpc", "random")
+"""these have nothing to learn; any other name is a learner's"""
+
 
 def record(algo: str, k: float, f: float, seed: int, **manifest) -> RunRecord:
     config = {"algo.name": algo, "reward.k": k, "step.frequency": f, "task.max_steps": 1000}
     name = f"{algo}-k{k:g}-f{f:g}-s{seed}-00000000"
-    steps = 0 if algo in ("pid", "random") else 1_000_000
+    steps = 0 if algo in CONTROLLERS else 1_000_000
     manifest = {"id": name, "state": "complete", "steps": steps, "total_steps": steps} | manifest
     return RunRecord(name, Path("nowhere") / name, "complete", seed, config, manifest)
 

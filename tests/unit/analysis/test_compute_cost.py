@@ -9,12 +9,12 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from auvbench.analysis.compute_cost import action_time, solves, training_time
-from auvbench.analysis.findings import sentences
+from auvbench.analysis.compute_cost import action_time, late_solves, training_time
+from auvbench.analysis.findings import find
 from auvbench.analysis.model import Agent, Evaluation
 from auvbench.analysis.optional_columns import with_columns
 from auvbench.analysis.ranking import rank
-from auvbench.reporting.tables import columns
+from auvbench.reporting.tables import main_table
 from auvbench.reporting.tables.notes import notes
 from tests.unit.analysis.agents import agent
 
@@ -38,11 +38,11 @@ def mpc(**options: Any) -> Agent:
 def test_late_and_failed_solves_are_said_with_their_number_and_the_machine() -> None:
     counts = {"solves": 2000, "failed_solves": 3, "late_solves": 100}
     agents = [mpc(notes=counts), agent("pid", seeds=1)]
-    ranking = rank(agents)
-    (found,) = [f for f in sentences(ranking, agents) if "solves" in f.text]
-    assert "of 2,000 solves 3 failed and 100 took longer than a step" in found.text
-    assert "(0.15 % and 5 %)" in found.text
-    assert found.statistic == "Tested on EPYC, 2 cores"
+    (found,) = [f for f in find(rank(agents), agents) if f.kind == "late_solves"]
+    assert "of 2,000 solves 100 took longer than a step and 3 failed" in found.text
+    assert found.estimate is not None
+    assert found.estimate.value == 0.05
+    assert found.basis == "Tested on EPYC, 2 cores"
     assert found.run_ids == (agents[0].runs[0].id,)
 
 
@@ -51,6 +51,7 @@ def test_late_and_failed_solves_are_said_with_their_number_and_the_machine() -> 
     [
         None,
         {"solves": 2000, "failed_solves": 0, "late_solves": 0},
+        {"solves": 2000, "failed_solves": 1, "late_solves": 1},
         {"solves": "many", "late_solves": 3},
         {"solves": -5, "late_solves": 3},
         {"solves": True, "late_solves": 3},
@@ -58,22 +59,25 @@ def test_late_and_failed_solves_are_said_with_their_number_and_the_machine() -> 
     ],
 )
 def test_nothing_is_said_where_there_is_nothing_to_say(notes: Any) -> None:
-    assert solves([mpc(notes=notes)], "test", "nominal") is None
+    assert late_solves([mpc(notes=notes)], "test", "nominal") is None
 
 
 def test_the_counts_are_those_of_the_condition() -> None:
     counts = {"solves": 10, "late_solves": 3}
-    assert solves([mpc(notes=counts, condition="current=0.5")], "test", "nominal") is None
+    assert late_solves([mpc(notes=counts, condition="current=0.5")], "test", "nominal") is None
 
 
-def test_the_time_of_an_action_is_a_column_on_request() -> None:
+def test_the_time_of_an_action_is_a_column_of_every_table() -> None:
     agents = [mpc(), evaluated(agent("pid", seeds=1), inference={"median_ms": 0.25, "p95_ms": 0.5})]
-    ranking = with_columns(rank(agents), agents, ["action_ms", "action_p95_ms"])
-    median, tail = columns.extra(ranking)[-2:]
-    assert (median.heading, tail.heading) == ("action, median (ms)", "action, 95th percentile (ms)")
-    shown = {row.label: (columns.cell(row, median)[0], columns.cell(row, tail)[0]) for row in ranking.rows}
-    assert float(shown[agents[0].label][0]) == 7.5
-    assert float(shown[agents[1].label][1]) == 0.5
+    table = main_table(with_columns(rank(agents), agents, ["action_p95_ms"]))
+    titles = [heading.text for heading in table.headings]
+    places = [
+        titles.index(title) for title in ("computing time (ms)", "computing time, 95th percentile (ms)")
+    ]
+    shown = {line.cells[0].value: [float(line.cells[i].value) for i in places] for line in table.lines}
+    assert shown == {agents[0].label: [7.5, 20.0], agents[1].label: [0.25, 0.5]}
+    untimed = main_table(with_columns(rank([agent("sac")]), [agent("sac")], []))
+    assert "computing time" not in [heading.title for heading in untimed.headings]
 
 
 @pytest.mark.parametrize("times", [(10.0, 20.0), (10.0, None), (10.0, "much"), (10.0, 0.0)])
@@ -109,7 +113,7 @@ def test_times_of_different_processors_are_told_apart_below_the_table() -> None:
         f"Times of an action are of old but for new ({agents[2].label}): {end}",
         f"Times of a training are of new but for old ({agents[1].label}): {end}",
     )
-    assert with_columns(rank(agents), agents, []).machines == ()
+    assert with_columns(rank(agents), agents, []).machines == said[:1]
     assert set(said) <= set(notes(with_columns(rank(agents), agents, ["action_ms", "training_cpu_s"])))
 
 

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from auvbench.analysis import study
-from auvbench.analysis.findings import sentences
+from auvbench.analysis.findings import find
+from auvbench.analysis.headline import headline
 from auvbench.analysis.measures import to_rank_by
+from auvbench.analysis.primary import VERDICTS
 from auvbench.analysis.ranking import rank
 from auvbench.errors import ReportError
 from tests.unit.analysis.agents import agent
@@ -51,7 +53,7 @@ def test_nothing_breaks(rank_by):
                     rank(agents, **options)
                 continue
             ranking = rank(agents, **options)
-            findings = sentences(ranking, agents)
+            findings = find(ranking, agents)
             claims = study.answer([], agents)
         for row in ranking.rows:
             assert 1 <= row.rank_interval[0] <= row.rank <= row.rank_interval[1] <= len(agents)
@@ -68,7 +70,10 @@ def test_nothing_breaks(rank_by):
             assert np.isnan(c.p_value) or 0 <= c.p_value <= c.p_adjusted <= 1
             assert 0 <= c.probability_of_improvement.low <= c.probability_of_improvement.high <= 1
         for finding in findings:
-            assert "nan" not in finding.text + finding.statistic
+            assert "nan" not in finding.text + finding.basis
+        assert "nan" not in headline(ranking)
+        for against in ranking.primary.comparisons if ranking.primary else ():
+            assert against.verdict in VERDICTS
         assert len(claims) == 7
 
 

@@ -1,4 +1,4 @@
-"""Sentences: they say what the table says, and no more."""
+"""Findings: resolved effects, returns that mislead, trainings that differ."""
 
 from dataclasses import replace
 
@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from auvbench.analysis.effects import effects, matched, mean_difference
-from auvbench.analysis.findings import sentences
-from auvbench.analysis.formatting import difference, turned
+from auvbench.analysis.findings import find
+from auvbench.analysis.formatting import turned
 from auvbench.analysis.measures import measure
+from auvbench.analysis.model import Agent
 from auvbench.analysis.ranking import rank
 from tests.unit.analysis.agents import agent
 
@@ -16,7 +17,11 @@ SUCCESS = measure("success_rate")
 
 
 def told(agents, **options):
-    return [finding.text for finding in sentences(rank(agents, **options), agents)]
+    return [finding.text for finding in find(rank(agents, **options), agents)]
+
+
+def kinds(agents, **options):
+    return [finding.kind for finding in find(rank(agents, **options), agents)]
 
 
 def grid(sac=3.0, ppo=1.0, per_k=0.0, **options):
@@ -26,48 +31,6 @@ def grid(sac=3.0, ppo=1.0, per_k=0.0, **options):
         for k in (1, 40)
         for f in (10, 25)
     ]
-
-
-def test_a_clear_winner_is_called_one():
-    agents = [agent("sac", level=3, seed_sd=0), agent("ppo", level=-1, seed_sd=0)]
-    first = told(agents)[0]
-    assert first.startswith("SAC K=1 25 Hz is first, with success rate ")
-    assert first.endswith("and is resolved from the only other agent.")
-
-
-def test_an_unclear_one_is_not():
-    agents = [agent("sac", level=2), agent("ppo", level=2)]
-    assert "not resolved from any other agent: the data do not say who is best" in told(agents)[0]
-    three = [*agents, agent("ddpg", level=-4, seed_sd=0)]
-    first, steps = told(three)[:2]
-    assert first.endswith("K=1 25 Hz: the data leave open which of these is best.")
-    assert "1 is resolved" in steps
-
-
-def test_of_policies_that_are_not_compared_no_places_are_counted():
-    agents = [
-        agent(algo, f=55, level=level, seeds=1) for algo, level in (("ppo", 3), ("sac", 1), ("ddpg", -1))
-    ]
-    assert not any("steps from one place of the table" in text for text in told(agents))
-    assert any("steps from one place of the table" in text for text in told([*agents, *grid()]))
-
-
-def test_one_agent():
-    assert told([agent("sac")])[0].startswith("SAC K=1 25 Hz is the only agent: success rate ")
-
-
-def test_a_controller_that_does_not_learn_has_no_training_seeds():
-    agents = [agent("pid", level=6, seeds=1), agent("sac", level=-1)]
-    first = sentences(rank(agents), agents)[0]
-    assert first.text.startswith("PID")
-    assert first.statistic.endswith("; 200 test episodes.")
-    assert not rank(agents).rows[0].trained
-
-
-def test_the_first_sentence_links_to_its_runs():
-    agents = grid()
-    ranking = rank(agents)
-    assert sentences(ranking, agents)[0].run_ids == ranking.rows[0].run_ids
 
 
 def test_effects_are_averaged_over_matched_cells():
@@ -139,149 +102,73 @@ def test_the_interval_of_an_effect_covers_its_truth():
 
 def test_effects_say_better_or_worse_by_the_direction_of_the_measure():
     agents = [agent(a, k, steps=s, level=3) for a, s in (("sac", 200), ("ppo", 600)) for k in (1, 40)]
-    text = " ".join(told(agents, rank_by="mean_steps"))
-    assert "SAC is better than PPO in PAR-1 of the steps: -" in text
-    assert "No other effect of K on PAR-1 of the steps is resolved." in text
+    (found,) = [f for f in find(rank(agents, rank_by="mean_steps"), agents) if f.kind == "effect"]
+    assert found.text.startswith("SAC is better than PPO in PAR-1 steps: -")
+    assert found.estimate.high < 0
 
 
-def test_effects_that_are_not_resolved_share_a_sentence():
-    agents = grid(sac=1.5, ppo=1.5)
-    found = sentences(rank(agents), agents)
-    (one,) = [finding for finding in found if finding.text.startswith("No effect of")]
-    assert one.text == "No effect of algorithm, K or frequency on success rate is resolved."
-    assert set(one.run_ids) == {run.id for a in agents for run in a.runs}
-    shown = one.statistic.partition(". Holm over 3 effects")[0].split("; ")
-    by_width = sorted(effects(agents, SUCCESS), key=lambda e: e.difference.high - e.difference.low)
-    assert [text.partition(" against ")[0] for text in shown] == [e.first for e in by_width]
-    assert all(" points [" in text for text in shown)
-
-
-def test_an_effect_that_only_the_company_of_others_leaves_unresolved_is_marked():
-    """A p between 0.05/3 and 0.05, found by shifting one algorithm's successes little by little."""
-    for level in np.arange(1.5, 3, 0.05):
-        agents = grid(sac=level, ppo=1.5)
-        p = {(e.first, e.second): e.p_value for e in effects(agents, SUCCESS)}["SAC", "PPO"]
-        if 0.05 / 3 < p < 0.05:
-            statistic = " ".join(f.statistic for f in sentences(rank(agents), agents))
-            assert "SAC against PPO" in statistic
-            assert "resolved if it were the only one" in statistic
-            return
-    raise AssertionError("no level gave such a p")
-
-
-def test_of_many_open_effects_the_sharpest_are_listed():
-    agents = []
-    for k in (1, 10, 100):
-        for f in (10, 25, 55):
-            for name, n, m in (("a", 1, 1), ("b", 2, 1), ("c", 3, 1), ("d", 1, 2)):
-                one = agent(name, k, f, level=2, seeds=2)
-                agents.append(replace(one, key={"reward.k": k, "step.frequency": f, "a.n": n, "a.m": m}))
-    (one,) = [f for f in sentences(rank(agents), agents) if f.text.startswith("No effect of")]
-    assert one.statistic.count(" against ") == 8
-    assert "; 2 more with wider intervals. Holm over 10 effects" in one.statistic
-
-
-def test_against_the_baseline():
-    agents = [*grid(sac=3.0, ppo=-2.0, seed_sd=0.0), agent("pid", 1, 10, level=0.0, seeds=1)]
-    text = next(t for t in told(agents, baseline="pid") if t.startswith("Against"))
-    assert text.startswith("Against the baseline PID K=1 10 Hz, in success rate: 4 agents better (SAC ")
-    assert "4 agents worse (PPO" in text
-    assert "points" in text
+def test_effects_that_are_not_resolved_are_no_finding():
+    assert "effect" not in kinds(grid(sac=1.5, ppo=1.5))
 
 
 def test_a_factor_has_no_effect_that_single_seeds_could_show():
-    """What is said of K=100 by one training of each: nothing, however far the two policies are apart."""
+    """Whatever two single trainings differ by, the factor is not said to have done it."""
     agents = [agent("ppo", 1, level=5, seeds=1), agent("ppo", 100, level=-2, seeds=1)]
-    text = " ".join(f"{f.text} {f.statistic}" for f in sentences(rank(agents), agents))
-    for word in ("better", "worse", "p <", "p =", "effect"):
-        assert word not in text, word
+    assert "effect" not in kinds(agents)
     several = [agent("ppo", k, level=level, seeds=5, seed_sd=0.1) for k, level in ((1, 3), (100, -2))]
-    assert any("worse" in t or "better" in t for t in told(several))
-
-
-def test_the_first_is_not_called_best_of_agents_that_were_not_compared_with_it():
-    pid, single = agent("pid", level=8, seeds=1), agent("ppo", level=2, seeds=1)
-    low = agent("sac", level=-3, seeds=5, seed_sd=0)
-    first = told([pid, single])[0]
-    assert first.endswith(
-        ". PPO K=1 25 Hz has one training seed and is not compared with it: the data do not say who is best."
-    )
-    several = told([pid, single, low, agent("td3", level=8, seeds=5, seed_sd=0)])
-    assert "not resolved from" in several[0]
-    assert "PPO K=1 25 Hz has one training seed" in several[0]
-    assert "SAC" not in several[0]
-
-
-def test_what_the_second_measure_resolves():
-    agents = [
-        agent("pid", level=30, steps=200, seeds=1),
-        agent("sac", level=30, steps=400, seed_sd=0, seeds=5),
-    ]
-    text = next(t for t in told(agents) if "does not resolve" in t)
-    assert text.startswith(
-        "The one pair that success rate does not resolve is resolved by PAR-1 of the steps: "
-        "PID K=1 25 Hz is better than SAC K=1 25 Hz (-2"
-    )
-    alike = [agent(name, level=2, seeds=5, seed_sd=1.0) for name in ("sac", "ppo")]
-    assert "PAR-1 of the steps does not resolve the one pair that success rate leaves open." in told(alike)
-
-
-def test_equivalence_with_the_baseline_is_told():
-    agents = [agent(a, level=6, seed_sd=0, seeds=5, episodes=500) for a in ("sac", "ppo")]
-    ranking = rank(agents, baseline="ppo", margin=0.05)
-    text = next(f.text for f in sentences(ranking, agents) if f.text.startswith("Against"))
-    assert "1 equivalent (SAC K=1 25 Hz)" in text
-
-
-def test_no_failures_at_all():
-    agents = [agent("sac", level=40, seed_sd=0, seeds=1), agent("ppo", level=40, seed_sd=0, seeds=1)]
-    text = told(agents)
-    assert "No agent failed in any of the 400 test episodes." in text
-    assert "The data do not say who is best" in text[0]
-
-
-def test_training_seeds():
-    wild, calm = agent("sac", seed_sd=2.0, level=1), agent("ppo", seed_sd=0.0)
-    finding = next(
-        f for f in sentences(rank([wild, calm]), [wild, calm]) if f.text.startswith("Training seeds")
-    )
-    means = 100 * wild.success.mean(axis=1)
-    assert finding.text.startswith(
-        f"Training seeds of {wild.label} differ most in success rate: {means.min():.1f} to {means.max():.1f} %; "
-        f"those of {calm.label} by "
-    )
-    alone = [f.text for f in sentences(rank([wild]), [wild]) if f.text.startswith("Training seeds")]
-    assert alone == [
-        f"Training seeds of {wild.label} differ in success rate: {means.min():.1f} to {means.max():.1f} %."
-    ]
-    single = [agent("sac", seeds=1), agent("ppo", seeds=1)]
-    assert told(single)[-1].startswith(
-        "Every trained agent has one training seed: a row of one seed describes that policy, and is not compared"
-    )
-    assert told([wild, single[1]])[-1].startswith("PPO K=1 25 Hz has one training seed")
+    assert "effect" in kinds(several)
 
 
 def test_a_difference_of_two_agents_has_one_interval() -> None:
     pair = [agent("sac", 1, level=3.0), agent("sac", 100, level=-1.0), agent("pid", seeds=1)]
     ranking = rank(pair)
     (comparison,) = (c for c in ranking.comparisons if "PID" not in c.first + c.second)
-    texts = [
-        finding.text for finding in sentences(ranking, pair) if "in the one matched cell" in finding.text
-    ]
-    m = measure("success_rate")
-    seen = (
-        comparison.difference if comparison.first.endswith("K=100 25 Hz") else turned(comparison.difference)
-    )
-    assert len(texts) == 1
-    assert difference(seen, m) in texts[0]
+    (found,) = [f for f in find(ranking, pair) if f.kind == "effect"]
+    seen = comparison.difference
+    assert found.estimate == (seen if comparison.first.endswith("K=100 25 Hz") else turned(seen))
 
 
-def test_policies_of_one_seed_have_no_effect_of_a_factor() -> None:
-    pair = [
-        agent("sac", 1, level=3.0, seeds=1),
-        agent("sac", 100, level=-1.0, seeds=1),
-        agent("pid", seeds=1),
-    ]
-    texts = " ".join(finding.text for finding in sentences(rank(pair), pair))
-    assert "K=100 is" not in texts
-    assert "No effect" not in texts
+def test_the_agent_whose_trainings_differ_most():
+    wild, calm = agent("sac", seed_sd=2.0, level=1), agent("ppo", seed_sd=0.0)
+    (found,) = [f for f in find(rank([wild, calm]), [wild, calm]) if f.kind == "seed_variance"]
+    means = 100 * wild.success.mean(axis=1)
+    assert found.agents == (wild.label,)
+    assert f"{means.min():.1f} to {means.max():.1f} %" in found.text
+    assert "seed_variance" not in kinds([calm, agent("pid", seeds=1)])
+
+
+def greedy(**metrics: float) -> list[Agent]:
+    """PPO with K = 100, which returns much and arrives seldom, and PPO with K = 1."""
+    good = agent("ppo", 1, level=6, seeds=5, seed_sd=0)
+    bad = agent("ppo", 100, level=-2, seeds=5, seed_sd=0.2)
+    values = {"return": 33_900.0, "final_distance_m": 3.4} | metrics
+    bad = replace(bad, metrics=bad.metrics | {k: np.full(bad.outcome.shape, v) for k, v in values.items()})
+    config = {"task.goal_radius": 3.0}
+    runs = tuple(replace(run, config={**run.config, **config}) for run in bad.runs)
+    return [good, replace(bad, runs=runs), agent("pid", level=6, seeds=1)]
+
+
+def test_a_return_that_misleads_is_the_first_finding() -> None:
+    agents = greedy()
+    found = find(rank(agents), agents)[0]
+    assert (found.kind, found.agents) == ("return_misleads", (agents[1].label, agents[0].label))
+    assert found.estimate.high < 0
+    assert "a return of 33,900 against" in found.text
+    assert "3.4 m from it at the median timeout (goal radius 3 m)" in found.text
+    far = find(rank(greedy(final_distance_m=12.0)), greedy(final_distance_m=12.0))[0]
+    assert far.kind == "return_misleads"
+    assert "goal radius" not in far.text
+
+
+def test_a_return_that_agrees_with_success_is_no_finding() -> None:
+    assert "return_misleads" not in kinds(greedy(**{"return": -100.0}))
+    alike = [agent("ppo", k, level=3) for k in (1, 100)]  # the higher return reaches as many waypoints
+    assert "return_misleads" not in kinds(alike)
+
+
+def test_the_first_of_each_kind_comes_before_the_second_of_any() -> None:
+    agents = grid(sac=4.0, ppo=-1.0, per_k=3.0, seed_sd=0.0, seeds=5)
+    found = kinds(agents)
+    assert found.count("effect") > 1
+    first = [found.index(kind) for kind in dict.fromkeys(found)]
+    assert first == sorted(first) == list(range(len(first)))

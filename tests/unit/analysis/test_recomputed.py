@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from auvbench.analysis.load import agents, load
@@ -66,8 +65,8 @@ def test_rows(ranking, recomputed):
     assert {agent.seeds for agent in recomputed} == {1, 3}
 
 
-def interval_of(intervals, name, c):
-    pair = name[c.first], name[c.second]
+def interval_of(intervals, name, first, second):
+    pair = name[first], name[second]
     if pair in intervals:
         return intervals[pair]
     low, high = intervals[pair[::-1]]
@@ -79,26 +78,38 @@ def test_order(ranking, recomputed):
     assert [row.label for row in ranking.rows] == [by_key(ranking, agent).label for agent in order]
 
 
-@pytest.mark.parametrize(("measure", "ends"), [("success", (0.0, 1.0)), ("par1", (1.0, plain.LIMIT))])
-def test_p_values_and_verdicts(ranking, recomputed, measure, ends):
+@pytest.mark.parametrize(
+    ("rank_by", "measure", "ends"),
+    [("success_rate", "success", (0.0, 1.0)), ("par1_steps", "par1", (1.0, plain.LIMIT))],
+)
+def test_p_values_and_verdicts(folder, recomputed, rank_by, measure, ends):
+    ranking = rank(agents(load([folder])[0])[0], rank_by=rank_by)
     compared = [agent for agent in recomputed if agent.seeds > 1 or not agent.learns]
     p = plain.resolution(compared, measure, *ends)
     adjusted = plain.holm(p)
     name = {agent.name: by_key(ranking, agent).label for agent in compared}
+    back = {label: key for key, label in name.items()}
     mean = {name[agent.name]: getattr(agent, measure).to_numpy().mean() for agent in compared}
     intervals = plain.differences(compared, measure, 0.95, *ends)
     expected = {frozenset(name[x] for x in pair): (p[pair], adjusted[pair]) for pair in p}
-    found = ranking.comparisons if measure == "success" else ranking.ties
-    assert len(found) >= 3
-    assert measure == "par1" or len(found) == len(p)
-    for c in found:
+    assert len(ranking.comparisons) == len(p)
+    for c in ranking.comparisons:
         one, holm = expected[frozenset((c.first, c.second))]
         assert c.p_value == pytest.approx(one, **EXACT)
         assert c.p_adjusted == pytest.approx(holm, **EXACT)
         assert c.difference.value == pytest.approx(mean[c.first] - mean[c.second], rel=1e-12, abs=1e-12)
-        low, high = interval_of(intervals, {v: k for k, v in name.items()}, c)
+        low, high = interval_of(intervals, back, c.first, c.second)
         assert (c.difference.low, c.difference.high) == pytest.approx((low, high), rel=1e-12, abs=1e-12)
         ahead = (mean[c.first] > mean[c.second]) == (measure == "success")
         assert c.verdict == ("undecided" if holm >= 0.05 else "better" if ahead else "worse")
-    assert measure == "par1" or any(c.verdict != "undecided" for c in found)
-    assert all(np.isfinite(c.p_value) for c in found)
+    assert any(c.verdict != "undecided" for c in ranking.comparisons)
+    level = 0.05 / (len(compared) - 1)
+    together = plain.differences(compared, measure, 1 - level, *ends)
+    for against in ranking.primary.comparisons:
+        if against.agent in back:
+            baseline = ranking.primary.baseline
+            low, high = interval_of(together, back, against.agent, baseline)
+            if expected[frozenset((against.agent, baseline))][0] >= level:
+                low, high = min(low, 0.0), max(high, 0.0)
+            found = against.difference
+            assert (found.low, found.high) == pytest.approx((low, high), rel=1e-11, abs=1e-11)

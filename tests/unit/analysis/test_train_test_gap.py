@@ -8,7 +8,7 @@ import numpy as np
 
 from auvbench.analysis.model import Agent
 from auvbench.analysis.ranking import rank
-from auvbench.analysis.train_test_gap import training_and_test
+from auvbench.analysis.train_test_gap import train_test_gaps
 from tests.unit.analysis.agents import agent
 
 
@@ -25,28 +25,28 @@ def with_rates(label: str, trained: list[float], tested: list[float], episodes: 
 
 def texts(*agents: Agent, condition: str = "nominal") -> list[str]:
     ranking = replace(rank(agents), condition=condition)
-    return [finding.text for finding in training_and_test(ranking, agents)]
+    return [finding.text for finding in train_test_gaps(ranking, agents)]
 
 
 def test_a_training_that_promised_more_than_the_test_kept_is_named() -> None:
     bad = with_rates("PPO K=100", [0.86], [0.11])
     good = with_rates("PPO K=1", [0.99, 0.97], [0.995, 0.98])
     assert texts(bad, good) == [
-        "Training promises more than the test keeps: success in the last 100 training episodes against the test, "
-        "PPO K=100 (86 % against 11 %)."
+        "PPO K=100 looks better in training than in the test: 86 % against 11 % success."
     ]
 
 
-def test_only_the_seeds_that_differ_count_and_the_largest_gap_stands_first() -> None:
+def test_only_the_seeds_that_differ_count_and_the_largest_gap_is_named() -> None:
     some = with_rates("SAC", [0.9, 0.9, 0.95], [0.9, 0.5, 0.6])
     more = with_rates("TD3", [0.9, 0.9], [0.1, 0.9])
-    (text,) = texts(some, more)
-    assert text.endswith("TD3 (90 % against 10 %, seed 0) and SAC (92 % against 55 %, 2 of 3 seeds).")
+    assert texts(some, more) == [
+        "TD3 looks better in training than in the test: 90 % against 10 % success, seed 0; so does 1 more agent."
+    ]
 
 
 def test_a_test_that_is_better_than_training_is_another_sentence() -> None:
     (text,) = texts(with_rates("TD3", [0.3, 0.35], [0.9, 0.95]))
-    assert text.startswith("Training looks worse than the test is")
+    assert text.startswith("TD3 looks worse in training than in the test")
 
 
 def test_what_chance_explains_or_nobody_knows_is_not_said() -> None:
@@ -66,7 +66,8 @@ def told_of(one: Agent, **manifest: object) -> Agent:
 
 def test_the_episodes_are_those_that_there_were() -> None:
     bad = with_rates("PPO", [0.9], [0.1])
-    assert "in the last training episodes (60 to 100) against" in texts(told_of(bad, episodes=60))[0]
+    (found,) = train_test_gaps(rank([bad]), [told_of(bad, episodes=60)])
+    assert found.basis.startswith("last 60 training episodes")
     assert texts(told_of(bad, episodes=29)) == [], "a rate of so few is not shown anywhere"
 
 

@@ -20,9 +20,8 @@ from auvbench.analysis.model import Ranking
 from auvbench.analysis.ranking import rank
 from auvbench.commands.report import main
 from auvbench.reporting import tables
-from auvbench.reporting.tables.blocks import blocks
-from auvbench.reporting.tables.columns import Column
-from auvbench.reporting.tables.conditions import factor as factor_of
+from auvbench.reporting.tables.model import Heading, Table
+from auvbench.reporting.tables.split import split
 from auvbench.statistics import wilson
 from tests.paper import compile_article, needs_pdflatex
 from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, write_experiment
@@ -168,7 +167,7 @@ def test_files_show_every_condition(grid: Path) -> None:
     ranking = ranked(grid)
     text = tables.conditions_markdown(ranking)
     assert len({line.count("|") for line in text.splitlines() if line.startswith("|")}) == 1
-    assert text.splitlines()[0].count("|") == 1 + 2 + len(ROBUSTNESS)
+    assert text.splitlines()[0].count("|") == 1 + 1 + len(ROBUSTNESS)
     print_ = tables.conditions_latex(ranking)
     assert print_.count(r"\begin{table}") == print_.count(r"\end{table}") > 1
     assert print_.count("current") == 4
@@ -201,17 +200,21 @@ def test_the_page_shows_them_too(grid: Path, tmp_path: Path) -> None:
         assert ('href="#conditions"' in html) == shown
 
 
+def columns(*groups: str) -> Table:
+    headings = [Heading("agent"), *(Heading(group, group=group) for group in groups)]
+    return Table(tuple(headings), ())
+
+
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(1, 30)), min_size=1), st.integers(10, 60))
-def test_blocks_keep_the_order_and_fit(found: Sequence[tuple[str, int]], room: int) -> None:
-    columns = [Column(f"{factor}={i}", "", "", "", width) for i, (factor, width) in enumerate(found)]
-    result = blocks(columns, lambda column: column.scale, room, factor_of)
-    assert [column for block in result for column in block] == columns
-    assert all(block for block in result)
-    assert all(sum(c.scale for c in block) <= room or len(block) == 1 for block in result)
+def test_a_split_table_keeps_the_order_and_fits(found: Sequence[tuple[str, int]], room: int) -> None:
+    widths = [5, *(width for _, width in found)]
+    parts = split(columns(*(group for group, _ in found)), widths.__getitem__, room + 5)
+    assert [i for part in parts for i in part[1:]] == list(range(1, len(widths)))
+    assert all(part[0] == 0 and len(part) > 1 for part in parts)
+    assert all(sum(widths[i] for i in part) <= room + 5 or len(part) == 2 for part in parts)
 
 
 def test_levels_of_a_factor_stay_together() -> None:
-    columns = [Column(name, "", "", "") for name in ("n", "a=1", "a=2", "a=3", "b=1", "b=2")]
-    result = blocks(columns, lambda _: 1, 3, factor_of)
-    assert [[c.metric for c in block] for block in result] == [["n"], ["a=1", "a=2", "a=3"], ["b=1", "b=2"]]
-    assert np.max([len(block) for block in blocks(columns, lambda _: 1, 2, factor_of)]) == 2
+    table = columns("n", "a", "a", "a", "b", "b")
+    assert split(table, lambda _: 1, 4) == [[0, 1], [0, 2, 3, 4], [0, 5, 6]]
+    assert max(len(part) for part in split(table, lambda _: 1, 3)) == 3

@@ -14,12 +14,13 @@ import pytest
 from auvbench.analysis import processes
 from auvbench.analysis.conditions import successes
 from auvbench.analysis.load import agents, load
+from auvbench.analysis.ranking import rank
 from auvbench.analysis.rounding import rounded
 from auvbench.reporting.figures import FIGURES, colour_of, draw_all, multiples, style, training
 from auvbench.reporting.figures.colours import _rgb, oklab
+from auvbench.reporting.figures.difference import LOOKS
 from auvbench.reporting.figures.scene import Drawing, Scene, scene, wants_symlog
 from auvbench.statistics import wilson
-from tests.plain_ranking import plain_ranking
 from tests.synthetic import FREQUENCY_SWEEP, GAZEBO, ROBUSTNESS, TRANSFER, seal, write_experiment
 
 BY_CONDITION = {
@@ -33,7 +34,7 @@ BY_CONDITION = {
 def build(root: Path, baseline: str | None = None, **grid: object) -> Scene:
     write_experiment(root, **grid)  # type: ignore[arg-type]
     found = agents(load([root])[0])[0]
-    return scene(found, plain_ranking(found, baseline=baseline))
+    return scene(found, rank(found, baseline=baseline))
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +75,7 @@ def test_a_figure_of_an_earlier_report_goes_when_it_is_not_drawn_again(small: Sc
     (tmp_path / "figures" / "training_curves.png").touch()
     (tmp_path / "figures" / "mine.png").touch()
     pid = [agent for agent in small.agents if agent.label == "PID"]
-    draw_all([], pid, plain_ranking(pid), tmp_path)
+    draw_all([], pid, rank(pid), tmp_path)
     names = {path.name for path in (tmp_path / "figures").iterdir()}
     assert "training_curves.png" not in names
     assert {"mine.png", "success_over_time.png"} <= names
@@ -104,6 +105,7 @@ def test_one_agent_with_one_seed_and_one_episode(name: str, tmp_path: Path) -> N
         style.save(canvas, tmp_path / name)
     # What compares agents, and what needs tests during training, has nothing to show.
     comparing = {
+        "difference_from_baseline",
         "success_over_grid",
         "success_over_conditions",
         "performance_profiles",
@@ -121,7 +123,14 @@ def test_27_agents_stay_readable(name: str, many: Scene) -> None:
         assert drawing is not None
     for ax in drawing.canvas.axes:
         assert len([line for line in ax.lines if len(line.get_xdata()) > 2]) <= 27  # type: ignore[arg-type]
-    whole = ("success_over_grid", "success_over_conditions", "training_curves", "steps_deviation", "gazebo")
+    whole = (
+        "difference_from_baseline",
+        "success_over_grid",
+        "success_over_conditions",
+        "training_curves",
+        "steps_deviation",
+        "gazebo",
+    )
     if name not in whole:
         assert "of 27 agents, the best-ranked" in drawing.caption
 
@@ -134,7 +143,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return build(
         root,
         algorithms=("ppo", "sac", "ddpg"),
-        seeds=(0,),
+        seeds=(0, 1),
         episodes=20,
         train_episodes=60,
         protocols=protocols,
@@ -222,9 +231,7 @@ def test_a_long_label_is_broken_into_lines(tmp_path: Path) -> None:
     six = build(tmp_path / "six", train_episodes=60, **grid)
     long = "PPO 25 Hz sign=positive 200k steps, and more"
     first = replace(six.agents[0], label=long)
-    canvas = draw(
-        "training_success", scene([first, *six.agents[1:]], plain_ranking([first, *six.agents[1:]]))
-    )
+    canvas = draw("training_success", scene([first, *six.agents[1:]], rank([first, *six.agents[1:]])))
     assert canvas is not None
     titles = [ax.get_title(loc="left") for ax in canvas.axes if ax.get_visible()]
     (found,) = (title for title in titles if title.replace("\n", " ") == long)
@@ -306,7 +313,7 @@ def test_a_training_without_one_finished_episode_is_not_damaged(tmp_path: Path) 
             table.write_text(table.read_text().splitlines(keepends=True)[0])
     runs, _ = load([folder])
     found, _ = agents(runs)
-    drawn, problems = draw_all(runs, found, plain_ranking(found), folder / "report")
+    drawn, problems = draw_all(runs, found, rank(found), folder / "report")
     assert problems == []
     assert not {"training_curves", "training_outcomes", "training_logs"} & {figure.name for figure in drawn}
 
@@ -361,7 +368,7 @@ def test_robustness_shows_the_intervals_of_the_table_of_conditions(tmp_path: Pat
     protocols = {"robustness": ("nominal", "current=0.5", "current=1")}
     write_experiment(root, algorithms=("ppo", "pid"), seeds=(0, 1, 2), episodes=20, protocols=protocols)
     found = agents(load([root], "robustness")[0], protocol="robustness")[0]
-    drawn_from = scene(found, plain_ranking(found))
+    drawn_from = scene(found, rank(found))
     canvas = draw("robustness", drawn_from)
     assert canvas is not None
     expected = successes(drawn_from.agents, "robustness", 0.95)
@@ -551,7 +558,7 @@ def test_damage_met_while_drawing_is_named_in_a_problem_and_in_the_caption(
     written = write_experiment(tmp_path / "grid", algorithms=("ppo", "sac"), seeds=(0,), episodes=8)
     (written[0] / file).write_bytes(content)
     found, _ = agents(load([tmp_path / "grid"])[0])
-    figures, problems = draw_all([], found, plain_ranking(found), tmp_path)
+    figures, problems = draw_all([], found, rank(found), tmp_path)
     assert [(p.where, p.kind) for p in problems] == [(written[0].name, "damaged")]
     assert problems[0].message.startswith(message)
     caption = next(f.caption for f in figures if f.name == figure)
@@ -565,7 +572,7 @@ def test_trajectories_of_another_shape_are_damage(tmp_path: Path) -> None:
     with np.load(path) as arrays:
         np.savez(path, **{**arrays, "position_nominal_0": np.zeros((5, 2))})
     found, _ = agents(load([tmp_path / "grid"])[0])
-    _, problems = draw_all([], found, plain_ranking(found), tmp_path)
+    _, problems = draw_all([], found, rank(found), tmp_path)
     assert "position_nominal_0 has shape (5, 2), expected (steps + 1, 3)" in problems[0].message
 
 
@@ -585,3 +592,36 @@ def test_gazebo_has_the_changes_of_every_agent_in_both_hydrodynamics(small: Scen
     root = small.agents[0].runs[0].directory.parent
     conditions = successes(agents(load([root], ("test", "gazebo"))[0])[0], "gazebo", 0.95)
     assert drawn == pytest.approx(sorted(e.value for c in conditions for e in c.par1_change.values()))
+
+
+def test_the_main_figure_tells_verdicts_by_shape_and_by_colour(small: Scene) -> None:
+    primary = small.ranking.primary
+    assert primary is not None
+    canvas = draw("difference_from_baseline", small)
+    assert canvas is not None
+    (ax,) = canvas.axes
+    assert [label.get_text() for label in ax.get_yticklabels()] == [
+        row.label if primary.of(row.label) else f"{row.label} (baseline)" for row in small.ranking.rows
+    ]
+    assert len({look.marker for look in LOOKS.values()}) == len({x.colour for x in LOOKS.values()}) == 4
+    left, right = ax.get_xlim()
+    points = [line for line in ax.lines if len(line.get_xdata()) == 1]
+    for place, row in enumerate(small.ranking.rows):
+        against = primary.of(row.label)
+        value = 100 * against.difference.value if against else 0.0
+        drawn = [line for line in points if line.get_ydata()[0] == place and line.get_xdata()[0] == value]
+        assert drawn or not left <= value <= right
+        if against and drawn:
+            assert (drawn[0].get_color(), drawn[0].get_marker()) == LOOKS[against.verdict][:2]
+
+
+def test_a_wild_interval_does_not_squeeze_the_others(small: Scene) -> None:
+    assert small.ranking.primary is not None
+    first, *rest = small.ranking.primary.comparisons
+    wild = replace(first, difference=replace(first.difference, low=-1e4, high=1e4), verdict="open")
+    primary = replace(small.ranking.primary, comparisons=(wild, *rest))
+    canvas = draw("difference_from_baseline", scene(small.agents, replace(small.ranking, primary=primary)))
+    assert canvas is not None
+    assert max(map(abs, canvas.axes[0].get_xlim())) < 200  # points
+    arrows = [line.get_marker() for line in canvas.axes[0].lines if line.get_marker() in ("<", ">")]
+    assert {"<", ">"} <= set(arrows)

@@ -15,11 +15,14 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from auvbench.analysis.model import Agent, Finding, Ranking, Row, RunRecord
+from auvbench.analysis.findings import SHOWN
+from auvbench.analysis.model import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.analysis.ranking import rank
 from auvbench.reporting import page
 from auvbench.reporting.page import figures, numbers, sources, study, table, trajectories
 from auvbench.reporting.page.links import Links
+from auvbench.reporting.tables import main_table
+from auvbench.reporting.tables.model import Cell, Heading, Line, Table
 from auvbench.statistics.estimate import Estimate
 from tests import page_data
 
@@ -105,47 +108,47 @@ def test_links_lead_to_files_and_anchors_that_exist(grid: dict[str, Any], html: 
     assert len(ids) == len(elements.all("id"))
 
 
-def test_every_number_of_the_ranking_is_linked(grid: dict[str, Any]) -> None:
+def test_every_agent_of_the_main_table_leads_to_its_runs(grid: dict[str, Any]) -> None:
     links = Links(
         grid["folder"] / "report" / "index.html", grid["agents"], grid["runs"], grid["ranking"].protocol
     )
-    lines = table.main_table(grid["ranking"], {}, links).lines
-    assert all(cell.href for line in lines for cell in line.cells if cell.text != numbers.NOTHING)
-    several = next(line for line in lines if line.label == "SAC")
-    one = next(line for line in lines if line.label == "PID")
-    assert one.href.endswith("evaluations/test/episodes.csv")
-    assert several.href.startswith("#agent-")
+    lines = table.of_agents(main_table(grid["ranking"]), grid["ranking"], {}, links).lines
+    hrefs = {line.cells[0].value: line.href for line in lines}
+    assert hrefs["PID"].endswith("evaluations/test/episodes.csv")
+    assert hrefs["SAC"].startswith("#agent-")
+    assert all(hrefs.values())
 
 
-def test_one_training_seed_is_said_next_to_the_number(tmp_path: Path) -> None:
+def test_one_training_seed_is_marked(tmp_path: Path) -> None:
     parts = page_data.parts(tmp_path, algorithms=("sac", "pid"), seeds=(0,), episodes=10, train_episodes=20)
     links = Links(tmp_path / "index.html", parts["agents"], parts["runs"], "test")
-    lines = {line.label: line for line in table.main_table(parts["ranking"], {}, links).lines}
-    assert (lines["SAC"].training, lines["SAC"].one_seed) == ("1 seed", True)
-    assert (lines["PID"].training, lines["PID"].one_seed) == ("not trained", False)
+    shown = table.of_agents(main_table(parts["ranking"]), parts["ranking"], {}, links)
+    assert {line.cells[0].value: line.one_seed for line in shown.lines} == {"SAC †": True, "PID": False}
     html = page.write(tmp_path / "index.html", **parts).read_text(encoding="utf-8")
-    assert html.count('class="note"') == 1
-    assert (
-        "† one training seed: the row describes this policy, its interval covers test episodes only" in html
-    )
+    assert "† one training seed: the row describes this policy" in html
 
 
-def test_letters_that_nobody_can_read_are_no_column(grid: dict[str, Any], html: str) -> None:
-    rows = tuple(dataclasses.replace(row, group="abcdefghi") for row in grid["ranking"].rows)
-    many = written(grid, ranking=dataclasses.replace(grid["ranking"], rows=rows))
-    assert html.count('class="letters"') == len(rows)
-    assert 'class="letters"' not in many
-    assert "Agents whose rank intervals do not overlap are resolved" in many
+def test_the_answer_stands_before_everything_else(grid: dict[str, Any], html: str) -> None:
+    places = [html.index(part) for part in ("<h1>", 'id="main-table"', 'id="findings"', 'id="appendix"')]
+    assert places == sorted(places)
+    primary = grid["ranking"].primary
+    for verdict in {c.verdict for c in primary.comparisons} | {"baseline"}:
+        assert f'<tr class="{verdict}"' in html
+    assert html.count("<h1>") == 1
 
 
-def test_comparisons_with_the_baseline_stand_in_one_table_only(tmp_path: Path) -> None:
-    parts = page_data.parts(tmp_path, reward_k=(1.0, 40.0), seeds=(0, 1), episodes=30, train_episodes=0)
-    ranking = rank(parts["agents"], baseline="pid")
-    n = len(ranking.rows)
-    path = page.write(tmp_path / "report" / "index.html", **(parts | {"ranking": ranking}))
-    text = path.read_text(encoding="utf-8")
-    assert f"Against the baseline PID ({n - 1})" in text
-    assert f"Pairs of agents ({(n - 1) * (n - 2) // 2})" in text
+def test_five_findings_are_shown_and_the_others_folded(grid: dict[str, Any], html: str) -> None:
+    shown, folded = html.partition('id="findings"')[2].split('<details class="more"', 1)
+    assert shown.count("<li>") == SHOWN
+    assert "2 more findings" in folded
+
+
+def test_ranks_and_pairs_are_folded_in_the_appendix(grid: dict[str, Any], html: str) -> None:
+    appendix = html.partition('id="appendix"')[2].partition('id="runs"')[0]
+    n = len(grid["ranking"].rows)
+    assert f"All pairs of agents ({n * (n - 1) // 2})" in appendix
+    assert 'id="ranks-table"' in appendix
+    assert "<details open" not in appendix
 
 
 def test_hostile_names_stay_text(grid: dict[str, Any]) -> None:
@@ -155,11 +158,11 @@ def test_hostile_names_stay_text(grid: dict[str, Any]) -> None:
     html = written(
         grid,
         agents=agents,
-        ranking=page_data.rank_by_hand(agents),
+        ranking=rank(agents),
         runs=[run, *grid["runs"][1:]],
         problems=[page_data.hostile_problem()],
-        findings=[Finding(evil, statistic=evil)],
-        claims=[Finding(evil, evil, evil, evil)],
+        findings=[Finding("effect", evil, basis=evil)],
+        claims=[ClaimVerdict(evil, evil, evil, evil)],
         colours={agent.label: ('red;background:url("http://x")', "o", evil) for agent in agents},
         command=evil,
         title=evil,
@@ -363,42 +366,10 @@ def test_signs_in_sentences() -> None:
     assert numbers.minus(sentence) == "−4.1 points [−6.7, −.5] of run sac-1 on 2026-01-02, 10-20 m"
 
 
-def ranking_of(*successes: tuple[float, float, float]) -> Ranking:
-    rows = tuple(
-        Row(f"agent {i}", {}, (0,), (), 100, i, (i, i), "a", {"success_rate": Estimate(*success)})
-        for i, success in enumerate(successes, start=1)
-    )
-    n = len(rows)
-    return Ranking(
-        rows, "success_rate", "mean_steps", "test", "nominal", "f", 0.95, None, (), np.zeros((n, n))
-    )
-
-
-@pytest.mark.parametrize(
-    ("successes", "ends"),
-    [
-        ([(0.9, 0.85, 0.94), (0.95, 0.92, 0.99)], ("80", "100\u202f%")),
-        ([(1.0, 1.0, 1.0)], ("99", "100\u202f%")),
-        ([(0.0, 0.0, 0.02), (0.4, 0.3, 0.5)], ("0", "50\u202f%")),
-    ],
-)
-def test_axis_of_rates_has_round_ends_within_0_and_100(
-    tmp_path: Path, successes: list[tuple[float, float, float]], ends: tuple[str, str]
-) -> None:
-    shown = table.main_table(ranking_of(*successes), {}, Links(tmp_path / "i.html", [], [], "test"))
-    assert shown.axis is not None
-    assert shown.axis.ends == ends
-    plots = [line.cells[0].plot for line in shown.lines]
-    assert all(p is not None and 0 < p.low <= p.value <= p.high < table.PLOT_WIDTH for p in plots)
-
-
-def test_row_without_a_value_has_a_dash_and_no_plot(tmp_path: Path) -> None:
-    nan = float("nan")
-    shown = table.main_table(
-        ranking_of((0.9, 0.8, 1.0), (nan, nan, nan)), {}, Links(tmp_path / "i", [], [], "test")
-    )
-    cell = shown.lines[1].cells[0]
-    assert (cell.text, cell.sort, cell.plot, cell.href) == ("–", None, None, "")
+def test_decimal_points_stand_in_line() -> None:
+    column = [Cell(text, sort=float(text)) for text in ("12.5", "3.25", "100")]
+    shown = table.printed(Table((Heading("agent"),), tuple(Line((cell,)) for cell in column)))
+    assert [line.cells[0].pad for line in shown.lines] == ["0", "", ".00"]
 
 
 @pytest.mark.slow

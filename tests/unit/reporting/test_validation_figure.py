@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from auvbench.analysis.load import agents, load
+from auvbench.analysis.ranking import rank
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.learning import validation
 from auvbench.reporting.figures.scene import Scene, scene
-from tests.plain_ranking import plain_ranking
 from tests.synthetic import write_experiment
 
 HEADER = "step,simulated_s,training_episodes,fingerprint,episodes,success_rate,wall_s\n"
@@ -19,7 +19,7 @@ def built(root: Path, rows: list[str]) -> Scene:
         if "ppo" in run.name:
             (run / "train" / "validation.csv").write_text(HEADER + "\n".join(rows) + "\n")
     found = agents(load([root])[0])[0]
-    return scene(found, plain_ranking(found))
+    return scene(found, rank(found))
 
 
 def test_success_over_steps_wall_time_and_simulated_time(tmp_path: Path) -> None:

@@ -1,0 +1,65 @@
+"""The answer in one sentence: the furthest ahead, and how many agents have which verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from auvbench.analysis.headline import headline
+from auvbench.analysis.model import Against, Primary, Ranking
+from auvbench.analysis.ranking import rank
+from auvbench.statistics import Estimate
+from tests.unit.analysis.agents import agent
+
+
+def ranking_with(rank_by: str, *verdicts: tuple[str, float], margin: float = 11.0) -> Ranking:
+    """A ranking whose comparisons have these verdicts and differences."""
+    ranking = rank([agent("sac"), agent("pid", seeds=1)], rank_by=rank_by)
+    found = tuple(
+        Against(f"A{i}", Estimate(value, value - 1, value + 1), verdict)
+        for i, (verdict, value) in enumerate(verdicts)
+    )
+    return replace(ranking, primary=Primary(rank_by, "PID", margin, 0.95, found))
+
+
+def test_who_is_ahead_and_how_many_are_not() -> None:
+    verdicts = [
+        ("ahead", -10.0),
+        ("ahead", -28.0),
+        ("equivalent", 1.0),
+        *[("behind", 50.0)] * 3,
+        ("open", 4.0),
+    ]
+    assert headline(ranking_with("par1_steps", *verdicts)) == (
+        "A1 reaches waypoints 28.0 steps sooner than PID [27.0, 29.0]; 1 agent is also ahead, 1 is equivalent to PID "
+        "within 11 steps, 3 are behind, 1 is open."
+    )
+
+
+def test_nobody_ahead() -> None:
+    text = headline(ranking_with("success_rate", ("behind", -0.5), ("behind", -0.2), margin=0.02))
+    assert text == "No agent is ahead of PID in success rate; 2 agents are behind."
+
+
+@pytest.mark.parametrize(
+    ("rank_by", "value", "words"),
+    [
+        ("success_rate", 0.1, "A0 reaches 10 points more of the waypoints than PID [-90, 110]."),
+        ("par1_time_s", -2.0, "A0 reaches waypoints 2.0 s sooner than PID [1.0, 3.0]."),
+        ("mean_deviation_mean_m", -2.0, "A0 is ahead of PID by 2.0 m in deviation mean [1.0, 3.0]."),
+    ],
+)
+def test_words_follow_the_measure(rank_by: str, value: float, words: str) -> None:
+    known = "par1_steps" if rank_by == "par1_time_s" else rank_by  # these agents have no times
+    ranking = replace(ranking_with(known, ("ahead", value)), rank_by=rank_by)
+    assert headline(ranking) == words
+
+
+def test_a_table_of_one_agent() -> None:
+    assert headline(rank([agent("sac")])).startswith("SAC K=1 25 Hz is the only agent: success rate ")
+
+
+def test_trainings_that_are_not_compared() -> None:
+    text = headline(rank([agent("sac", seeds=1), agent("ppo", seeds=1)]))
+    assert text == "None of 2 agents is compared: each has one training seed."
