@@ -134,7 +134,7 @@ def plan_of(
     from auvbench.config.compose import option, typed
     from auvbench.runs import plan as runs_plan
     from auvbench.training import preflight
-    from auvbench.tuning import samplers, scores, space
+    from auvbench.tuning import scores, space, strategy
     from auvbench.tuning.folder import Plan, StudyFolder
 
     if config.algo.get("agent") == "onnx":
@@ -158,7 +158,7 @@ def plan_of(
     typed_ranges = {**{str(key): str(text) for key, text in tune.space.items()}, **ranges}
     dimensions = space.read(written if isinstance(written, dict) else {}, typed_ranges, fixed, known)
     space.check(dimensions, checked, base["algo"])
-    samplers.check(tune.sampler, dimensions)
+    strategy.trial_limit(tune.sampler, dimensions)
     study = StudyFolder(Path(output) / "tune" / name)
     return Plan(name, seed, base, tuple(dimensions), tune, protocol, command), study
 
@@ -187,26 +187,18 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
     from omegaconf import OmegaConf
     from rich.console import Console
 
-    from auvbench.config.agents import learns
     from auvbench.config.compose import typed
     from auvbench.scheduling.grid import backend
     from auvbench.tuning import scores, trial, view
     from auvbench.tuning.controller import Controller
-    from auvbench.tuning.journal import Journal
-    from auvbench.tuning.search import Search, ladder_of
+    from auvbench.tuning.search import Search, open_study
 
-    console = Console()
-    journal = Journal(study.journal, plan.dimensions, ladder_of(plan).budgets)
-    if journal.repaired:
-        print(f"auvbench: {journal.repaired}", flush=True)
     whole = {**plan.base, "name": plan.name, "output": str(study.path), "seed": plan.seed}
-    base = typed(OmegaConf.create(whole))
-    search = Search(plan, journal, base)
+    search = Search(plan, open_study(plan, study.journal), typed(OmegaConf.create(whole)))
     objective = scores.objective(plan.tune.objective, plan.tune.then)
-    shown = view.view(search, objective, console)
+    shown = view.view(search, objective, Console())
     print(f"{study.path}: {begin(search)}", flush=True)
-    learning = learns(plan.base["algo"])
-    made = backend(config.launcher, target=trial.TARGET, learning=learning, preload=trial.PRELOAD)
+    made = backend(config.launcher, target=trial.TARGET, learning=plan.learns, preload=trial.PRELOAD)
     result = Controller(plan, study, search, objective, made, shown).carry_out()
     if result.signal is not None and (best := shown.best()):
         print(best)
@@ -214,40 +206,37 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
 
 
 def begin(search: Search) -> str:
-    """What is about to happen, in a line."""
+    """Return what is about to happen, in a line."""
     plan = search.plan
-    what = f"{search.trials} trials of {plan.base['algo']['name']}, {len(plan.dimensions)} keys, sampler {plan.tune.sampler}"
-    budgets = search.ladder.budgets
-    if len(budgets) > 1:
-        what += f", {plan.tune.pruner} over {' / '.join(f'{budget:,}' for budget in budgets)} steps"
-    begun = len(search.progress)
+    what = f"{search.limit} trials of {plan.base['algo']['name']}, {len(plan.dimensions)} keys, sampler {plan.tune.sampler}"
+    if len(plan.budgets) > 1:
+        what += f", {plan.tune.pruner} over {' / '.join(f'{budget:,}' for budget in plan.budgets)} steps"
+    begun = len(search.trials)
     if not begun:
         return f"starts: {what}"
-    kept = ", which are kept; none is added" if begun > search.trials else ""
+    kept = "; no trial is added" if begun > search.limit else ""
     return f"goes on: {what}; {begun} trials begun{kept}"
 
 
 def _conclude(plan: Plan, study: StudyFolder) -> int:
-    """The preset, the report, and what was found in a few lines; 1 where that is not what was asked for.
+    """Write the preset and the report, and print what was found; return 1 where no settings or no gain are known.
 
-    A trial that fails is a result. No trial that does not, or no gain with fresh seeds, is none.
+    A failed trial is a result.
     """
     from auvbench.reporting.tuning import sentences, write
     from auvbench.tuning import outcome, preset
-    from auvbench.tuning.space import with_values
 
     found = outcome.read(study)
     best = found.best
     if best is None:
-        print(f"{study.path}: every trial failed, so there is nothing to choose")
+        print(f"{study.path}: every trial failed, so there are no best settings")
     else:
-        algo = with_values(plan.base["algo"], plan.dimensions, best.params)
         preset.write(
             study.best,
             plan,
-            algo,
+            found.algo(best),
             trials=len(found.trials),
-            steps=found.cost.steps,
+            steps=found.steps,
             evidence=sentences.evidence(found),
         )
     page = write.report(found)

@@ -1,6 +1,6 @@
-"""Studies: settings of an algorithm searched on validation scenarios, every trial a run like any other.
+"""Studies: search an algorithm's settings on validation scenarios with Optuna; every trial is a run.
 
-`space` reads what is searched, `samplers` propose a trial from what the trials before gave, `rungs` decide which
-trials go on, `journal` keeps it all, `search` joins these; `runs` makes a trial's run directories, `controller` has
-them carried out by a launcher; `outcome` reads a study again, `preset` writes what it found.
+`space` reads what is searched, `strategy` names Optuna's samplers and pruners, `search` decides what to train next,
+`journal` keeps it. `runs` makes a trial's run directories, `controller` has them carried out, `outcome` reads a study,
+`preset` writes its best settings.
 """

@@ -1,4 +1,4 @@
-"""The folder of a study: `<output>/tune/<name>/`; docs/tuning.md has the layout."""
+"""The folder of a study, `<output>/tune/<name>/`, and the plan in it; docs/tuning.md has the layout."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from auvbench import __version__
 from auvbench.config import schema
+from auvbench.config.agents import learns
 from auvbench.config.tuning import Tune, refuse_test
 from auvbench.config.validate import check, evaluate_protocol
 from auvbench.errors import AuvbenchError, ConfigError, RunError
@@ -24,73 +25,69 @@ from auvbench.tuning.journal import CONTROLLER
 from auvbench.tuning.space import Dimension
 from auvbench.untrusted import documents, path_safety, reading
 
-SCHEMA_VERSION = 1
-"""of study.json and of what a study's journal means"""
+SCHEMA_VERSION = 2
+"""version of study.json and of the journal"""
 
 RUNS, FRESH = "runs", "fresh"
-"""Folders of the trials' runs, and of those with fresh seeds."""
+"""folders of the trials' runs and of the runs with fresh seeds"""
+
+FREE = ("trials", "fresh_seeds")
+"""keys of `tune` that may change in a study that goes on"""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a study is: with the same plan, seed and results it decides the same."""
+    """What defines a study."""
 
     name: str
     seed: int
     base: dict[str, Any]
-    """a run's plain configuration, whose `algo` the trials vary; seed, name, output and budget are theirs"""
+    """plain configuration of a run; a trial sets algo, seed, name, output and budget"""
     dimensions: tuple[Dimension, ...]
     tune: Tune
     protocol: schema.Protocol
     command: str = ""
 
     @property
+    def learns(self) -> bool:
+        """Return whether the algorithm is trained."""
+        return learns(self.base["algo"])
+
+    @property
     def budgets(self) -> tuple[int, ...]:
-        return tuple(self.tune.rungs)
+        """Return the environment steps of each rung; one rung where nothing is pruned or trained."""
+        one = self.tune.pruner == "none" or not self.learns
+        return tuple(self.tune.rungs[-1:] if one else self.tune.rungs)
+
+    @property
+    def fresh_protocol(self) -> schema.Protocol:
+        """Return the test of runs with fresh seeds: validation scenarios that the search has not seen."""
+        return replace(
+            self.protocol, name=f"{self.protocol.name}-fresh", seed=(self.protocol.seed + 1) % (1 << 32)
+        )
 
 
-@dataclass(frozen=True, slots=True)
 class StudyFolder:
-    """Where a study lies."""
+    """The paths of a study."""
 
-    path: Path
-
-    @property
-    def plan_path(self) -> Path:
-        return self.path / "study.json"
-
-    @property
-    def journal(self) -> Path:
-        return self.path / "journal.log"
-
-    @property
-    def runs(self) -> Path:
-        return self.path / RUNS
-
-    @property
-    def fresh(self) -> Path:
-        return self.path / FRESH
-
-    @property
-    def report(self) -> Path:
-        return self.path / "report"
-
-    @property
-    def best(self) -> Path:
-        return self.path / "best.yaml"
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.plan_path = path / "study.json"
+        self.journal = path / "journal.log"
+        self.runs, self.fresh = path / RUNS, path / FRESH
+        self.report, self.best = path / "report", path / "best.yaml"
 
     def hold(self) -> lock.RunLock:
         """Lock the study for this process.
 
         Raises:
-            RunHeldError: another process holds it.
-            RunError: the folder cannot be written.
+            RunHeldError: Another process holds it.
+            RunError: The folder cannot be written, or a link leads out of it.
         """
         place = self.path / CONTROLLER
         with storage(f"cannot write {self.path}"):
-            path_safety.check_output(
-                self.path, (CONTROLLER, RUNS, FRESH, "report", "journal.log", "study.json")
-            )
+            names = (CONTROLLER, RUNS, FRESH, "report", self.journal.name, self.plan_path.name)
+            path_safety.check_output(self.path, names)
             make_folder(place)
         try:
             return lock.acquire(place)
@@ -98,35 +95,36 @@ class StudyFolder:
             raise lock.RunHeldError(
                 place,
                 error.holder,
-                f"{self.path}: {error.holder} searches here at present; a study has one controller (another "
-                "name=NAME is another study)",
+                f"{self.path}: {error.holder} is searching here; wait for it, or start another study with name=NAME",
             ) from error
 
     def write(self, plan: Plan) -> None:
-        """Keeps the plan; a study that is there already goes on with what was typed for trials and fresh seeds."""
+        """Write the plan; a study that goes on takes the trials and fresh seeds that were typed."""
         with storage(f"cannot write {self.plan_path}"):
             write_json(self.plan_path, _plain(plan))
 
     def read(self) -> Plan:
-        """The plan of the study.
+        """Return the plan of the study.
 
         Raises:
-            RunError: it is missing, damaged, or of another version.
+            RunError: It is missing, damaged, or of another version.
         """
         try:
             data = documents.json_value(reading.content(self.plan_path))
         except FileNotFoundError as error:
-            raise RunError(f"{self.path}: this is no study (study.json is missing)") from error
+            raise RunError(f"{self.path}: not a study (study.json is missing)") from error
         except (OSError, ValueError) as error:
             raise damaged(self.plan_path, error, "study") from error
         version = data.get("schema_version") if isinstance(data, dict) else None
         if version != SCHEMA_VERSION:
             raise RunError(
-                f"{self.plan_path}: schema_version {version}, but this auvbench reads {SCHEMA_VERSION}; use the auvbench "
-                "that wrote it, or give the study another name"
+                f"{self.plan_path}: schema_version is {version}, and this auvbench reads {SCHEMA_VERSION}; use the auvbench "
+                "that wrote it, or start another study with name=NAME"
             )
         if found := interpolations.first(data):
-            raise RunError(f"{self.plan_path}: {found}: a study's plan is resolved, so this one was edited")
+            raise RunError(
+                f"{self.plan_path}: {found}: a study's plan holds no interpolation; restore the file"
+            )
         try:
             return _read(data)
         except (
@@ -138,6 +136,12 @@ class StudyFolder:
             AttributeError,
         ) as error:
             raise damaged(self.plan_path, error, "study") from error
+
+
+def of_run(run: Path) -> tuple[Plan, schema.Protocol]:
+    """Return the plan of a run's study, and the protocol that tests the run."""
+    plan = StudyFolder(run.absolute().parent.parent).read()
+    return plan, plan.fresh_protocol if run.absolute().parent.name == FRESH else plan.protocol
 
 
 def _plain(plan: Plan) -> dict[str, Any]:
@@ -170,67 +174,38 @@ def _typed(kind: type, values: Mapping[str, Any]) -> Any:
     return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(kind), dict(values)))
 
 
-FREE = ("trials", "fresh_seeds")
-"""What may be typed anew for a study that goes on."""
-
-
-def changed(there: Plan, here: Plan) -> list[str]:
-    """What tells a study from the one that is typed, in words; empty where it is the same."""
-    old, new = (
-        {**plain, "base": identity.relevant(plain["base"])} for plain in (_plain(there), _plain(here))
-    )
-    found = []
-    for key in dict.fromkeys([*old["space"], *new["space"]]):
-        before, after = old["space"].get(key), new["space"].get(key)
-        if before != after:
-            found.append(f"{key} {_was(before)} -> {_was(after)}")
-    if not found and list(old["space"]) != list(new["space"]):
-        found.append("the order of the searched keys")
-    if there.seed != here.seed:
-        found.append(f"seed {there.seed} -> {here.seed}")
-    for part in ("tune", "protocol", "base"):
-        found += _differences(old[part], new[part], "" if part == "base" else part)
-    return found
-
-
-def _was(text: str | None) -> str:
-    return "not searched" if text is None else text
-
-
-def _differences(there: Any, here: Any, path: str) -> list[str]:
-    if isinstance(there, dict) and isinstance(here, dict):
-        found = []
-        for key in dict.fromkeys([*there, *here]):
-            if path == "tune" and key in FREE:
-                continue
-            found += _differences(there.get(key), here.get(key), f"{path}.{key}" if path else str(key))
-        return found
-    return [] if there == here else [f"{path} {there} -> {here}"]
-
-
 def refuse_change(folder: StudyFolder, there: Plan, here: Plan) -> None:
-    """Raises ConfigError where another study lies in the folder: it says what changed and how to go on."""
-    found = changed(there, here)
-    if found:
+    """Refuse a command that would change the study in the folder.
+
+    Raises:
+        ConfigError: Names the changed values.
+    """
+    old, new = (_comparable(plan) for plan in (there, here))
+    if found := _differences(old, new):
         more = f" and {len(found) - 4} more" if len(found) > 4 else ""
         raise ConfigError(
-            f"{folder.path}: was begun with other values: {', '.join(found[:4])}{more}; type them as before to go on, "
-            "or name=NAME for a study of its own"
+            f"{folder.path}: the study has other values: {', '.join(found[:4])}{more}; type the old values to go on, "
+            "or name=NAME for another study"
         )
 
 
-def fresh_protocol(plan: Plan) -> schema.Protocol:
-    """The test of runs with fresh seeds: as many scenarios of the same stream, none of which the search has seen."""
-    return replace(
-        plan.protocol, name=f"{plan.protocol.name}-fresh", seed=(plan.protocol.seed + 1) % (1 << 32)
-    )
+def _comparable(plan: Plan) -> dict[str, Any]:
+    plain = _plain(plan)
+    return {
+        **plain["space"],
+        "seed": plan.seed,
+        "tune": {key: value for key, value in plain["tune"].items() if key not in FREE},
+        "protocol": plain["protocol"],
+        **identity.relevant(plan.base),
+    }
 
 
-def protocol_of(plan: Plan, run: Path) -> schema.Protocol:
-    """What a run of the study is tested by."""
-    return fresh_protocol(plan) if run.absolute().parent.name == FRESH else plan.protocol
-
-
-def of_run(run: Path) -> StudyFolder:
-    """The study of a trial's run."""
-    return StudyFolder(run.absolute().parent.parent)
+def _differences(there: Any, here: Any, path: str = "") -> list[str]:
+    if isinstance(there, dict) and isinstance(here, dict):
+        return [
+            line
+            for key in dict.fromkeys([*there, *here])
+            for line in _differences(there.get(key), here.get(key), f"{path}.{key}" if path else key)
+        ]
+    was, now = ("not searched" if value is None else value for value in (there, here))
+    return [] if there == here else [f"{path} {was} -> {now}"]

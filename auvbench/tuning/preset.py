@@ -1,4 +1,4 @@
-"""What a study found, as a preset: `best.yaml`, which becomes `algo=NAME` in ./conf/algo."""
+"""The best settings of a study as a preset: `best.yaml`, to copy into ./conf/algo."""
 
 from __future__ import annotations
 
@@ -17,39 +17,38 @@ from auvbench.tuning.folder import Plan
 
 
 def name_of(plan: Plan) -> str:
-    """How runs and tables call the preset."""
+    """Return the preset's name in runs and tables."""
     name = str(plan.base["algo"]["name"])
     return f"{plan.name}_tuned" if plan.name == name else plan.name
 
 
-def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps: int, evidence: str) -> str:
-    """Writes the preset; returns its text.
+def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps: int, evidence: str) -> None:
+    """Write the preset.
 
     Args:
         path: of the file.
         plan: of the study.
-        algo: the plain values that were found.
-        trials: that were begun.
-        steps: environment steps of training behind them.
-        evidence: a line on what they gained, for the header.
+        algo: plain values of the best settings.
+        trials: how many have begun.
+        steps: environment steps of training in the search.
+        evidence: a sentence about the gain.
     """
-    now = datetime.now(UTC).date().isoformat()
+    today = datetime.now(UTC).date().isoformat()
     name = name_of(plan)
     searched = [dimension.key.partition(".")[2] for dimension in plan.dimensions]
     head = [
-        f"# {name}: found by {plan.command or 'auvbench tune'}",
-        f"# on {now} with auvbench {_version()}: {trials} trials, {steps:,} environment steps of training, scenarios of",
-        f"# protocol={plan.protocol.name} (seed {plan.protocol.seed}, {plan.protocol.episodes} episodes); no test was looked at.",
-        f"# {evidence}",
-        f"# Searched: {', '.join(searched)}.",
-        f"# To use it: cp {path} conf/algo/{name}.yaml, then algo={name}.",
+        f"{name}: found by {plan.command or 'auvbench tune'}",
+        f"on {today} with auvbench {_version()}: {trials} trials, {steps:,} environment steps of training, scenarios of",
+        f"protocol={plan.protocol.name} (seed {plan.protocol.seed}, {plan.protocol.episodes} episodes), none of a test.",
+        evidence,
+        f"Searched: {', '.join(searched)}.",
+        f"To use it: cp {path} conf/algo/{name}.yaml, then algo={name}.",
     ]
-    values = {key: value for key, value in algo.items() if key not in ("name", "agent", "tuned")}
     body = {
         "defaults": [f"/{algo['agent']}_schema@_here_", "_self_"],
         "name": name,
         "agent": algo["agent"],
-        **values,
+        **{key: value for key, value in algo.items() if key not in ("name", "agent", "tuned")},
         "tuned": {
             "study": plan.name,
             "protocol": plan.protocol.name,
@@ -58,16 +57,15 @@ def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps
             "trials": trials,
             "steps": steps,
             "version": __version__,
-            "date": now,
+            "date": today,
         },
     }
-    text = "\n".join(head) + "\n" + yaml.dump(body, Dumper=_Dumper, sort_keys=False, width=100)
-    write_atomic(path, text.encode())
-    return text
+    text = "".join(f"# {' '.join(line.split())}\n" for line in head)
+    write_atomic(path, (text + yaml.dump(body, Dumper=_Dumper, sort_keys=False, width=100)).encode())
 
 
 def _version() -> str:
-    """`0.1.0`, of a checkout `0.1.0 (commit 1a2b3c4d5e6f)`, and `, modified` where files differ from it."""
+    """Return `0.1.0`, or `0.1.0 (commit 1a2b3c4d5e6f, modified)` in a checkout."""
     git = provenance.git()
     if not git["commit"]:
         return __version__
@@ -75,7 +73,7 @@ def _version() -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Short lists in one line, and floats that YAML reads as floats: 1.0e-05, not 1e-05."""
+    """Write lists in one line."""
 
 
 def _list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.Node:

@@ -1,22 +1,21 @@
-"""The run directories behind a study's trials."""
+"""The run directories of a study's trials."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from auvbench.config.agents import learns
-from auvbench.errors import RunError
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.training.checkpoint import extending
+from auvbench.training.checkpoint.store import CheckpointStore
 from auvbench.tuning.folder import FRESH, RUNS, Plan, StudyFolder
 
 
 def configuration(
     plan: Plan, study: StudyFolder, algo: Mapping[str, Any], seed: int, budget: int, folder: str = RUNS
 ) -> dict[str, Any]:
-    """The configuration of one run: the study's, with a trial's algorithm, a seed and a budget."""
+    """Return the configuration of a run: the study's, with an algorithm, a seed and a budget."""
     config = copy.deepcopy(plan.base)
     config["algo"] = dict(algo)
     config["seed"] = seed
@@ -25,57 +24,44 @@ def configuration(
     return config
 
 
-def of_trial(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], budget: int) -> list[RunDirectory]:
-    """Where a trial's runs of a budget lie, one per seed; they may not exist yet."""
+def of_trial(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int) -> list[RunDirectory]:
+    """Return a trial's runs at a rung, one per seed; they may not exist."""
+    budget = plan.budgets[rung]
     return [place(configuration(plan, study, algo, seed, budget)) for seed in plan.tune.seeds]
 
 
-def prepare(
-    plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int, first: int, budgets: Sequence[int]
-) -> list[RunDirectory]:
-    """Makes the runs that bring a trial to a rung: new ones, or longer ones that begin where the last rung's ended.
+def prepare(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int) -> list[RunDirectory]:
+    """Make the runs that bring a trial to a rung; a later rung goes on from the checkpoint of the rung before.
 
     Raises:
-        RunError: a run that is to be extended is gone or damaged.
+        RunError: The run of the rung before is missing or damaged.
     """
     made = []
-    for seed in plan.tune.seeds:
-        config = configuration(plan, study, algo, seed, budgets[rung])
-        if rung > first:
-            shorter = place(configuration(plan, study, algo, seed, budgets[rung - 1]))
-            if not shorter.exists():
-                raise RunError(
-                    f"{shorter.path}: is gone, and its trial is to go on from there; restore it, or give the study "
-                    "another name"
-                )
-            if not place(config).exists() or not _begun(place(config)):
-                made.append(extending.prepare(shorter, budgets[rung]).begin(plan.command))
-                continue
-        made.append(freeze(config, plan.command))
+    for i, seed in enumerate(plan.tune.seeds):
+        run = of_trial(plan, study, algo, rung)[i]
+        if rung and not _has_begun(run):
+            shorter = of_trial(plan, study, algo, rung - 1)[i]
+            made.append(extending.prepare(shorter, plan.budgets[rung]).begin(plan.command))
+        else:
+            made.append(freeze(configuration(plan, study, algo, seed, plan.budgets[rung]), plan.command))
     return made
 
 
-def _begun(run: RunDirectory) -> bool:
-    """Whether an extension has got as far as its first checkpoint."""
-    from auvbench.training.checkpoint.store import CheckpointStore
-
-    return run.manifest()["state"] == "complete" or bool(CheckpointStore(run.path).steps())
+def _has_begun(run: RunDirectory) -> bool:
+    return run.exists() and (run.manifest()["state"] == "complete" or bool(CheckpointStore(run.path).steps()))
 
 
-def fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[RunDirectory]:
-    """Makes the runs with fresh seeds of some settings."""
+def prepare_fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[RunDirectory]:
+    """Make the runs with fresh seeds of some settings."""
     return [freeze(config, plan.command) for config in _fresh(plan, study, algo)]
 
 
 def of_fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[RunDirectory]:
-    """Where these lie; they may not exist yet."""
+    """Return the runs with fresh seeds of some settings; they may not exist."""
     return [place(config) for config in _fresh(plan, study, algo)]
 
 
 def _fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Runs of the whole budget with seeds that the search has not seen.
-
-    Of what does not learn there is one: it has no training that could be lucky.
-    """
-    seeds = plan.tune.fresh_seeds if learns(algo) else plan.tune.fresh_seeds[:1]
+    # Only a training depends on the seed.
+    seeds = plan.tune.fresh_seeds if plan.learns else plan.tune.fresh_seeds[:1]
     return [configuration(plan, study, algo, seed, plan.budgets[-1], FRESH) for seed in seeds]

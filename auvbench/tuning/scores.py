@@ -1,19 +1,17 @@
-"""What a trial is worth: a measure of the tables over its seeds' validation episodes, and another where that ties."""
+"""The score of a trial: a measure of the tables over its validation episodes, and a second measure that breaks ties."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
-import numpy as np
-
-from auvbench.analysis.evaluations import Damage, read_evaluation
+from auvbench.analysis.grouping import agents
+from auvbench.analysis.load import load
 from auvbench.analysis.measures import Measure, to_rank_by
 from auvbench.analysis.model import Agent
 from auvbench.errors import RunError
-from auvbench.record import OUTCOMES
 from auvbench.runs.directory import RunDirectory
 from auvbench.statistics import crossed, means
 from auvbench.statistics.estimate import Estimate
@@ -24,47 +22,54 @@ class Score:
     """A trial at a rung."""
 
     score: float
-    """what decides: higher is better"""
+    """decides; higher is better"""
     objective: float
     low: float
     high: float
-    """the objective's 95 % interval: over validation episodes, and seeds where there are several"""
+    """95 % interval of the objective over validation episodes, and over seeds where there are several"""
     then: float
-    runs: tuple[str, ...]
-    """ids, one per seed"""
 
-    def plain(self) -> dict[str, Any]:
-        return {**asdict(self), "runs": list(self.runs)}
+    @property
+    def estimate(self) -> Estimate:
+        """Return the objective with its interval."""
+        return Estimate(self.objective, self.low, self.high)
+
+    def plain(self) -> list[float | None]:
+        """Return the score as the journal holds it; JSON has no NaN."""
+        return [value if math.isfinite(value) else None for value in astuple(self)]
+
+
+def of_plain(plain: Any) -> Score:
+    """Return the score that the journal holds.
+
+    Raises:
+        TypeError, ValueError: It is not a score.
+    """
+    return Score(*(math.nan if value is None else float(value) for value in plain))
 
 
 @dataclass(frozen=True, slots=True)
 class Objective:
-    """What is best."""
+    """The measures that decide which trial is best."""
 
     measure: Measure
     then: Measure
 
     def of(self, runs: Sequence[RunDirectory], protocol: str) -> Score:
-        """The score of a trial's runs, which were all tested by the protocol.
+        """Return the score of a trial's runs, all tested by the protocol.
 
         Raises:
-            RunError: an evaluation is missing or damaged.
+            RunError: An evaluation is missing or damaged.
         """
         agent = tested(runs, protocol)
         estimate, then = interval(agent, self.measure), interval(agent, self.then).value
         if not math.isfinite(estimate.value):
             raise RunError(f"{runs[0].path}: has no {self.measure.name} on {protocol}")
-        return Score(
-            self._joined(agent, estimate.value, then),
-            estimate.value,
-            estimate.low,
-            estimate.high,
-            then,
-            tuple(run.id for run in runs),
-        )
+        score = self._joined(agent, estimate.value, then)
+        return Score(score, estimate.value, estimate.low, estimate.high, then)
 
     def _joined(self, agent: Agent, value: float, then: float) -> float:
-        """One number in the order of both: the second measure moves a rate by less than an episode does."""
+        """Return one number in the order of both measures: the second moves a rate by less than one episode does."""
         score = self.measure.sign * value
         if not self.measure.rate or not math.isfinite(then):
             return score
@@ -77,52 +82,34 @@ class Objective:
 
 
 def objective(name: str, then: str) -> Objective:
-    """The objective of these names.
+    """Return the objective of these measures.
 
     Raises:
-        ReportError: there is no such measure.
+        ReportError: A measure is unknown.
     """
     return Objective(to_rank_by(name, "tune.objective"), to_rank_by(then, "tune.then"))
 
 
 def tested(runs: Sequence[RunDirectory], protocol: str) -> Agent:
-    """The runs' validation episodes as an agent of the tables.
+    """Return the runs' validation episodes as an agent of the tables, with the digests of their files checked.
 
     Raises:
-        RunError: an evaluation is missing or damaged, or they are not of the same scenarios.
+        RunError: An evaluation is missing or damaged, or the runs have different scenarios.
+        ReportError: A run is missing.
     """
-    found = []
-    for run in runs:
-        try:
-            found.append(read_evaluation(run.evaluation(protocol)))
-        except Damage as error:
-            raise RunError(
-                f"{run.evaluation(protocol)}: {error}; remove the folder and type the command again"
-            ) from error
-    if len({evaluation.fingerprint for evaluation in found}) > 1:
-        raise RunError(
-            f"{runs[0].path}: the trial's runs were tested on different scenarios; remove their evaluations"
-        )
-    codes = {name: code for code, name in enumerate(OUTCOMES)}
-    frames = [evaluation.episodes.sort_values("episode") for evaluation in found]
-    columns = [
-        c
-        for c in frames[0].columns
-        if frames[0][c].dtype.kind in "if" and c not in ("episode", "environment")
-    ]
-    limits = [c.get("max_steps") for c in found[0].summary["conditions"]]
-    return Agent(
-        label=runs[0].id,
-        key={},
-        runs=(),
-        fingerprint=found[0].fingerprint,
-        outcome=np.array([[codes[str(o)] for o in frame["outcome"]] for frame in frames], dtype=np.int8),
-        metrics={c: np.array([frame[c].to_numpy(dtype=np.float64) for frame in frames]) for c in columns},
-        step_limit=float(limits[0]) if isinstance(limits[0], int | float) else None,
-    )
+    records, problems = load([run.path for run in runs], protocol)
+    episodes = [r.evaluations[protocol].episodes for r in records if protocol in r.evaluations]
+    if len(episodes) == len(runs):
+        condition = str(episodes[0]["condition"].iloc[0])
+        found, more = agents(records, protocol=protocol, condition=condition)
+        if len(found) == 1 and len(found[0].runs) == len(runs):
+            return found[0]
+        problems += more
+    why = "; ".join(f"{problem.where}: {problem.message}" for problem in problems[:3])
+    raise RunError(f"{why or runs[0].path}: remove the evaluation {protocol!r} and type the command again")
 
 
 def interval(agent: Agent, measure: Measure) -> Estimate:
-    """The measure with its 95 % interval."""
+    """Return the measure with its 95 % interval."""
     table = crossed([measure.values(agent)], rate=measure.rate, paired=False, bounds=measure.bounds([agent]))
     return means(table)[0]

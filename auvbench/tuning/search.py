@@ -1,159 +1,183 @@
-"""A study's next step: what to train now, given what was seen. Knows nothing of how runs are carried out."""
+"""The search: an Optuna study whose trials climb rungs. It decides what to train next and trains nothing itself."""
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import optuna
+from optuna.storages import JournalStorage
+from optuna.study import Study
+from optuna.trial import FrozenTrial, Trial, TrialState
+
 from auvbench.config import schema
-from auvbench.config.agents import learns
 from auvbench.config.compose import with_algorithm
-from auvbench.errors import ConfigError
-from auvbench.tuning import rungs, samplers
+from auvbench.errors import AuvbenchError, ConfigError, RunError
+from auvbench.tuning import scores, strategy
 from auvbench.tuning.folder import Plan
 from auvbench.tuning.journal import Journal
+from auvbench.tuning.scores import Score
 from auvbench.tuning.space import with_values
+
+ERROR = "error"
+"""attribute of a trial: why its settings failed"""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A trial is to be brought to a rung."""
+    """A trial to bring to a rung."""
 
     trial: int
     rung: int
 
 
-def ladder_of(plan: Plan) -> rungs.Ladder:
-    """The rungs of a study; what does not learn has one."""
-    if not learns(plan.base["algo"]):
-        return rungs.Ladder(plan.budgets[-1:], "none")
-    return rungs.Ladder(plan.budgets, plan.tune.pruner, plan.tune.reduction)
-
-
-def sampler_of(plan: Plan) -> samplers.Sampler:
-    """How a study proposes."""
-    return samplers.Sampler(
-        plan.tune.sampler, plan.seed, plan.tune.startup, plan.dimensions, ladder_of(plan).budgets
-    )
-
-
-class Search:
-    """Decides what to train next; everything it decides is in the journal before it is done.
+def open_study(plan: Plan, path: Path, *, write: bool = True) -> Study:
+    """Return the Optuna study in a journal; a journal without one starts it.
 
     Args:
         plan: of the study.
-        journal: open for writing.
-        base: the checked configuration of a run of the study, against which proposals are checked.
+        path: of the journal.
+        write: keep what happens in the journal.
+
+    Raises:
+        RunError: The journal is damaged, or of another study.
+    """
+    journal = Journal(path, write=write)
+    try:
+        study = optuna.create_study(
+            storage=JournalStorage(journal), study_name="study", direction="maximize", load_if_exists=True
+        )
+        trials = study.get_trials(deepcopy=False)
+        for trial in trials:
+            _check_trial(plan, trial)
+    except AuvbenchError:
+        raise
+    except Exception as error:  # operations that contradict each other fail anywhere in Optuna
+        raise RunError(
+            f"{path}: damaged: its operations make no study ({type(error).__name__}: {error}); restore the file, or "
+            f"decide the study anew (mv {path} ELSEWHERE)"
+        ) from error
+    study.sampler = strategy.sampler(plan, len(trials))
+    study.pruner = strategy.pruner(plan)
+    return study
+
+
+def _check_trial(plan: Plan, trial: FrozenTrial) -> None:
+    space = {dimension.key: dimension.distribution for dimension in plan.dimensions}
+    if any(space.get(key) != found for key, found in trial.distributions.items()):
+        raise ValueError(f"trial {trial.number} has parameters of another study")
+    if tuple(trial.intermediate_values) != plan.budgets[: len(trial.intermediate_values)]:
+        raise ValueError(f"trial {trial.number} has the rungs of another study")
+    if trial.state.is_finished() and len(trial.params) < len(space):
+        raise ValueError(f"trial {trial.number} has no complete parameters")
+    results(plan, trial)
+
+
+def results(plan: Plan, trial: FrozenTrial) -> list[Score]:
+    """Return a trial's scores by rung.
+
+    Raises:
+        TypeError, ValueError: The journal holds something else.
+    """
+    reached = plan.budgets[: len(trial.intermediate_values)]
+    return [scores.of_plain(trial.user_attrs.get(f"result {budget}")) for budget in reached]
+
+
+def ranked(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """Return the trials with a result, best first: by their budget, then by their score."""
+    shown = [trial for trial in trials if trial.intermediate_values and ERROR not in trial.user_attrs]
+
+    def place(trial: FrozenTrial) -> tuple[float, float, int]:
+        last = max(trial.intermediate_values)
+        return (-last, -trial.intermediate_values[last], trial.number)
+
+    return sorted(shown, key=place)
+
+
+class Search:
+    """Decide what to train next; the journal holds each decision before it takes effect.
+
+    Args:
+        plan: of the study.
+        study: open for writing.
+        base: the checked configuration of a run; proposals are checked against it.
     """
 
-    def __init__(self, plan: Plan, journal: Journal, base: schema.TrainConfig | None = None) -> None:
-        self.plan = plan
-        self.journal = journal
-        self.ladder = ladder_of(plan)
-        self.sampler = sampler_of(plan)
-        self.base = base
-        most = samplers.check(plan.tune.sampler, plan.dimensions)
-        self.trials = plan.tune.trials if most is None else min(plan.tune.trials, most)
-        self.under_way: set[int] = set()
+    def __init__(self, plan: Plan, study: Study, base: schema.TrainConfig) -> None:
+        self.plan, self.study, self.base = plan, study, base
+        most = strategy.trial_limit(plan.tune.sampler, plan.dimensions)
+        self.limit = plan.tune.trials if most is None else min(plan.tune.trials, most)
+        self.running: dict[int, Trial] = {}
+        self.queue: deque[Step] = deque()
+        for found in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+            trial = Trial(study, found._trial_id)
+            for dimension in plan.dimensions:  # a kill may have left the rest of the parameters out
+                trial._suggest(dimension.key, dimension.distribution)
+            self._advance(trial)
 
     @property
-    def progress(self) -> list[rungs.Progress]:
-        return self.journal.progress
+    def trials(self) -> list[FrozenTrial]:
+        """Return all trials that have begun."""
+        return [t for t in self.study.get_trials(deepcopy=False) if t.state is not TrialState.WAITING]
 
     def algo(self, trial: int) -> dict[str, Any]:
-        """The plain values of `algo` of a trial."""
-        return with_values(self.plan.base["algo"], self.plan.dimensions, self.journal.params[trial])
+        """Return the plain values of `algo` of a trial."""
+        return with_values(self.plan.base["algo"], self.plan.dimensions, self.trials[trial].params)
 
     def next(self) -> Step | None:
-        """What to begin now; None when there is nothing until a result comes, or at all.
+        """Return what to train now; None until a result comes, or when the search is over."""
+        while not self.queue and len(self.trials) < self.limit:
+            self._advance(self._ask())
+        return self.queue.popleft() if self.queue else None
 
-        First what was begun and has no result, then who may go on, then a new trial.
-        """
-        for trial in self.progress:
-            if not trial.closed and trial.target not in trial.scores and trial.number not in self.under_way:
-                return self._begin(trial)
-        promoted = self.ladder.promotion(self.progress)
-        if promoted is not None:
-            return self._begin(self.journal.promote(promoted))
-        while len(self.progress) < self.trials:
-            number = len(self.progress)
-            proposed = self.sampler.propose(self.journal.params, self.progress)
-            trial = self.journal.start(proposed, self.ladder.first(number))
-            if why := self._impossible(number):
-                self.journal.fail(number, why)
-                continue
-            return self._begin(trial)
-        if not self.under_way and (last := self.ladder.last_resort(self.progress)) is not None:
-            return self._begin(self.journal.promote(last))
-        return None
+    def _ask(self) -> Trial:
+        if self.plan.tune.sampler == "grid":
+            self.study.enqueue_trial(
+                strategy.grid_point(self.plan.dimensions, len(self.trials)), skip_if_exists=True
+            )
+        return self.study.ask({dimension.key: dimension.distribution for dimension in self.plan.dimensions})
 
-    def _begin(self, trial: rungs.Progress) -> Step:
-        self.under_way.add(trial.number)
-        return Step(trial.number, trial.target)
+    def _advance(self, trial: Trial) -> None:
+        """Queue the trial's next rung, or close the trial."""
+        found = self.trials[trial.number]
+        shown = found.intermediate_values
+        if not shown and ERROR not in found.user_attrs and (why := self._impossible(trial.number)):
+            self._close(trial, why)
+        elif len(shown) == len(self.plan.budgets):
+            self.study.tell(trial, shown[self.plan.budgets[-1]])
+        elif ERROR in found.user_attrs or (shown and trial.should_prune()):
+            self.study.tell(trial, state=TrialState.PRUNED)
+        else:
+            self.running[trial.number] = trial
+            self.queue.append(Step(trial.number, len(shown)))
 
     def _impossible(self, trial: int) -> str:
-        if self.base is None:
-            return ""
         try:
             with_algorithm(self.base, self.algo(trial))
         except ConfigError as error:
             return str(error)
         return ""
 
-    def report(self, trial: int, result: Mapping[str, Any]) -> None:
-        """A trial has reached its rung."""
-        self.journal.report(trial, result)
-        self.under_way.discard(trial)
+    def report(self, step: Step, score: Score) -> None:
+        """Take a trial's result at a rung."""
+        trial, budget = self.running.pop(step.trial), self.plan.budgets[step.rung]
+        trial.set_user_attr(f"result {budget}", score.plain())
+        trial.report(score.score, budget)
+        self._advance(trial)
 
-    def fail(self, trial: int, why: str) -> None:
-        """A trial's training came to nothing, through its own settings."""
-        self.journal.fail(trial, why)
-        self.under_way.discard(trial)
+    def fail(self, step: Step, why: str) -> None:
+        """Close a trial whose own settings ruined its training."""
+        self._close(self.running.pop(step.trial), why)
 
-    def release(self, trial: int) -> None:
-        """A trial was not brought to its rung, through no doing of its own; it is begun again another time."""
-        with contextlib.suppress(KeyError):
-            self.under_way.remove(trial)
+    def _close(self, trial: Trial, why: str) -> None:
+        trial.set_user_attr(ERROR, why)
+        # Optuna's samplers ignore failed trials, and take a pruned one without a result for the worst.
+        self.study.tell(trial, state=TrialState.PRUNED)
 
     @property
-    def best(self) -> int | None:
-        """The best trial so far."""
-        found = rungs.order(self.progress)
-        return found[0] if found else None
-
-    def counts(self) -> dict[str, int]:
-        """Trials that reached the last rung, that wait, that are being trained, and that failed."""
-        top = self.ladder.top
-        failed = sum(bool(error) for error in self.journal.errors)
-        done = sum(trial.scores.get(top, rungs.FAILED) > rungs.FAILED for trial in self.progress)
-        running = len(self.under_way)
-        return {
-            "done": done,
-            "running": running,
-            "pruned": len(self.progress) - done - running - failed,
-            "failed": failed,
-        }
-
-    def steps_expected(self) -> int:
-        """Environment steps of the whole search for one seed, about: as many trials as the rule lets through."""
-        ladder, spent = self.ladder, 0
-        for number in range(self.trials):
-            spent += ladder.budgets[ladder.first(number)]
-        share = 1.0 / ladder.reduction if ladder.pruner in ("halving", "hyperband") else 0.5
-        for rung in range(1, len(ladder.budgets)):
-            if ladder.pruner == "none":
-                break
-            reached = max(1, sum(t.target >= rung > t.first for t in self.progress))
-            expected = max(reached, round(self.trials * share**rung))
-            spent += expected * (ladder.budgets[rung] - ladder.budgets[rung - 1])
-        return spent
-
-    def steps_done(self) -> int:
-        """Environment steps behind the results so far, for one seed."""
-        total = 0
-        for trial in self.progress:
-            reached = [rung for rung in trial.scores if trial.scores[rung] > rungs.FAILED]
-            total += self.ladder.budgets[max(reached)] if reached else 0
-        return total
+    def best(self) -> FrozenTrial | None:
+        """Return the best trial so far."""
+        return next(iter(ranked(self.trials)), None)

@@ -1,4 +1,4 @@
-"""What a worker does with the run of a trial: trains it as any run, then tests it on the study's validation scenarios."""
+"""The work of a worker on a trial's run: train it like any run, then test it on the study's validation scenarios."""
 
 from __future__ import annotations
 
@@ -14,42 +14,39 @@ from auvbench.training.execute import execute
 from auvbench.tuning import folder
 
 TARGET = "auvbench.tuning.trial:carry_out"
-"""What a worker calls with the run directory of a trial."""
-
+"""function that a worker calls with a run directory"""
 
 PRELOAD = ("auvbench.tuning.trial:warm",)
-"""What the workers of one machine share."""
+"""work that the workers of one machine share"""
 
 
 def warm(run: RunDirectory) -> None:
-    """Draws and plays what a test's fingerprint is made of, once for all trials."""
-    plan = folder.of_run(run.path).read()
-    protocol = folder.protocol_of(plan, run.path)
+    """Compute the fingerprint of the test once for all trials."""
+    _, protocol = folder.of_run(run.path)
     fingerprint_parts(protocol, circumstances(protocol, run.check()))
 
 
 def carry_out(run: RunDirectory) -> dict[str, Any]:
-    """Trains a run to its budget and tests it; returns its manifest.
+    """Train a run to its budget and test it; return its manifest.
 
     Raises:
-        TrainingError, KeyboardInterrupt: as `execute`.
+        TrainingError, KeyboardInterrupt: As `execute`.
     """
     manifest = execute(run)
     try:
-        plan = folder.of_run(run.path).read()
-        test(run, folder.protocol_of(plan, run.path))
+        test(run, folder.of_run(run.path)[1])
     except AuvbenchError as error:
-        # The training stands; whoever wants its score tests it again and says what is wrong.
+        # The training is complete; the controller tests it again and reports the error.
         print(f"auvbench: {error}", flush=True)
     return manifest
 
 
 def test(run: RunDirectory, protocol: schema.Protocol) -> None:
-    """Tests a complete run unless that is done.
+    """Test a complete run, unless its test is up to date.
 
     Raises:
-        ConfigError: the protocol is one of test scenarios; nothing here ever meets one.
-        RunError: the run is not complete, its files are damaged, or another process is testing it.
+        ConfigError: The protocol has test scenarios.
+        RunError: The run is not complete, its files are damaged, or another process is testing it.
     """
     refuse_test(protocol)
     if stale(run, protocol) != "":

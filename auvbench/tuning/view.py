@@ -1,24 +1,23 @@
-"""What is seen of a study while it goes on: how many trials, the best so far with its interval, the time left."""
+"""The progress of a study: trials, the best so far with its interval, and the time left."""
 
 from __future__ import annotations
 
 import time
 
+from optuna.trial import TrialState
 from rich.console import Console, Group
 from rich.text import Text
 
-from auvbench.analysis import rounding
+from auvbench.analysis.formatting import amount, name
 from auvbench.analysis.measures import Measure
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling import live_table
 from auvbench.scheduling.base import Job
 from auvbench.scheduling.estimate import clock_after, duration
 from auvbench.scheduling.loop import Outcome
-from auvbench.scheduling.rows import Row
 from auvbench.scheduling.views import InPlace, Watch
-from auvbench.statistics.estimate import Estimate
 from auvbench.tuning.scores import Objective, Score
-from auvbench.tuning.search import Search, Step
+from auvbench.tuning.search import ERROR, Search, Step, results
 
 
 class Lines(Watch):
@@ -26,16 +25,15 @@ class Lines(Watch):
 
     Args:
         search: whose trials are shown.
-        objective: what they are worth.
-        console: where it is shown.
+        objective: the measures of a trial.
+        console: where to print.
     """
 
     def __init__(self, search: Search, objective: Objective, console: Console) -> None:
         super().__init__(console)
         self.search, self.objective = search, objective
-        self.begun = self.last = time.monotonic()
-        self.steps_before = search.steps_done()
-        self.results = 0
+        self.begun = time.monotonic()
+        self.finished_before = self._finished()
         self.fresh = 0
 
     def started(self, run: RunDirectory, job: Job) -> None:
@@ -49,67 +47,61 @@ class Lines(Watch):
         if outcome in (Outcome.FAILED, Outcome.HELD):
             self.event(f"{run.path.name}: {outcome} ({message})")
 
-    def told(self, step: Step, score: Score) -> None:
-        self.results, self.last = self.results + 1, time.monotonic()
-        budget = self.search.ladder.budgets[step.rung]
-        at = f" at {budget:,} steps" if len(self.search.ladder.budgets) > 1 else ""
-        self.event(f"trial {step.trial}{at}: {worth(score, self.objective)} · {self.counts()}")
-
-    def failed(self, step: Step, why: str) -> None:
-        self.event(f"trial {step.trial} failed: {why}")
+    def reported(self, step: Step, score: Score) -> None:
+        self.event(
+            f"trial {step.trial}{self._at(step.rung)}: {worth(score, self.objective)} · {self.counts()}"
+        )
 
     def confirming(self, best: int, count: int) -> None:
         self.fresh = count
         self.event(
-            f"search done: trial {best} is best; it and the untuned settings are trained with fresh seeds "
-            f"({count} runs)"
+            f"search done: trial {best} is best; {count} runs with fresh seeds compare it with the untuned settings"
         )
 
-    def counts(self) -> str:
-        """`12 of 50 trials begun: 2 done, 1 running, 9 pruned · 3 min 10 s to go`."""
-        counts = self.search.counts()
-        begun = len(self.search.progress)
-        text = f"{begun} of {max(begun, self.search.trials)} trials begun: {counts['done']} done, {counts['running']} running, "
-        text += f"{counts['pruned']} waiting or pruned"
-        text += f", {counts['failed']} failed" if counts["failed"] else ""
-        left = self.seconds_left()
-        return text if left is None else f"{text} · about {duration(left)} to go, until {clock_after(left)}"
+    def _at(self, rung: int) -> str:
+        budgets = self.search.plan.budgets
+        return f" at {budgets[rung]:,} steps" if len(budgets) > 1 else ""
 
-    def seconds_left(self) -> float | None:
-        """Of the search, by the steps and the time until the last result; None before the first."""
-        if not self.results or self.fresh:
-            return None
-        here = self.search.steps_done() - self.steps_before
-        left = self.search.steps_expected() - self.search.steps_done()
-        if here <= 0 or left <= 0:  # more were promoted than expected: nobody knows
-            return None
-        expected = (self.last - self.begun) * left / here
-        return max(0.0, expected - (time.monotonic() - self.last))
+    def _finished(self) -> int:
+        return sum(trial.state.is_finished() for trial in self.search.trials)
+
+    def counts(self) -> str:
+        """Return `12 of 50 trials begun: 2 done, 1 running, 9 pruned · about 3 min to go, until 17:05`."""
+        trials = self.search.trials
+        failed = sum(ERROR in trial.user_attrs for trial in trials)
+        done, running, pruned = (
+            sum(trial.state is state for trial in trials)
+            for state in (TrialState.COMPLETE, TrialState.RUNNING, TrialState.PRUNED)
+        )
+        text = f"{len(trials)} of {max(len(trials), self.search.limit)} trials begun: "
+        text += f"{done} done, {running} running, {pruned - failed} pruned"
+        text += f", {failed} failed" if failed else ""
+        here, left = self._finished() - self.finished_before, self.search.limit - self._finished()
+        if here < 1 or left < 1 or self.fresh:
+            return text
+        seconds = (time.monotonic() - self.begun) * left / here
+        return f"{text} · about {duration(seconds)} to go, until {clock_after(seconds)}"
 
     def best(self) -> str:
-        """The best trial so far with its interval; '' before there is one."""
-        number = self.search.best
-        if number is None:
+        """Return the best trial so far with its interval; '' before the first result."""
+        best = self.search.best
+        if best is None:
             return ""
-        trial = self.search.progress[number]
-        rung = max(trial.scores)
-        result = self.search.journal.results[number][rung]
-        score = Score(**{**result, "runs": tuple(result["runs"])})
-        budget = self.search.ladder.budgets[rung]
-        at = f" at {budget:,} steps" if len(self.search.ladder.budgets) > 1 else ""
-        return f"best so far: trial {number}{at}, {worth(score, self.objective)} on validation scenarios"
+        shown = results(self.search.plan, best)
+        at = self._at(len(shown) - 1)
+        return f"best so far: trial {best.number}{at}, {worth(shown[-1], self.objective)} on validation scenarios"
 
 
 class Table(InPlace, Lines):
-    """What runs, the counts, the best."""
+    """The runs, the counts and the best trial, drawn in place."""
 
-    def told(self, step: Step, score: Score) -> None:
-        self.results, self.last = self.results + 1, time.monotonic()
+    def reported(self, step: Step, score: Score) -> None:
+        pass
 
     def table(self) -> Group:
         rows = list(self.rows.values())
         room = max(3, self.console.height - 6)
-        left = {row.name: _left(row) for row in rows}
+        left = {row.name: None if row.pace is None else row.to_go / row.pace for row in rows}
         lines = live_table.lines(rows[:room], left, self.console.width)
         more = [Text(f"and {len(rows) - room} more", "dim")] if len(rows) > room else []
         last = f"with fresh seeds: {len(rows)} of {self.fresh} to go" if self.fresh else self.counts()
@@ -117,29 +109,16 @@ class Table(InPlace, Lines):
 
 
 def view(search: Search, objective: Objective, console: Console) -> Lines:
-    """The view that suits where the output goes."""
+    """Return a live view for a terminal, and lines for any other output."""
     return (Table if console.is_terminal else Lines)(search, objective, console)
 
 
 def worth(score: Score, objective: Objective) -> str:
-    """`success_rate 98.0 % [93.0, 99.4], par1_steps 312`."""
-    return (
-        f"{amount(Estimate(score.objective, score.low, score.high), objective.measure)}, "
-        f"{objective.then.name} {plain(score.then, objective.then)}"
-    )
-
-
-def amount(of: Estimate, measure: Measure) -> str:
-    """A measure with its interval, in the unit of the tables."""
-    value, low, high = rounding.rounded(of, 100.0 if measure.rate else 1.0)
-    unit = " %" if measure.rate else ""
-    return f"{measure.name} {value}{unit}" + (f" [{low}, {high}]" if low else "")
+    """Return `success rate 98.0 % [93.0, 99.4], PAR-1 of the steps 312`."""
+    first, then = objective.measure, objective.then
+    return f"{name(first)} {amount(score.estimate, first)}, {name(then)} {plain(score.then, then)}"
 
 
 def plain(value: float, measure: Measure) -> str:
-    """A value without its interval."""
+    """Return a value without its interval."""
     return f"{100 * value:.1f} %" if measure.rate else f"{value:.4g}"
-
-
-def _left(row: Row) -> float | None:
-    return None if row.pace is None else row.to_go / row.pace

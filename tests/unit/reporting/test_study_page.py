@@ -2,29 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import optuna
 import pytest
+from optuna.study import Study
+from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from auvbench.commands.tune import plan_of, split
 from auvbench.config.compose import compose
-from auvbench.reporting.tuning import looks, sentences, write
+from auvbench.reporting.tuning import figures, sentences, write
 from auvbench.statistics.estimate import Estimate
-from auvbench.tuning import scores
-from auvbench.tuning.folder import StudyFolder
-from auvbench.tuning.outcome import Cost, Fresh, Outcome, Trial
+from auvbench.tuning.folder import Plan, StudyFolder
+from auvbench.tuning.outcome import Fresh, Outcome
+from auvbench.tuning.scores import Score
+from auvbench.tuning.search import ERROR
 
 
-def result(objective: float, then: float) -> dict[str, object]:
-    return {
-        "score": objective,
-        "objective": objective,
-        "low": objective - 0.05,
-        "high": 1.0,
-        "then": then,
-        "runs": ["x"],
-    }
+def result(objective: float, then: float) -> list[float]:
+    return Score(objective, objective, objective - 0.05, 1.0, then).plain()
+
+
+def trial_of(params: dict[str, object], plan: Plan, *results: list[float], error: str = "") -> FrozenTrial:
+    done = len(results) == len(plan.budgets)
+    return create_trial(
+        state=TrialState.COMPLETE if done else TrialState.PRUNED,
+        value=results[-1][0] if done else None,
+        params=params,
+        distributions={d.key: d.distribution for d in plan.dimensions},
+        intermediate_values={plan.budgets[i]: values[0] for i, values in enumerate(results)},
+        user_attrs={f"result {plan.budgets[i]}": values for i, values in enumerate(results)}
+        | ({ERROR: error} if error else {}),
+    )
+
+
+def study_of(trials: Sequence[FrozenTrial]) -> Study:
+    study = optuna.create_study(direction="maximize")
+    study.add_trials(trials)
+    return study
 
 
 @pytest.fixture(scope="module")
@@ -34,46 +51,31 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     words, ranges, fixed = split(words)
     plan, study = plan_of(compose("tune", words), ranges, fixed, "auvbench tune <script>alert(1)</script>")
     trials = []
-    for number in range(12):
+    for number in range(16):
         params = {d.key: d.ends()[number % len(d.ends())] for d in plan.dimensions}
         params["algo.n_epochs"] = 2 + number
-        results = {
-            0: result(0.5 + 0.01 * number, 900.0),
-            **({1: result(0.95 - 0.01 * number, 300.0)} if number < 3 else {}),
-        }
-        trials.append(Trial(number, params, max(results), results, "done" if number < 3 else "pruned"))
-    trials.append(Trial(12, trials[0].params, -1, {}, "failed", "step 3: train/loss became nan"))
-    estimate = Estimate(0.95, 0.9, 0.98)
+        results = [result(0.5 + 0.01 * number, 900.0), result(0.95 - 0.01 * number, 300.0)]
+        trials.append(trial_of(params, plan, *results[: 2 if number < 12 else 1]))
+    trials.append(trial_of(params, plan, error="step 3: train/loss became nan"))
     fresh = Fresh(
-        estimate,
+        Estimate(0.95, 0.9, 0.98),
         Estimate(0.8, 0.7, 0.9),
         Estimate(0.15, 0.02, 0.28),
-        0.02,
         (250.0, 400.0),
         Estimate(-150.0, -200.0, -100.0),
         (1000, 1001),
     )
-    return Outcome(
-        plan,
-        StudyFolder(Path(study.path)),
-        scores.objective("success_rate", "par1_steps"),
-        (100, 300),
-        tuple(trials),
-        {d.key: 1 / len(plan.dimensions) for d in plan.dimensions},
-        Cost(2000, 2300, 60.0, 6.0),
-        fresh,
-    )
+    return Outcome(plan, study, study_of(trials), fresh)
 
 
-def test_the_fresh_seeds_come_first_and_the_winner_is_called_lucky(found: Outcome) -> None:
+def test_the_gain_with_fresh_seeds_comes_before_the_winner_of_the_search(found: Outcome) -> None:
     said = sentences.summary(found)
-    assert said[0].startswith("On 2 fresh training seeds and fresh validation scenarios")
-    assert "15.0 points" in said[0] or "15 points" in said[0]
-    assert "better" in said[0]
-    assert "lucky" in said[1]
-    assert "3 brought to the end, 9 pruned, 1 failed" in " ".join(said)
-    assert "13 %" in " ".join(said)  # 300 of 2300 steps
-    assert "lie at an end of the range" in said[-1]
+    assert "+15.0 points [2.0, 28.0], better" in said[0]
+    assert "-150 [-200, -100], better" in said[0]
+    assert "trial 0" in said[1]
+    assert "12 done, 1 failed, 4 pruned" in said[2]
+    assert f"{12 * 300 + 4 * 100:,} environment steps" in said[2]
+    assert "algo.n_epochs (interval(2,20))" in said[3]
 
 
 @pytest.mark.parametrize(
@@ -89,37 +91,35 @@ def test_a_gain_is_one_where_its_interval_leaves_out_zero(
 def test_without_fresh_seeds_nothing_is_called_a_gain(found: Outcome) -> None:
     said = " ".join(sentences.summary(replace(found, fresh=None)))
     assert "better" not in said.replace("better settings", "")
-    assert "Not yet trained with fresh seeds" in sentences.evidence(replace(found, fresh=None))
+    assert "Not trained with fresh seeds" in sentences.evidence(replace(found, fresh=None))
 
 
 def test_the_page_holds_everything_and_nothing_that_runs(found: Outcome) -> None:
     path = write.report(found)
     html = path.read_text()
     assert "<script>alert(1)" not in html
-    assert html.count("<figure ") == 5
+    assert html.count("<figure ") == 4
     assert "train/loss became nan" in html
-    assert html.count("<tr>") >= 13
-    assert (path.parent / "trials.csv").read_text().count("\n") == 14
+    assert html.count("<tr>") >= 17
+    assert (path.parent / "trials.csv").read_text().count("\n") == 18
     for word in ("http://", "https://"):
         assert word not in html.replace("http://www.w3.org", "")
 
 
 def test_a_study_without_a_result_has_a_page_too(found: Outcome, tmp_path: Path) -> None:
-    empty = replace(found, trials=(), fresh=None, importances={}, folder=StudyFolder(tmp_path))
+    empty = Outcome(found.plan, StudyFolder(tmp_path), study_of([]))
     html = write.report(empty).read_text()
     assert "0 trials: none." in html
     assert "<figure " not in html
 
 
 def test_the_measure_that_tells_trials_apart_is_drawn(found: Outcome) -> None:
-    assert looks.telling(found)[1] == "objective"
-    tied = tuple(
-        replace(t, results={r: {**v, "objective": 1.0} for r, v in t.results.items()}) for t in found.trials
-    )
-    assert looks.telling(replace(found, trials=tied))[1] == "then"
-    # The best of those that came as far as the best decide, however the others fared.
-    top = tuple(
-        replace(t, results={r: {**v, "objective": 1.0} if r else v for r, v in t.results.items()})
-        for t in found.trials
-    )
-    assert looks.telling(replace(found, trials=top))[1] == "then"
+    assert figures.in_units(found)[1] is found.objective.measure
+    first = found.trials[0]
+    tied = [trial_of(first.params, found.plan, result(0.9, 1.0), result(1.0, 300.0 + i)) for i in range(5)]
+    # The best among those with the largest budget decide, even where the others differ.
+    others = [trial_of(first.params, found.plan, result(0.1 * i, 1.0)) for i in range(9)]
+    study, measure = figures.in_units(Outcome(found.plan, found.folder, study_of([*tied, *others])))
+    assert measure is found.objective.then
+    assert study.best_value == 300.0
+    assert study.direction.name == "MINIMIZE"

@@ -8,18 +8,19 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
+from optuna.trial import TrialState
 from rich.console import Console
 
 from auvbench.commands.tune import plan_of, split
-from auvbench.config.compose import compose
+from auvbench.config.compose import compose, typed
 from auvbench.errors import TrainingError
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory, freeze
 from auvbench.scheduling.base import Phase, Status
 from auvbench.tuning import controller, runs, scores, view
 from auvbench.tuning.controller import Controller
-from auvbench.tuning.journal import Journal
-from auvbench.tuning.search import Search
+from auvbench.tuning.search import ERROR, Search, open_study
 
 WORDS = [
     "algo=ppo",
@@ -82,20 +83,22 @@ def carry_out(
     words, ranges, fixed = split([*WORDS, *more, f"output={folder}"])
     plan, study = plan_of(compose("tune", words), ranges, fixed)
 
-    def prepare(plan, study, algo, rung, first, budgets):
+    def prepare(plan, study, algo, rung):
         return [
-            freeze(runs.configuration(plan, study, algo, seed, budgets[rung])) for seed in plan.tune.seeds
+            freeze(runs.configuration(plan, study, algo, seed, plan.budgets[rung]))
+            for seed in plan.tune.seeds
         ]
 
     def by_rate(self, made, protocol):
         rate = made[0].config()["algo"]["learning_rate"]
-        return scores.Score(rate, rate, rate, rate, 1.0, tuple(run.id for run in made))
+        return scores.Score(rate, rate, rate, rate, 1.0)
 
     monkeypatch.setattr(runs, "prepare", prepare)
     monkeypatch.setattr(controller, "test", lambda run, protocol: None)
     monkeypatch.setattr(scores.Objective, "of", of or by_rate)
     study.path.mkdir(parents=True, exist_ok=True)
-    search = Search(plan, Journal(study.journal, plan.dimensions, plan.budgets))
+    base = typed(OmegaConf.create({**plan.base, "name": "a", "output": "b", "seed": 0}))
+    search = Search(plan, open_study(plan, study.journal), base)
     objective = scores.objective("success_rate", "par1_steps")
     text = io.StringIO()
     shown = view.view(search, objective, Console(file=text, width=200))
@@ -106,12 +109,16 @@ def carry_out(
     return search, text.getvalue()
 
 
+def errors(search: Search) -> list[str]:
+    return [trial.user_attrs[ERROR] for trial in search.trials if ERROR in trial.user_attrs]
+
+
 def test_every_trial_is_carried_out_and_the_best_reach_the_top(tmp_path, monkeypatch):
     search, text = carry_out(tmp_path, Backend(limit=3), monkeypatch, "tune.seeds=[0,1]")
-    assert len(search.progress) == 6
-    assert search.counts()["running"] == 0
-    best = max(range(6), key=lambda number: search.journal.params[number]["algo.learning_rate"])
-    assert search.best == best
+    assert len(search.trials) == 6
+    assert not search.running
+    best = max(search.trials, key=lambda trial: trial.params["algo.learning_rate"])
+    assert search.best.number == best.number
     assert "6 of 6 trials begun" in text
 
 
@@ -120,8 +127,8 @@ def test_settings_that_ruin_a_training_are_a_failed_trial(tmp_path, monkeypatch)
         return ("TrainingError", "step 7: train/loss became nan", 1) if number == 2 else None
 
     search, text = carry_out(tmp_path, Backend(behave=behave), monkeypatch)
-    assert [bool(error) for error in search.journal.errors].count(True) == 1
-    assert len(search.progress) == 6
+    assert len(errors(search)) == 1
+    assert len(search.trials) == 6
     assert "became nan" in text
 
 
@@ -132,15 +139,15 @@ def test_what_is_not_the_settings_fault_stops_the_study_and_it_goes_on_later(tmp
     with pytest.raises(TrainingError, match=r"disk is full.*the same command goes on"):
         carry_out(tmp_path, Backend(behave=behave), monkeypatch)
     search, _ = carry_out(tmp_path, Backend(), monkeypatch)
-    assert not any(search.journal.errors)
-    assert len(search.progress) == 6
+    assert not errors(search)
+    assert len(search.trials) == 6
 
 
 def test_a_worker_that_was_killed_is_started_again_a_few_times(tmp_path, monkeypatch):
     backend = Backend(behave=lambda number, run: ("", "", -9) if number == 2 else None)
     search, text = carry_out(tmp_path, backend, monkeypatch)
     assert "it is resumed" in text
-    assert not any(search.journal.errors)
+    assert not errors(search)
     always = Backend(behave=lambda number, run: ("", "", -9))
     with pytest.raises(TrainingError, match="SIGKILL"):
         carry_out(tmp_path / "other", always, monkeypatch)
@@ -176,7 +183,7 @@ def test_a_run_that_goes_on_after_its_trial_failed_is_not_begun_twice(tmp_path, 
     fixed += ["algo.log_std_init=0", "algo.net_arch=[8]", "algo.n_steps=64", "algo.batch_size=64"]
     fixed += ["algo.gamma=0.9", "algo.learning_rate=choice(0.001,0.002)", "tune.seeds=[0,1]"]
     search, _ = carry_out(tmp_path, backend, monkeypatch, *fixed)
-    assert all(search.journal.errors)
+    assert len(errors(search)) == len(search.trials)
     assert late
     seconds = [job.run for job in late]
     assert len(set(seconds)) == len(seconds)
@@ -184,26 +191,29 @@ def test_a_run_that_goes_on_after_its_trial_failed_is_not_begun_twice(tmp_path, 
 
 def test_a_complete_run_that_is_being_tested_is_waited_for(tmp_path, monkeypatch):
     """By a worker of an earlier controller, which was killed: its score is asked for when it has let go."""
-    monkeypatch.setattr(controller, "LOOK", 0.0)
-    backend, held, tested = Backend(), [], []
+    backend, held, tested, waits = Backend(), [], [], []
 
     def behave(number: int, run: RunDirectory) -> None:
         if number == 1:
             held.append(lock.acquire(run.path))
-        if number == 3:
+
+    def wait(seconds: float) -> None:
+        waits.append(len(backend.submitted))
+        if len(waits) == 4:
             held[0].release()
 
-    backend.behave = behave
+    backend.behave, backend.wait = behave, wait
     words = ["tune.trials=1", "tune.rungs=[10]"]
 
     def of(self, made, protocol):
         tested.append(lock.living_holder(made[0].path))
-        return scores.Score(1.0, 1.0, 1.0, 1.0, 1.0, (made[0].id,))
+        return scores.Score(1.0, 1.0, 1.0, 1.0, 1.0)
 
     search, _ = carry_out(tmp_path, backend, monkeypatch, *words, of=of)
     assert tested == [None]
-    assert len(backend.submitted) == 3
-    assert search.counts()["done"] == 1
+    assert waits[3] == 1  # nothing is started while the run is held
+    assert len(backend.submitted) == 2
+    assert search.trials[0].state is TrialState.COMPLETE
 
 
 def test_equal_settings_share_a_run(tmp_path, monkeypatch):
@@ -213,5 +223,5 @@ def test_equal_settings_share_a_run(tmp_path, monkeypatch):
     ]
     fixed += ["algo.log_std_init=0", "algo.net_arch=[8]", "algo.n_steps=64", "algo.batch_size=64"]
     search, _ = carry_out(tmp_path, backend, monkeypatch, *fixed, "algo.learning_rate=choice(0.001,0.002)")
-    assert len(search.progress) == 6
+    assert len(search.trials) == 6
     assert len(set(backend.submitted)) == len(backend.submitted) <= 4

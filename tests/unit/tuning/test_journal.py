@@ -1,146 +1,125 @@
-"""The journal: what a kill leaves, what damage is told, what another program did."""
+"""The journal: a kill loses no operation, an edited, removed or moved line is found, and no link is followed."""
+
+from __future__ import annotations
 
 import json
+import os
+from pathlib import Path
 
 import pytest
 
 from auvbench.errors import RunError
 from auvbench.runs import lock
 from auvbench.tuning.journal import CONTROLLER, Journal
-from auvbench.tuning.rungs import FAILED
-from auvbench.tuning.space import Dimension
-
-DIMENSIONS = (
-    Dimension("algo.a", "interval(0,1)", "float", 0.0, 1.0),
-    Dimension("algo.d", "choice(x,y)", "choice", choices=("x", "y"), values=("x", "y")),
-)
-BUDGETS = (10, 30)
 
 
-def result(score):
-    return {"score": score, "objective": score, "low": 0.0, "high": 1.0, "then": 3.0, "runs": ["a"]}
+def written(path: Path, count: int = 6) -> list[dict[str, object]]:
+    """Write a journal of `count` operations; return them."""
+    logs = [{"op_code": 8, "trial_id": i, "user_attr": {"result 10": [0.1 * i, None]}} for i in range(count)]
+    journal = Journal(path)
+    for log in logs:
+        journal.append_logs([log])
+    return logs
 
 
-def a_study(path):
-    journal = Journal(path, DIMENSIONS, BUDGETS)
-    for number, score in enumerate((0.5, 0.25, 0.75)):
-        journal.start({"algo.a": score, "algo.d": "x"}, 0)
-        journal.report(number, result(score))
-    journal.promote(2)
-    return journal
-
-
-def state(journal):
-    return journal.params, journal.progress, journal.results, journal.errors
-
-
-def test_what_is_written_is_read_again(tmp_path):
-    journal = a_study(tmp_path / "journal.log")
-    journal.start({"algo.a": 0.1, "algo.d": "y"}, 0)
-    journal.fail(3, "the weights became nan")
-    again = Journal(tmp_path / "journal.log", DIMENSIONS, BUDGETS)
-    assert state(again) == state(journal)
-    assert again.progress[3].scores == {0: FAILED}
-    again.report(2, result(0.9))
-    again.close()
-    last = Journal(tmp_path / "journal.log", DIMENSIONS, BUDGETS, write=False)
-    assert [trial.state.name for trial in last.trials()] == ["PRUNED", "PRUNED", "COMPLETE", "FAIL"]
-
-
-def test_a_kill_after_any_byte_loses_no_whole_event(tmp_path):
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "journal.log"
-    a_study(path)
+    logs = written(path)
+    assert Journal(path).read_logs(0) == logs
+    assert Journal(path, write=False).read_logs(4) == logs[4:]
+
+
+def test_a_kill_after_any_byte_loses_no_whole_line(tmp_path: Path) -> None:
+    path = tmp_path / "journal.log"
+    logs = written(path)
     data = path.read_bytes()
-    whole = data.count(b"\n")
-    for cut in range(len(data) - 1, 0, -37):
+    for cut in range(len(data) + 1):
         path.write_bytes(data[:cut])
-        journal = Journal(path, DIMENSIONS, BUDGETS)
-        assert bool(journal.repaired) == (not data[:cut].endswith(b"\n"))
-        assert path.read_bytes().count(b"\n") >= data[:cut].count(b"\n")
-        journal.start({"algo.a": 0.3, "algo.d": "y"}, 0)
-        assert Journal(path, DIMENSIONS, BUDGETS).params[-1] == {"algo.a": 0.3, "algo.d": "y"}
-    assert whole > 10
+        whole = data[:cut].count(b"\n")
+        assert Journal(path, write=False).read_logs(0) == logs[:whole]
+        assert path.stat().st_size == cut
+        Journal(path).append_logs([logs[0]])
+        assert Journal(path).read_logs(0) == [*logs[:whole], logs[0]]
 
 
-def test_a_last_line_that_is_cut_short_is_kept_beside(tmp_path):
+def test_an_incomplete_line_goes_nowhere_else(tmp_path: Path) -> None:
+    """A stranger's study: the incomplete line is shell code, and the file that used to keep it a link."""
+    profile = tmp_path / "profile"
+    profile.write_text("export A=1\n")
+    study = tmp_path / "study"
+    study.mkdir()
+    logs = written(study / "journal.log")
+    with open(study / "journal.log", "ab") as file:
+        file.write(b"touch /tmp/owned #")
+    (study / "journal.log.torn").symlink_to(profile)
+    assert Journal(study / "journal.log").read_logs(0) == logs
+    assert profile.read_text() == "export A=1\n"
+
+
+@pytest.mark.parametrize("exists", [True, False])
+def test_a_journal_that_is_a_link_is_refused_and_not_written(tmp_path: Path, exists: bool) -> None:
+    target, path = tmp_path / "target", tmp_path / "journal.log"
+    if exists:
+        target.write_bytes(b"")
+    path.symlink_to(target)
+    with pytest.raises(RunError, match="symbolic link"):
+        Journal(path)
+    path.unlink()
+    journal = Journal(path)
+    path.symlink_to(target)  # after the check
+    with pytest.raises(Exception, match=r"journal\.log"):
+        journal.append_logs([{"op_code": 0}])
+    assert not target.exists() or target.read_bytes() == b""
+
+
+def edited(lines: list[bytes]) -> list[bytes]:
+    log = json.loads(lines[2])
+    log["user_attr"]["result 10"][0] = 0.9
+    return [*lines[:2], json.dumps(log, separators=(",", ":")).encode(), *lines[3:]]
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (edited, 3),
+        (lambda lines: lines[:2] + lines[3:], 3),
+        (lambda lines: [lines[1], lines[0], *lines[2:]], 1),
+        (lambda lines: lines[:4] + lines[3:], 5),
+        (lambda lines: [*lines[:1], b"not JSON", *lines[2:]], 2),
+        (lambda lines: [*lines[:1], b"[1]", *lines[2:]], 2),
+        (lambda lines: [*lines[:1], b"\xff\xfe", *lines[2:]], 2),
+        (lambda lines: [*lines[:1], b"[" * 100_000, *lines[2:]], 2),
+    ],
+)
+@pytest.mark.parametrize("write", [True, False])
+def test_a_changed_line_is_named_and_nothing_is_touched(
+    tmp_path: Path, change, line: int, write: bool
+) -> None:
     path = tmp_path / "journal.log"
-    journal = a_study(path)
-    with open(path, "ab") as file:
-        file.write(b'{"op_code":8,"work')
-    assert state(Journal(path, DIMENSIONS, BUDGETS, write=False)) == state(journal)
-    again = Journal(path, DIMENSIONS, BUDGETS)
-    assert "cut short" in again.repaired
-    assert (tmp_path / "journal.log.torn").read_bytes() == b'{"op_code":8,"work\n'
-    assert state(again) == state(journal)
-
-
-@pytest.mark.parametrize("line", [3, 7])
-@pytest.mark.parametrize("bad", [b"no json at all", b'{"op_code": "x"}', b"[1]", b"\xff\xfe"])
-def test_damage_in_the_middle_is_named_and_nothing_is_touched(tmp_path, line, bad):
-    path = tmp_path / "journal.log"
-    a_study(path)
-    lines = path.read_bytes().split(b"\n")
-    lines[line - 1] = bad
-    path.write_bytes(b"\n".join(lines))
+    written(path)
+    path.write_bytes(b"\n".join([*change(path.read_bytes().splitlines()), b""]))
     before = path.read_bytes()
-    with pytest.raises(RunError, match=f"line {line} of {len(lines) - 1} is damaged") as caught:
-        Journal(path, DIMENSIONS, BUDGETS)
+    with pytest.raises(RunError, match=f"line {line} is damaged") as caught:
+        Journal(path, write=write)
     assert "\n" not in str(caught.value)
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize("line", [4, 14])
-def test_an_event_of_another_version_is_named_and_not_cut_off(tmp_path, line):
+def test_a_process_that_lost_the_study_writes_no_more(tmp_path: Path) -> None:
     path = tmp_path / "journal.log"
-    a_study(path)
-    lines = path.read_bytes().splitlines()
-    lines[line - 1] = json.dumps({**json.loads(lines[line - 1]), "op_code": 99}).encode()
-    path.write_bytes(b"\n".join([*lines, b""]))
-    before = path.read_bytes()
-    with pytest.raises(RunError, match=rf"line {line}: an event of kind 99.*use the auvbench that wrote it"):
-        Journal(path, DIMENSIONS, BUDGETS)
-    assert path.read_bytes() == before
-
-
-def test_who_lost_the_study_writes_no_more_into_it(tmp_path):
-    path = tmp_path / "journal.log"
-    journal = a_study(path)
+    logs = written(path)
+    journal = Journal(path)
     place = tmp_path / CONTROLLER
     place.mkdir()
     with lock.acquire(place):
         (place / lock.FOLDER / lock.HOLDER).unlink()
         before = path.read_bytes()
         with pytest.raises(lock.LockLostError):
-            journal.start({"algo.a": 0.1, "algo.d": "y"}, 0)
+            journal.append_logs(logs)
         assert path.read_bytes() == before
 
 
-def test_events_that_make_no_study_are_refused(tmp_path):
-    path = tmp_path / "journal.log"
-    a_study(path)
-    lines = path.read_bytes().splitlines(keepends=True)
-    path.write_bytes(b"".join(lines[1:]))  # without the event that made the study
-    with pytest.raises(RunError, match=r"journal\.log"):
-        Journal(path, DIMENSIONS, BUDGETS).start({"algo.a": 0.3, "algo.d": "y"}, 0)
-
-
-def test_trials_of_another_space_are_refused(tmp_path):
-    path = tmp_path / "journal.log"
-    a_study(path)
-    with pytest.raises(RunError, match="trial 0 is not of this study's space"):
-        Journal(path, DIMENSIONS[:1], BUDGETS)
-
-
-def test_a_score_that_is_none_is_refused(tmp_path):
-    path = tmp_path / "journal.log"
-    a_study(path)
-    edited = []
-    for line in path.read_text().splitlines():
-        event = json.loads(line)
-        for name in list(event.get("user_attr", {})):
-            if name.startswith("result"):
-                event["user_attr"][name]["score"] = "good"
-        edited.append(json.dumps(event))
-    path.write_text("\n".join(edited) + "\n")
-    with pytest.raises(RunError, match="has no score after 10 steps"):
-        Journal(path, DIMENSIONS, BUDGETS)
+def test_a_pipe_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "journal.log")
+    with pytest.raises(RunError, match="pipe"):
+        Journal(tmp_path / "journal.log")

@@ -1,106 +1,198 @@
-"""A study that is killed at any event goes on as if it had not been."""
+"""A search that is killed at any operation loses no result and asks for none twice."""
+
+from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
+from optuna.trial import FrozenTrial, TrialState
 
 from auvbench.commands.tune import plan_of, split
-from auvbench.config.compose import compose
+from auvbench.config import schema
+from auvbench.config.compose import compose, typed
+from auvbench.errors import RunError
+from auvbench.tuning.folder import Plan
 from auvbench.tuning.journal import Journal
-from auvbench.tuning.search import Search
+from auvbench.tuning.scores import Score
+from auvbench.tuning.search import ERROR, Search, Step, open_study, ranked, results
 
 SMALL = ["algo=ppo", "tune.trials=9", "tune.startup=4", "tune.rungs=[10,30,90]", "tune.reduction=2"]
+BROKEN = 5
+"""the trial whose settings fail"""
 
 
 class Killed(BaseException):
     pass
 
 
-def plan(*arguments, tmp="/nowhere"):
-    words, ranges, fixed = split([*SMALL, *arguments, f"output={tmp}"])
+def plan(*arguments: str) -> Plan:
+    words, ranges, fixed = split([*SMALL, *arguments, "output=/nowhere"])
     return plan_of(compose("tune", words), ranges, fixed)[0]
 
 
-def shown(search, step):
-    """What a trial shows: a function of its settings and of the budget; some fail."""
-    params = search.journal.params[step.trial]
-    return (
-        -abs(math.log(params["algo.learning_rate"] / 1e-3))
-        - abs(params["algo.gamma"] - 0.98) * 20
-        + step.rung / 9
-    )
+def base_of(study: Plan) -> schema.TrainConfig:
+    return typed(OmegaConf.create({**study.base, "name": "a", "output": "b", "seed": 0}))
 
 
-def carry_out(study, path, kill_after=None):
-    """Runs the study with one worker; dies right after so many events of the journal were written."""
-    journal = Journal(path, study.dimensions, study.budgets)
-    backend, left = journal._storage._backend, [math.inf if kill_after is None else kill_after]
-    append = backend.append_logs
+def shown(trial: FrozenTrial, rung: int) -> float:
+    """What a trial shows: a function of its settings and of the budget."""
+    rate = math.log(float(trial.params["algo.learning_rate"]) / 1e-3)
+    return -abs(rate) - abs(float(trial.params["algo.gamma"]) - 0.98) * 20 + rung / 9
 
-    def counting(logs):
-        append(logs)
+
+def carry_out(
+    study: Plan, path: Path, monkeypatch: pytest.MonkeyPatch, kill_after: float = math.inf, at_once: int = 2
+) -> tuple[Search, list[Step]]:
+    """Run the search, and die after so many operations; return what was trained to the end."""
+    left = [kill_after]
+    append = Journal.append_logs
+
+    def counting(self: Journal, logs: list[dict[str, object]]) -> None:
+        append(self, logs)
         left[0] -= 1
         if left[0] <= 0:
             raise Killed
 
-    backend.append_logs = counting
-    search = Search(study, journal)
-    while (step := search.next()) is not None:
-        if step.trial == 5:
-            search.fail(step.trial, "the weights became nan")
-            continue
-        worth = shown(search, step)
-        search.report(
-            step.trial,
-            {"score": worth, "objective": worth, "low": 0.0, "high": 1.0, "then": 1.0, "runs": ["a"]},
-        )
-    journal.close()
-    return search
+    reported: list[Step] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(Journal, "append_logs", counting)
+        try:
+            search = Search(study, open_study(study, path), base_of(study))
+            active: list[Step] = []
+            while True:
+                while len(active) < at_once and (step := search.next()) is not None:
+                    active.append(step)
+                if not active:
+                    return search, reported
+                step = active.pop(0)
+                trial = search.trials[step.trial]
+                if step.trial == BROKEN and step.rung == 0:
+                    search.fail(step, "the weights became nan")
+                    continue
+                score = shown(trial, step.rung)
+                search.report(step, Score(score, score, score, score, math.nan))
+                reported.append(step)
+        except Killed:
+            raise Killed(reported) from None
 
 
-def outcome(path, study):
-    journal = Journal(path, study.dimensions, study.budgets, write=False)
-    states = [trial.state.name for trial in journal.trials()]
-    return journal.params, [p.scores for p in journal.progress], journal.errors, states
+def check(study: Plan, path: Path) -> list[FrozenTrial]:
+    """Every trial is over, with its own results at consecutive rungs."""
+    trials = open_study(study, path, write=False).get_trials()
+    for trial in trials:
+        assert trial.state in (TrialState.COMPLETE, TrialState.PRUNED)
+        found = results(study, trial)
+        assert [score.score for score in found] == [shown(trial, rung) for rung in range(len(found))]
+        assert (trial.state is TrialState.COMPLETE) == (len(found) == len(study.budgets))
+    return trials
 
 
 @pytest.mark.parametrize("pruner", ["halving", "hyperband", "median", "none"])
-def test_a_kill_after_any_event_changes_no_trial(pruner, tmp_path):
+def test_a_kill_after_any_operation_loses_no_result_and_asks_for_none_twice(
+    pruner: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     study = plan(f"tune.pruner={pruner}")
-    search = carry_out(study, tmp_path / "whole.log")
-    expected = outcome(tmp_path / "whole.log", study)
-    assert "RUNNING" not in expected[3]
-    assert "WAITING" not in expected[3]
-    assert search.best is not None
-    events = (tmp_path / "whole.log").read_text().count("\n")
-    for event in range(1, events, 3 if pruner == "halving" else 11):
-        path = tmp_path / f"{event}.log"
-        with pytest.raises(Killed):
-            carry_out(study, path, kill_after=event)
-        carry_out(study, path)
-        assert outcome(path, study) == expected, f"killed after event {event}"
+    whole, _ = carry_out(study, tmp_path / "whole.log", monkeypatch)
+    assert len(check(study, tmp_path / "whole.log")) == 9
+    assert whole.best is not None
+    operations = (tmp_path / "whole.log").read_text().count("\n")
+    for kill in range(1, operations, 13 if pruner == "halving" else 41):
+        path = tmp_path / f"{kill}.log"
+        with pytest.raises(Killed) as killed:
+            carry_out(study, path, monkeypatch, kill_after=kill)
+        first = killed.value.args[0]
+        _, second = carry_out(study, path, monkeypatch)
+        trials = check(study, path)
+        assert len(trials) == 9
+        assert not set(first) & set(second), f"killed after operation {kill}"
+        kept = {Step(t.number, rung) for t in trials for rung in range(len(t.intermediate_values))}
+        assert kept >= {*first, *second}
+        assert len(kept - {*first, *second}) <= 1  # the kill was within a report, after its result
+        assert [trial.number for trial in trials if ERROR in trial.user_attrs] == [BROKEN]
 
 
-def test_more_trials_go_on_from_those_there_are(tmp_path):
+def test_more_trials_go_on_from_those_there_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "journal.log"
-    first = carry_out(plan(), path)
-    before = list(first.journal.params)
-    more = carry_out(plan("tune.trials=14"), path)
-    assert more.journal.params[:9] == before
-    assert len(more.journal.params) == 14
+    before = [trial.params for trial in carry_out(plan(), path, monkeypatch)[0].trials]
+    more, _ = carry_out(plan("tune.trials=14"), path, monkeypatch)
+    after = [trial.params for trial in more.trials]
+    assert after[:9] == before
+    assert len(after) == 14
+    assert len({tuple(params.values()) for params in after}) == 14
 
 
-def test_impossible_settings_are_a_failed_trial_and_not_the_end(tmp_path):
-    from omegaconf import OmegaConf
+def test_a_grid_goes_on_after_a_kill_and_has_every_point_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ranges = ["algo.gamma=0.97,0.98,0.99", "algo.learning_rate=0.001,0.002"]
+    fixed = ["algo.n_steps=64", "algo.batch_size=256", "algo.n_epochs=5", "algo.gae_lambda=0.9"]
+    fixed += ["algo.clip_range=0.2", "algo.ent_coef=0", "algo.log_std_init=0", "algo.net_arch=[8]"]
+    study = plan(*ranges, *fixed, "tune.sampler=grid", "tune.trials=50", "tune.rungs=[10]")
+    for kill in (2, 3, 5, 9, 20):
+        path = tmp_path / f"{kill}.log"
+        with pytest.raises(Killed):
+            carry_out(study, path, monkeypatch, kill_after=kill)
+        search, _ = carry_out(study, path, monkeypatch)
+        assert len(search.trials) == 6
+        assert len({tuple(sorted(trial.params.items())) for trial in search.trials}) == 6
 
-    from auvbench.config.compose import typed
 
+def test_impossible_settings_are_a_failed_trial_and_not_the_end(tmp_path: Path) -> None:
     study = plan("algo.batch_size=choice(512,1024)", "algo.n_steps=choice(32,64,128,256)")
-    base = typed(OmegaConf.create({**study.base, "name": "a", "output": "b", "seed": 0}))
-    journal = Journal(tmp_path / "journal.log", study.dimensions, study.budgets)
-    search = Search(study, journal, base)
+    search = Search(study, open_study(study, tmp_path / "journal.log"), base_of(study))
     search.plan.base["algo"]["n_envs"] = 1  # then no rollout is large enough for a batch
     assert search.next() is None
-    assert all("algo.batch_size" in error for error in journal.errors)
-    assert len(journal.errors) == 9
+    assert len(search.trials) == 9
+    assert all("algo.batch_size" in trial.user_attrs[ERROR] for trial in search.trials)
     assert search.best is None
+
+
+def test_the_best_has_the_largest_budget_before_the_best_score() -> None:
+    def trial(number: int, *values: float) -> FrozenTrial:
+        found = FrozenTrial(number, TrialState.PRUNED, None, None, None, {}, {}, {}, {}, {}, number)
+        found.intermediate_values = {10 * (i + 1): value for i, value in enumerate(values)}
+        return found
+
+    failed = trial(4, 9.0, 9.0)
+    failed.user_attrs = {ERROR: "became nan"}
+    order = ranked([trial(0, 0.9), trial(1, 0.1, 0.2), trial(2), trial(3, 0.1, 0.2), failed])
+    assert [t.number for t in order] == [1, 3, 0]
+
+
+@pytest.mark.parametrize(
+    ("other", "word"),
+    [("algo.gamma=interval(0.9,0.99)", "parameters"), ("tune.rungs=[20,40,80]", "rungs")],
+)
+def test_the_journal_of_another_study_is_refused(
+    other: str, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "journal.log"
+    carry_out(plan(), path, monkeypatch)
+    with pytest.raises(RunError, match=f"trial 0 has .*{word}.* of another study"):
+        open_study(plan(other), path)
+
+
+@pytest.mark.parametrize(
+    "log",
+    [
+        {"op_code": 99},
+        {"op_code": 4},
+        {"op_code": 6, "trial_id": 0, "state": 77, "worker_id": "x", "values": None},
+        {"op_code": 8, "trial_id": 0, "user_attr": {"result 10": "good"}, "worker_id": "x"},
+        {"op_code": "x"},
+    ],
+)
+def test_operations_that_make_no_study_are_refused_in_one_line(
+    log: dict[str, object], tmp_path: Path
+) -> None:
+    study, path = plan(), tmp_path / "journal.log"
+    search = Search(study, open_study(study, path), base_of(study))
+    step = search.next()
+    assert step is not None
+    search.report(step, Score(1.0, 1.0, 1.0, 1.0, 1.0))
+    Journal(path).append_logs([log])
+    with pytest.raises(RunError, match="make no study") as caught:
+        open_study(study, path)
+    assert "\n" not in str(caught.value)
