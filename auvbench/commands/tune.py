@@ -136,6 +136,7 @@ def plan_of(
     from auvbench.training import preflight
     from auvbench.tuning import scores, space, strategy
     from auvbench.tuning.folder import Plan, StudyFolder
+    from auvbench.untrusted.typed_json import Prose
 
     if config.algo.get("agent") == "onnx":
         raise ConfigError(f"algo={config.algo.name}: a policy in a file has no settings to search")
@@ -160,7 +161,8 @@ def plan_of(
     space.check(dimensions, checked, base["algo"])
     strategy.trial_limit(tune.sampler, dimensions)
     study = StudyFolder(Path(output) / "tune" / name)
-    return Plan(name, seed, base, tuple(dimensions), tune, protocol, command), study
+    tune.space = {dimension.key: dimension.text for dimension in dimensions}
+    return Plan(name, seed, base, tune, protocol, Prose(command)), study
 
 
 def _study(plan: Plan, study: StudyFolder, config: DictConfig) -> int:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
 from auvbench import __version__
 from auvbench.config import schema
@@ -16,14 +13,15 @@ from auvbench.config.agents import learns
 from auvbench.config.tuning import Tune, refuse_test
 from auvbench.config.validate import check, evaluate_protocol
 from auvbench.errors import AuvbenchError, ConfigError, RunError
-from auvbench.runs import identity, interpolations, lock
+from auvbench.runs import identity, lock
 from auvbench.runs.atomic_io import make_folder, storage
-from auvbench.runs.directory import damaged, now
+from auvbench.runs.directory import damaged
 from auvbench.runs.files import write_json
 from auvbench.tuning import space
 from auvbench.tuning.journal import CONTROLLER
 from auvbench.tuning.space import Dimension
-from auvbench.untrusted import documents, path_safety, reading
+from auvbench.untrusted import path_safety, typed_json
+from auvbench.untrusted.typed_json import Prose
 
 SCHEMA_VERSION = 2
 """version of study.json and of the journal"""
@@ -35,18 +33,29 @@ FREE = ("trials", "fresh_seeds")
 """keys of `tune` that may change in a study that goes on"""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Plan:
-    """What defines a study."""
+    """What defines a study; study.json holds it."""
 
     name: str
     seed: int
     base: dict[str, Any]
     """plain configuration of a run; a trial sets algo, seed, name, output and budget"""
-    dimensions: tuple[Dimension, ...]
     tune: Tune
+    """its space holds all ranges of the study"""
     protocol: schema.Protocol
-    command: str = ""
+    command: Prose
+    version: str = __version__
+    schema_version: int = SCHEMA_VERSION
+
+    @cached_property
+    def dimensions(self) -> tuple[Dimension, ...]:
+        """Return the search space.
+
+        Raises:
+            ConfigError: A range is invalid.
+        """
+        return tuple(space.read({}, self.tune.space, {}, space.keys_of(self.base["algo"])))
 
     @property
     def learns(self) -> bool:
@@ -101,7 +110,7 @@ class StudyFolder:
     def write(self, plan: Plan) -> None:
         """Write the plan; a study that goes on takes the trials and fresh seeds that were typed."""
         with storage(f"cannot write {self.plan_path}"):
-            write_json(self.plan_path, _plain(plan))
+            write_json(self.plan_path, asdict(plan))
 
     def read(self) -> Plan:
         """Return the plan of the study.
@@ -110,32 +119,19 @@ class StudyFolder:
             RunError: It is missing, damaged, or of another version.
         """
         try:
-            data = documents.json_value(reading.content(self.plan_path))
+            plan = typed_json.read(self.plan_path, Plan)
+            if plan.schema_version != SCHEMA_VERSION:
+                raise ValueError(f"schema_version is {plan.schema_version}, must be {SCHEMA_VERSION}")
+            check(plan.tune, "tune.")
+            evaluate_protocol(plan.protocol)
+            refuse_test(plan.protocol)
+            if not plan.dimensions or not plan.budgets:
+                raise ValueError("it has no ranges or no rungs")
         except FileNotFoundError as error:
             raise RunError(f"{self.path}: not a study (study.json is missing)") from error
-        except (OSError, ValueError) as error:
+        except (AuvbenchError, OSError, LookupError, TypeError, ValueError, AttributeError) as error:
             raise damaged(self.plan_path, error, "study") from error
-        version = data.get("schema_version") if isinstance(data, dict) else None
-        if version != SCHEMA_VERSION:
-            raise RunError(
-                f"{self.plan_path}: schema_version is {version}, and this auvbench reads {SCHEMA_VERSION}; use the auvbench "
-                "that wrote it, or start another study with name=NAME"
-            )
-        if found := interpolations.first(data):
-            raise RunError(
-                f"{self.plan_path}: {found}: a study's plan holds no interpolation; restore the file"
-            )
-        try:
-            return _read(data)
-        except (
-            AuvbenchError,
-            OmegaConfBaseException,
-            KeyError,
-            TypeError,
-            ValueError,
-            AttributeError,
-        ) as error:
-            raise damaged(self.plan_path, error, "study") from error
+        return plan
 
 
 def of_run(run: Path) -> tuple[Plan, schema.Protocol]:
@@ -144,60 +140,28 @@ def of_run(run: Path) -> tuple[Plan, schema.Protocol]:
     return plan, plan.fresh_protocol if run.absolute().parent.name == FRESH else plan.protocol
 
 
-def _plain(plan: Plan) -> dict[str, Any]:
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "name": plan.name,
-        "command": plan.command,
-        "created": now(),
-        "version": __version__,
-        "seed": plan.seed,
-        "tune": {key: value for key, value in asdict(plan.tune).items() if key != "space"},
-        "space": {dimension.key: dimension.text for dimension in plan.dimensions},
-        "protocol": asdict(plan.protocol),
-        "base": plan.base,
-    }
-
-
-def _read(data: Mapping[str, Any]) -> Plan:
-    tune = _typed(Tune, {**data["tune"], "space": {}})
-    protocol = _typed(schema.Protocol, data["protocol"])
-    check(tune, "tune.")
-    evaluate_protocol(protocol)
-    refuse_test(protocol)
-    base = dict(data["base"])
-    dimensions = tuple(space.read({}, data["space"], {}, space.keys_of(base["algo"])))
-    return Plan(str(data["name"]), int(data["seed"]), base, dimensions, tune, protocol, str(data["command"]))
-
-
-def _typed(kind: type, values: Mapping[str, Any]) -> Any:
-    return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(kind), dict(values)))
-
-
 def refuse_change(folder: StudyFolder, there: Plan, here: Plan) -> None:
     """Refuse a command that would change the study in the folder.
 
     Raises:
         ConfigError: Names the changed values.
     """
-    old, new = (_comparable(plan) for plan in (there, here))
+    old, new = (
+        {
+            **plan.tune.space,
+            "seed": plan.seed,
+            "tune": {k: v for k, v in asdict(plan.tune).items() if k not in ("space", *FREE)},
+            "protocol": asdict(plan.protocol),
+            **identity.relevant(plan.base),
+        }
+        for plan in (there, here)
+    )
     if found := _differences(old, new):
         more = f" and {len(found) - 4} more" if len(found) > 4 else ""
         raise ConfigError(
             f"{folder.path}: the study has other values: {', '.join(found[:4])}{more}; type the old values to go on, "
             "or name=NAME for another study"
         )
-
-
-def _comparable(plan: Plan) -> dict[str, Any]:
-    plain = _plain(plan)
-    return {
-        **plain["space"],
-        "seed": plan.seed,
-        "tune": {key: value for key, value in plain["tune"].items() if key not in FREE},
-        "protocol": plain["protocol"],
-        **identity.relevant(plan.base),
-    }
 
 
 def _differences(there: Any, here: Any, path: str = "") -> list[str]:

@@ -47,9 +47,10 @@ def open_study(plan: Plan, path: Path, *, write: bool = True) -> Study:
     """
     journal = Journal(path, write=write)
     try:
-        study = optuna.create_study(
-            storage=JournalStorage(journal), study_name="study", direction="maximize", load_if_exists=True
-        )
+        storage = JournalStorage(journal)
+        if not storage.get_all_studies():
+            optuna.create_study(storage=storage, study_name="study", direction="maximize")
+        study = optuna.load_study(study_name=None, storage=storage)
         trials = study.get_trials(deepcopy=False)
         for trial in trials:
             _check_trial(plan, trial)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -68,7 +69,8 @@ def draw(found: Outcome, out: Path) -> list[Figure]:
             for suffix in (".png", ".svg"):
                 path.with_suffix(suffix).unlink(missing_ok=True)
             continue
-        with style.styled(), plt.ioff():
+        with style.styled(), plt.ioff(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             figure = draw_one()
             png, svg = style.save(figure, path)
             plt.close(figure)

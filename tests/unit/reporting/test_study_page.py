@@ -70,7 +70,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 def test_the_gain_with_fresh_seeds_comes_before_the_winner_of_the_search(found: Outcome) -> None:
     said = sentences.summary(found)
-    assert "+15.0 points [2.0, 28.0], better" in said[0]
+    assert "+15 points [2, 28], better" in said[0]
     assert "-150 [-200, -100], better" in said[0]
     assert "trial 0" in said[1]
     assert "12 done, 1 failed, 4 pruned" in said[2]
