@@ -19,6 +19,9 @@ from auvbench.vehicles.warnings import warnings
 
 FloatArray = NDArray[np.float64]
 
+YAW = 5
+"""index of the axis"""
+
 
 def open_console() -> Console:
     """The terminal, or a wide page where the output is a file or a pipe."""
@@ -108,6 +111,11 @@ def show(vehicle: VehicleModel) -> None:
         title = f"allocation: wrench per newton, rank {inspect.rank(vehicle)} of 6"
         # Transposed, so that eight thrusters fit into 80 columns.
         console.print(_matrix(title, vehicle.allocation.T[thrusters], names, inspect.COMPONENTS))
+        if thrusters:
+            console.print("[bold]thrusters: what +1 N does[/bold]  (yaw in N m)")
+            for k in thrusters:
+                console.print(f"  {_text(push(vehicle, k))}", soft_wrap=True)
+            console.print()
         _actuators(console, vehicle)
     _motion(console, vehicle)
     console.print("[bold]warnings[/bold]")
@@ -116,6 +124,23 @@ def show(vehicle: VehicleModel) -> None:
     console.print("\n[bold]sources[/bold]")
     for key, text in vehicle.sources:
         console.print(f"  {_text(key)}: {_text(text)}", soft_wrap=True)
+
+
+def push(vehicle: VehicleModel, index: int) -> str:
+    """Return where a thruster pushes the vehicle under a positive command, and what one newton does to it.
+
+    E.g. "thruster1 pushes ahead, to port: surge +0.707, sway +0.707, yaw +0.167 (turns to port)".
+    """
+    effect = vehicle.allocation[:, index]
+
+    def word(axis: int) -> str:
+        return inspect.DIRECTIONS[axis][0 if effect[axis] > 0.0 else 1]
+
+    acts = [axis for axis in (*range(3), YAW) if abs(effect[axis]) > 1e-6]
+    towards = ", ".join(word(axis) for axis in acts if axis != YAW)
+    parts = [f"{inspect.AXES[axis]} {effect[axis]:+.3g}" for axis in acts]
+    turns = f" (turns {word(YAW)})" if YAW in acts else ""
+    return f"{vehicle.actuators[index]} pushes {towards}: {', '.join(parts)}{turns}"
 
 
 def _text(text: str) -> str:

@@ -40,6 +40,18 @@ MEANING = {
     "steps": "steps that one call of the service step makes",
 }
 
+ALLOWED = {
+    "start_pose": "7 doubles: x y z in -1e9 .. 1e9 m and a unit quaternion w x y z",
+    "start_velocity": "6 doubles in -1e9 .. 1e9",
+    "scales": "6 doubles in 0.1 .. 10",
+    "effectiveness": "a double in 0 .. 1 for each actuator",
+    "current": "3 or 8 doubles in -1e9 .. 1e9",
+    "step_duration": "a double in 0.0001 .. 60 s",
+    "pace": "a double in 0 .. 1000000",
+    "steps": "an integer in 1 .. 1000000",
+}
+"""Type and range of the parameters that can be set."""
+
 
 class VehicleNode:
     """One vehicle: everything in its namespace.
@@ -123,20 +135,32 @@ class VehicleNode:
                 "steps": settings.steps,
             }
         for name, value in values.items():
-            self.node.declare_parameter(name, value, describe(description=MEANING[name]))
+            # Dynamic, so that a wrong type is answered here, with what is allowed.
+            about_it = describe(
+                description=MEANING[name], additional_constraints=ALLOWED[name], dynamic_typing=True
+            )
+            self.node.declare_parameter(name, value, about_it)
         for name, text in (about | {"actuators": " ".join(self.server.actuators)}).items():
             self.node.declare_parameter(name, text, describe(description="what this is", read_only=True))
         self.node.add_on_set_parameters_callback(self._set)
 
     def _set(self, parameters: list[Any]) -> Any:
-        """Checks parameters that somebody sets, and does what they say."""
+        """Check parameters that a client sets, and do what they say."""
         result = self.server.session.ros.interfaces.SetParametersResult
         rules = self._rules()
         for parameter in parameters:
-            check = rules.get(parameter.name)
-            wrong = check(parameter.value) if check is not None else ""
+            name, check = parameter.name, rules.get(parameter.name)
+            wrong = ""
+            if check is not None:
+                typed = parameter.type_ == self.node.get_parameter(name).type_
+                # 1 is an integer to ROS, and 1.0 a double.
+                wrong = (
+                    check(parameter.value)
+                    if typed
+                    else f"is {_kind(parameter)} (1 is an integer, 1.0 a double)"
+                )
             if wrong:
-                return result(successful=False, reason=f"{parameter.name}: {wrong}")
+                return result(successful=False, reason=f"{name}: must be {ALLOWED[name]}, and {wrong}")
         try:
             for parameter in parameters:
                 self._act(parameter.name, parameter.value)
@@ -152,11 +176,9 @@ class VehicleNode:
             "scales": lambda value: _numbers(value, (N_SCALES,), low=0.1, high=10.0),
             "effectiveness": lambda value: _numbers(value, (n_u,), low=0.0, high=1.0),
             "current": _is_current,
-            "step_duration": lambda value: (
-                "" if 1e-4 <= value <= 60.0 else f"{value} is not in 0.0001 .. 60 s"
-            ),
-            "pace": lambda value: "" if 0.0 <= value <= 1e6 else f"{value} is not in 0 .. 1000000",
-            "steps": lambda value: "" if 1 <= value <= 1_000_000 else f"{value} is not in 1 .. 1000000",
+            "step_duration": lambda value: "" if 1e-4 <= value <= 60.0 else f"is {value}",
+            "pace": lambda value: "" if 0.0 <= value <= 1e6 else f"is {value}",
+            "steps": lambda value: "" if 1 <= value <= 1_000_000 else f"is {value}",
         }
 
     def _act(self, name: str, value: Any) -> None:
@@ -197,11 +219,18 @@ class VehicleNode:
         return response
 
 
+def _kind(parameter: Any) -> str:
+    """Return a parameter's type in words: "an integer array"."""
+    words = str(parameter.type_.name).lower().replace("_", " ")
+    return f"{'an' if words[0] in 'aeiou' else 'a'} {words}"
+
+
 def _numbers(value: Any, sizes: tuple[int, ...], low: float = -1e9, high: float = 1e9) -> str:
+    """Return what is wrong with an array; empty if nothing is."""
     if len(value) not in sizes:
-        return f"has {len(value)} numbers, must have {' or '.join(map(str, sizes))}"
+        return f"has {len(value)}"
     wrong = next((x for x in value if not low <= x <= high), None)
-    return "" if wrong is None else f"{wrong} is not in {low:g} .. {high:g}"
+    return "" if wrong is None else f"one is {wrong}"
 
 
 def _is_pose(value: Any) -> str:
@@ -209,15 +238,11 @@ def _is_pose(value: Any) -> str:
     if wrong:
         return wrong
     length = float(np.linalg.norm(value[3:]))
-    return (
-        ""
-        if abs(length - 1.0) < 1e-3
-        else f"its quaternion (numbers 4 to 7) has length {length:.4g}, must be 1"
-    )
+    return "" if abs(length - 1.0) < 1e-3 else f"its quaternion has length {length:.4g}"
 
 
 def _is_current(value: Any) -> str:
     wrong = _numbers(value, (3, 8))
     if not wrong and len(value) == 8 and not value[7] > value[6]:
-        wrong = f"the depth of the bottom {value[7]:g} m must be below that of the top, {value[6]:g} m"
+        wrong = f"the depth of the bottom, {value[7]:g} m, is not below that of the top, {value[6]:g} m"
     return wrong

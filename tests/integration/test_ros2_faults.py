@@ -77,6 +77,13 @@ def test_nobody_there(elsewhere):
 
 
 @pytest.fixture
+def client(server):
+    connection = connected()
+    yield connection
+    connection.close()
+
+
+@pytest.fixture
 def stranger(domain):
     session = Session()
     yield session
@@ -190,16 +197,24 @@ def test_two_servers_that_both_live(domain, stranger):
         discovery.check(stranger, node, [discovery.Ends(interface.Names("twins"), {}, None, None)], 0.1)
 
 
-def test_what_the_server_refuses(server):
-    connection = connected()
-    assert connection.clock == "lockstep"
-    with pytest.raises(InterfaceError, match=r"start_pose: its quaternion .* has length 2, must be 1"):
-        connection.set({0: {"start_pose": [0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}})
-    with pytest.raises(InterfaceError, match=r"effectiveness: has 2 numbers, must have 6"):
-        connection.set({0: {"effectiveness": [1.0, 1.0]}})
-    with pytest.raises(InterfaceError, match=r"step_duration: 0.0 is not in 0.0001 .. 60 s"):
-        connection.step(STILL, 0.0)
-    connection.close()
+@pytest.mark.parametrize(
+    ("name", "value", "allowed", "found"),
+    [
+        ("start_pose", [0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0], "7 doubles", "length 2"),
+        ("start_pose", [0, 0, 0, 1, 0, 0, 0], "7 doubles", "an integer array"),
+        ("effectiveness", [1.0, 1.0], "a double in 0 .. 1 for each actuator", "has 2"),
+        ("step_duration", 0.0, "0.0001 .. 60 s", "is 0.0"),
+        ("pace", 1, "a double in 0 .. 1000000", "an integer"),
+        ("steps", 2.0, "an integer in 1 .. 1000000", "a double"),
+        ("pace", None, "a double", "a not set"),
+    ],
+)
+def test_a_wrong_parameter_is_answered_with_type_and_range(client, name, value, allowed, found):
+    with pytest.raises(InterfaceError) as caught:
+        client.set({0: {name: value}})
+    reason = str(caught.value).partition(f"{name}: must be ")[2]
+    assert allowed in reason
+    assert found in reason
 
 
 def test_delayed_is_not_lost_and_halted_is_said(server):

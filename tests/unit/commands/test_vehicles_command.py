@@ -41,6 +41,17 @@ def test_every_sheet_is_shown(name: str, capsys: pytest.CaptureFixture[str]) -> 
     assert max(map(len, out.splitlines()[:60])) < 200
 
 
+def test_a_line_per_thruster_says_where_it_pushes(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = show(capsys, "bluerov2").splitlines()
+    (first,) = [line for line in lines if "thruster1 pushes" in line]
+    assert (
+        first.strip()
+        == "thruster1 pushes ahead, to port: surge +0.707, sway +0.707, yaw +0.167 (turns to port)"
+    )
+    (sixth,) = [line for line in lines if "thruster6 pushes" in line]
+    assert sixth.strip() == "thruster6 pushes down: heave -1"
+
+
 @pytest.mark.parametrize("name", sorted(path.stem for path in SHEETS.glob("*.yaml")))
 def test_json_is_valid(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     facts = json.loads(show(capsys, name, "--json"))
