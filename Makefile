@@ -24,7 +24,7 @@ REPLICATIONS ?= 500
 STUDIES ?= 500
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow check format lint type layers docs bench statistics verification parity transfer soak fuzz lock test-cluster test-programs clean
+.PHONY: help install demo test test-slow check format lint type layers docs bench statistics verification parity soak fuzz lock test-cluster test-programs clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -77,12 +77,8 @@ statistics: $(STAMP) ## measure anew how often reports are right: tables of docs
 verification: $(STAMP) ## compute docs/verification.md anew
 	$(BIN)/python -m tests.verification.page
 
-parity: $(STAMP) ## the embedded simulator against Gazebo: tables of docs/gazebo.md (needs Gazebo)
+parity: $(STAMP) ## the embedded simulator against Gazebo: tables of docs/parity.md (needs Gazebo)
 	$(BIN)/python -m benchmarks.gazebo.parity
-
-transfer: $(STAMP) ## test the runs below RUNS=FOLDER in both, and write docs/gazebo.md's table (needs Gazebo)
-	$(BIN)/auvbench evaluate $(RUNS) protocol=gazebo
-	$(BIN)/python -m benchmarks.gazebo.transfer $(RUNS)
 
 soak: $(STAMP) ## kills, power cuts and flipped bits for a long time
 	$(BIN)/python -m tests.soak.results --cuts $(CUTS) --kills $(KILLS) --flips $(FLIPS) --seed $$(date +%s) --folder "$$(mktemp -d)"
