@@ -105,9 +105,7 @@ def mixed() -> list[Case]:
     ]
     for k in range(5):
         random = rng.uniform(-1.0, 1.0, (20, 6))
-        cases.append(
-            Case(f"random commands {k + 1}", "bluerov2", commands=random, mixed=True)
-        )
+        cases.append(Case(f"random commands {k + 1}", "bluerov2", commands=random, mixed=True))
     return cases
 
 
