@@ -90,13 +90,3 @@ def report_threads(run: RunDirectory) -> None:
     threads = {"torch": torch.get_num_threads(), "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS")}
     (run.path / "threads.json").write_text(json.dumps(threads))
     run.update_manifest(state="complete")
-
-
-def dawdle(_run: RunDirectory) -> None:
-    """What the server of the workers spends a long time with before it starts any."""
-    time.sleep(60)
-
-
-def linger(run: RunDirectory) -> None:
-    """What a process that prepares itself may be busy with for half a minute."""
-    time.sleep(60.0)

@@ -113,10 +113,11 @@ def _compute(
     protocol: Protocol, config: dict[str, Any], root: Path, workers: int, passes: int, *, force: bool
 ) -> int:
     from auvbench.commands.bars import counting_bar
-    from auvbench.evaluation.bounds.compute import compute, eligible
+    from auvbench.evaluation.bounds.compute import PRELOAD, compute, eligible
     from auvbench.evaluation.bounds.files import folder_of, shipped
     from auvbench.evaluation.protocol import circumstances
     from auvbench.runs.interruption import Interrupted
+    from auvbench.runs.pool import Pool
     from auvbench.vehicles.symbolic import require
 
     require()
@@ -124,7 +125,10 @@ def _compute(
     total = passes * protocol.episodes * len(good)
     done = 0
     others = [] if force else [*_folders(root), *_folders(shipped())]
-    with counting_bar(total, f"limits of protocol {protocol.name}") as tell:
+    with (
+        counting_bar(total, f"limits of protocol {protocol.name}") as tell,
+        Pool(workers, PRELOAD) as pool,
+    ):
         for line in left_out:
             tell.note(f"left out: {line}")
 
@@ -139,7 +143,7 @@ def _compute(
                 protocol,
                 config,
                 root,
-                workers=workers or os.cpu_count() or 1,
+                pool=pool if pool.workers > 1 else None,
                 passes=passes,
                 others=others,
                 tell=told,

@@ -125,31 +125,22 @@ def _refuse_own(terms: Sequence[str]) -> None:
 
 def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     from auvbench.commands.bars import counting_bar
-    from auvbench.evaluation.parallel import evaluate_all
-    from auvbench.runs.interruption import Interrupted
+    from auvbench.evaluation.parallel import PRELOAD, evaluate_all
+    from auvbench.runs.interruption import Interrupted, immediate
+    from auvbench.runs.pool import Pool
 
     ready, unfinished = _ready(runs)
     if not ready:
         raise UserError(f"nothing to evaluate: {_left_out(unfinished)}")
     failed = held = there = tested = 0
     protocol = config.protocol
-    with counting_bar(len(ready), f"protocol {protocol.name}", _each(protocol, ready)) as tell:
-
-        def leaving(under_way: int) -> None:
-            if under_way:
-                what = "1 test under way has" if under_way == 1 else f"{under_way} tests under way have"
-                tell.note(f"interrupted: {what} a second to end")
-
-        results = evaluate_all(
-            ready,
-            config.protocol,
-            workers=config.workers,
-            force=config.force,
-            report=tell.doing,
-            leaving=leaving,
-        )
+    with (
+        counting_bar(len(ready), f"protocol {protocol.name}", _each(protocol, ready)) as tell,
+        Pool(config.workers, PRELOAD) as pool,
+        immediate(),
+    ):
         try:
-            for result in results:
+            for result in evaluate_all(ready, protocol, pool, force=config.force, report=tell.doing):
                 if result.error:
                     failed += 1
                     held += result.held

@@ -200,7 +200,7 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
     objective = scores.objective(plan.tune.objective, plan.tune.then)
     shown = view.view(search, objective, Console())
     print(f"{study.path}: {begin(search)}", flush=True)
-    made = backend(config.launcher, target=trial.TARGET, learning=plan.learns, preload=trial.PRELOAD)
+    made = backend(config.launcher, target=trial.TARGET, learning=plan.learns)
     result = Controller(plan, study, search, objective, made, shown).carry_out()
     if result.signal is not None and (best := shown.best()):
         print(best)

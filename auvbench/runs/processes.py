@@ -4,19 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import os
-import select
 import signal
 import socket
 import sys
-import threading
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from concurrent.futures import ProcessPoolExecutor
 
 _PR_SET_PDEATHSIG = 1
 _STARTTIME = 19  # field 22 of /proc/PID/stat, counted from the state (field 3), see proc(5)
@@ -53,61 +44,23 @@ def _portable_start_mark(pid: int) -> str | None:
 
 
 def die_with_parent(parent: int) -> None:
-    """Asks the kernel to kill this process when the thread of `parent` that forked it ends (Linux only)."""
+    """Ask the kernel to kill this process when the thread of `parent` that forked it ends (Linux only)."""
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:  # it ended before we asked
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def die_with(pid: int, mark: str) -> None:
-    """Kills this process when another one ends, be it its parent or not, however that ends.
-
-    For those whose parent is not the one they work for: the workers of a fork server outlive the process that
-    asked for them, since they themselves hold open what the server waits for.
-
-    Args:
-        pid: the process to die with.
-        mark: its `start_mark`, so that nobody who was given the same pid later is waited for.
-    """
-    threading.Thread(target=_outlive_not, args=(pid, mark), name="die-with", daemon=True).start()
-
-
-def myself() -> tuple[int, str]:
-    """This process as `die_with` asks for it."""
-    return os.getpid(), start_mark(os.getpid()) or ""
-
-
-@contextmanager
-def killed(pool: ProcessPoolExecutor) -> Iterator[ProcessPoolExecutor]:
-    """A pool whose processes are killed at the end of the context, whatever they do then."""
-    try:
-        yield pool
-    finally:
-        for process in list((pool._processes or {}).values()):
-            process.kill()
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _outlive_not(pid: int, mark: str) -> None:
-    try:
-        end = os.pidfd_open(pid)  # told at once by the kernel
-    except (AttributeError, OSError):  # not Linux, or gone already
-        end = None
-    while start_mark(pid) == mark:
-        if end is None:
-            time.sleep(_LOOK)
-        else:
-            select.select([end], [], [])
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-_LOOK = 0.2  # s between two looks where the kernel does not tell
-
-
 def prefer_in_memory_shortage() -> None:
-    """Tells the kernel to kill this process before those that watch over it when memory runs out."""
+    """Ask the kernel to kill this process first when memory runs out, and spare the one that started it."""
     try:
         Path("/proc/self/oom_score_adj").write_text("500", encoding="ascii")
     except OSError:  # not Linux, or not allowed: then the kernel's own choice stands
         return
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use; a cluster or container may grant fewer than exist."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

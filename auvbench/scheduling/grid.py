@@ -49,16 +49,13 @@ def carry_out(
     return sweep(runs, chosen, console)
 
 
-def backend(
-    launcher: DictConfig, *, target: str = TARGET, learning: bool = True, preload: Sequence[str] = ()
-) -> Backend:
-    """The backend that a `launcher` configuration names.
+def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True) -> Backend:
+    """Return the backend that a `launcher` configuration names.
 
     Args:
         launcher: the composed `launcher` group.
         target: what a worker calls with a run directory, as module:function.
-        learning: whether any of the runs learns; without, nobody waits for torch.
-        preload: what workers of this machine share besides, as module or module:function, which is called with a run.
+        learning: whether any of the runs learns; otherwise torch is not imported.
 
     Raises:
         UserError: it cannot work on this machine.
@@ -74,8 +71,7 @@ def backend(
 
         return RayBackend(options, target=target)
     if isinstance(options, launchers.Local):
-        from auvbench.scheduling.local import KERNELS, PRELOAD, LocalBackend
+        from auvbench.scheduling.local import CONTROLLERS, LEARNERS, LocalBackend
 
-        shared = (*(PRELOAD if learning else KERNELS), *preload)
-        return LocalBackend(options.workers, target=target, preload=shared)
+        return LocalBackend(options.workers, target=target, preload=LEARNERS if learning else CONTROLLERS)
     raise ConfigError("launcher: its file must start from a schema (see conf/launcher)")

@@ -1,36 +1,39 @@
-"""Runs as processes of this machine, forked from one process that has imported everything (see `zygote`)."""
+"""Runs as processes of this machine, one per run, from the fork server of `runs.pool`."""
 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
-import selectors
 import signal
-import socket
-import subprocess
 import sys
-import tempfile
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from multiprocessing import connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from auvbench.scheduling.base import Phase, Status, SubmitError
-from auvbench.training.worker import ONE_THREAD, TARGET
+from auvbench.runs import pool, processes
+from auvbench.scheduling.base import Phase, Status
+from auvbench.training import worker
+from auvbench.training.worker import TARGET
 
-KERNELS = ("auvbench.scheduling.warm:kernels",)
-"""What every run does first."""
+CONTROLLERS = ("auvbench.training.execute", "auvbench.evaluation.evaluate")
+"""Modules that every run needs."""
 
-PRELOAD = (
+LEARNERS = (
+    *CONTROLLERS,
     "auvbench.training.learning",
     "stable_baselines3",
     "torch.utils.tensorboard",
-    "torch._dynamo",  # which the first optimiser of a process imports, unasked
-    *KERNELS,
+    "torch._dynamo",  # imported by the first optimiser of a process
 )
-"""What a learner imports sooner or later besides."""
+"""Modules that a run of a learner needs."""
+
+_SERVER_ENDED = 255
+"""exit code that multiprocessing gives to a worker whose fork server has ended; workers have no such code"""
 
 
 @dataclass(slots=True, eq=False)
@@ -39,117 +42,35 @@ class LocalJob:
 
     mark: ClassVar[str | None] = None
     run: Path
-    number: int
-    server: _Server
-    pid: int | None = None
+    process: BaseProcess
     status: Status = field(default_factory=lambda: Status(Phase.QUEUED))
 
+    def start(self) -> None:
+        """Fork the worker; the server is ready."""
+        try:
+            self.process.start()
+            self.status = Status(Phase.RUNNING)
+        except (EOFError, OSError) as error:
+            self.status = Status(Phase.ENDED, reason=f"no worker could be forked ({error})", lost=True)
+
     def poll(self) -> Status:
-        self.server.receive(0)
+        if self.status.phase is Phase.RUNNING and (code := self.process.exitcode) is not None:
+            lost = code == _SERVER_ENDED
+            self.status = Status(
+                Phase.ENDED, None if lost else code, "the fork server ended" if lost else "", lost=lost
+            )
         return self.status
 
     def cancel(self, *, force: bool = False) -> None:
-        if not self.status.ended and self.server.abandoned(force=force):
-            return
-        if not self.status.ended:
-            number = signal.SIGKILL if force else signal.SIGTERM
-            with contextlib.suppress(OSError):  # the server is gone, and the worker with it
-                self.server.send({"signal": int(number), "job": self.number})
+        number = signal.SIGKILL if force else signal.SIGTERM
+        if self.status.phase is Phase.QUEUED:
+            self.status = Status(Phase.ENDED, code=128 + number)
+        elif self.process.is_alive() and self.process.pid is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.process.pid, number)
 
     def __str__(self) -> str:
-        return f"pid {self.pid}" if self.pid else "a process of this machine"
-
-
-class _Server:
-    """The zygote process, seen from here."""
-
-    def __init__(self, run: Path, preload: Sequence[str]) -> None:
-        self.connection, theirs = socket.socketpair()
-        arguments = [sys.executable, "-P", "-m", "auvbench.scheduling.zygote", str(theirs.fileno())]
-        # Not to the terminal: what the server prints there would tear the live table apart.
-        self.said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the server
-        self.process = subprocess.Popen(
-            [*arguments, str(run), *preload],
-            stdout=self.said,
-            stderr=self.said,
-            pass_fds=[theirs.fileno()],
-            # Its own session: the terminal's Ctrl-C comes to us alone, and we tell the workers.
-            start_new_session=True,
-            stdin=subprocess.DEVNULL,
-            env={**os.environ, **ONE_THREAD},
-        )
-        theirs.close()
-        self.jobs: dict[int, LocalJob] = {}
-        self.alive = True
-        self.buffer = b""
-        self.selector = selectors.DefaultSelector()
-        self.selector.register(self.connection, selectors.EVENT_READ)
-
-    def send(self, message: dict[str, Any]) -> None:
-        self.connection.sendall(json.dumps(message).encode() + b"\n")
-
-    def receive(self, seconds: float) -> None:
-        """Takes in what the server says, waiting for it no longer than `seconds`."""
-        while self.alive and self.selector.select(seconds):
-            try:
-                data = self.connection.recv(65536)
-            except ConnectionError:
-                data = b""
-            *lines, self.buffer = (self.buffer + data).split(b"\n")
-            for line in lines:
-                self._note(json.loads(line))
-            if not data:
-                self._died()
-            seconds = 0
-
-    def _note(self, message: dict[str, Any]) -> None:
-        if "job" not in message:
-            return
-        job = self.jobs[message["job"]]
-        if "pid" in message:
-            job.pid = message["pid"]
-            job.status = Status(Phase.RUNNING)
-        else:
-            job.status = Status(Phase.ENDED, code=message["code"], reason=message.get("reason", ""))
-            del self.jobs[job.number]
-
-    def _died(self) -> None:
-        self.alive = False
-        code = self.process.wait()
-        how = ": ".join(filter(None, [Status(Phase.ENDED, code).describe(), self._last_words()]))
-        reason = f"the process that starts the workers ended ({how})"
-        for job in self.jobs.values():
-            job.status = Status(Phase.ENDED, reason=reason, lost=True)
-        self.jobs.clear()
-
-    def _last_words(self) -> str:
-        self.said.seek(0)
-        lines = self.said.read().decode(errors="replace").split("\n")
-        return next((line.strip() for line in reversed(lines) if line.strip()), "")
-
-    def abandoned(self, *, force: bool) -> bool:
-        """Ends the server where it has not started any worker yet: whoever leaves need not wait for its imports."""
-        self.receive(0)
-        if not self.jobs or any(job.pid is not None for job in self.jobs.values()) or not self.alive:
-            return False
-        self.alive = False
-        self.process.kill()
-        self.process.wait()
-        code = 128 + (signal.SIGKILL if force else signal.SIGTERM)
-        for job in self.jobs.values():
-            job.status = Status(Phase.ENDED, code=code)
-        self.jobs.clear()
-        return True
-
-    def close(self) -> None:
-        self.selector.close()
-        self.connection.close()  # which it takes as its end
-        try:
-            self.process.wait(timeout=10)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        self.said.close()
+        return f"pid {self.process.pid}" if self.process.pid else "a process of this machine"
 
 
 class LocalBackend:
@@ -157,45 +78,55 @@ class LocalBackend:
 
     name = "local"
 
-    def __init__(self, workers: int = 0, *, target: str = TARGET, preload: Sequence[str] = PRELOAD) -> None:
-        self.limit: int | None = workers or cores()
+    def __init__(self, workers: int = 0, *, target: str = TARGET, preload: Sequence[str] = LEARNERS) -> None:
+        self.limit: int | None = workers or processes.cores()
         self.target = target
         self.preload = preload
-        self._server: _Server | None = None
-        self._count = 0
+        self._jobs: list[LocalJob] = []
+        self._server: threading.Thread | None = None
+        """Ends when the server has imported everything; signals are handled meanwhile."""
 
     def submit(self, run: Path) -> LocalJob:
-        if self._server is None or not self._server.alive:
-            if self._server is not None:
-                self._server.close()
-            self._server = _Server(run, self.preload)
-        self._count += 1
-        job = LocalJob(run, self._count, self._server)
-        try:
-            self._server.send({"start": job.number, "run": str(run.absolute()), "target": self.target})
-        except OSError as error:
-            self._server.receive(0)
-            raise SubmitError(f"the process that starts the workers does not answer: {error}") from error
-        self._server.jobs[job.number] = job
+        if self._server is None or any(job.poll().lost for job in self._jobs):
+            self._jobs.clear()
+            pool.start_server(self.preload)
+            self._server = threading.Thread(target=_await_server, daemon=True)
+            self._server.start()
+        arguments = (os.getcwd(), str(run.absolute()), self.target)
+        job = LocalJob(run, pool.CONTEXT.Process(target=_work, args=arguments))
+        self._jobs.append(job)
         return job
 
     def adopt(self, run: Path) -> LocalJob | None:
         return None  # workers do not outlive the sweep that started them
 
     def wait(self, seconds: float) -> None:
-        if self._server is not None and self._server.alive:
-            self._server.receive(seconds)
+        self._jobs = [job for job in self._jobs if not job.poll().ended or job.status.lost]
+        if self._server is not None and self._server.is_alive():
+            self._server.join(seconds)
+            return
+        for job in self._jobs:
+            if job.status.phase is Phase.QUEUED:
+                job.start()
+        sentinels = [job.process.sentinel for job in self._jobs if job.status.phase is Phase.RUNNING]
+        if sentinels:
+            connection.wait(sentinels, seconds)
         else:
             time.sleep(seconds)
 
     def close(self) -> None:
-        if self._server is not None:
-            self._server.close()
-            self._server = None
+        pool.stop_server()
+        self._server = None
 
 
-def cores() -> int:
-    """The cores this process may use (a cluster or container may grant fewer than there are)."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+def _await_server() -> None:
+    with contextlib.suppress(EOFError, OSError):  # the first job that starts meets the same error
+        process = pool.CONTEXT.Process(target=int)
+        process.start()
+        process.join()
+
+
+def _work(folder: str, run: str, target: str) -> None:
+    """The life of a worker."""
+    pool.begin_worker(folder)
+    sys.exit(worker.work(run, target=target, log=True))

@@ -28,12 +28,8 @@ from auvbench.errors import AuvbenchError, plain_warnings
 from auvbench.runs import interruption, lock, processes, status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Interrupted, Request
+from auvbench.runs.pool import ONE_THREAD
 from auvbench.untrusted import path_safety, streams
-
-ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
-)
-"""The environment of a worker: these libraries read it when they are first imported."""
 
 TARGET = "auvbench.training.execute:execute"
 """What a worker calls with the run directory, as module:function."""

@@ -8,22 +8,12 @@ from auvbench.config import schema
 from auvbench.config.tuning import refuse_test
 from auvbench.errors import AuvbenchError
 from auvbench.evaluation.evaluate import evaluate, stale
-from auvbench.evaluation.protocol import circumstances, fingerprint_parts
 from auvbench.runs.directory import RunDirectory
 from auvbench.training.execute import execute
 from auvbench.tuning import folder
 
 TARGET = "auvbench.tuning.trial:carry_out"
 """function that a worker calls with a run directory"""
-
-PRELOAD = ("auvbench.tuning.trial:warm",)
-"""work that the workers of one machine share"""
-
-
-def warm(run: RunDirectory) -> None:
-    """Compute the fingerprint of the test once for all trials."""
-    _, protocol = folder.of_run(run.path)
-    fingerprint_parts(protocol, circumstances(protocol, run.check()))
 
 
 def carry_out(run: RunDirectory) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from auvbench.evaluation.evaluate import is_done
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
 from tests.unit.runs.test_damage import frozen
-from tests.waiting import until
+from tests.waiting import LIMIT, until
 
 # Long enough to be met in the midst of it: random agents swim until their time is over.
 LONG = ["protocol.episodes=400", "protocol.batch=50", "protocol.trajectories=0"]
@@ -68,6 +69,21 @@ def test_a_killed_evaluate_leaves_no_worker(
     until(lambda: not any(_lives(worker) for worker in workers), "the end of the workers")
     assert not being_tested(runs)
     assert not list(tmp_path.glob("*/*/evaluations/test"))
+
+
+@pytest.mark.slow
+def test_a_killed_worker_is_named_and_every_run_is_tested(runs: list[RunDirectory], tmp_path: Path) -> None:
+    process = evaluate(tmp_path, *LONG)
+    until(lambda: being_tested(runs) or process.poll() is not None, "an evaluation under way")
+    run = being_tested(runs)[0]
+    holder = lock.living_holder(run.path / "evaluations" / ".test")
+    assert holder is not None
+    os.kill(holder.pid, signal.SIGKILL)
+    _, error = process.communicate(timeout=LIMIT)
+    assert process.returncode == 0, error
+    (line,) = [line for line in error.splitlines() if "worker was killed" in line]
+    assert str(run.path) in line
+    assert len(list(tmp_path.glob("*/*/evaluations/test/summary.json"))) == len(runs)
 
 
 def _lives(process: psutil.Process) -> bool:

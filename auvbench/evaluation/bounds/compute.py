@@ -6,11 +6,7 @@ depends on the pass before alone, not on who computes it or when.
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +15,7 @@ import numpy as np
 
 from auvbench.config import schema, simulators
 from auvbench.envs.batch import Batch
-from auvbench.errors import ConfigError, TrainingError
+from auvbench.errors import ConfigError
 from auvbench.evaluation.bounds.driven import drive
 from auvbench.evaluation.bounds.files import ConditionLimits, Limits, folder_of, known_commands, write
 from auvbench.evaluation.bounds.journal import Journal, Key
@@ -28,14 +24,16 @@ from auvbench.evaluation.bounds.search import VERSION, Found, Search
 from auvbench.evaluation.bounds.trial import Commands, Scenario, Trial, scenarios, silent
 from auvbench.evaluation.protocol import Circumstance, circumstances, fingerprint, fingerprint_parts
 from auvbench.evaluation.rollout import batch_of
-from auvbench.runs import interruption, lock, processes
+from auvbench.runs import interruption, lock
 from auvbench.runs.atomic_io import make_folder, storage
+from auvbench.runs.pool import Pool, WorkerDiedError
 from auvbench.vehicles import sheet
 from auvbench.vehicles.symbolic import symbolic
 
+PRELOAD = ("auvbench.evaluation.bounds.compute", "casadi")
+"""Modules that the workers of the pool need."""
 NEIGHBOURS = 2
 """other scenarios from whose solutions the second pass begins"""
-LOOK = 0.2  # s between two looks at whether somebody asked to leave
 
 Tell = Callable[[Key, Found], None]
 
@@ -85,7 +83,7 @@ def compute(
     config: dict[str, Any],
     root: Path,
     *,
-    workers: int = 1,
+    pool: Pool | None = None,
     passes: int = 2,
     others: Sequence[Path] = (),
     tell: Tell = lambda key, found: None,
@@ -96,7 +94,7 @@ def compute(
         protocol: which scenarios.
         config: a resolved configuration with the vehicle and the simulator.
         root: folder of limits; the journal of what is found so far lies in it until all is.
-        workers: searches at once; does not change what is found.
+        pool: workers for the searches; None: this process. The result is the same.
         passes: 1: each scenario by itself; 2: once more from its neighbours.
         others: folders of other protocols' limits: what they hold for the same scenarios is taken over after a trial.
         tell: called with each result, also with those of before.
@@ -131,9 +129,7 @@ def compute(
             found = [
                 _limits_of(
                     condition,
-                    _search(
-                        condition, protocol, journal, workers=workers, passes=passes, others=others, tell=tell
-                    ),
+                    _search(condition, protocol, journal, pool=pool, passes=passes, others=others, tell=tell),
                     protocol,
                 )
                 for condition in good
@@ -200,7 +196,7 @@ def _search(
     protocol: schema.Protocol,
     journal: Journal,
     *,
-    workers: int,
+    pool: Pool | None,
     passes: int,
     others: Sequence[Path],
     tell: Tell,
@@ -216,7 +212,7 @@ def _search(
             if (condition.name, turn, e) not in journal.found:
                 journal.add((condition.name, turn, e), found)
     jobs = [Job((condition.name, 1, e), there[e], driven[e], None, ()) for e in range(len(there))]
-    first = _carry_out(jobs, config, own, journal, workers, tell)
+    first = _carry_out(jobs, config, own, journal, pool, tell)
     if passes < 2:
         return first
     near = _neighbours(there)
@@ -230,7 +226,7 @@ def _search(
         )
         for e in range(len(there))
     ]
-    return _carry_out(jobs, config, own, journal, workers, tell)
+    return _carry_out(jobs, config, own, journal, pool, tell)
 
 
 def _adopted(
@@ -271,19 +267,17 @@ def _carry_out(
     config: schema.TrainConfig,
     own: Search,
     journal: Journal,
-    workers: int,
+    pool: Pool | None,
     tell: Tell,
 ) -> list[Found]:
-    waiting = []
+    waiting = {}
     for job in jobs:
         known = journal.found.get(job.key)
         if known is None:
-            waiting.append(job)
+            waiting[job.key] = job
         else:
             tell(job.key, known)
-    count = min(workers, len(waiting))
-    results = _here(waiting, own) if count <= 1 else _apart(waiting, config, count)
-    for key, found in results:
+    for key, found in _here(waiting, own) if pool is None else _apart(waiting, config, pool):
         journal.add(key, found)
         tell(key, found)
     return [journal.found[job.key] for job in jobs]
@@ -296,52 +290,30 @@ def _solve(search: Search, job: Job) -> Found:
     return search.again(job.scenario, job.known, job.others)
 
 
-def _here(jobs: Sequence[Job], own: Search) -> Iterator[tuple[Key, Found]]:
-    for job in jobs:
+def _here(jobs: Mapping[Key, Job], own: Search) -> Iterator[tuple[Key, Found]]:
+    for key, job in jobs.items():
         with interruption.immediate() as request:
             found = _solve(own, job)
-        if request.signal is not None:  # IPOPT takes it for a wish of its user's to stop, and says nothing
+        if request.signal is not None:  # IPOPT swallows the exception
             raise interruption.Interrupted(request.signal)
-        yield job.key, found
+        yield key, found
 
 
-_own: list[Search] = []
-"""of a worker"""
+def _apart(jobs: Mapping[Key, Job], config: schema.TrainConfig, pool: Pool) -> Iterator[tuple[Key, Found]]:
+    arguments = {key: (config, job) for key, job in jobs.items()}
+    with interruption.immediate():
+        for key, found in pool.results(_work, arguments, "search"):
+            if isinstance(found, WorkerDiedError):
+                raise WorkerDiedError(f"{found}; what was found is kept: type the command again")
+            yield key, found
 
 
-def _begin(config: schema.TrainConfig, pid: int, mark: str) -> None:
-    # A Ctrl-C would end IPOPT, and what it had by then would be taken for its result.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    processes.die_with(pid, mark)
-    _own[:] = [Search(config)]
+_own: tuple[schema.TrainConfig, Search] | None = None
+"""Condition and search of the last job in this process; a search takes a second to build."""
 
 
-def _work(job: Job) -> Found:
-    return _solve(_own[0], job)
-
-
-def _apart(jobs: Sequence[Job], config: schema.TrainConfig, count: int) -> Iterator[tuple[Key, Found]]:
-    workers = ProcessPoolExecutor(
-        count,
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_begin,
-        initargs=(config, *processes.myself()),
-    )
-    with processes.killed(workers) as pool, interruption.deferred() as request:
-        submitted: Mapping[Future[Found], Key] = {pool.submit(_work, job): job.key for job in jobs}
-        waiting = set(submitted)
-        while waiting:
-            ended, waiting = wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED)
-            for future in ended:
-                yield submitted[future], _result(future)
-            if request.signal is not None:
-                raise interruption.Interrupted(request.signal)
-
-
-def _result(future: Future[Found]) -> Found:
-    try:
-        return future.result()
-    except BrokenProcessPool as error:
-        raise TrainingError(
-            "a worker was killed, possibly out of memory; what was found is kept: type the command again"
-        ) from error
+def _work(config: schema.TrainConfig, job: Job) -> Found:
+    global _own
+    if _own is None or _own[0] != config:
+        _own = config, Search(config)
+    return _solve(_own[1], job)

@@ -15,12 +15,13 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import evaluate_config
 from auvbench.errors import ConfigError, RunError
 from auvbench.evaluation.bounds import files
-from auvbench.evaluation.bounds.compute import all_scenarios, compute, eligible, tried
+from auvbench.evaluation.bounds.compute import PRELOAD, all_scenarios, compute, eligible, tried
 from auvbench.evaluation.bounds.driven import drive
 from auvbench.evaluation.bounds.journal import Journal
 from auvbench.evaluation.bounds.proven import PRICES, Energy
 from auvbench.evaluation.bounds.search import Found, Search
 from auvbench.evaluation.protocol import circumstances, fingerprint
+from auvbench.runs.pool import Pool
 from auvbench.vehicles import sheet
 from auvbench.vehicles.symbolic import symbolic
 
@@ -167,7 +168,8 @@ def test_workers_and_interruptions_change_nothing(
     kept = journal.read_bytes()
     assert kept.count(b"\n") == 3  # the header and two searches
     journal.write_bytes(kept + b'{"half a line')
-    compute(*near, tmp_path, workers=2)
+    with Pool(2, PRELOAD) as pool:
+        compute(*near, tmp_path, pool=pool)
     assert not journal.exists()
     for name in ("limits.csv", "commands.npz", "summary.json"):
         mine = (tmp_path / "test-bluerov2" / name).read_bytes()

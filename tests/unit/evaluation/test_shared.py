@@ -18,6 +18,7 @@ from auvbench.config.validate import evaluate_config
 from auvbench.evaluation import parallel
 from auvbench.evaluation.rollout import Rollout
 from auvbench.runs.directory import RunDirectory
+from auvbench.runs.pool import Pool
 from tests.unit.runs.test_damage import frozen
 
 
@@ -44,12 +45,13 @@ def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
     for workers in (1, 2, 3):
         run = frozen(tmp_path / str(workers), "algo=mpc", "algo.horizon=2.0")
         told: list[tuple[str, int]] = []
-        (result,) = parallel.evaluate_all(
-            [run],
-            protocol(4, trajectories=2),
-            workers=workers,
-            report=lambda _, name, ended, told=told: told.append((name, ended)),
-        )
+        with Pool(workers, parallel.PRELOAD) as pool:
+            (result,) = parallel.evaluate_all(
+                [run],
+                protocol(4, trajectories=2),
+                pool,
+                report=lambda _, name, ended, told=told: told.append((name, ended)),
+            )
         assert result.error == ""
         assert told[0] == ("nominal", 0)
         assert sum(ended for _, ended in told) == 4
@@ -62,6 +64,14 @@ def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
     assert len({count["solves"] for count in counts}) == 1
     steps = sum(int(line.split(",")[5]) for line in found[0][0][0].decode().splitlines()[1:])
     assert counts[0]["solves"] == steps
+
+
+def test_one_pool_tests_whole_runs_and_then_episodes(tmp_path: Path) -> None:
+    pytest.importorskip("casadi")
+    for algo in ("pid", "random", "mpc"):
+        frozen(tmp_path, f"algo={algo}")
+    assert cli.main(["evaluate", str(tmp_path), "protocol.episodes=2", "workers=2"]) == 0
+    assert len(list(tmp_path.glob("*/*/evaluations/test/summary.json"))) == 3
 
 
 def test_only_agents_that_say_so_are_shared(tmp_path: Path) -> None:
@@ -80,7 +90,8 @@ def test_an_episode_that_fails_is_one_line_and_the_next_run_is_tested(
     good, bad = frozen(tmp_path / "good", "algo=random"), frozen(tmp_path / "bad", "algo=random", "seed=1")
     config = bad.config_path.read_text()
     bad.config_path.write_text(config.replace("seed: 1", "seed: 2"))
-    results = {r.run.id: r for r in parallel.evaluate_all([bad, good], protocol(3), workers=2)}
+    with Pool(2, parallel.PRELOAD) as pool:
+        results = {r.run.id: r for r in parallel.evaluate_all([bad, good], protocol(3), pool)}
     assert "config.yaml does not belong to this run" in results[bad.id].error
     assert results[good.id].summary is not None
 

@@ -9,8 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -23,6 +22,7 @@ from auvbench.scheduling.local import LocalBackend
 from auvbench.scheduling.loop import Outcome, Result, judge
 from auvbench.scheduling.sweep import sweep
 from tests import fake_training
+from tests.waiting import LIMIT, until
 
 ROOT = Path(__file__).parents[3]
 TARGET = "tests.fake_training:execute"
@@ -66,16 +66,14 @@ def start_sweep(folder: Path) -> subprocess.Popen[str]:
     )
 
 
-def until(condition: Callable[[], object], seconds: float = 30.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "this should have happened by now"
-        time.sleep(0.02)
-
-
 def living_workers(folder: Path) -> list[lock.Holder]:
     holders = [lock.living_holder(path) for path in sorted(folder.iterdir())]
     return [holder for holder in holders if holder is not None]
+
+
+def saved_steps(runs: list[RunDirectory]) -> int:
+    files = [run.path / "saved.json" for run in runs]
+    return sum(json.loads(file.read_text())[0] for file in files if file.exists())
 
 
 def under_way(runs: list[RunDirectory]) -> int:
@@ -142,7 +140,7 @@ def test_the_server_of_the_workers_dies_and_the_runs_go_on(folder: Path) -> None
     worker = living_workers(folder)[0].pid
     server = int(Path(f"/proc/{worker}/stat").read_text().rpartition(")")[2].split()[1])
     os.kill(server, signal.SIGKILL)
-    output, _ = process.communicate(timeout=60)
+    output, _ = process.communicate(timeout=LIMIT)
     assert process.returncode == 0, output
     assert "it is resumed" in output
     for run in runs:
@@ -156,7 +154,7 @@ def test_a_signal_is_passed_on_and_the_runs_save(folder: Path, number: signal.Si
     process = start_sweep(folder)
     until(lambda: under_way(runs) == 2)
     process.send_signal(number)
-    output, _ = process.communicate(timeout=30)
+    output, _ = process.communicate(timeout=LIMIT)
     assert process.returncode == code, output
     assert "the 2 running save and leave" in output
     assert "2 interrupted, 1 not started" in output
@@ -177,7 +175,7 @@ def test_a_second_signal_kills(folder: Path) -> None:
         if "once more kills" in line:
             break
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30)
+    process.communicate(timeout=LIMIT)
     assert process.returncode == 130
 
 
@@ -185,15 +183,15 @@ def test_kill_9_of_the_sweep_leaves_nothing_behind_and_costs_nothing(folder: Pat
     runs = [fake_training.make(folder / f"run{i}", step_s=0.01, total_steps=60) for i in range(4)]
     for _ in range(6):
         process = start_sweep(folder)
-        until(lambda: len(living_workers(folder)) == 2 or process.poll() is not None)  # noqa: B023
-        time.sleep(0.2)
+        before = saved_steps(runs)
+        until(lambda: saved_steps(runs) > before or process.poll() is not None)  # noqa: B023
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
         until(lambda: living_workers(folder) == [])
         assert all(status.of(run).state is not status.State.RUNNING for run in runs)
     process = start_sweep(folder)
-    output, _ = process.communicate(timeout=60)
+    output, _ = process.communicate(timeout=LIMIT)
     assert process.returncode == 0, output
     for run in runs:
         assert (run.path / "result.txt").read_text() == fake_training.chain(60)
@@ -202,7 +200,7 @@ def test_kill_9_of_the_sweep_leaves_nothing_behind_and_costs_nothing(folder: Pat
 def test_two_sweeps_at_once_share_the_work(folder: Path) -> None:
     runs = [fake_training.make(folder / f"run{i}", step_s=0.01) for i in range(6)]
     sweeps = [start_sweep(folder) for _ in range(2)]
-    outputs = [process.communicate(timeout=60)[0] for process in sweeps]
+    outputs = [process.communicate(timeout=LIMIT)[0] for process in sweeps]
     # 1 says that the other sweep still had runs of this one when it ended.
     for process, output in zip(sweeps, outputs, strict=True):
         assert process.returncode == (1 if "  held: " in output else 0), output
@@ -236,7 +234,7 @@ def test_a_run_that_is_removed_meanwhile_costs_no_other(folder: Path) -> None:
     process = start_sweep(folder)
     until(lambda: under_way([gone, good]) == 2)
     shutil.rmtree(gone.path, ignore_errors=True)
-    output, _ = process.communicate(timeout=60)
+    output, _ = process.communicate(timeout=LIMIT)
     assert process.returncode == 1, output
     assert f"failed: {gone.path}: " in output
     assert good.manifest()["state"] == "complete"
@@ -250,37 +248,47 @@ def test_a_worker_computes_with_one_thread(folder: Path) -> None:
     assert json.loads((run.path / "threads.json").read_text()) == {"torch": 1, "OMP_NUM_THREADS": "1"}
 
 
-def test_whoever_leaves_while_runs_are_queued_does_not_wait_for_imports(folder: Path) -> None:
+@pytest.fixture
+def endless(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A mark that appears when the fork server imports the module `endless`, which takes for ever."""
+    modules = tmp_path_factory.mktemp("modules")
+    mark = modules / "mark"
+    (modules / "endless.py").write_text(
+        f"import pathlib, signal\npathlib.Path({str(mark)!r}).touch()\nsignal.pause()"
+    )
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(modules)]))
+    return mark
+
+
+def test_an_interrupted_sweep_does_not_wait_for_imports(folder: Path, endless: Path) -> None:
     runs = [fake_training.make(folder / f"run{number}") for number in range(3)]
-    backend = LocalBackend(2, target=TARGET, preload=("tests.fake_training:dawdle",))
+    backend = LocalBackend(2, target=TARGET, preload=("endless",))
     jobs = [backend.submit(run.path) for run in runs[:2]]
-    backend.wait(0.2)
-    begun = time.monotonic()
+    until(lambda: backend.wait(0.02) or endless.exists())
     for job in jobs:
         job.cancel()
     assert [job.poll().code for job in jobs] == [128 + signal.SIGTERM] * 2
     found = [judge(run, job, job.poll(), cancelled=True) for run, job in zip(runs, jobs, strict=False)]
     backend.close()
-    assert time.monotonic() - begun < 5.0
     assert found == [(Outcome.INTERRUPTED, "stopped before it started")] * 2
     assert [run.manifest()["state"] for run in runs] == ["pending"] * 3
 
 
-LINGERING = SWEEP.replace("preload=()", 'preload=("tests.fake_training:linger",)')
+IMPORTING = SWEEP.replace("preload=()", 'preload=("endless",)')
 
 
-def test_a_killed_sweep_leaves_nothing_that_still_prepares_itself(folder: Path) -> None:
-    """The process that forks the workers imports for seconds before it looks at its connection."""
+def test_a_killed_sweep_leaves_no_server_that_imports(folder: Path, endless: Path) -> None:
     fake_training.make(folder / "ppo-a")
-    process = subprocess.Popen([sys.executable, "-c", LINGERING, str(folder)], start_new_session=True)
-    until(lambda: psutil.Process(process.pid).children())
-    (server,) = psutil.Process(process.pid).children()
-    until(lambda: "zygote" in " ".join(server.cmdline()))
-    time.sleep(1.5)  # into its preparation
+    process = subprocess.Popen([sys.executable, "-c", IMPORTING, str(folder)], start_new_session=True)
+    until(endless.exists)
+    left = psutil.Process(process.pid).children(recursive=True)
     process.kill()
     process.wait()
+    until(lambda: not any(lives(child) for child in left))
+
+
+def lives(process: psutil.Process) -> bool:
     try:
-        until(lambda: not server.is_running() or server.status() == psutil.STATUS_ZOMBIE, 5.0)
-    finally:
-        if server.is_running():
-            server.kill()
+        return bool(process.status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False

@@ -1,0 +1,173 @@
+"""Worker processes of a command: one fork server, and a pool whose jobs survive the death of a worker.
+
+The server imports modules once, so that a worker starts in milliseconds. On Linux the kernel kills the workers when the
+server ends, and the server when the command ends, however that comes about. A signal from the terminal reaches the
+command alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import multiprocessing
+import os
+import signal
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import forkserver, resource_tracker
+from typing import Any, TypeVar
+
+from auvbench.errors import AuvbenchWarning, TrainingError
+from auvbench.runs import fork_server, interruption, processes
+
+CONTEXT = multiprocessing.get_context("forkserver")
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
+)
+"""Environment of a worker; numerical libraries read it when they are first imported."""
+
+K = TypeVar("K")
+T = TypeVar("T")
+
+
+class WorkerDiedError(TrainingError):
+    """The process that carried out a job was killed."""
+
+
+def start_server(preload: Sequence[str]) -> None:
+    """Start the fork server and return; the server goes on to import `preload`, module names."""
+    stop_server()
+    resource_tracker.ensure_running()  # now, since its start unblocks signals
+    environment = dict(os.environ)
+    os.environ |= ONE_THREAD | {
+        fork_server.COMMAND: str(os.getpid()),
+        fork_server.MODULES: ",".join(preload),
+        "PYTHONSAFEPATH": "1",  # no module of the working directory
+    }
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, interruption.SIGNALS)
+    try:
+        CONTEXT.set_forkserver_preload([fork_server.__name__])
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        os.environ.clear()
+        os.environ |= environment
+
+
+def stop_server() -> None:
+    """Kill the fork server, and with it all workers, and wait for its end: the next one starts afresh."""
+    server: Any = forkserver._forkserver
+    if server._forkserver_pid is not None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(server._forkserver_pid, signal.SIGKILL)
+        server._stop()
+
+
+def begin_worker(folder: str) -> None:
+    """Prepare a worker process; the first thing that it does.
+
+    Args:
+        folder: the working directory.
+    """
+    os.setsid()
+    processes.die_with_parent(fork_server.PID)
+    processes.prefer_in_memory_shortage()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, interruption.SIGNALS)
+    with contextlib.suppress(OSError):  # removed since
+        os.chdir(folder)
+    gc.freeze()  # a collection would copy the pages that the workers share
+
+
+class Pool:
+    """Worker processes for the jobs of a command, started when the first job comes.
+
+    Args:
+        workers: how many at most; 0: one per core.
+        preload: names of the modules that jobs need.
+    """
+
+    def __init__(self, workers: int = 0, preload: Sequence[str] = ()) -> None:
+        self.workers = workers or processes.cores()
+        self._preload = preload
+        self._executor: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def results(
+        self, function: Callable[..., T], jobs: Mapping[K, tuple[Any, ...]], what: str
+    ) -> Iterator[tuple[K, T | WorkerDiedError]]:
+        """Yield the key and the result of each job as the jobs end.
+
+        When a worker dies, the jobs under way are done again one by one, since any of them may be the cause. A job whose
+        worker dies a second time yields a `WorkerDiedError`; the other jobs go on.
+
+        Args:
+            function: called with a job's arguments in a worker.
+            jobs: arguments by key; `str(key)` names the job to the user.
+            what: a job in a word, for messages.
+
+        Raises:
+            Exception: what `function` raised; jobs that have not begun are dropped.
+        """
+        waiting = deque(jobs)
+        running: dict[Future[T], K] = {}
+        try:
+            while waiting or running:
+                while waiting and len(running) < self.workers:
+                    key = waiting.popleft()
+                    running[self._submit(function, jobs[key])] = key
+                died = []
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    key = running.pop(future)
+                    try:
+                        yield key, future.result()
+                    except BrokenProcessPool:
+                        died.append(key)
+                if died:
+                    died += running.values()
+                    running.clear()
+                    yield from self._again(function, {key: jobs[key] for key in died}, what)
+        finally:
+            for future in running:
+                future.cancel()
+
+    def _again(
+        self, function: Callable[..., T], jobs: Mapping[K, tuple[Any, ...]], what: str
+    ) -> Iterator[tuple[K, T | WorkerDiedError]]:
+        """Yield as `results`, one job after the other; the workers have died."""
+        self._end()
+        names = ", ".join(map(str, jobs))
+        reason = f"a worker was killed, possibly out of memory; each {what} under way is done again: {names}"
+        warnings.warn(AuvbenchWarning(reason), stacklevel=2)
+        for key, arguments in jobs.items():
+            try:
+                yield key, self._submit(function, arguments).result()
+            except BrokenProcessPool:
+                self._end()
+                yield key, WorkerDiedError(f"{key}: a worker was killed twice, possibly out of memory")
+
+    def _submit(self, function: Callable[..., T], arguments: tuple[Any, ...]) -> Future[T]:
+        try:
+            if self._executor is None:
+                start_server(self._preload)
+                self._executor = ProcessPoolExecutor(
+                    self.workers, CONTEXT, initializer=begin_worker, initargs=(os.getcwd(),)
+                )
+            return self._executor.submit(function, *arguments)
+        except (BrokenProcessPool, EOFError, OSError) as error:  # a worker or the server has died since
+            failed: Future[T] = Future()
+            failed.set_exception(BrokenProcessPool(str(error)))
+            return failed
+
+    def _end(self) -> None:
+        if self._executor is not None:
+            stop_server()
+            self._executor.shutdown(wait=False, cancel_futures=True)
+            self._executor = None
