@@ -467,7 +467,7 @@ def damage(path: Path, kind: str) -> None:
         frame.loc[len(frame) // 2, "return"] = np.nan
         frame.to_csv(path, index=False)
     elif kind == "schema":
-        path.write_text(json.dumps(json.loads(text) | {"schema_version": 99}))
+        path.write_text(json.dumps(integrity.sealed(json.loads(text) | {"schema_version": 99})))
     else:
         raise ValueError(f"unknown kind of damage: {kind!r}")
 

@@ -1,7 +1,6 @@
 """Whether the files of a run agree: with the digests that vouch for them, with each other, and with the run's id.
 
-Each function says in words what is wrong, or nothing at all where all is well. Of runs and evaluations that were
-written before digests were kept, only what they say of themselves can be compared.
+Each function returns what is wrong, or an empty text.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
-from auvbench.runs import identity, integrity
-from auvbench.untrusted import documents, reading
+from auvbench.runs import identity, integrity, schemas
+from auvbench.untrusted.text import short
 
 TOLERANCE = 1e-6
 """relative; the summary's means are those of the very numbers in the rows, up to rounding"""
@@ -25,15 +24,13 @@ _MEASURED = tuple(name for name in RECORD_COLUMNS if name not in ("episode", "en
 
 
 def of_run(manifest: Mapping[str, Any], config: Mapping[str, Any]) -> str:
-    """Whether a manifest is as it was written and of the run that config.yaml describes."""
-    if broken := integrity.broken_seal(manifest):
-        return f"manifest.json: {broken}"
+    """Return how a manifest differs from the run that config.yaml describes."""
     if wrong := identity.mismatch(config, str(manifest["id"])):
         return f"config.yaml does not belong to the run {manifest['id']}: {wrong}"
     if manifest["seed"] != config["seed"]:
         return f"manifest.json has the seed {manifest['seed']}, config.yaml {config['seed']}"
-    named, meant = manifest.get("algo"), config["algo"]["name"]
-    if named is not None and named != meant:
+    named, meant = manifest["algo"], config["algo"]["name"]
+    if named != meant:
         return f"manifest.json has the algo {named}, config.yaml {meant}"
     return ""
 
@@ -45,27 +42,24 @@ def of_evaluation(manifest: Mapping[str, Any], summary: Mapping[str, Any], proto
     if summary.get("protocol", protocol) != protocol:
         return f"it is by the protocol {summary['protocol']}"
     tested, there = summary.get("model"), integrity.digests(manifest, "model/")
-    if isinstance(tested, Mapping) and there is not None and dict(tested) != there:
+    if tested is not None and tested != there:
         return "another model was tested than the run has now: evaluate again"
     return ""
 
 
 def of_file(holder: Mapping[str, Any], name: str, data: bytes) -> str:
-    """Whether a file holds what the manifest or summary vouches for."""
-    files = integrity.table(holder)
-    if files is None:
-        return ""
-    wrong = integrity.difference(data, files.get(name))
+    """Return how a file differs from what the manifest or summary records."""
+    wrong = integrity.difference(holder, name, data)
     return f"{Path(name).name} {wrong}" if wrong else ""
 
 
 def of_neighbour(file: Path, data: bytes) -> str:
-    """As `of_file`, for a file of an evaluation, by the summary that lies beside it."""
+    """As `of_file`, for a file of an evaluation and the summary next to it."""
     try:
-        summary = documents.json_value(reading.content(file.parent / "summary.json"))
-    except (OSError, ValueError):
-        return "summary.json beside it cannot be read"
-    return of_file(summary, file.name, data) if isinstance(summary, dict) else ""
+        summary = schemas.read(file.parent / "summary.json", schemas.Summary)
+    except (OSError, ValueError) as error:
+        return f"summary.json next to it cannot be read ({short(error)})"
+    return of_file(summary, file.name, data)
 
 
 def of_rows(summary: Mapping[str, Any], frame: pd.DataFrame) -> str:

@@ -13,12 +13,9 @@ import pandas as pd
 from auvbench.analysis import consistency, derived_columns, scenarios
 from auvbench.analysis.model import Evaluation
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
-from auvbench.runs import integrity
-from auvbench.untrusted import bz2_io, documents, reading, tables
+from auvbench.runs import integrity, schemas
+from auvbench.untrusted import bz2_io, tables
 from auvbench.untrusted.text import LONGEST, plain, short
-
-SCHEMA_VERSION = 1
-"""of manifest.json and summary.json: what this auvbench reads"""
 
 CORE_COLUMNS = (
     "steps",
@@ -60,22 +57,22 @@ def finite(table: np.ndarray[Any, Any]) -> bool:
     return table.dtype.kind in "if" and bool((np.abs(table) <= LARGEST).all())
 
 
-def json_object(path: Path) -> dict[str, Any]:
-    """A JSON object of the schema version that is read here."""
+def sealed(path: Path, schema: type[schemas.Manifest | schemas.Summary]) -> dict[str, Any]:
+    """Return a manifest or summary.
+
+    Raises:
+        Damage: it is missing, damaged, or of another version.
+    """
     try:
-        data = documents.json_value(reading.content(path))
+        return schemas.read(path, schema)
     except FileNotFoundError as error:
         raise Damage(f"{path.name} is missing") from error
     except OSError as error:
         raise Damage(f"{path.name} cannot be read ({error.strerror})") from error
+    except integrity.VersionError as error:
+        raise Damage(f"{path.name} has {error}", "foreign") from error
     except ValueError as error:
-        raise Damage(f"{path.name} is not valid JSON ({short(error)})") from error
-    version = data.get("schema_version") if isinstance(data, dict) else None
-    if version != SCHEMA_VERSION:
-        raise Damage(
-            f"{path.name} has schema_version {version}, this auvbench reads {SCHEMA_VERSION}", "foreign"
-        )
-    return dict(data)
+        raise Damage(f"{path.name}: {short(error)}") from error
 
 
 def read_evaluation(directory: Path) -> Evaluation:
@@ -84,13 +81,7 @@ def read_evaluation(directory: Path) -> Evaluation:
     Raises:
         Damage: one of them cannot be used, is not what was written, or they disagree.
     """
-    summary = json_object(directory / "summary.json")
-    if broken := integrity.broken_seal(summary):
-        raise Damage(f"summary.json: {broken}")
-    if missing := {"fingerprint", "conditions"} - summary.keys():
-        raise Damage(f"summary.json has no {', '.join(sorted(missing))}")
-    if not is_name(fingerprint := summary["fingerprint"]):
-        raise Damage(f"summary.json has the fingerprint {short(repr(fingerprint), 40)}, which is no name")
+    summary = sealed(directory / "summary.json", schemas.Summary)
     path = directory / "episodes.csv"
     try:
         data = bz2_io.content(path, tables.LARGEST)
@@ -104,7 +95,7 @@ def read_evaluation(directory: Path) -> Evaluation:
         raise Damage(wrong)
     return Evaluation(
         protocol=directory.name,
-        fingerprint=str(summary["fingerprint"]),
+        fingerprint=summary["fingerprint"],
         summary=summary,
         episodes=episodes,
         directory=directory,
@@ -112,16 +103,8 @@ def read_evaluation(directory: Path) -> Evaluation:
 
 
 def _conditions(summary: Mapping[str, Any]) -> dict[str, int]:
-    """Episodes by condition."""
-    try:
-        found = {c["name"]: c["episodes"] for c in summary["conditions"]}
-    except (KeyError, TypeError) as error:
-        raise Damage("summary.json does not name its conditions and how many episodes each has") from error
-    for name, episodes in found.items():
-        if not is_name(name) or type(episodes) is not int or episodes < 1:
-            raise Damage(
-                f"summary.json says {short(repr(episodes), 40)} episodes of condition {short(repr(name), 40)}, which is no number of episodes"
-            )
+    """Return the number of episodes of each condition."""
+    found = {c["name"]: c["episodes"] for c in summary["conditions"]}
     if len(found) < max(1, len(summary["conditions"])):
         raise Damage("summary.json has no conditions, or one of them twice")
     return found

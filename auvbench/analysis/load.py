@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.analysis import consistency
-from auvbench.analysis.evaluations import LARGEST, Damage, is_name, json_object, read_evaluation
+from auvbench.analysis.evaluations import LARGEST, Damage, is_name, read_evaluation, sealed
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.model import Problem, RunRecord
 from auvbench.analysis.processes import each
 from auvbench.config import answers
 from auvbench.errors import ReportError, closest
-from auvbench.runs import integrity
 from auvbench.runs import run_filter as filters
-from auvbench.runs.manifest_fields import SHIPPED
+from auvbench.runs import schemas
+from auvbench.runs.schemas import SHIPPED
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.text import short
 
@@ -74,22 +74,7 @@ def load(
         found = filters.select(found, filters.parse(where), _facts)
     read = list(each(lambda run: _with_evaluations(run, protocols), found))
     runs = _collect(_one_per_id(read, protocols[0]), problems)
-    problems += _unverified(runs)
     return runs, problems
-
-
-def _unverified(runs: Sequence[RunRecord]) -> list[Problem]:
-    """One line for all evaluations whose rows nothing vouches for."""
-    old = [run for run in runs if any(integrity.table(e.summary) is None for e in run.evaluations.values())]
-    if not old:
-        return []
-    where = old[0].id if len(old) == 1 else f"{len(old)} runs"
-    parent = os.path.commonpath([str(run.directory) for run in old])
-    message = (
-        "evaluated before digests of the rows were kept, so that nothing tells whether they were changed since; "
-        f"auvbench evaluate {parent} tests them again"
-    )
-    return [Problem(where, "unverified", message)]
 
 
 def _facts(run: RunRecord) -> dict[str, Any]:
@@ -172,17 +157,9 @@ def _read_run(directory: Path) -> _Read:
 
 
 def _run(directory: Path) -> RunRecord:
-    manifest = json_object(directory / "manifest.json")
-    if missing := {"id", "state", "seed"} - manifest.keys():
-        raise Damage(f"manifest.json is not that of a run (no {', '.join(sorted(missing))})", "foreign")
-    for key in ("seed", "steps", "total_steps"):
-        value = manifest.get(key, 0)
-        # A run that was not started may have no steps yet.
-        if type(value) is not int and (value is not None or key == "seed"):
-            raise Damage(f"manifest.json has the {key} {_brief(value)}, which is no integer")
-    for key in ("id", "state"):
-        if not is_name(manifest[key]):
-            raise Damage(f"manifest.json has the {key} {_brief(manifest[key])}, which is no name")
+    manifest = sealed(directory / "manifest.json", schemas.Manifest)
+    if not is_name(manifest["id"]):
+        raise Damage(f"manifest.json has the id {_brief(manifest['id'])}, which is no name")
     config, flat = _config(directory / "config.yaml")
     if wrong := consistency.of_run(manifest, config):
         raise Damage(wrong)
@@ -314,10 +291,9 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
 def _why_not(run: RunRecord) -> Problem:
     manifest = run.manifest
     if run.state == "failed":
-        error = manifest.get("error")
-        error = error if isinstance(error, dict) else {}
-        at = f" at step {error['step']:,}" if isinstance(error.get("step"), int) else ""
+        error = manifest["error"] or {}
+        at = f" at step {error['step']:,}" if error.get("step") is not None else ""
         return Problem(run.id, "failed", f"failed{at}: {error.get('message', 'no message')}")
-    steps, total = manifest.get("steps") or 0, manifest.get("total_steps") or 0
+    steps, total = manifest["steps"], manifest["total_steps"]
     share = f" at {steps:,} of {total:,} steps" if total else ""
     return Problem(run.id, "unfinished", f"{run.state}{share}: type its command again to finish it")

@@ -60,7 +60,7 @@ class Problem:
     where: str
     """run id or path"""
     kind: str
-    """missing | failed | unfinished | damaged | foreign | duplicate | mixed | unverified (in the tables all the same)"""
+    """missing | failed | unfinished | damaged | foreign | duplicate | mixed"""
     message: str
 
     def __post_init__(self) -> None:

@@ -187,8 +187,7 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
     left += [
         f"{p.where}: {p.message}"
         for p in problems
-        if p.kind not in ("missing", "duplicate", "unverified")
-        and not (p.kind == "failed" and p.where in ids)
+        if p.kind not in ("missing", "duplicate") and not (p.kind == "failed" and p.where in ids)
     ]
     left += [_at_work({name: holder}) for name, holder in held.items()]
     for line in (*left, *_in_short(untested)):
@@ -209,7 +208,7 @@ def _in_short(untested: Sequence[Problem]) -> list[str]:
 def _holder(run: RunRecord) -> Holder | None:
     """Who works on a run at present; nobody works on a copy."""
     from auvbench.runs import lock
-    from auvbench.runs.manifest_fields import SHIPPED
+    from auvbench.runs.schemas import SHIPPED
 
     return None if run.manifest.get(SHIPPED) is True else lock.living_holder(run.directory)
 

@@ -209,7 +209,7 @@ def _shrink(png: Path) -> None:
     """The picture with 256 colours instead of 16 million, which lines and areas do not need: a third of the room."""
     from PIL import Image  # matplotlib's own
 
-    from auvbench.runs.files import write_atomic
+    from auvbench.runs.atomic_io import write_atomic
 
     stream = io.BytesIO()
     with Image.open(png) as image:

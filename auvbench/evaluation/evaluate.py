@@ -30,15 +30,13 @@ from auvbench.evaluation.protocol import (
 )
 from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
-from auvbench.runs import integrity, lock, provenance
-from auvbench.runs.atomic_io import make_folder, storage
+from auvbench.runs import identity, integrity, lock, provenance, schemas
+from auvbench.runs.atomic_io import as_json, make_folder, replace_folder, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, now
-from auvbench.runs.files import as_json, write_atomic, write_folder
 from auvbench.runs.plan import load_config
-from auvbench.untrusted import archives, documents, path_safety, reading
+from auvbench.untrusted import path_safety
 from auvbench.vehicles import sheet
 
-SCHEMA_VERSION = 1
 COLUMNS = ("condition", "frequency_hz", *RECORD_COLUMNS)
 
 MEANS = RECORD_COLUMNS[RECORD_COLUMNS.index("steps") : RECORD_COLUMNS.index("waypoint_x_m")]
@@ -46,14 +44,11 @@ MEANS = RECORD_COLUMNS[RECORD_COLUMNS.index("steps") : RECORD_COLUMNS.index("way
 
 
 def read_summary(run: RunDirectory, protocol: str) -> dict[str, Any] | None:
-    """summary.json of an evaluation that is there and whole, else None."""
+    """Return summary.json of an evaluation; None where it is missing or damaged."""
     try:
-        summary = documents.json_value(reading.content(run.evaluation(protocol) / "summary.json"))
+        return schemas.read(run.evaluation(protocol) / "summary.json", schemas.Summary)
     except (OSError, ValueError):
         return None
-    if not isinstance(summary, dict) or summary.get("schema_version") != SCHEMA_VERSION:
-        return None
-    return None if integrity.broken_seal(summary) else summary
 
 
 def is_done(run: RunDirectory, protocol: schema.Protocol) -> bool:
@@ -75,21 +70,15 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
         return "its summary is damaged"
     if summary.get("run") != run.id:
         return f"its summary is of the run {summary.get('run')}"
-    if integrity.table(summary) is None:
-        return "it was made before digests of its rows were kept"
     if lost := integrity.lacking(folder, summary):
         return lost
     if summary.get("model") != _model(run.manifest()):
         return "the run's model is another one than was tested"
-    clocks = summary.get("clocks")
-    played = as_played(
-        circumstances(protocol, run.check()),
-        {str(k): str(v) for k, v in clocks.items()} if isinstance(clocks, dict) else {},
-    )
+    played = as_played(circumstances(protocol, run.check()), summary.get("clocks") or {})
     with _blaming(run):
         here = fingerprint_parts(protocol, played)
     there = summary.get("fingerprint_parts")
-    if not isinstance(there, dict):
+    if not there:
         return "its fingerprint does not cover what computes outcomes"
     if there.get("scenarios") != here["scenarios"]:
         return "its scenarios are others: the protocol, the vehicle or what draws them has changed since"
@@ -99,8 +88,8 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
 
 
 def _model(manifest: dict[str, Any]) -> dict[str, Any]:
-    """The digests of the model's files, which tie a test to the weights that were tested."""
-    return integrity.digests(manifest, "model/") or {}
+    """Return the digests of the model's files, which tie a test to the weights that were tested."""
+    return integrity.digests(manifest, "model/")
 
 
 def make_agent(run: RunDirectory, frequency: float) -> Agent:
@@ -119,7 +108,7 @@ def make_agent(run: RunDirectory, frequency: float) -> Agent:
 
 
 def _check_model(run: RunDirectory, again: str) -> None:
-    """Compares the files of a run's model with their digests, before anything is made of them.
+    """Compare the files of a run's model with their digests, before they are loaded.
 
     Args:
         run: whose.
@@ -128,22 +117,9 @@ def _check_model(run: RunDirectory, again: str) -> None:
     Raises:
         RunError: one is missing, or is not what was written.
     """
-    manifest = run.manifest()
-    for name in integrity.digests(manifest, "model/") or {}:
-        path = run.path / name
-        try:
-            integrity.check(manifest, name, reading.content(path, archives.FILE), path)
-        except FileNotFoundError as error:
-            raise RunError(f"{run.model}: no trained model here ({path.name} is missing)") from error
-        except (OSError, ValueError) as error:
-            raise RunError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-        except RunError as error:
-            hint = (
-                f"; auvbench resume {run.path} {again}"
-                if again
-                else "; its command, typed again, puts it back"
-            )
-            raise RunError(f"{error}{hint}") from error
+    if lost := integrity.lacking(run.path, run.manifest(), "model/"):
+        hint = f"auvbench resume {run.path} {again}" if again else "its command, typed again, puts it back"
+        raise RunError(f"{run.path}: {lost}; {hint}")
 
 
 Report = Callable[[str, int], None]
@@ -232,12 +208,12 @@ def _evaluate(run: RunDirectory, protocol: schema.Protocol, report: Report, roll
             clocks[condition.name] = ros2.clock()
     conditions = as_played(conditions, clocks)
     summary = {
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": identity.SCHEMA_VERSION,
         "protocol": protocol.name,
         "fingerprint": fingerprint(protocol, conditions),
         "fingerprint_parts": fingerprint_parts(protocol, conditions),
         "run": run.id,
-        "model": _model(adopt(run)),
+        "model": _model(run.manifest()),
         "seed": protocol.seed,
         "scenarios": protocol.scenarios,
         # What a step over ROS 2 was counted by: rows of one clock are not those of another.
@@ -287,16 +263,6 @@ def _blaming(run: RunDirectory) -> Iterator[None]:
         raise AgentError(f"{run.id}, with {' and '.join(releases)}: {plugins.told(error)}") from error
 
 
-def adopt(run: RunDirectory) -> dict[str, Any]:
-    """The run's manifest, with digests of its files as they are now where it was made before any were kept."""
-    manifest = run.manifest()
-    if integrity.table(manifest) is not None:
-        return manifest
-    names = ("model/policy.pt", "model/normalisation.npz", "train/episodes.csv")
-    found = {name: integrity.entry_of(run.path / name) for name in names if (run.path / name).is_file()}
-    return run.update_manifest(files=found)
-
-
 def _condition_summary(condition: Circumstance, rollout: Rollout) -> dict[str, Any]:
     records = rollout.records
     counts = Counter(record["outcome"] for record in records)
@@ -325,7 +291,8 @@ def _write(
     files = {"episodes.csv": _rows(rollouts), "trajectories.npz": _trajectories(rollouts)}
     table = {name: integrity.entry(data) for name, data in files.items()}
     files["summary.json"] = as_json(integrity.sealed({**summary, integrity.FILES: table}))
-    write_folder(folder, files)
+    with storage(f"cannot write {folder}"):
+        replace_folder(folder, files)
     return table
 
 

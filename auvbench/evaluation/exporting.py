@@ -18,14 +18,13 @@ from auvbench.config.agents import AGENTS, learns
 from auvbench.config.clock import step_limit
 from auvbench.errors import RunError
 from auvbench.evaluation import observations
-from auvbench.evaluation.evaluate import adopt, make_agent, read_summary
+from auvbench.evaluation.evaluate import make_agent, read_summary
 from auvbench.policies import cards, exported
 from auvbench.policies.cards import FORMAT, SCHEMA_VERSION
 from auvbench.policies.exported import NETWORK
 from auvbench.runs import identity, integrity, provenance
-from auvbench.runs.atomic_io import sha256, storage
+from auvbench.runs.atomic_io import as_lines, sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.files import as_lines, write_atomic
 from auvbench.runs.plan import load_config
 from auvbench.untrusted import path_safety
 from auvbench.vehicles import sheet
@@ -148,7 +147,7 @@ def make_card(
     task = config.task
     plain = run.config()
     found = exported.check(data, name)
-    manifest = adopt(run)
+    manifest = run.manifest()
     return {
         "format": FORMAT,
         "schema_version": SCHEMA_VERSION,
@@ -271,14 +270,11 @@ def _action(unit: Actuator) -> dict[str, Any]:
 
 def _tests(run: RunDirectory, manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The tests of this very model that are there and whole, by name."""
-    model = integrity.digests(manifest, "model/") or {}
+    model = integrity.digests(manifest, "model/")
     found = []
     for path in sorted(run.path.glob("evaluations/*/summary.json")):
         summary = read_summary(run, path.parent.name)
         if summary is None or summary.get("run") != run.id or summary.get("model") != model:
-            continue
-        conditions = summary.get("conditions")
-        if not isinstance(conditions, list) or not all(isinstance(c, Mapping) for c in conditions):
             continue
         found.append(
             {
@@ -286,7 +282,7 @@ def _tests(run: RunDirectory, manifest: Mapping[str, Any]) -> list[dict[str, Any
                 "fingerprint": summary.get("fingerprint"),
                 "conditions": [
                     {key: c[key] for key in ("name", "frequency_hz", "episodes", *RATES) if key in c}
-                    for c in conditions
+                    for c in summary["conditions"]
                 ],
             }
         )

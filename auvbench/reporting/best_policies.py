@@ -16,7 +16,7 @@ from auvbench.policies import cards, exported
 from auvbench.reporting.tables.markdown import escape
 from auvbench.reporting.tables.markdown import rows as rows_of
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.manifest_fields import SHIPPED
+from auvbench.runs.schemas import SHIPPED
 from auvbench.untrusted import path_safety
 
 FOLDER = "policies"

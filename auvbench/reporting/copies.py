@@ -15,11 +15,9 @@ from pathlib import Path
 
 from auvbench.analysis import scenarios
 from auvbench.errors import ReportError, RunError
-from auvbench.runs import integrity
-from auvbench.runs.atomic_io import fsync_directory, make_folder, sha256
+from auvbench.runs.atomic_io import fsync_directory, make_folder, sha256, write_atomic
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.files import write_atomic
-from auvbench.runs.manifest_fields import SHIPPED
+from auvbench.runs.schemas import SHIPPED
 from auvbench.untrusted import bz2_io, documents, reading
 from auvbench.untrusted.text import short
 
@@ -44,7 +42,7 @@ def why_not_ours(path: Path) -> str:
         manifest = RunDirectory(path).manifest()
     except RunError as error:
         return str(error).removeprefix(f"{path}: ").removeprefix(f"{path}/")
-    if manifest.get(SHIPPED) is not True or integrity.SEAL not in manifest:
+    if manifest.get(SHIPPED) is not True:
         return "a run, not a copy of one"
     return _foreign(path)
 

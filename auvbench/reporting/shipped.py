@@ -27,16 +27,15 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.analysis import consistency, derived_columns, packed_paths, scenarios
-from auvbench.analysis.evaluations import CORE_COLUMNS, MEASURED, Damage, json_object
+from auvbench.analysis.evaluations import CORE_COLUMNS, MEASURED, Damage, sealed
 from auvbench.analysis.model import Evaluation, RunRecord
 from auvbench.analysis.training import NUMBERS
 from auvbench.analysis.validation_curve import NAME as VALIDATION
 from auvbench.errors import RunError
 from auvbench.reporting import copies
-from auvbench.runs import integrity
+from auvbench.runs import integrity, schemas
+from auvbench.runs.atomic_io import as_lines, write_atomic
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.files import as_lines, write_atomic
-from auvbench.runs.manifest_fields import SHIPPED
 from auvbench.untrusted import archives, bz2_io, reading, tables
 from auvbench.untrusted.text import short
 
@@ -86,7 +85,7 @@ def ship(run: RunRecord, folder: Path, protocol: str, paths: bool = True) -> lis
     here = RunDirectory(staged)
     here.write_config(_placeless(config))
     manifest = without_place(run)
-    files = dict(integrity.table(manifest) or {})
+    files = integrity.table(manifest)
     problems = []
     try:
         if (rows := _training(run)) is not None:
@@ -103,9 +102,8 @@ def ship(run: RunRecord, folder: Path, protocol: str, paths: bool = True) -> lis
         target = here.evaluation(evaluation.protocol)
         _ship_evaluation(evaluation, target, folder, first, first and paths)
     _keep_evaluations(copy, staged, run.manifest)
-    if integrity.table(manifest) is not None:
-        manifest[integrity.FILES] = files
-    write_atomic(here.manifest_path, as_lines(integrity.sealed({**manifest, SHIPPED: True})))
+    manifest[integrity.FILES] = files
+    write_atomic(here.manifest_path, as_lines(integrity.sealed({**manifest, schemas.SHIPPED: True})))
     copies.put(staged, copy)
     return problems
 
@@ -145,7 +143,7 @@ def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: b
         summary = consistency.without_means(summary)
         summary.pop(scenarios.NAMED, None)
     write_atomic(target / f"episodes.csv{bz2_io.SUFFIX}", bz2_io.packed(rows))
-    files = dict(integrity.table(summary) or {}) | {"episodes.csv": integrity.entry(rows)}
+    files = integrity.table(summary) | {"episodes.csv": integrity.entry(rows)}
     source = evaluation.directory / PATHS
     if paths and source.is_file():
         data = only_paths(source)
@@ -153,8 +151,7 @@ def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: b
         files[PATHS] = integrity.entry(data)
     else:
         files.pop(PATHS, None)
-    if integrity.table(summary) is not None:
-        summary = integrity.sealed({**summary, integrity.FILES: files})
+    summary = integrity.sealed({**summary, integrity.FILES: files})
     write_atomic(target / "summary.json", as_lines(summary))
 
 
@@ -173,7 +170,7 @@ def _keep_evaluations(former: Path, staged: Path, manifest: Mapping[str, Any]) -
         folder = summary.parent
         target = staged / "evaluations" / folder.name
         try:
-            found = json_object(summary)
+            found = sealed(summary, schemas.Summary)
         except Damage:
             continue
         if not target.exists() and not consistency.of_evaluation(manifest, found, folder.name):

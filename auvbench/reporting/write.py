@@ -17,7 +17,7 @@ from auvbench.reporting import tables
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.tables.markdown import escape
 from auvbench.reporting.tables.notes import of_pairs
-from auvbench.runs.files import as_json, write_atomic
+from auvbench.runs.atomic_io import as_json, write_atomic
 
 
 def text(path: Path, content: str) -> Path:

@@ -1,18 +1,21 @@
-"""Files that are either whole or not there: write, fsync, rename, and errors that say what to do.
+"""Files and folders that are whole or not there: write, fsync, rename; and errors that say what to do.
 
-A rename within one directory is atomic, but neither the data nor the new name is on the disk before both the
-file and its directory were fsynced (POSIX promises no more): whoever writes files here fsyncs their directory
-once, after the last of them.
+A rename within one directory is atomic. Neither the data nor the new name is on the disk before the file and its
+directory were fsynced, so a function that writes files fsyncs their directory once, after the last of them.
 """
 
 from __future__ import annotations
 
 import errno
 import hashlib
+import json
 import os
-from collections.abc import Iterator
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from auvbench.errors import TrainingError
 
@@ -28,15 +31,15 @@ _REASONS = {
 }
 
 FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
-"""The disk's own, whatever directory the user names on it."""
+"""faults of the disk itself, in any directory"""
 
 
 def storage_error(error: OSError, what: str) -> TrainingError:
-    """The one line that a user gets when the disk, and not auvbench, is at fault.
+    """Return the one-line error for a disk that does not take or give its data.
 
     Args:
         error: what the system reported.
-        what: what could not be done, for instance "cannot write the checkpoint of step 1000".
+        what: what failed, for instance "cannot write the checkpoint of step 1000".
     """
     reason = _REASONS.get(error.errno or 0, f"{error.strerror or error}; repair it")
     where = f" ({error.filename})" if error.filename else ""
@@ -45,7 +48,7 @@ def storage_error(error: OSError, what: str) -> TrainingError:
 
 @contextmanager
 def storage(what: str) -> Iterator[None]:
-    """Turns an `OSError` inside into the `TrainingError` of `storage_error`."""
+    """Turn an `OSError` inside into the `TrainingError` of `storage_error`."""
     try:
         yield
     except OSError as error:
@@ -53,19 +56,19 @@ def storage(what: str) -> Iterator[None]:
 
 
 def fsync_directory(path: Path) -> None:
-    """Puts the names in a directory on the disk."""
+    """Put the names in a directory on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # some network file systems do it unasked
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # some network file systems need no fsync
             raise
     finally:
         os.close(descriptor)
 
 
 def make_folder(path: Path) -> None:
-    """Makes a directory and those above it; their names are on the disk when this returns."""
+    """Make a directory and those above it, and put their names on the disk."""
     missing = []
     while not path.is_dir():
         missing.append(path)
@@ -76,7 +79,7 @@ def make_folder(path: Path) -> None:
 
 
 def fsync_file(path: Path) -> None:
-    """Puts the content of a file that somebody else wrote on the disk."""
+    """Put the content of a file on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -85,11 +88,119 @@ def fsync_file(path: Path) -> None:
 
 
 def write_durable(path: Path, data: bytes) -> None:
-    """Writes a new file and fsyncs it."""
+    """Write a new file and fsync it."""
     with path.open("wb") as file:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
+
+
+def write_atomic(path: Path, data: bytes, *, sync_folder: bool = True) -> None:
+    """Replace a file: write a temporary file next to it, fsync, rename.
+
+    Args:
+        path: the file; its folders are made.
+        data: its new content.
+        sync_folder: False where the caller writes many files and fsyncs their folder after the last one.
+    """
+    staged = _stage(path, data)
+    try:
+        os.replace(staged, path)
+    except BaseException:
+        staged.unlink(missing_ok=True)
+        raise
+    if sync_folder:
+        fsync_directory(path.parent)
+
+
+def create_atomic(path: Path, data: bytes) -> bool:
+    """Make a file unless it exists; return whether this call made it."""
+    staged = _stage(path, data)
+    try:
+        os.link(staged, path)
+    except FileExistsError:
+        return False
+    except OSError:  # a file system without hard links: the last writer wins there
+        os.replace(staged, path)
+    finally:
+        staged.unlink(missing_ok=True)
+    fsync_directory(path.parent)
+    return True
+
+
+def _stage(path: Path, data: bytes) -> Path:
+    make_folder(path.parent)
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        # mkstemp makes files private; runs are to be read by others.
+        os.chmod(name, 0o644)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+    return Path(name)
+
+
+def replace_folder(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Make or replace a folder: write a new one next to it, fsync, rename; the old one stays where that fails.
+
+    Args:
+        folder: those above it are made.
+        files: its whole content, by name.
+
+    Raises:
+        OSError: the disk is full, read-only or failing.
+    """
+    staged, former = (folder.with_name(f".{folder.name}.{what}") for what in ("staged", "former"))
+    make_folder(folder.parent)
+    _restore(former, folder)
+    for leftover in (staged, former):
+        shutil.rmtree(leftover, ignore_errors=True)
+    staged.mkdir()
+    try:
+        for name, data in files.items():
+            write_durable(staged / name, data)
+        fsync_directory(staged)
+        if folder.exists():
+            folder.rename(former)
+        staged.rename(folder)
+        fsync_directory(folder.parent)
+    finally:
+        _restore(former, folder)
+        for leftover in (staged, former):
+            shutil.rmtree(leftover, ignore_errors=True)
+
+
+def _restore(former: Path, folder: Path) -> None:
+    """Bring back a folder that an interrupted replacement had set aside."""
+    if former.exists() and not folder.exists():
+        former.rename(folder)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """`write_atomic` of indented JSON; NaN is refused."""
+    write_atomic(path, as_json(value))
+
+
+def as_json(value: Any) -> bytes:
+    """Return indented JSON; NaN is refused."""
+    return (json.dumps(value, indent=2, allow_nan=False) + "\n").encode()
+
+
+def as_lines(value: Mapping[str, Any]) -> bytes:
+    """Return JSON with one line for each entry and for each item of a list; NaN is refused."""
+    lines = []
+    for key, entry in value.items():
+        if isinstance(entry, list) and entry:
+            inner = ",\n".join(f"    {json.dumps(item, allow_nan=False)}" for item in entry)
+            text = f"[\n{inner}\n  ]"
+        else:
+            text = json.dumps(entry, allow_nan=False)
+        lines.append(f"  {json.dumps(key)}: {text}")
+    return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
 
 
 def sha256(data: bytes | memoryview) -> str:
@@ -97,7 +208,7 @@ def sha256(data: bytes | memoryview) -> str:
 
 
 def sha256_of_prefix(path: Path, length: int) -> str | None:
-    """The SHA-256 of the first `length` bytes of a file; None when it is shorter or cannot be read."""
+    """Return the SHA-256 of the first `length` bytes of a file; None where it is shorter or cannot be read."""
     digest = hashlib.sha256()
     try:
         with path.open("rb") as file:

@@ -10,15 +10,21 @@ from typing import Any
 import yaml
 
 from auvbench.errors import RunError
-from auvbench.runs import identity, integrity, interpolations, manifest_fields
-from auvbench.runs.atomic_io import FAULTS, make_folder, storage_error
-from auvbench.runs.files import as_json, create_atomic, write_atomic, write_json
+from auvbench.runs import identity, integrity, interpolations, schemas
+from auvbench.runs.atomic_io import (
+    FAULTS,
+    as_json,
+    create_atomic,
+    make_folder,
+    storage_error,
+    write_atomic,
+    write_json,
+)
 from auvbench.runs.identity import SCHEMA_VERSION
-from auvbench.runs.manifest_fields import STATES
 from auvbench.untrusted import documents, path_safety, reading
 from auvbench.untrusted.text import first_line
 
-__all__ = ["STATES", "RunDirectory", "damaged", "find_runs", "freeze", "now", "place"]
+__all__ = ["RunDirectory", "damaged", "find_runs", "freeze", "now", "place"]
 
 HEADER = (
     "# The resolved configuration of this run. Its hash is part of the folder's name: do not edit;\n"
@@ -113,21 +119,11 @@ class RunDirectory:
             RunError: it is missing, damaged, or of another schema version.
         """
         try:
-            loaded = documents.json_value(reading.content(self.manifest_path))
+            return schemas.read(self.manifest_path, schemas.Manifest)
+        except integrity.VersionError as error:
+            raise RunError(f"{self.manifest_path}: {error}") from error
         except (OSError, ValueError) as error:
             raise self._unreadable(self.manifest_path, error) from error
-        if not isinstance(loaded, dict):
-            raise self._unreadable(self.manifest_path, "not a mapping")
-        version = loaded.get("schema_version")
-        if version != SCHEMA_VERSION:
-            raise RunError(
-                f"{self.manifest_path}: schema_version {version}, but this auvbench reads {SCHEMA_VERSION}; "
-                "use the auvbench that wrote it"
-            )
-        wrong = manifest_fields.wrong(loaded) or integrity.broken_seal(loaded)
-        if wrong:
-            raise self._unreadable(self.manifest_path, wrong)
-        return loaded
 
     def _unreadable(self, path: Path, why: object) -> RunError:
         """The error of a file that is missing or damaged, with what can be done about it."""

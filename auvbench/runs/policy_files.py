@@ -19,9 +19,8 @@ from omegaconf import DictConfig, open_dict
 from auvbench.config import algorithms, schema
 from auvbench.errors import ConfigError
 from auvbench.policies import cards, exported
-from auvbench.runs.atomic_io import sha256, storage
+from auvbench.runs.atomic_io import sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.files import write_atomic
 from auvbench.untrusted import path_safety
 from auvbench.vehicles.model import VehicleModel
 

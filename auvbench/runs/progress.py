@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.untrusted.typed_json import Count, Share
+
 WINDOW = 100
 """Episodes over which success rate and return are averaged."""
 
@@ -29,11 +31,11 @@ def telling(rate: float | None, episodes: int) -> float | None:
 class Progress:
     """Where a run is."""
 
-    steps: int
-    total_steps: int
+    steps: Count
+    total_steps: Count
     steps_per_s: float
-    episodes: int
-    success_rate: float | None
+    episodes: Count
+    success_rate: Share | None
     """share of the last WINDOW training episodes; None before the first ended"""
     mean_return: float | None
     time: float

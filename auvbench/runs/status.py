@@ -13,7 +13,7 @@ from typing import Any
 from auvbench.errors import RunError
 from auvbench.runs import integrity, lock
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.manifest_fields import SHIPPED
+from auvbench.runs.schemas import SHIPPED
 
 
 class State(StrEnum):
@@ -79,22 +79,10 @@ def refuse_copy(run: RunDirectory, manifest: dict[str, Any]) -> None:
 
 
 def lost_model(run: RunDirectory, manifest: dict[str, Any], *, deep: bool = True) -> str:
-    """Which file of a complete run's model is missing or damaged, in words; empty where the model is whole.
+    """Return which file of a complete run's model is missing or damaged; empty where the model is whole.
 
-    Of a run that was trained before digests were kept, only a missing or empty file can be told. A shipped copy of a run has
-    lost nothing: it has rows, and never had a model.
+    A shipped copy has lost nothing: it has rows, and never had a model.
     """
     if manifest.get(SHIPPED) is True:
         return ""
-    if integrity.table(manifest) is not None:
-        return integrity.lacking(run.path, manifest, f"{run.model.name}/", deep=deep)
-    if manifest["steps"] == 0:  # a controller that does not learn has no model
-        return ""
-    for name in _MODEL:
-        path = run.model / name
-        if not path.is_file() or path.stat().st_size == 0:
-            return f"{run.model.name}/{name} is {'empty' if path.is_file() else 'missing'}"
-    return ""
-
-
-_MODEL = ("policy.pt", "normalisation.npz")
+    return integrity.lacking(run.path, manifest, f"{run.model.name}/", deep=deep)

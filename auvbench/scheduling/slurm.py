@@ -24,6 +24,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 from submitit.core.utils import FailedJobError, FailedSubmissionError
 from submitit.slurm.slurm import SlurmExecutor
@@ -32,7 +33,8 @@ from auvbench.config.launchers import Slurm
 from auvbench.errors import RunError, UserError
 from auvbench.scheduling.base import Phase, Status, SubmitError
 from auvbench.training.worker import LOG, TARGET
-from auvbench.untrusted import documents, path_safety, reading
+from auvbench.untrusted import path_safety, typed_json
+from auvbench.untrusted.typed_json import Range
 
 SCRIPTS = "slurm"
 """In the run directory: copies of the batch scripts that submitit wrote for it."""
@@ -90,6 +92,13 @@ class Executor(SlurmExecutor):
         # A sweep that runs inside a job must not hand that job's settings on to those it submits.
         unset = [f"--unset={name}" for name in os.environ if name.startswith("SBATCH_")]
         return ["env", *unset, "sbatch", *self.options, str(submission_file_path)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Submitted:
+    """Content of `slurm.json`."""
+
+    job: Annotated[str, Range(1, 40)]
 
 
 @dataclass(slots=True, eq=False)
@@ -163,8 +172,8 @@ class SlurmBackend:
 
     def adopt(self, run: Path) -> SlurmJob | None:
         try:
-            number = str(documents.json_value(reading.content(run / JOB_FILE))["job"])
-        except (OSError, ValueError, KeyError, TypeError):
+            number = typed_json.read(run / JOB_FILE, _Submitted).job
+        except (OSError, ValueError):
             return None
         state = self._states([number]).get(number)
         # Numbers are given out again after a reinstallation: the job's name has to be the run's as well.

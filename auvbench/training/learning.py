@@ -85,14 +85,14 @@ def learn(
         return {name: round(earlier.get(name, 0.0) + seconds, 3) for name, seconds in spent.items()}
 
     with storage(f"cannot write the records of {run.path}"):
-        log = EpisodeLog(run.path / EPISODES, keep=resumed.logs[EPISODES].length if resumed else None)
+        log = EpisodeLog(run.path / EPISODES, keep=resumed.logs[EPISODES].bytes if resumed else None)
         writer = events.EventWriter(run.train)
         if train.evaluate_every:
             validator = Validator(
                 run.config(),
                 train.evaluate_every,
                 run.path / VALIDATION,
-                resumed.logs[VALIDATION].length if resumed and VALIDATION in resumed.logs else None,
+                resumed.logs[VALIDATION].bytes if resumed and VALIDATION in resumed.logs else None,
                 writer.write,
             )
         session = Session(

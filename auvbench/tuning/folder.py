@@ -14,9 +14,8 @@ from auvbench.config.tuning import Tune, refuse_test
 from auvbench.config.validate import check, evaluate_protocol
 from auvbench.errors import AuvbenchError, ConfigError, RunError
 from auvbench.runs import identity, lock
-from auvbench.runs.atomic_io import make_folder, storage
+from auvbench.runs.atomic_io import make_folder, storage, write_json
 from auvbench.runs.directory import damaged
-from auvbench.runs.files import write_json
 from auvbench.tuning import space
 from auvbench.tuning.journal import CONTROLLER
 from auvbench.tuning.space import Dimension

@@ -12,7 +12,7 @@ import yaml
 from auvbench import __version__
 from auvbench.config.tuning import STREAM
 from auvbench.runs import provenance
-from auvbench.runs.files import write_atomic
+from auvbench.runs.atomic_io import write_atomic
 from auvbench.tuning.folder import Plan
 
 

@@ -24,7 +24,7 @@ from typing import Annotated, Any, Literal, NewType, TypeVar, Union, get_args, g
 
 from auvbench.untrusted import reading
 from auvbench.untrusted.json_text import json_value
-from auvbench.untrusted.text import short
+from auvbench.untrusted.text import LONGEST, short
 
 T = TypeVar("T")
 
@@ -38,7 +38,7 @@ Prose = NewType("Prose", str)
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Limits of a number, both allowed."""
+    """Limits of a number, or of the length of a text; both are allowed."""
 
     low: float
     high: float = math.inf
@@ -47,6 +47,7 @@ class Range:
         return f"in [{self.low:g}, {self.high:g}]" if self.high < math.inf else f">= {self.low:g}"
 
 
+Name = Annotated[str, Range(1, LONGEST)]
 Count = Annotated[int, Range(0)]
 Share = Annotated[float, Range(0, 1)]
 Seconds = Annotated[float, Range(0, 1e12)]
@@ -93,7 +94,8 @@ def _convert(kind: Any, value: Any, where: str) -> Any:
         return None if value is None else _convert(_option(arguments), value, where)
     if origin is Annotated:
         found = _convert(arguments[0], value, where)
-        if not arguments[1].low <= found <= arguments[1].high:
+        size = len(found) if isinstance(found, str) else found
+        if not arguments[1].low <= size <= arguments[1].high:
             raise _wrong(kind, value, where)
         return found
     if not _fits(kind, origin, arguments, value):
@@ -162,7 +164,8 @@ def _name(kind: Any) -> str:
     """Return what a valid value is, for a message."""
     arguments = get_args(kind)
     if get_origin(kind) is Annotated:
-        return f"{_name(arguments[0])} {arguments[1]}"
+        what = "one printable line of a length" if arguments[0] is str else _name(arguments[0])
+        return f"{what} {arguments[1]}"
     if get_origin(kind) is Literal:
         return f"one of {', '.join(map(str, arguments))}"
     names = {str: f"one printable line of at most {LINE:,} characters", Prose: "text", int: "a whole number"}

@@ -41,7 +41,7 @@ def test_the_disk_forgets_what_was_not_synced(tmp_path: Path) -> None:
     folder = tmp_path / "disk"
     folder.mkdir()
     (folder / "old").write_text("old")
-    from auvbench.runs.files import write_atomic
+    from auvbench.runs.atomic_io import write_atomic
 
     with Disk(folder) as disk:
         (folder / "unsynced").write_text("text")

@@ -17,8 +17,8 @@ from auvbench.agents.learned.sb3 import Follower
 from auvbench.cli import main
 from auvbench.errors import ConfigError, RunError, TrainingError
 from auvbench.runs import integrity, lock
+from auvbench.runs.atomic_io import write_json
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.files import write_json
 from auvbench.runs.interruption import Interrupted
 from auvbench.training.checkpoint.extending import prepare
 from auvbench.training.checkpoint.store import CheckpointStore, CheckpointWarning

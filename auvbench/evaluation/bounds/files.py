@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 from auvbench.errors import RunError
 from auvbench.evaluation.bounds.trial import Commands, Scenario
 from auvbench.runs import integrity
-from auvbench.runs.files import as_json, write_folder
-from auvbench.untrusted import archives, documents, reading, tables
+from auvbench.runs.atomic_io import as_json, replace_folder, storage
+from auvbench.untrusted import archives, reading, tables, typed_json
 from auvbench.untrusted.text import short
+from auvbench.untrusted.typed_json import Name
 
 SCHEMA_VERSION = 1
 COLUMNS = (
@@ -91,6 +92,19 @@ class Limits:
         return next((c for c in self.conditions if c.name == name), None)
 
 
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """summary.json of a folder of limits."""
+
+    protocol: Name
+    vehicle: Name
+    fingerprint: Name
+    fingerprint_parts: dict[str, str]
+    left_out: list[str]
+    search: dict[str, Any]
+    files: dict[str, integrity.FileEntry]
+
+
 def shipped() -> Path:
     """Where the package keeps those that come with it."""
     return Path(str(resources.files("auvbench.evaluation.bounds"))) / "shipped"
@@ -120,7 +134,8 @@ def write(folder: Path, limits: Limits) -> None:
         integrity.FILES: {name: integrity.entry(data) for name, data in files.items()},
     }
     files["summary.json"] = as_json(integrity.sealed(summary))
-    write_folder(folder, files)
+    with storage(f"cannot write {folder}"):
+        replace_folder(folder, files)
 
 
 def read(folder: Path, *, commands: bool = False) -> Limits | None:
@@ -134,19 +149,16 @@ def read(folder: Path, *, commands: bool = False) -> Limits | None:
         RunError: a file is damaged, missing or not of the version that is read here.
     """
     try:
-        summary = documents.json_value(reading.content(folder / "summary.json"))
+        summary = integrity.read_sealed(folder / "summary.json", SCHEMA_VERSION)
+        about = typed_json.convert(summary, Summary)
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError) as error:
-        raise RunError(f"{folder}/summary.json cannot be read ({short(error)})") from error
-    if not isinstance(summary, dict) or summary.get("schema_version") != SCHEMA_VERSION:
-        raise RunError(f"{folder}/summary.json is none of limits in version {SCHEMA_VERSION}")
-    if wrong := integrity.broken_seal(summary) or ("" if integrity.table(summary) else "it has no digests"):
-        raise RunError(f"{folder}/summary.json: {wrong}")
+        raise RunError(f"{folder}/summary.json: {short(error)}") from error
     names = ("limits.csv", "commands.npz") if commands else ("limits.csv",)
     data = {name: _checked(folder / name, summary) for name in names}
     try:
-        return _limits(summary, data["limits.csv"], data.get("commands.npz"))
+        return _limits(about, data["limits.csv"], data.get("commands.npz"))
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{folder}: the limits cannot be read ({short(error)})") from error
 
@@ -156,11 +168,12 @@ def _checked(path: Path, summary: Mapping[str, Any]) -> bytes:
         data = reading.content(path)
     except (OSError, ValueError) as error:
         raise RunError(f"{path} cannot be read ({getattr(error, 'strerror', None) or error})") from error
-    integrity.check(summary, path.name, data, path)
+    if wrong := integrity.difference(summary, path.name, data):
+        raise RunError(f"{path}: {wrong}")
     return data
 
 
-def _limits(summary: Mapping[str, Any], text: bytes, packed: bytes | None) -> Limits:
+def _limits(summary: Summary, text: bytes, packed: bytes | None) -> Limits:
     frame = tables.csv(text, words=("condition",))
     if missing := [name for name in COLUMNS if name not in frame.columns]:
         raise ValueError(f"limits.csv lacks {', '.join(missing)}")
@@ -192,13 +205,13 @@ def _limits(summary: Mapping[str, Any], text: bytes, packed: bytes | None) -> Li
             )
         )
     return Limits(
-        str(summary["protocol"]),
-        str(summary["vehicle"]),
-        str(summary["fingerprint"]),
-        {str(k): str(v) for k, v in summary["fingerprint_parts"].items()},
+        summary.protocol,
+        summary.vehicle,
+        summary.fingerprint,
+        summary.fingerprint_parts,
         tuple(found),
-        tuple(map(str, summary["left_out"])),
-        dict(summary["search"]),
+        tuple(summary.left_out),
+        summary.search,
     )
 
 

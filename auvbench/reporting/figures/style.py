@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from auvbench.analysis.model import Agent
 from auvbench.envs import scene
 from auvbench.reporting.figures.colours import COLOURS, palette
-from auvbench.runs.files import write_atomic
+from auvbench.runs.atomic_io import write_atomic
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
 Linestyle = Literal["-", "--", "-.", ":"]

@@ -1,7 +1,7 @@
-"""Files of a run that only grow (episodes.csv, TensorBoard events), cut back to where a checkpoint saw them.
+"""Files of a run that only grow (episodes.csv, TensorBoard events), cut back to their length at a checkpoint.
 
-A checkpoint records how long each of them was and the hash of what was in it. On resume everything written
-after the checkpoint is cut off, because the resumed run writes it again: neither gaps nor doubles.
+A checkpoint records the length of each file and the hash of its content. A resume cuts off what was written after
+the checkpoint, because the resumed run writes it again.
 """
 
 from __future__ import annotations
@@ -10,30 +10,22 @@ import hashlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from auvbench.runs.atomic_io import fsync_directory, sha256_of_prefix
+from auvbench.untrusted.typed_json import Count
 
 
 @dataclass(frozen=True, slots=True)
 class LogMark:
-    """The state of one growing file at a checkpoint."""
+    """The state of one growing file at a checkpoint, as the checkpoint's manifest has it."""
 
-    length: int  # bytes
-    sha256: str  # of the first `length` bytes
-
-    def to_json(self) -> dict[str, Any]:
-        return {"bytes": self.length, "sha256": self.sha256}
-
-    @classmethod
-    def from_json(cls, value: dict[str, Any]) -> LogMark:
-        return cls(int(value["bytes"]), str(value["sha256"]))
+    bytes: Count
+    sha256: str
+    """of these bytes"""
 
     def holds(self, path: Path) -> bool:
-        """True where the file still begins with what the checkpoint saw."""
-        if self.length == 0:
-            return True
-        return sha256_of_prefix(path, self.length) == self.sha256
+        """Whether the file still begins with what the checkpoint saw."""
+        return self.bytes == 0 or sha256_of_prefix(path, self.bytes) == self.sha256
 
 
 class GrowingLog:

@@ -12,14 +12,13 @@ import io
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from auvbench.agents.base import Ring
-from auvbench.runs.atomic_io import fsync_directory, make_folder, sha256, sha256_of_prefix
-from auvbench.runs.files import write_atomic
+from auvbench.runs.atomic_io import fsync_directory, make_folder, sha256, sha256_of_prefix, write_atomic
 from auvbench.untrusted import archives, reading
+from auvbench.untrusted.typed_json import Count
 
 FIELDS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 SEGMENT_TRANSITIONS = 16_384  # about 2 MB for the waypoint task
@@ -27,31 +26,25 @@ SEGMENT_TRANSITIONS = 16_384  # about 2 MB for the waypoint task
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One file of rows."""
+    """One file of rows, as a checkpoint's manifest has it."""
 
-    first: int  # first row
-    last: int  # one past the last row
-    length: int  # bytes
+    first: Count
+    last: Count
+    """one past the last row"""
+    bytes: Count
     sha256: str
 
     @property
     def name(self) -> str:
         return f"{self.first:010d}-{self.last:010d}.npz"
 
-    def to_json(self) -> dict[str, Any]:
-        return {"first": self.first, "last": self.last, "bytes": self.length, "sha256": self.sha256}
-
-    @classmethod
-    def from_json(cls, value: dict[str, Any]) -> Segment:
-        return cls(int(value["first"]), int(value["last"]), int(value["bytes"]), str(value["sha256"]))
-
     def holds(self, folder: Path) -> bool:
-        """True where the file is there and has the recorded size and hash."""
+        """Whether the file exists with the recorded size and hash."""
         path = folder / self.name
         return (
             path.is_file()
-            and path.stat().st_size == self.length
-            and sha256_of_prefix(path, self.length) == self.sha256
+            and path.stat().st_size == self.bytes
+            and sha256_of_prefix(path, self.bytes) == self.sha256
         )
 
 

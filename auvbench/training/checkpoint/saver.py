@@ -93,7 +93,7 @@ class Checkpointer:
         marks: Mapping[str, LogMark] = self.resumed.logs if self.resumed else {}
         with storage(f"cannot resume {self.store.run}"):
             for name, log in self._logs.items():
-                cut(log.path, marks[name].length if name in marks else 0)
+                cut(log.path, marks[name].bytes if name in marks else 0)
         return self.resumed
 
     def restore(self, learner: Learner) -> int:

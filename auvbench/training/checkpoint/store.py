@@ -1,35 +1,33 @@
 """Checkpoints on disk: named components and a manifest with sizes and hashes.
 
-A checkpoint is written in a staging directory beside the others, every file and the directory are fsynced,
-and only then is it renamed to `<step>`; the ones before are deleted after that. So at every instant there is a
-whole checkpoint (once there was one), and a directory named after a step is complete unless the disk damaged
-it, which the hashes tell. Nothing is unpickled on the way back: tensors are read with `weights_only=True`,
+A checkpoint is written under a hidden name, fsynced, and renamed to `<step>`; older ones are deleted after that. So
+there is a whole checkpoint at every instant after the first one, and a directory named after a step is complete
+unless the disk damaged it, which the hashes tell. Nothing is unpickled: tensors are read with `weights_only=True`,
 arrays with `allow_pickle=False`, everything else is JSON.
 """
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from auvbench.agents.components import Components
 from auvbench.errors import AuvbenchWarning, RunError, TrainingError
-from auvbench.runs.atomic_io import fsync_directory, make_folder, sha256, storage, write_durable
+from auvbench.runs import integrity
+from auvbench.runs.atomic_io import as_json, replace_folder, storage
+from auvbench.runs.integrity import FileEntry
 from auvbench.training.checkpoint.logs import LogMark
 from auvbench.training.checkpoint.replay import Segment
-from auvbench.untrusted import archives, documents, path_safety, reading
+from auvbench.untrusted import archives, reading, typed_json
+from auvbench.untrusted.path_safety import child
+from auvbench.untrusted.typed_json import Count
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 MANIFEST = "manifest.json"
 REPLAY = "replay"
-_STAGING = ".staging-"
-_REMOVED = ".removed-"
 
 
 class LogMismatchError(ValueError):
@@ -38,6 +36,17 @@ class LogMismatchError(ValueError):
 
 class CheckpointWarning(AuvbenchWarning):
     """A checkpoint could not be used; the message names it and says what is used instead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What manifest.json of a checkpoint holds."""
+
+    schema_version: int
+    step: Count
+    files: dict[str, FileEntry]
+    replay: tuple[Segment, ...]
+    logs: dict[str, LogMark]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +80,8 @@ class CheckpointStore:
         """The steps of all checkpoints, newest first; nothing is verified."""
         if not self.folder.is_dir():
             return []
-        return sorted((int(path.name) for path in self.folder.iterdir() if path.name.isdigit()), reverse=True)
+        names = (path.name for path in self.folder.iterdir())
+        return sorted((int(name) for name in names if name.isascii() and name.isdecimal()), reverse=True)
 
     def save(
         self,
@@ -80,32 +90,18 @@ class CheckpointStore:
         segments: tuple[Segment, ...] = (),
         logs: Mapping[str, LogMark] | None = None,
     ) -> Path:
-        """Writes a checkpoint; returns its directory. Older ones beyond `keep` go afterwards.
+        """Write a checkpoint, then delete older ones beyond `keep`; return its directory.
 
         Raises:
             TrainingError: disk full, read-only or failing; nothing half-written stays, older ones are whole.
         """
         target = self.folder / str(step)
-        staging = self.folder / f"{_STAGING}{step}-{os.getpid()}"
         with storage(f"cannot write the checkpoint of step {step}{self._fallback()}"):
-            try:
-                make_folder(self.folder)
-                staging.mkdir()
-                manifest: dict[str, Any] = {"schema_version": SCHEMA_VERSION, "step": step, "components": {}}
-                for name, data in components.files():
-                    write_durable(staging / name, data)
-                    manifest["components"][name] = {"bytes": len(data), "sha256": sha256(data)}
-                manifest["replay"] = [segment.to_json() for segment in segments]
-                manifest["logs"] = {name: mark.to_json() for name, mark in (logs or {}).items()}
-                write_durable(staging / MANIFEST, _sealed(manifest))
-                fsync_directory(staging)
-                if target.exists():
-                    self._remove(target)
-                staging.rename(target)
-                fsync_directory(self.folder)
-            except BaseException:
-                shutil.rmtree(staging, ignore_errors=True)
-                raise
+            files = dict(components.files())
+            entries = {name: FileEntry(**integrity.entry(data)) for name, data in files.items()}
+            manifest = Manifest(SCHEMA_VERSION, step, entries, segments, dict(logs or {}))
+            files[MANIFEST] = as_json(integrity.sealed(asdict(manifest)))
+            replace_folder(target, files)
         self.prune()
         return target
 
@@ -159,42 +155,32 @@ class CheckpointStore:
         return found, [step for step, _ in damaged]
 
     def read(self, step: int) -> Checkpoint:
-        """Reads and verifies one checkpoint.
+        """Read and verify one checkpoint.
 
         Raises:
-            ValueError: what is damaged; TrainingError: it was written by a newer version of auvbench.
+            ValueError: what is damaged; TrainingError: it has another schema version.
         """
         path = self.folder / str(step)
-        manifest = _unsealed(path / MANIFEST)
-        if manifest["schema_version"] != SCHEMA_VERSION:
-            raise TrainingError(
-                f"{path} has schema_version {manifest['schema_version']}, this auvbench reads {SCHEMA_VERSION}; "
-                "use the version that wrote it"
-            )
-        if manifest["step"] != step:
-            raise ValueError(f"its manifest speaks of step {manifest['step']}")
+        manifest = _manifest(path)
+        recorded = asdict(manifest)
+        if manifest.step != step:
+            raise ValueError(f"its manifest is of step {manifest.step}")
         contents = {}
-        for name, entry in manifest["components"].items():
+        for name in manifest.files:
             try:
-                data = reading.content(path_safety.child(path, name), archives.FILE)
+                data = reading.content(child(path, name), archives.FILE)
             except OSError as error:
                 raise ValueError(f"{name}: {error.strerror}") from error
-            if len(data) != entry["bytes"]:
-                raise ValueError(f"{name} has {len(data)} bytes instead of {entry['bytes']}")
-            if sha256(data) != entry["sha256"]:
-                raise ValueError(f"{name} differs from its hash")
+            if wrong := integrity.difference(recorded, name, data):
+                raise ValueError(f"{name} {wrong}")
             contents[name] = data
-        segments = tuple(Segment.from_json(entry) for entry in manifest["replay"])
-        for segment in segments:
+        for segment in manifest.replay:
             if not segment.holds(self.replay_folder):
                 raise ValueError(f"{REPLAY}/{segment.name} is missing or differs from its hash")
-        logs = {name: LogMark.from_json(entry) for name, entry in manifest["logs"].items()}
-        for name, mark in logs.items():
-            if not mark.holds(self.run / name):
-                raise LogMismatchError(
-                    f"{name} no longer begins with the {mark.length} bytes that it had then"
-                )
-        return Checkpoint(path, step, Components.read(contents), segments, logs)
+        for name, mark in manifest.logs.items():
+            if not mark.holds(child(self.run, name)):
+                raise LogMismatchError(f"{name} no longer begins with its {mark.bytes} bytes of that time")
+        return Checkpoint(path, step, Components.read(contents), manifest.replay, manifest.logs)
 
     def _fallback(self) -> str:
         steps = self.steps()
@@ -213,46 +199,36 @@ class CheckpointStore:
             warnings.warn(f"cannot delete old checkpoints in {self.folder}: {error}", CheckpointWarning, 2)
 
     def _prune_replay(self, steps: list[int]) -> None:
-        wanted = {
-            Segment.from_json(entry).name
-            for step in steps
-            for entry in _unsealed(self.folder / str(step) / MANIFEST)["replay"]
-        }
+        wanted = {segment.name for step in steps for segment in _manifest(self.folder / str(step)).replay}
         for path in self.replay_folder.iterdir():
             if path.name not in wanted:
                 path.unlink(missing_ok=True)
 
     def _remove(self, path: Path) -> None:
-        """Renames before deleting, so that a half-deleted directory never looks like a checkpoint."""
-        aside = path.with_name(f"{_REMOVED}{path.name}-{os.getpid()}")
+        """Rename before deleting, so that a half-deleted directory never looks like a checkpoint."""
+        aside = path.with_name(f".{path.name}.removed")
+        shutil.rmtree(aside, ignore_errors=True)
         path.rename(aside)
         shutil.rmtree(aside)
 
     def _remove_leftovers(self) -> None:
-        if not self.folder.is_dir():
-            return
-        for path in self.folder.iterdir():
-            if path.name.startswith((_STAGING, _REMOVED)):
+        """Remove what an interrupted write or removal left."""
+        if self.folder.is_dir():
+            for path in self.folder.glob(".*.*/"):
                 shutil.rmtree(path)
 
 
-def _sealed(manifest: dict[str, Any]) -> bytes:
-    """The manifest with a hash of itself, so that a flipped bit in a number is noticed too."""
-    seal = sha256(json.dumps(manifest, sort_keys=True).encode())
-    return json.dumps({**manifest, "sha256": seal}, indent=1).encode()
+def _manifest(path: Path) -> Manifest:
+    """Read the manifest of a checkpoint.
 
-
-def _unsealed(path: Path) -> dict[str, Any]:
-    """Reads a manifest and checks its own hash; ValueError says what is wrong."""
+    Raises:
+        ValueError: what is damaged; TrainingError: it has another schema version.
+    """
     try:
-        manifest = documents.json_value(reading.content(path))
+        return typed_json.convert(integrity.read_sealed(path / MANIFEST, SCHEMA_VERSION), Manifest)
     except OSError as error:
-        raise ValueError(f"{path.name}: {error.strerror}") from error
+        raise ValueError(f"{MANIFEST}: {error.strerror}") from error
+    except integrity.VersionError as error:
+        raise TrainingError(f"{path / MANIFEST} {error}") from error
     except ValueError as error:
-        raise ValueError(f"{path.name} is not JSON") from error
-    if not isinstance(manifest, dict):
-        raise ValueError(f"{path.name} is not a manifest")
-    seal = manifest.pop("sha256", None)
-    if seal != sha256(json.dumps(manifest, sort_keys=True).encode()):
-        raise ValueError(f"{path.name} differs from its hash")
-    return manifest
+        raise ValueError(f"{MANIFEST}: {error}") from error

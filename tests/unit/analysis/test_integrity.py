@@ -14,6 +14,7 @@ import pytest
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.paths import paths
 from auvbench.analysis.training import training
+from auvbench.runs import integrity
 from tests.synthetic import seal, write_experiment
 
 Harm = Callable[[Path], object]
@@ -26,10 +27,8 @@ def grid(tmp_path: Path) -> list[Path]:
     )
 
 
-def unsealed(path: Path, **changes: object) -> None:
-    """A manifest or summary as it was written before digests were kept."""
-    old = json.loads(path.read_text()) | changes
-    path.write_text(json.dumps({key: value for key, value in old.items() if key not in ("seal", "files")}))
+def resealed(path: Path, **changes: object) -> None:
+    path.write_text(json.dumps(integrity.sealed(json.loads(path.read_text()) | changes)))
 
 
 def config(old: str, new: str) -> Harm:
@@ -52,8 +51,8 @@ def edited(name: str, **changes: object) -> Harm:
 
 
 def forged(name: str, **changes: object) -> Harm:
-    """Edited with digests that fit, or of a time without digests: only what it says of itself betrays it."""
-    return lambda run: unsealed(run / name, **changes)
+    """Edited with a seal that fits: only what it says of itself betrays it."""
+    return lambda run: resealed(run / name, **changes)
 
 
 def rows(change: Callable[[str], str], *, digests: bool) -> Harm:
@@ -62,7 +61,7 @@ def rows(change: Callable[[str], str], *, digests: bool) -> Harm:
         path = folder / "episodes.csv"
         path.write_text(change(path.read_text()))
         if not digests:
-            unsealed(folder / "summary.json")
+            seal(folder / "summary.json")
 
     return harm
 
@@ -132,15 +131,14 @@ def test_an_evaluation_of_other_weights_than_the_run_has_now(grid: list[Path]) -
     assert [problem.kind for problem in load([grid[0].parent])[1]] == ["foreign"]
 
 
-def test_evaluations_without_digests_are_reported_and_said_so_once(grid: list[Path]) -> None:
-    for run in grid:
-        unsealed(run / SUMMARY)
-        unsealed(run / "manifest.json")
-    runs, problems = load([grid[0].parent])
-    assert [problem.kind for problem in problems] == ["unverified"]
-    assert f"{len(grid)} runs" == problems[0].where
-    assert f"auvbench evaluate {grid[0].parent} tests them again" in problems[0].message
-    assert sum(len(agent.runs) for agent in agents(runs)[0]) == len(grid)
+@pytest.mark.parametrize("entry", ["seal", "files"])
+@pytest.mark.parametrize("name", [SUMMARY, "manifest.json"])
+def test_without_seal_or_digests_a_file_is_damaged(grid: list[Path], name: str, entry: str) -> None:
+    path = grid[0] / name
+    held = json.loads(path.read_text())
+    del held[entry]
+    path.write_text(json.dumps(held))
+    assert [problem.kind for problem in load([grid[0].parent])[1]] == ["damaged"]
 
 
 def test_no_flipped_bit_changes_a_number_without_a_word(grid: list[Path]) -> None:

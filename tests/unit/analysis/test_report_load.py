@@ -1,5 +1,6 @@
 """What is wrong with a run is named, what is right is reported."""
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -98,7 +99,7 @@ def test_an_empty_folder_beside_a_full_one_is_named(grid: list[Path], tmp_path: 
             "damaged",
             r"return is not a finite number in 1 of 12 episodes \(first: episode 6\)",
         ),
-        ("summary.json", "schema", "foreign", "schema_version 99, this auvbench reads 1"),
+        ("summary.json", "schema", "foreign", "schema_version 99, but this auvbench reads 1"),
     ],
 )
 def test_a_damaged_evaluation_is_left_out_and_named(
@@ -149,23 +150,27 @@ def test_fields_of_another_type_are_named(grid: list[Path]) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('{"schema_version": 1, "fingerprint": "f", "conditions": [{"episodes": 12}]}', "does not name its"),
+        ('{"fingerprint": "f", "conditions": [{"episodes": 12}]}', "conditions[0].name is missing"),
         (
-            '{"schema_version": 1, "fingerprint": "f", "conditions": [{"name": "nominal", "episodes": Infinity}]}',
+            '{"fingerprint": "f", "conditions": [{"name": "nominal", "episodes": Infinity}]}',
             "Infinity is no JSON",
         ),
         (
-            '{"schema_version": 1, "fingerprint": "f", "conditions": '
+            '{"fingerprint": "f", "conditions": '
             '[{"name": "nominal", "episodes": 6}, {"name": "current=0.5", "episodes": 6}]}',
             "has 12 episodes of condition 'nominal', summary.json says 6",
         ),
-        ("[" * 100_000, "summary.json is not valid JSON"),
-        ('{"schema_version": 1, "fingerprint": "f\\r\\u001b[2J", "conditions": []}', "which is no name"),
-        ('{"schema_version": 1, "fingerprint": 12, "conditions": []}', "fingerprint 12, which is no name"),
+        ("[" * 100_000, "nested more than"),
+        ('{"fingerprint": "f\\r\\u001b[2J", "conditions": []}', "fingerprint is"),
+        ('{"fingerprint": 12, "conditions": []}', "fingerprint is 12"),
     ],
 )
 def test_a_summary_that_no_evaluation_wrote_is_damage(grid: list[Path], text: str, message: str) -> None:
-    (grid[0] / "evaluations" / "test" / "summary.json").write_text(text)
+    path = grid[0] / "evaluations" / "test" / "summary.json"
+    if text.startswith("{") and "Infinity" not in text:
+        seal(path, json.loads(path.read_text()) | json.loads(text))
+    else:
+        path.write_text(text)
     runs, problems = load([grid[0].parent])
     assert kinds(problems) == {grid[0].name: "damaged"}
     assert message in problems[0].message
@@ -223,7 +228,7 @@ def test_a_manifest_whose_steps_are_no_number_is_damage(grid: list[Path]) -> Non
     edit(grid[0] / "manifest.json", state="running", steps="x", total_steps=[1])
     _, problems = load([grid[0].parent])
     assert [(p.where, p.message) for p in problems] == [
-        (str(grid[0]), "manifest.json has the steps 'x', which is no integer")
+        (str(grid[0]), "manifest.json: steps is 'x', must be a whole number")
     ]
 
 

@@ -61,7 +61,7 @@ HARMS = [
     (flipped("summary.json"), "its summary is damaged"),
     (emptied, "episodes.csv has 0 bytes instead of"),
     (lambda run: (run.evaluation("test") / "trajectories.npz").unlink(), "trajectories.npz is missing"),
-    (unsealed, "made before digests of its rows were kept"),
+    (unsealed, "its summary is damaged"),
     (lambda run: resealed(run, run="random-k1-f10-s7-01234567"), "of the run random-k1-f10-s7-01234567"),
     (lambda run: resealed(run, model={"model/policy.pt": "0"}), "the run's model is another one"),
     (lambda run: resealed(run, fingerprint_parts=None), "does not cover what computes outcomes"),

@@ -75,7 +75,7 @@ HARMS = [
     (lambda path: path.write_bytes(b"\x80\x00\xff"), "config.yaml: damaged"),
     (Path.unlink, "config.yaml: missing; restore it"),
     (a_folder, "config.yaml: damaged: Is a directory"),
-    (a_dangling_link, "remove the link, or put the files themselves there"),
+    (a_dangling_link, "replace it by what it leads to"),
 ]
 
 
@@ -108,13 +108,13 @@ def test_train_names_the_key_that_is_missing(tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('{"schema_version": 1}', "damaged: state is missing; restore it"),
+        ('{"schema_version": 1}', "damaged: its seal is missing; restore it"),
         ('{"schema_version": 1, "state": "comp', "damaged: Unterminated string"),
         (
             None,
-            "damaged: steps is 'many', which is no whole number from 0; restore it, or remove the run's folder",
+            "damaged: steps is 'many', must be a whole number; restore it, or remove the run's folder",
         ),
-        (None, "damaged: state is done, valid: pending, running"),
+        (None, "damaged: state is 'done', must be one of pending, running"),
     ],
 )
 def test_a_manifest_that_lacks_what_is_read_is_one_clear_line(

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from auvbench import cli
+from auvbench.runs import integrity
 from tests import fake_training
 
 FIELDS: list[tuple[str, Any]] = [
@@ -40,11 +41,11 @@ def test_a_field_of_another_kind_is_one_line(
     good = fake_training.make(tmp_path / "x" / "good")
     bad = fake_training.make(tmp_path / "x" / "bad")
     data = json.loads(bad.manifest_path.read_text())
-    bad.manifest_path.write_text(json.dumps({**data, field: value}))
+    bad.manifest_path.write_text(json.dumps(integrity.sealed({**data, field: value})))
     assert cli.main(["runs", str(tmp_path), *flag]) == 1
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
-    assert f"damaged: {field} is" in captured.err
+    assert f"damaged: {field}" in captured.err
     assert good.id in captured.out  # the other is listed
 
 
@@ -53,13 +54,24 @@ def test_text_of_a_manifest_does_nothing_to_a_terminal(
     text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = fake_training.make(tmp_path / "x" / "run")
-    run.update_manifest(
-        id=text, algo=text, state="failed", error={"message": text, "type": "X"}, created=text
-    )
+    run.update_manifest(state="failed", error={"message": text, "type": "X"}, command=text)
     assert cli.main(["runs", str(tmp_path)]) == 0
     output = capsys.readouterr().out
     assert all(c.isprintable() or c == "\n" for c in output)
     assert "failed" in output
+
+
+@pytest.mark.parametrize("text", ["a\x1b]0;owned\x07b", "line\nbreak", "\u202eabc", "\ud800", "x" * 20_000])
+@pytest.mark.parametrize("field", ["id", "algo", "created"])
+def test_a_name_that_no_terminal_shows_is_damage(
+    text: str, field: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = fake_training.make(tmp_path / "x" / "run")
+    run.update_manifest(**{field: text})
+    assert cli.main(["runs", str(tmp_path)]) == 1
+    error = capsys.readouterr().err.rstrip("\n")
+    assert error.isprintable()
+    assert f"damaged: {field}" in error
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def test_a_cut_file_goes_on_without_gaps_or_doubles(tmp_path: Path) -> None:
     write(tmp_path / "cut/train", range(8, 13))  # lost: written after the mark
     with path.open("ab") as file:
         file.write(b"half a reco")  # torn by a kill
-    cut(path, mark.length)
+    cut(path, mark.bytes)
     write(tmp_path / "cut/train", range(8, 20))
     assert scalars(tmp_path / "cut") == scalars(tmp_path / "whole")
     assert len(list((tmp_path / "cut/train").iterdir())) == 1

@@ -8,22 +8,21 @@ from pathlib import Path
 
 import pytest
 
-from auvbench.errors import TrainingError
-from auvbench.runs import files
+from auvbench.runs import atomic_io
 
 
 def test_replaces_what_is_there(tmp_path: Path) -> None:
     file = tmp_path / "new" / "file.txt"
     for data in (b"one", b"two"):
-        files.write_atomic(file, data)
+        atomic_io.write_atomic(file, data)
         assert file.read_bytes() == data
     assert list(file.parent.iterdir()) == [file]
 
 
 def test_creates_only_what_is_not_there(tmp_path: Path) -> None:
     file = tmp_path / "file.txt"
-    assert files.create_atomic(file, b"mine")
-    assert not files.create_atomic(file, b"another's")
+    assert atomic_io.create_atomic(file, b"mine")
+    assert not atomic_io.create_atomic(file, b"another's")
     assert file.read_text() == "mine"
     assert list(tmp_path.iterdir()) == [file]
 
@@ -33,7 +32,7 @@ def test_creates_without_hard_links_too(tmp_path: Path, monkeypatch: pytest.Monk
         raise PermissionError("no links here")
 
     monkeypatch.setattr(os, "link", refuse)
-    assert files.create_atomic(tmp_path / "file.txt", b"text")
+    assert atomic_io.create_atomic(tmp_path / "file.txt", b"text")
     assert (tmp_path / "file.txt").read_text() == "text"
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -54,7 +53,7 @@ def test_a_folder_is_replaced_whole_and_stays_where_that_fails(
 ) -> None:
     folder = tmp_path / "new" / "folder"
     for names in (("one", "two"), ("three",)):
-        files.write_folder(folder, {name: name.encode() for name in names})
+        atomic_io.replace_folder(folder, {name: name.encode() for name in names})
         assert {path.name: path.read_text() for path in folder.iterdir()} == {name: name for name in names}
     rename = Path.rename
 
@@ -64,7 +63,23 @@ def test_a_folder_is_replaced_whole_and_stays_where_that_fails(
         return rename(path, target)
 
     monkeypatch.setattr(Path, "rename", fails)
-    with pytest.raises(TrainingError, match=r"cannot write .*folder.*input/output error"):
-        files.write_folder(folder, {"four": b"four"})
+    with pytest.raises(OSError, match="no"):
+        atomic_io.replace_folder(folder, {"four": b"four"})
     assert [path.name for path in folder.iterdir()] == ["three"]
     assert list(folder.parent.iterdir()) == [folder]
+
+
+def test_a_replacement_that_was_killed_between_its_renames_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "folder"
+    atomic_io.replace_folder(folder, {"old": b"old"})
+    folder.rename(tmp_path / ".folder.former")  # what a kill in this moment leaves
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr(atomic_io, "write_durable", full)
+    with pytest.raises(OSError, match="full"):
+        atomic_io.replace_folder(folder, {"new": b"new"})
+    assert [path.name for path in tmp_path.glob("**/*")] == ["folder", "old"]
