@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.errors import RunError
-from auvbench.untrusted import json_text, reading
+from auvbench.untrusted import documents, reading
 from auvbench.untrusted.text import plain, short
 
 FORMAT = "auvbench-policy"
@@ -78,7 +78,7 @@ def parse_card(data: bytes, where: str) -> Card | None:
         PolicyError: it is no JSON, of another schema version, or an entry is missing or impossible.
     """
     try:
-        document = json_text.json_value(data)
+        document = documents.json_value(data)
     except ValueError as error:
         raise PolicyError(f"{where}: is no JSON: {short(error)}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:

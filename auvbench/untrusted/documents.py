@@ -1,105 +1,129 @@
-"""JSON and YAML from elsewhere, bounded before anything recurses into them.
+"""JSON and YAML that another person may have written, bounded before a document is built.
 
-PyYAML's C loader composes recursively without a bound: 100,000 brackets end the process. Aliases make a document
-of a few hundred bytes stand for billions of values ("billion laughs"). So nesting and expansion are counted on
-the stream of parsing events, which needs no recursion, before a document is built.
+PyYAML's loaders compose recursively: 100,000 brackets or dashes end the process. Aliases make a document of some
+hundred bytes stand for billions of values. So the parser's events, which come one after another, are counted first.
 """
 
 from __future__ import annotations
 
 import contextlib
-import re
-from typing import Any
+import json
+import math
+from typing import TYPE_CHECKING, Any, NoReturn
 
-import yaml
+if TYPE_CHECKING:
+    import yaml
 
-from auvbench.untrusted.json_text import DEPTH, TOO_DEEP, WHOLE, json_value
+DEPTH = 100
+"""levels of nesting; a run's configuration has six"""
+WHOLE = 2**64
+"""largest whole number; no counter reaches it"""
+VALUES = 1_000_000
+"""values of a YAML document, each repeated as often as there are aliases"""
 
-__all__ = ["DEPTH", "NODES", "WHOLE", "check_yaml", "json_value", "no_yaml", "yaml_value"]
-
-NODES = 1_000_000
-"""values that a document holds, with every alias counted as what it stands for"""
-
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-_INDENT = re.compile(rb"^[ \-?:]*", re.MULTILINE)
-
-
-_ENDLESS = "nested without end: an alias stands for what holds it"
+TOO_DEEP = f"it is nested more than {DEPTH} levels deep"
 
 
-def yaml_value(data: bytes) -> Any:
-    """A YAML value of bounded depth and size, by the safe loader.
+def json_value(data: bytes | str, *, whole: int = WHOLE) -> Any:
+    """Return a JSON value of bounded depth, without NaN, infinities and numbers that no counter reaches.
+
+    Args:
+        data: the text.
+        whole: the largest valid whole number; the state of a generator has 128 bits.
 
     Raises:
         ValueError: what is wrong with it, in one line.
     """
     try:
-        if not _is_shallow(data):
-            check_yaml(data)
-        return yaml.load(data, Loader=_LOADER)
-    except yaml.YAMLError as error:
-        raise ValueError(no_yaml(error)) from error
+        value = json.loads(data, parse_constant=_no_constant)
     except RecursionError:
         raise ValueError(TOO_DEEP) from None
+    level: list[Any] = [value]
+    for _ in range(DEPTH):
+        following: list[Any] = []
+        for node in level:
+            if isinstance(node, dict):
+                following += node.values()
+            elif isinstance(node, list):
+                following += node
+            elif isinstance(node, float) and not math.isfinite(node):
+                raise ValueError("a number in it is too large")
+            elif isinstance(node, int) and abs(node) > whole:
+                raise ValueError("a whole number in it is too large")
+        if not following:
+            return value
+        level = following
+    raise ValueError(TOO_DEEP)
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no JSON")
+
+
+def yaml_value(data: bytes) -> Any:
+    """Return a YAML value of bounded depth and size, by the safe loader.
+
+    Raises:
+        ValueError: what is wrong with it, in one line.
+    """
+    import yaml
+
+    try:
+        check_yaml(data)
+        return yaml.load(data, Loader=_loader())
+    except yaml.YAMLError as error:
+        raise ValueError(no_yaml(error)) from error
 
 
 def check_yaml(data: bytes) -> None:
-    """Refuses YAML that is nested too deep or stands for too much; what is no YAML is left to those who load it.
+    """Refuse YAML that is nested too deep, repeats itself too often or names the type of a value.
+
+    A text that is no YAML passes: the loader fails on it, and says where.
 
     Raises:
         ValueError: in one line.
     """
+    import yaml
+
     with contextlib.suppress(yaml.YAMLError):
-        _count(data)
+        _check_events(data)
+
+
+def _check_events(data: bytes) -> None:
+    import yaml
+
+    depth = anchored = events = aliases = 0  # anchored: depth of the outermost open collection with an anchor
+    for event in yaml.parse(data, Loader=_loader()):
+        events += 1
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > DEPTH:
+                raise ValueError(TOO_DEEP)
+            if event.anchor is not None and not anchored:
+                anchored = depth
+        elif isinstance(event, yaml.CollectionEndEvent):
+            if depth == anchored:
+                anchored = 0
+            depth -= 1
+        elif isinstance(event, yaml.AliasEvent):
+            aliases += 1
+            if anchored:
+                raise ValueError(f"*{event.anchor} lies inside of what has an anchor itself; write it out")
+        # The loader fails on some tags with errors of its own, for instance on `!!bool maybe`.
+        if getattr(event, "tag", None) is not None:
+            raise ValueError(f"line {event.start_mark.line + 1}: a tag ({event.tag}), which is not read")
+    if events * (aliases + 1) > VALUES:
+        raise ValueError(f"its aliases stand for more than {VALUES:,} values")
 
 
 def no_yaml(error: yaml.YAMLError) -> str:
-    """What is wrong with a text that is no YAML, in one line."""
+    """Return what is wrong with a text that is no YAML, in one line."""
     mark = getattr(error, "problem_mark", None)
     line = f"line {mark.line + 1}: " if mark is not None else ""
     return f"{line}{getattr(error, 'problem', None) or 'not valid YAML'}"
 
 
-def _is_shallow(data: bytes) -> bool:
-    """Whether counting characters tells already that it can neither be deep nor repeat itself.
+def _loader() -> Any:
+    import yaml
 
-    A level takes a bracket, or a blank or dash before what stands in its line. Counting events takes as long as
-    loading, and a report loads a thousand configurations.
-    """
-    if b"*" in data:
-        return False
-    flow = data.count(b"[") + data.count(b"{")
-    indent = max((len(found) for found in _INDENT.findall(data)), default=0)
-    return flow + indent <= DEPTH
-
-
-def _count(data: bytes) -> None:
-    sizes: dict[str, int] = {}  # of what has an anchor
-    # Open collections: the anchor's name, and the values below so far.
-    stack: list[tuple[str | None, int]] = []
-    total = 0
-    for event in yaml.parse(data, Loader=_LOADER):
-        if isinstance(event, yaml.MappingStartEvent | yaml.SequenceStartEvent):
-            if len(stack) >= DEPTH:
-                raise ValueError(TOO_DEEP)
-            stack.append((event.anchor, 1))
-            continue
-        if isinstance(event, yaml.MappingEndEvent | yaml.SequenceEndEvent):
-            anchor, size = stack.pop()
-        elif isinstance(event, yaml.AliasEvent):
-            anchor = None
-            if event.anchor in (name for name, _ in stack):
-                raise ValueError(_ENDLESS)
-            size = sizes.get(event.anchor or "", 1)  # of no anchor at all: the loader says so
-        elif isinstance(event, yaml.ScalarEvent):
-            anchor, size = event.anchor, 1
-        else:
-            continue
-        if anchor is not None:
-            sizes[anchor] = size
-        if stack:
-            name, below = stack[-1]
-            stack[-1] = (name, below + size)
-        total = max(total, size, stack[-1][1] if stack else 0)
-        if total > NODES:
-            raise ValueError(f"its aliases stand for more than {NODES:,} values")
+    return getattr(yaml, "CSafeLoader", yaml.SafeLoader)

@@ -212,7 +212,7 @@ def test_a_column_that_an_older_evaluation_lacks_is_no_damage(grid: list[Path]) 
         ("algo: {name: [1, 2]}", "algo.name is [1, 2], not a name"),
         ("algo: {name: ppo}\nstep: {frequency: fast}", "has the step.frequency 'fast', which is no number"),
         ("algo: {name: ppo}\nreward: {k: .nan}", "has the reward.k nan, which is no number"),
-        ("algo: &a {name: ppo, again: *a}", "nested without end"),
+        ("algo: &a {name: ppo, again: *a}", "lies inside"),
         ("d: 2026-99-99", "not valid YAML"),
     ],
 )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import pytest
 from auvbench import cli
 from auvbench.runs import integrity
 from tests import fake_training
+from tests.unit.runs.test_damage import frozen
 
 FIELDS: list[tuple[str, Any]] = [
     ("success_rate", "x"),
@@ -97,3 +100,15 @@ def test_a_pipe_for_a_manifest_does_not_hang(tmp_path: Path, capsys: pytest.Capt
     for command in ("runs", "resume", "evaluate", "report", "replay"):
         assert cli.main([command, str(run.path)]) in (1, 2)
         assert "defect" not in capsys.readouterr().err
+
+
+def test_a_configuration_without_end_costs_no_other_run(tmp_path: Path) -> None:
+    """In a process of its own, which PyYAML's loader ended."""
+    good = frozen(tmp_path, "algo=random", "seed=0", state="complete")
+    bad = frozen(tmp_path, "algo=random", "seed=1", state="complete")
+    bad.config_path.write_bytes(b"x:\r" + b"- " * 100_000)
+    code = "import sys; from auvbench import cli; sys.exit(cli.main(sys.argv[1:]))"
+    command = [sys.executable, "-c", code, "runs", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode in (0, 1)
+    assert good.id in done.stdout

@@ -11,30 +11,37 @@ import pytest
 import yaml
 
 from auvbench.untrusted import documents, reading
-from tests.waiting import LIMIT
 
 LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12)
 )
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        b"[" * 100_000,
-        b"a: " + b"[" * 100_000 + b"]" * 100_000,
-        b"- " * 100_000 + b"x",
-        b"{a: " * 100_000,
-        b"\n".join(b" " * n + b"a:" for n in range(1500)),
-    ],
-)
+DASHES = "- " * 100_000
+DEEP = {
+    "brackets": b"[" * 100_000,
+    "closed": b"a: " + b"[" * 100_000 + b"]" * 100_000,
+    "dashes": b"- " * 100_000 + b"x",
+    "braces": b"{a: " * 100_000,
+    "indented": b"\n".join(b" " * n + b"a:" for n in range(1500)),
+    "questions": b"? " * 100_000,
+    "after CR": b"x:\r" + DASHES.encode(),
+    "after NEL": f"x:\x85{DASHES}".encode(),
+    "after U+2028": f"x:\u2028{DASHES}".encode(),
+    "UTF-16": f"x:\n{DASHES}".encode("utf-16"),
+    "BOM": b"\xef\xbb\xbf" + DASHES.encode(),
+    "BOM and CR": b"\xef\xbb\xbfx:\r" + DASHES.encode(),
+}
+
+
+@pytest.mark.parametrize("data", DEEP.values(), ids=DEEP)
 def test_deep_yaml_is_refused(data: bytes) -> None:
     # In a process of its own: PyYAML's C loader would end this one.
-    code = f"from auvbench.untrusted import documents as d\ntry: d.yaml_value({data[:9]!r} and open(0,'rb').read())\nexcept ValueError as e: print(e)"
+    code = "from auvbench.untrusted import documents as d\ntry: d.yaml_value(open(0,'rb').read())\nexcept ValueError as e: print(e)"
     done = subprocess.run(
-        [sys.executable, "-c", code], input=data, capture_output=True, timeout=LIMIT, check=True
+        [sys.executable, "-c", code], input=data, capture_output=True, timeout=60, check=True
     )
-    assert b"nested" in done.stdout or b"line" in done.stdout
+    assert b"nested" in done.stdout
 
 
 @pytest.mark.parametrize("data", [b"[" * 100_000, b'{"a":' * 100_000, b"[" * 500 + b"]" * 500])
@@ -50,20 +57,36 @@ def test_numbers_that_are_none(data: bytes) -> None:
 
 
 def test_aliases_that_stand_for_billions_are_refused() -> None:
-    with pytest.raises(ValueError, match="aliases stand for more than"):
+    with pytest.raises(ValueError, match="lies inside"):
         documents.yaml_value(LAUGHS.encode())
 
 
-def test_an_alias_that_holds_itself_is_refused() -> None:
-    with pytest.raises(ValueError, match="nested without end"):
-        documents.yaml_value(b"a: &x {b: *x}")
+def test_an_alias_below_an_anchor_is_refused() -> None:
+    """It may stand for itself, or for billions of values."""
+    for data in (b"a: &x {b: *x}", b"a: &x [1]\nb: &y [[*x], 2]"):
+        with pytest.raises(ValueError, match="lies inside"):
+            documents.yaml_value(data)
+
+
+def test_aliases_of_a_long_list_are_counted() -> None:
+    data = b"a: &x [" + b"1, " * 5000 + b"]\n" + b"".join(b"k%d: *x\n" % n for n in range(200))
+    with pytest.raises(ValueError, match="stand for more"):
+        documents.yaml_value(data)
+
+
+@pytest.mark.parametrize("tag", [b"!!bool maybe", b"!!timestamp x", b"!!python/object:os.system x", b"!x 1"])
+def test_a_tag_is_refused(tag: bytes) -> None:
+    with pytest.raises(ValueError, match="tag"):
+        documents.yaml_value(b"a: " + tag)
 
 
 def test_a_few_aliases_are_fine() -> None:
     assert documents.yaml_value(b"a: &x [1, 2]\nb: *x") == {"a": [1, 2], "b": [1, 2]}
 
 
-@pytest.mark.parametrize("data", [b"a: [1, {b: c}]", b"a:\n- 1\n- - 2\n  - b: null\n", b"x: '*'", b""])
+@pytest.mark.parametrize(
+    "data", [b"a: [1, {b: c}]", b"a:\n- 1\n- - 2\n  - b: null\n", b"x: '*'", b"\"a\": 'b'", b""]
+)
 def test_what_is_right_is_what_the_safe_loader_says(data: bytes) -> None:
     assert documents.yaml_value(data) == yaml.safe_load(data)
 

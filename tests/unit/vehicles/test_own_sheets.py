@@ -84,7 +84,7 @@ def test_files_that_cannot_be_read_do_not_hide_the_others(capsys: pytest.Capture
         ("name: w\n\ttitle: x\n", "conf/vehicle/w.yaml line 2: not valid YAML: found character '\\t'"),
         ("name: w\nname: v\n", "conf/vehicle/w.yaml line 2: key 'name' is given twice"),
         ("name: w\ntitle: \0\n", "conf/vehicle/w.yaml line 2: not valid YAML: character"),
-        ("a: &x {b: *x}\n", "conf/vehicle/w.yaml: not valid YAML: nested without end"),
+        ("a: &x {b: *x}\n", "conf/vehicle/w.yaml: not valid YAML: *x lies inside"),
         ("[a]: 1\n", "conf/vehicle/w.yaml line 1: a key is a word"),
         ("name: 2024-13-45\n", "conf/vehicle/w.yaml line 1: '2024-13-45': month must be in 1..12"),
         ("defaults: [bluerov9]\n", "conf/vehicle/w.yaml line 1: defaults: vehicle 'bluerov9' is not known"),
