@@ -14,7 +14,7 @@ from auvbench.analysis import consistency, derived_columns, scenarios
 from auvbench.analysis.model import Evaluation
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import integrity, schemas
-from auvbench.untrusted import bz2_io, tables
+from auvbench.untrusted import bz2_io, reading, tables
 from auvbench.untrusted.text import LONGEST, plain, short
 
 CORE_COLUMNS = (
@@ -84,7 +84,7 @@ def read_evaluation(directory: Path) -> Evaluation:
     summary = sealed(directory / "summary.json", schemas.Summary)
     path = directory / "episodes.csv"
     try:
-        data = bz2_io.content(path, tables.LARGEST)
+        data = bz2_io.content(path, reading.DATA)
     except FileNotFoundError as error:
         raise Damage("episodes.csv is missing") from error
     except (OSError, ValueError) as error:

@@ -31,6 +31,8 @@ UNITS = np.array([1e-3, 1e-3, 1e-3, 1e-6])
 """m, m, m, s: of what is packed; a file is read in the units that it names"""
 LARGEST = 1e9
 """m and s: more is no path of a vehicle, and counts of `UNITS` and their differences stay whole numbers of 64 bits"""
+POINTS = 2_000_000
+"""positions of one condition; 1000 episodes of 2000 steps. A packed one takes four bytes, and unpacked 160 at a time"""
 _CHANGES = "changes_"
 
 
@@ -117,6 +119,10 @@ def unpack(arrays: Mapping[str, NDArray[Any]], condition: str) -> Iterator[Packe
         or changes.shape[2] != 4
     ):
         raise ValueError(f"changes_{condition} holds no paths")
+    if changes.shape[1] > POINTS:
+        raise ValueError(
+            f"changes_{condition} holds {changes.shape[1]:,} positions; at most {POINTS:,} are read"
+        )
     if not sound or int(points.sum()) != changes.shape[1]:
         raise ValueError(f"changes_{condition} is not of the episodes that are named")
     values = _values(changes, units)

@@ -31,11 +31,14 @@ def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
         Damage: the file cannot be read, or holds what is no path; a pickle in it is never loaded.
     """
     try:
-        data = reading.content(file, archives.UNPACKED)
+        data = reading.content(file, reading.DATA)
         found: list[Path3] = []
         with archives.opened(data) as arrays:
             for episode, *path in _raw(arrays, condition, episodes):
-                waypoint, position, time = (np.asarray(array, dtype=np.float64) for array in path)
+                # Before they are widened to float64: a byte would take eight.
+                if any(array.dtype.kind != "f" for array in path):
+                    raise ValueError(f"episode {episode} holds no floating-point numbers")
+                waypoint, position, time = (array.astype(np.float64) for array in path)
                 suffix = f"{condition}_{episode}"
                 if position.ndim != 2 or position.shape[1] != 3 or len(position) == 0:
                     raise ValueError(f"position_{suffix} has shape {position.shape}, expected (steps + 1, 3)")

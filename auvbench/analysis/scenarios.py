@@ -19,7 +19,7 @@ import pandas as pd
 
 from auvbench.record import SCENARIO_COLUMNS
 from auvbench.runs.atomic_io import sha256
-from auvbench.untrusted import bz2_io, tables
+from auvbench.untrusted import bz2_io, reading, tables
 from auvbench.untrusted.text import short
 
 FOLDER = "scenarios"
@@ -86,7 +86,7 @@ def of_study(digest: Any, directory: Path) -> bytes:
     # of <study>/runs/<run>/evaluations/<protocol>
     path = directory.resolve().joinpath("..", "..", "..", "..", name.removesuffix(bz2_io.SUFFIX))
     try:
-        content = bz2_io.content(path, tables.LARGEST)
+        content = bz2_io.content(path, reading.DATA)
     except FileNotFoundError as error:
         raise ValueError(f"{name} of its study is missing: a copy is read where it was published") from error
     except (OSError, ValueError) as error:

@@ -8,7 +8,7 @@ from auvbench.analysis import consistency
 from auvbench.analysis.evaluations import Damage, finite
 from auvbench.analysis.model import RunRecord
 from auvbench.record import OUTCOMES
-from auvbench.untrusted import bz2_io, tables
+from auvbench.untrusted import bz2_io, reading, tables
 from auvbench.untrusted.text import short
 
 NUMBERS = ("step", "steps", "return", "final_distance_m")
@@ -28,7 +28,7 @@ def training(run: RunRecord) -> pd.DataFrame | None:
         return None
     name, needed = "train/episodes.csv", ("outcome", *NUMBERS)
     try:
-        data = bz2_io.content(path, tables.LARGEST)
+        data = bz2_io.content(path, reading.DATA)
         frame = tables.csv(data, needed)
     except (OSError, ValueError) as error:
         raise Damage(f"{name} cannot be read ({short(error)})") from error

@@ -36,11 +36,11 @@ def replay(folder: Path, number: int) -> Replay:
             raise ValueError(
                 f"mission.json is of version {about.get('schema_version')}, not {SCHEMA_VERSION}"
             )
-        table = tables.csv(reading.content(folder / "episodes.csv", archives.UNPACKED))
+        table = tables.csv(reading.content(folder / "episodes.csv", reading.DATA))
         if not 0 <= number < len(table):
             raise UserError(f"--episode {number}: {folder} holds missions 0 to {len(table) - 1}")
         row = {str(key): value for key, value in table.iloc[number].to_dict().items()}
-        with archives.opened(reading.content(folder / "trajectories.npz", archives.UNPACKED)) as arrays:
+        with archives.opened(reading.content(folder / "trajectories.npz", reading.DATA)) as arrays:
             found: dict[str, Any] = {
                 name: np.asarray(arrays[f"{name}_{CONDITION}_{number}"], dtype=np.float32)
                 for name in ("time", "position", "yaw", "command", "waypoint")

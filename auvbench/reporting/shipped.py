@@ -29,7 +29,7 @@ from typing import Any
 from auvbench.analysis import consistency, derived_columns, packed_paths, scenarios
 from auvbench.analysis.evaluations import CORE_COLUMNS, MEASURED, Damage, sealed
 from auvbench.analysis.model import Evaluation, RunRecord
-from auvbench.analysis.training import NUMBERS
+from auvbench.analysis.training import NUMBERS, training
 from auvbench.analysis.validation_curve import NAME as VALIDATION
 from auvbench.errors import RunError
 from auvbench.reporting import copies
@@ -91,12 +91,15 @@ def ship(run: RunRecord, folder: Path, protocol: str, paths: bool = True) -> lis
         if (rows := _training(run)) is not None:
             write_atomic(staged / f"{TRAINING}{bz2_io.SUFFIX}", bz2_io.packed(rows))
             files[TRAINING] = integrity.entry(rows)
-    except (OSError, ValueError) as error:  # of csv and of UTF-8, too
-        problems.append(f"{TRAINING}: {short(error)}")
+    except (Damage, OSError) as error:
+        problems.append(short(error))
         files.pop(TRAINING, None)
-    if bz2_io.beside(run.directory / VALIDATION) is not None:
-        data = bz2_io.content(run.directory / VALIDATION, tables.LARGEST)
-        write_atomic(staged / f"{VALIDATION}{bz2_io.SUFFIX}", bz2_io.packed(data))
+    try:
+        if bz2_io.beside(run.directory / VALIDATION) is not None:
+            data = bz2_io.content(run.directory / VALIDATION, reading.DATA)
+            write_atomic(staged / f"{VALIDATION}{bz2_io.SUFFIX}", bz2_io.packed(data))
+    except ValueError as error:
+        problems.append(f"{VALIDATION}: {short(error)}")
     for evaluation in run.evaluations.values():
         first = evaluation.protocol == protocol
         target = here.evaluation(evaluation.protocol)
@@ -109,21 +112,19 @@ def ship(run: RunRecord, folder: Path, protocol: str, paths: bool = True) -> lis
 
 
 def _training(run: RunRecord) -> bytes | None:
-    """The training rows that a report reads; None without any.
+    """Return the training rows that a report reads; None without any.
 
     Raises:
-        OSError, ValueError: they cannot be read, or are not those that the manifest vouches for.
+        Damage: they are not what the manifest records, or hold what no training writes.
+        OSError: they cannot be read.
     """
-    if bz2_io.beside(run.directory / TRAINING) is None:
+    if training(run) is None:
         return None
-    data = bz2_io.content(run.directory / TRAINING, tables.LARGEST)
-    if wrong := consistency.of_file(run.manifest, TRAINING, data):
-        raise ValueError(wrong)  # else the digest of the slimmed rows would vouch for them
-    return slim(data)
+    return slim(bz2_io.content(run.directory / TRAINING, reading.DATA))
 
 
 def _ship_evaluation(evaluation: Evaluation, target: Path, study: Path, first: bool, paths: bool) -> None:
-    rows = bz2_io.content(evaluation.directory / "episodes.csv", tables.LARGEST)
+    rows = bz2_io.content(evaluation.directory / "episodes.csv", reading.DATA)
     if wrong := consistency.of_file(evaluation.summary, "episodes.csv", rows):
         raise RunError(f"{evaluation.directory}: {wrong}: it was changed meanwhile; publish again")
     summary = dict(evaluation.summary)
@@ -184,7 +185,7 @@ def only_paths(file: Path) -> bytes:
         RunError: it is damaged, or not the one that the summary beside it vouches for.
     """
     try:
-        data = reading.content(file, archives.UNPACKED)
+        data = reading.content(file, reading.DATA)
         if wrong := consistency.of_neighbour(file, data):
             raise RunError(f"{file.parent}: {wrong}")
         with archives.opened(data) as found:

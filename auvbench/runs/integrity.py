@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.runs.atomic_io import sha256
-from auvbench.untrusted import archives, documents, reading
+from auvbench.untrusted import documents, reading
 from auvbench.untrusted.path_safety import child
 from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count
@@ -143,7 +143,7 @@ def lacking(folder: Path, holder: Mapping[str, Any], prefix: str = "", *, deep: 
         try:
             path = child(folder, name)
             if deep:
-                wrong = _difference(expected, reading.content(path, archives.FILE))
+                wrong = _difference(expected, reading.content(path, reading.WEIGHTS))
             else:
                 size = path.stat().st_size
                 wrong = (

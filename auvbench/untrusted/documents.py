@@ -110,8 +110,8 @@ def _check_events(data: bytes) -> None:
             if anchored:
                 raise ValueError(f"*{event.anchor} lies inside of what has an anchor itself; write it out")
         # The loader fails on some tags with errors of its own, for instance on `!!bool maybe`.
-        if getattr(event, "tag", None) is not None:
-            raise ValueError(f"line {event.start_mark.line + 1}: a tag ({event.tag}), which is not read")
+        if (tag := getattr(event, "tag", None)) is not None:
+            raise ValueError(f"{tag} is a tag, which names a type; only plain values are read")
     if events * (aliases + 1) > VALUES:
         raise ValueError(f"its aliases stand for more than {VALUES:,} values")
 

@@ -1,4 +1,4 @@
-"""Bytes of a file, where it is a file: no pipe that never answers, no device, nothing without an end."""
+"""Bytes of a regular file of bounded size: never a pipe that does not answer, nor a device without an end."""
 
 from __future__ import annotations
 
@@ -7,18 +7,22 @@ import os
 import stat
 from pathlib import Path
 
-DOCUMENT = 64 * 1024**2
-"""bytes of the longest text that is read: manifests, configurations, sheets (ours have some ten thousand)"""
+DOCUMENT = 16 * 1024**2
+"""bytes of the largest manifest, configuration or sheet; ours have some ten thousand"""
+DATA = 256 * 1024**2
+"""bytes of the largest table or trajectories, unpacked; a million training episodes have 200 million"""
+WEIGHTS = 2 * 1024**3
+"""bytes of the largest file of a policy or a checkpoint"""
 
 
 def content(path: Path | str, limit: int = DOCUMENT) -> bytes:
-    """All bytes of a regular file.
+    """Return all bytes of a regular file.
 
     Raises:
         OSError: it is missing or cannot be read.
         ValueError: it is no regular file, or longer than `limit`.
     """
-    # Without O_NONBLOCK, opening a pipe waits for somebody to write into it.
+    # Without O_NONBLOCK, opening a pipe waits for a writer.
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
     status = os.fstat(descriptor)
     if not stat.S_ISREG(status.st_mode):

@@ -10,9 +10,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pandas as pd
 
-LARGEST = 1024**3
-"""bytes of the longest table that is read: some million training episodes"""
-
 MISSING = ("", "nan", "NaN", "NA", "N/A", "null", "NULL", "None")
 """What stands where there is no number; in a column of words it is a word."""
 

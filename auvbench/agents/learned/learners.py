@@ -20,7 +20,7 @@ from auvbench.agents.learned import arguments, forward, trained
 from auvbench.config import algorithms, schema
 from auvbench.config.agents import AGENTS
 from auvbench.errors import RunError
-from auvbench.untrusted import archives, reading
+from auvbench.untrusted import reading
 
 WEIGHTS, STATISTICS = "policy.pt", "normalisation.npz"
 """The files of a trained model."""
@@ -154,7 +154,7 @@ class LearnedPolicy(FrozenPolicy):
 
 def _read(path: Path, check: Callable[[str, bytes], None] | None) -> bytes:
     try:
-        data = reading.content(path, archives.FILE)
+        data = reading.content(path, reading.WEIGHTS)
     except FileNotFoundError as error:
         raise RunError(f"{path.parent}: no trained model here ({path.name} is missing)") from error
     except (OSError, ValueError) as error:

@@ -87,7 +87,7 @@ def _line(entry: Mapping[str, Any]) -> bytes:
 def _read(path: Path, header: Mapping[str, Any]) -> tuple[dict[Key, Found], int]:
     """What a journal of this header holds, and the bytes that its whole lines take; nothing and 0 where it is of another."""
     try:
-        data = reading.content(path)
+        data = reading.content(path, reading.DATA)
     except FileNotFoundError:
         return {}, 0
     except ValueError:

@@ -100,7 +100,7 @@ class ReplayStore:
         oldest = max(0, rows - buffer.buffer_size)
         length = max(1, self._transitions // buffer.n_envs)
         for segment in segments:
-            arrays = archives.arrays(reading.content(self.folder / segment.name, archives.FILE))
+            arrays = archives.arrays(reading.content(self.folder / segment.name, reading.WEIGHTS))
             skip = max(0, oldest - segment.first)
             at = np.arange(segment.first + skip, segment.last) % buffer.buffer_size
             for field in FIELDS:

@@ -21,7 +21,7 @@ from auvbench.runs.atomic_io import as_json, replace_folder, storage
 from auvbench.runs.integrity import FileEntry
 from auvbench.training.checkpoint.logs import LogMark
 from auvbench.training.checkpoint.replay import Segment
-from auvbench.untrusted import archives, reading, typed_json
+from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.path_safety import child
 from auvbench.untrusted.typed_json import Count
 
@@ -168,7 +168,7 @@ class CheckpointStore:
         contents = {}
         for name in manifest.files:
             try:
-                data = reading.content(child(path, name), archives.FILE)
+                data = reading.content(child(path, name), reading.WEIGHTS)
             except OSError as error:
                 raise ValueError(f"{name}: {error.strerror}") from error
             if wrong := integrity.difference(recorded, name, data):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from auvbench.analysis import packed_paths
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.paths import paths
+from tests.synthetic import seal
 
 
 def drawn(dtype: Any, *conditions: str) -> dict[str, Any]:
@@ -28,6 +30,11 @@ def drawn(dtype: Any, *conditions: str) -> dict[str, Any]:
                 f"waypoint_{condition}_{episode}": rng.normal(size=3).astype(dtype),
             }
     return found
+
+
+def summarised(folder: Path) -> None:
+    """Writes the summary that paths are compared with."""
+    seal(folder / "summary.json", {"schema_version": 1, "fingerprint": "f", "conditions": []})
 
 
 def opened(data: bytes) -> dict[str, Any]:
@@ -95,11 +102,11 @@ def test_paths_reads_both(tmp_path: Path) -> None:
     arrays = drawn(np.float32, "nominal")
     for name, data in (("plain", None), ("packed", packed_paths.pack(arrays))):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "summary.json").write_text("{}")
         if data is None:
             np.savez_compressed(tmp_path / name / "trajectories.npz", **arrays)
         else:
             (tmp_path / name / "trajectories.npz").write_bytes(data)
+        summarised(tmp_path / name)
     one, other = (list(paths(tmp_path / n / "trajectories.npz", "nominal", 2)) for n in ("plain", "packed"))
     assert [p[0] for p in one] == [p[0] for p in other] == [0, 2]
     for a, b in zip(one, other, strict=True):
@@ -133,3 +140,27 @@ def test_damage_is_named(tmp_path: Path, name: str, value: Any) -> None:
     (tmp_path / "summary.json").write_text("{}")
     with pytest.raises(Damage, match=r"trajectories\.npz cannot be read"):
         list(paths(tmp_path / "trajectories.npz", "nominal", 10))
+
+
+def test_a_small_file_does_not_fill_the_memory(tmp_path: Path) -> None:
+    n = 20_000_000
+    named = {"units": packed_paths.UNITS, "episodes_a": np.array([0]), "points_a": np.array([n])}
+    arrays = named | {"waypoints_a": np.zeros((1, 3)), "changes_a": np.zeros((1, n, 4), dtype=np.uint8)}
+    file = tmp_path / "trajectories.npz"
+    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    assert file.stat().st_size < 100_000
+    tracemalloc.start()
+    try:
+        with pytest.raises(Damage, match="positions"):
+            list(paths(file, "a", 3))
+        assert tracemalloc.get_traced_memory()[1] < 4 * n * 4
+    finally:
+        tracemalloc.stop()
+
+
+def test_paths_are_floating_point_numbers(tmp_path: Path) -> None:
+    arrays = drawn(np.float32, "a")
+    file = tmp_path / "trajectories.npz"
+    np.savez_compressed(file, **(arrays | {"position_a_0": np.zeros((50, 3), dtype=np.int8)}))
+    with pytest.raises(Damage, match="floating-point"):
+        list(paths(file, "a", 3))

@@ -29,7 +29,7 @@ from auvbench.reporting.shipped import (
 from auvbench.reporting.tables.markdown import escape
 from auvbench.runs import integrity
 from tests.numbers import assert_same_numbers
-from tests.synthetic import write_experiment
+from tests.synthetic import seal, write_experiment
 
 
 @pytest.fixture
@@ -112,6 +112,41 @@ def test_nothing_of_the_machine_and_nothing_that_only_training_needs(runs, tmp_p
     assert kinds == {"config.yaml", "manifest.json", "summary.json", "episodes.csv.bz2", "trajectories.npz"}
     assert not list(shipped.glob("runs/*/evaluations/robustness/*.npz"))
     assert "a processor" in (shipped / "README.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("manifest.json", {"wall_time_s": {}}),
+        ("manifest.json", {"cpu_time_s": "nan"}),
+        ("manifest.json", {"host": [1]}),
+        ("evaluations/test/summary.json", {"versions": [1]}),
+    ],
+)
+def test_an_entry_of_another_type_costs_its_run_alone(
+    runs, tmp_path, capsys, name: str, changes: dict[str, object]
+):
+    path = runs[0] / name
+    path.write_text(json.dumps(integrity.sealed(json.loads(path.read_text()) | changes)))
+    assert publish("--pictures", "failures") == 1
+    output = capsys.readouterr()
+    (said,) = (line for line in output.out.splitlines() if line.startswith("not published: "))
+    assert runs[0].name in said
+    assert next(iter(changes)) in said
+    assert len(list((tmp_path / "results/grid/runs").iterdir())) == len(runs) - 1
+
+
+@pytest.mark.parametrize("old", ["outcome", "final_distance_m", "step,"])
+def test_a_renamed_training_column_costs_the_training_rows_alone(runs, tmp_path, capsys, old: str):
+    learner = next(run for run in runs if "ppo" in run.name)
+    path = learner / "train" / "episodes.csv"
+    path.write_text(path.read_text().replace(old, f"x{old}", 1))
+    seal(learner / "manifest.json")
+    assert publish("--pictures", "failures") == 1
+    assert "lacks the columns" in capsys.readouterr().out
+    copy = tmp_path / "results/grid/runs" / learner.name
+    assert (copy / "evaluations/test/episodes.csv.bz2").is_file()
+    assert not (copy / "train").exists()
 
 
 def test_what_a_row_is_known_by_is_not_rounded():

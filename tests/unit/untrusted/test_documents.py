@@ -105,5 +105,5 @@ def test_a_file_of_any_length_is_not_read(tmp_path: Path) -> None:
     long = tmp_path / "long"
     with long.open("wb") as file:
         file.truncate(1 << 40)  # a hole
-    with pytest.raises(ValueError, match="more than 64 MiB"):
+    with pytest.raises(ValueError, match="more than 16 MiB"):
         reading.content(long)
