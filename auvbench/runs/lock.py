@@ -25,8 +25,7 @@ from typing import TYPE_CHECKING
 
 from auvbench.errors import RunError, TrainingError
 from auvbench.runs import processes
-from auvbench.runs.atomic_io import FAULTS, storage_error
-from auvbench.runs.files import as_json, write_atomic
+from auvbench.runs.atomic_io import FAULTS, as_json, storage_error, write_atomic
 from auvbench.untrusted import path_safety, typed_json
 from auvbench.untrusted.text import short
 
