@@ -24,6 +24,7 @@ def runs(folder: str = "outputs") -> dict[str, RunDirectory]:
     return {run.id.partition("-")[0]: run for run in find_runs([folder])}
 
 
+@pytest.mark.slow
 def test_they_stand_in_the_table_beside_the_others(site: Site) -> None:
     steering(site)
     learning(site)
@@ -174,6 +175,7 @@ def test_an_exact_one_is_extended(site: Site) -> None:
     assert (extended.model / "sum.json").read_bytes() == (whole.model / "sum.json").read_bytes()
 
 
+@pytest.mark.slow
 def test_without_its_package_a_run_is_listed_and_reported_and_evaluate_says_what_to_install(
     site: Site, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,4 +1,4 @@
-"""A real grid, as typed: 2 algorithms x 2 K x 3 seeds and PID, trained, tested, reported in every format."""
+"""A real grid, as typed: 2 algorithms x 2 K x 2 seeds and PID, trained, tested, reported in every format."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from auvbench.cli import main
+from tests.conftest import Once
 
 SHORT = [
     "algo.n_envs=8",
@@ -17,22 +18,29 @@ SHORT = [
     "task.max_steps=60",
     "launcher.workers=2",
     "name=grid",
-    "seed=0,1,2",
+    "seed=0,1",
     "reward.k=1,100",
 ]
 
 
+PPO = ["algo.n_steps=16", "algo.batch_size=64"]
+SAC = ["algo.learning_starts=64", "algo.batch_size=32", "algo.gradient_steps=1"]
+
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
-def grid(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("grid")
+def grid(once: Once) -> Path:
+    return once("grid", make) / "grid"
+
+
+def make(folder: Path) -> None:
     out = f"output={folder}"
-    ppo = ["algo.n_steps=16", "algo.batch_size=64"]
-    assert main(["train", "-m", "algo=ppo", *ppo, *SHORT, out]) == 0
-    assert main(["train", "-m", "algo=sac", "algo.learning_starts=64", *SHORT, out]) == 0
+    assert main(["train", "-m", "algo=ppo", *PPO, *SHORT, out]) == 0
+    assert main(["train", "-m", "algo=sac", *SAC, *SHORT, out]) == 0
     assert main(["train", "algo=pid", "seed=0", "name=grid", out]) == 0
     assert main(["evaluate", str(folder), "protocol.episodes=12", "protocol.trajectories=2"]) == 0
     assert main(["report", str(folder / "grid"), "--baseline", "pid", "--study", "thesis"]) == 0
-    return folder / "grid"
 
 
 def table(grid: Path) -> list[dict[str, str]]:
@@ -43,7 +51,7 @@ def table(grid: Path) -> list[dict[str, str]]:
 def test_every_configuration_has_a_row_with_its_seeds(grid: Path) -> None:
     rows = table(grid)
     assert len(rows) == 5
-    assert sorted(row["seeds"] for row in rows) == ["0", *["0 1 2"] * 4]
+    assert sorted(row["seeds"] for row in rows) == ["0", *["0 1"] * 4]
 
 
 def test_the_table_says_what_the_episodes_say(grid: Path) -> None:
@@ -102,8 +110,7 @@ def test_the_page_needs_no_network(grid: Path) -> None:
 
 def test_the_same_sweep_again_starts_nothing(grid: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = {path: path.stat().st_mtime_ns for path in grid.glob("*/model/policy.pt")}
-    assert len(before) == 12
-    ppo = ["algo.n_steps=16", "algo.batch_size=64"]
-    assert main(["train", "-m", "algo=ppo", *ppo, *SHORT, f"output={grid.parent}"]) == 0
+    assert len(before) == 8
+    assert main(["train", "-m", "algo=ppo", *PPO, *SHORT, f"output={grid.parent}"]) == 0
     assert "complete" in capsys.readouterr().out
     assert before == {path: path.stat().st_mtime_ns for path in grid.glob("*/model/policy.pt")}

@@ -84,6 +84,7 @@ def test_without_a_checkpoint_it_is_trained_anew(run: RunDirectory, trained: Tra
     assert bits(run.path) == bits(trained(CASE).path)
 
 
+@pytest.mark.slow
 def test_a_grid_sees_it_too(run: RunDirectory, capsys: pytest.CaptureFixture[str]) -> None:
     frozen(run.path.parent.parent, "trained", CASE, ["seed=3", "train.total_steps=64"])
     flipped("policy.pt")(run)

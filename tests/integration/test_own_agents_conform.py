@@ -61,7 +61,14 @@ def test_a_learner_keeps_its_contract(agent: str) -> None:
     testing.check_agent(f"algo={agent}", *OVERRIDES[agent], steps=STEPS)
 
 
-@pytest.mark.parametrize("agent", [name for name in OVERRIDES if not learns({"agent": name})])
+@pytest.mark.parametrize(
+    "agent",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name == "mpc" else name
+        for name in OVERRIDES
+        if not learns({"agent": name})
+    ],
+)
 def test_a_controller_keeps_its_contract(agent: str, tmp_path: Path) -> None:
     if (extra := EXTRAS.get(agent)) and importlib.util.find_spec(extra) is None:
         pytest.skip(f"{extra} is not installed")

@@ -18,6 +18,7 @@ def shown(path: Path) -> str:
     return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", text)))
 
 
+@pytest.mark.slow
 def test_report_command_writes_the_page(tmp_path: Path) -> None:
     grid = {"reward_k": (1.0, 40.0), "seeds": (0, 1, 2), "episodes": 30, "train_episodes": 60}
     runs = write_experiment(tmp_path / "grid", **grid)

@@ -81,6 +81,7 @@ def test_a_run_that_ended_stands_a_cut(tmp_path: Path, whole: dict[str, str]) ->
         assert bits(left.path) == whole
 
 
+@pytest.mark.slow
 def test_a_cut_at_any_moment_costs_at_most_a_part_of_the_training(
     tmp_path: Path, whole: dict[str, str]
 ) -> None:
@@ -107,6 +108,7 @@ def test_a_cut_at_any_moment_costs_at_most_a_part_of_the_training(
         shutil.rmtree(image)
 
 
+@pytest.mark.slow
 def test_an_evaluation_and_a_report_stand_a_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "can_fork", lambda: False)  # the instrument sees this process alone
     folder = tmp_path / "disk"

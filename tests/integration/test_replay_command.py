@@ -13,6 +13,7 @@ from PIL import Image
 from auvbench.cli import main
 from auvbench.errors import ReportError
 from auvbench.reporting import film as films
+from tests import configs
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,8 @@ def run(tmp_path_factory) -> Path:
     return manifest.parent
 
 
-def test_the_episode_is_the_one_of_the_table(run, tmp_path, capsys):
+def test_the_episode_is_the_one_of_the_table(run, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(films, "LONGEST", 10)
     with open(run / "evaluations" / "test" / "episodes.csv", newline="", encoding="utf-8") as file:
         row = list(csv.DictReader(file))[3]
     film = tmp_path / "film.gif"
@@ -43,6 +45,7 @@ def test_the_episode_is_the_one_of_the_table(run, tmp_path, capsys):
         assert pictures.convert("L").tobytes() != first, "nothing moves"
 
 
+@pytest.mark.slow
 def test_a_condition_with_a_decimal_point_keeps_its_whole_name(run, tmp_path, monkeypatch):
     monkeypatch.setattr(films, "LONGEST", 3)
     common = ["replay", str(run), "--protocol", "robustness", "--out", str(tmp_path)]
@@ -90,8 +93,6 @@ def test_the_film_is_checked_before_anything_is_computed(run, tmp_path, monkeypa
 
 def an_episode(steps):
     """A replayed episode that needs no simulation."""
-    from auvbench.config.compose import compose
-    from auvbench.config.validate import train_config
     from auvbench.evaluation.replay import Replay
 
     time = np.linspace(0, steps / 10, steps + 1, dtype=np.float32)
@@ -100,21 +101,22 @@ def an_episode(steps):
     names = tuple(f"thruster{i}" for i in range(1, 7))
     command = np.sin(np.arange(6 * steps, dtype=np.float32)).reshape(steps, 6)
     waypoint = np.array([50, 1, -20], dtype=np.float32)
-    config = train_config(compose("train"))
+    config = configs.training()
     return Replay(
         "pid-k1", "test", "nominal", config, names, record, time, position, time % 3, command, waypoint
     )
 
 
-def test_a_film_of_150_pictures_draws_its_axes_once_and_tells_how_far_it_is(tmp_path, monkeypatch):
+def test_a_film_draws_its_axes_once_and_tells_how_far_it_is(tmp_path, monkeypatch):
+    monkeypatch.setattr(films, "LONGEST", 30)
     told, drawn = [], []
     whole = Figure.draw
     monkeypatch.setattr(Figure, "draw", lambda *arguments: (drawn.append(1), whole(*arguments))[1])
     films.film(an_episode(1000), tmp_path / "film.gif", lambda done, of: told.append((done, of)))
-    assert told == [(n, 150) for n in range(1, 151)]
+    assert told == [(n, 30) for n in range(1, 31)]
     assert len(drawn) == 2, "to settle the layout, and as the background of all pictures"
     with Image.open(tmp_path / "film.gif") as pictures:
-        assert pictures.n_frames == 150
+        assert pictures.n_frames == 30
         assert pictures.size == (832, 352)
 
 

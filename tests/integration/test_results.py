@@ -31,6 +31,7 @@ def rows(file):
         return list(csv.DictReader(stream))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_report_gives_the_numbers_that_are_shipped(name, tmp_path, capsys):
     shipped = ROOT / "results" / name
@@ -51,6 +52,7 @@ def test_a_report_gives_the_numbers_that_are_shipped(name, tmp_path, capsys):
         assert json.loads(there.read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("protocol", ["transfer", "robustness"])
 def test_so_does_one_by_another_protocol(protocol, tmp_path, capsys):
     shipped = ROOT / "results/leaderboard"

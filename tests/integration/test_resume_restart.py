@@ -6,14 +6,13 @@ import torch
 
 from auvbench.agents.learned import state
 from auvbench.agents.learned.sb3 import Follower
-from auvbench.config.compose import compose
 from auvbench.config.simulators import Capabilities
-from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import TrainingError
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.training.checkpoint.store import CheckpointStore
 from auvbench.training.execute import execute
+from tests import configs
 from tests.soak.campaign import frozen
 
 FORGETFUL = Capabilities(exact_resume=False, deterministic=True, scales=True, currents="sheared")
@@ -27,7 +26,7 @@ def forgetful(monkeypatch):
 
 
 def configuration(*overrides):
-    return train_config(compose("train", ["disturbance=moderate", "algo=sac", "algo.n_envs=3", *overrides]))
+    return configs.training("disturbance=moderate", "algo=sac", "algo.n_envs=3", *overrides)
 
 
 def test_episodes_in_flight_begin_again_with_the_same_draws(forgetful):

@@ -8,13 +8,12 @@ from pathlib import Path
 import pytest
 
 from auvbench.agents.learned.sb3 import Follower
-from auvbench.config.compose import compose
-from auvbench.config.validate import evaluate_config
 from auvbench.evaluation import evaluate as evaluation
 from auvbench.evaluation.protocol import circumstances, fingerprint
 from auvbench.runs.directory import RunDirectory
 from auvbench.training.execute import execute
 from auvbench.training.validation import COLUMNS
+from tests import configs
 from tests.conftest import Once, Trained
 from tests.soak.bits import bits
 from tests.soak.campaign import frozen
@@ -73,7 +72,7 @@ def test_a_row_every_so_many_steps_and_one_at_the_end(watched: RunDirectory) -> 
 
 
 def test_the_last_row_is_what_evaluate_finds_on_the_validation_scenarios(watched: RunDirectory) -> None:
-    protocol = evaluate_config(compose("evaluate", ["protocol=validation"])).protocol
+    protocol = configs.protocol("protocol=validation")
     summary = evaluation.evaluate(watched, protocol)
     (condition,) = summary["conditions"]
     last = rows(watched)[-1]
@@ -83,7 +82,9 @@ def test_the_last_row_is_what_evaluate_finds_on_the_validation_scenarios(watched
     assert last["fingerprint"] == summary["fingerprint"]
 
 
-@pytest.mark.parametrize("step", [650, 710, 950])
+@pytest.mark.parametrize(
+    "step", [pytest.param(650, marks=pytest.mark.slow), 710, pytest.param(950, marks=pytest.mark.slow)]
+)
 def test_a_run_that_was_stopped_writes_the_same_rows(
     case: str, watched: RunDirectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
 ) -> None:

@@ -67,11 +67,12 @@ class Tally:
 
 def frozen(folder: Path, name: str, case: str, extra: list[str]) -> Any:
     """The run directory of a case, frozen like that of a command."""
-    from auvbench.config.compose import compose
     from auvbench.runs.plan import prepare
+    from tests import configs
 
-    overrides = [*CASES[case], f"output={folder}", f"name={name}", "train.progress=false", *extra]
-    return prepare(compose("train", overrides))
+    config = configs.composed(*CASES[case], "train.progress=false", *extra)
+    config.output, config.name = str(folder), name
+    return prepare(config)
 
 
 def attempt(run: Any, death: tuple[str, float] | None) -> int:

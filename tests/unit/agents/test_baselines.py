@@ -8,15 +8,14 @@ import pytest
 from auvbench.agents.base import resolve
 from auvbench.agents.classical.estimate import Estimator
 from auvbench.config.agents import AGENTS
-from auvbench.config.compose import compose
-from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.evaluation.rollout import roll_out
 from auvbench.vehicles import sheet
+from tests import configs
 
 
 def success_rate(vehicle: str, episodes: int, *overrides: str) -> float:
-    config = train_config(compose("train", ["algo=pid", f"vehicle={vehicle}", *overrides]))
+    config = configs.training("algo=pid", f"vehicle={vehicle}", *overrides)
     agent = resolve(AGENTS["pid"].factory)(config, sheet.load(config.vehicle))
     rows = np.arange(episodes)
     agent.reset(rows)
@@ -50,7 +49,7 @@ def test_pid_holds_against_a_current():
 
 
 def test_the_estimator_reads_yaw_and_velocity_from_the_observation():
-    config = train_config(compose("train", ["noise=none", "task.goal_radius=0.01", "algo=pid"]))
+    config = configs.training("noise=none", "task.goal_radius=0.01", "algo=pid")
     batch = Batch(config, 20, autoreset=False)
     estimator = Estimator(0.1, 0.3, body_frame=False)
     estimator.reset(20)
@@ -70,7 +69,7 @@ def test_the_estimator_reads_yaw_and_velocity_from_the_observation():
 
 
 def test_pid_never_asks_for_more_than_there_is():
-    config = train_config(compose("train", ["algo=pid", "algo.effort=0.5"]))
+    config = configs.training("algo=pid", "algo.effort=0.5")
     agent = resolve(AGENTS["pid"].factory)(config, sheet.load(config.vehicle))
     agent.reset(np.arange(300))
     rng = np.random.default_rng(1)

@@ -8,12 +8,11 @@ import pytest
 from auvbench.agents.base import resolve
 from auvbench.agents.classical import lqr
 from auvbench.config.agents import AGENTS
-from auvbench.config.compose import compose
-from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import roll_out
 from auvbench.vehicles import sheet
+from tests import configs
 
 THRUSTERS = (
     "bluerov2",
@@ -26,7 +25,7 @@ THRUSTERS = (
 
 
 def controller(algo: str, *overrides: str):
-    config = train_config(compose("train", [f"algo={algo}", *overrides]))
+    config = configs.training(f"algo={algo}", *overrides)
     return config, resolve(AGENTS[config.algo.agent].factory)(config, sheet.load(config.vehicle))
 
 

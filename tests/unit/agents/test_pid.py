@@ -7,14 +7,14 @@ import pytest
 
 from auvbench.agents.classical.cascade import CRUISE_SHARE
 from auvbench.agents.classical.pid import PIDController
-from auvbench.config.compose import compose, typed
 from auvbench.vehicles.sheet import load
+from tests import configs
 
 WRENCHES = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])[[0, 1, 2, 5]]
 
 
 def controller(name: str) -> PIDController:
-    return PIDController(typed(compose("train", ["algo=pid", f"vehicle={name}"])), load(name))
+    return PIDController(configs.training("algo=pid", f"vehicle={name}"), load(name))
 
 
 @pytest.mark.parametrize("name", ["bluerov2_heavy", "bluerov2_heavy_wu2018", "rexrov"])

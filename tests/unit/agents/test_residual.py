@@ -10,13 +10,12 @@ import pytest
 from auvbench.agents.classical import pid
 from auvbench.agents.learned.residual import Base, ResidualAgent, ResidualVecEnv
 from auvbench.config import schema
-from auvbench.config.compose import compose
-from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv
 from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import roll_out
 from auvbench.vehicles import sheet
+from tests import configs
 
 VEHICLES = (
     *("bluerov2", "bluerov2_realistic_inertia", "bluerov2_wu2018", "bluerov2_heavy"),
@@ -25,7 +24,7 @@ VEHICLES = (
 
 
 def configured(*overrides: str) -> schema.TrainConfig:
-    return train_config(compose("train", ["algo=ppo_residual", *overrides]))
+    return configs.training("algo=ppo_residual", *overrides)
 
 
 def wrapped(config: schema.TrainConfig, n: int) -> ResidualVecEnv:
@@ -157,7 +156,7 @@ def test_rows_of_a_test_do_not_depend_on_the_batch() -> None:
 
 
 def test_gains_of_pid_are_those_of_its_preset_and_may_be_changed() -> None:
-    preset = train_config(compose("train", ["algo=pid"])).algo
+    preset = configs.training("algo=pid").algo
     assert configured().algo.residual.pid == preset
     assert configured("algo.residual.pid.bandwidth=2.5").algo.residual.pid.bandwidth == 2.5
 

@@ -16,13 +16,14 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 
 from auvbench.agents.learned import forward
 from auvbench.agents.learned.learners import LearnedPolicy, _policy
-from auvbench.config.compose import compose, typed
+from auvbench.config.compose import typed
 from auvbench.errors import RunError
+from tests import configs
 
 N_U = 6
 Weights = dict[str, Any]
 Arrays = dict[str, Any]
-CONFIG = typed(OmegaConf.create(OmegaConf.to_container(compose("train", ["algo=ppo"]), resolve=True)))
+CONFIG = typed(OmegaConf.create(configs.plain("algo=ppo")))
 
 
 def written(folder: Path, weights: Weights | None = None, arrays: Arrays | None = None) -> Path:
@@ -118,7 +119,7 @@ def test_what_is_checked_is_what_is_loaded(tmp_path: Path) -> None:
 
 
 def configured(algo: str) -> Any:
-    plain = OmegaConf.to_container(compose("train", [f"algo={algo}"]), resolve=True)
+    plain = configs.plain(f"algo={algo}")
     return typed(OmegaConf.create(plain))
 
 

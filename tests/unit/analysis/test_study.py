@@ -19,6 +19,7 @@ from auvbench.analysis.study.trend import trend
 from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Levels, Part, by_interval, together
 from auvbench.errors import ReportError
 from auvbench.statistics.estimate import Estimate
+from tests import configs
 from tests.unit.analysis.agents import agent, record
 
 GRID = [(k, f) for k in (1.0, 40.0, 100.0) for f in (10.0, 25.0, 55.0)]
@@ -292,12 +293,10 @@ def test_claim_3(tmp_path):
 def test_a_path_is_paid_as_the_task_pays_it():
     """Against the task itself: the recorded return of an episode, at its own K and at others."""
     from auvbench.analysis.study.collected import pay
-    from auvbench.config.compose import compose
-    from auvbench.config.validate import train_config
     from auvbench.envs.batch import Batch
 
     for k in (1.0, 40.0):
-        config = train_config(compose("train", [f"reward.k={k}", "task.max_steps=150", "noise=none"]))
+        config = configs.training(f"reward.k={k}", "task.max_steps=150", "noise=none")
         batch = Batch(config, 6, seed=3, autoreset=False)
         batch.task.assign(np.arange(6))
         batch.reset()

@@ -9,17 +9,16 @@ from gymnasium.utils.env_checker import check_env as gymnasium_check
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
 import auvbench
-from auvbench.config.compose import compose
-from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv
 from auvbench.envs.team import TeamBatch
+from tests import configs
 
 assert auvbench.__version__
 
 
 def configuration(*overrides: str):
-    return train_config(compose("train", overrides))
+    return configs.training(*overrides)
 
 
 def actions(steps: int, n: int, n_u: int = 6) -> np.ndarray:

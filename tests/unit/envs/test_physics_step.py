@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from auvbench.config.compose import compose, typed
+from auvbench.config.compose import typed
 from auvbench.config.disturbance import SCALES
 from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import Batch
@@ -16,6 +16,7 @@ from auvbench.vehicles import sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
 from auvbench.vehicles.model import VehicleModel
 from auvbench.vehicles.reader import sheet_names
+from tests import configs
 
 N = 16
 TUMBLING = (
@@ -102,7 +103,7 @@ LIGHT = [
 
 
 def drawn(name: str, *overrides: str) -> Batch:
-    config = OmegaConf.to_container(compose("train", [f"vehicle={name}", *overrides]), resolve=True)
+    config = configs.plain(f"vehicle={name}", *overrides)
     batch = Batch(typed(OmegaConf.create(config)), N, autoreset=False)
     batch.reset()
     return batch

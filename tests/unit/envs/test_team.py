@@ -9,17 +9,16 @@ import threading
 import numpy as np
 import pytest
 
-from auvbench.config.compose import compose
-from auvbench.config.validate import train_config
 from auvbench.envs import sharded, team
 from auvbench.envs.batch import Batch
 from auvbench.envs.team import TeamBatch
 from auvbench.errors import TrainingError
+from tests import configs
 from tests.waiting import until
 
 
 def configuration(threads: int, *overrides: str):
-    return train_config(compose("train", [f"simulator.threads={threads}", *overrides]))
+    return configs.training(f"simulator.threads={threads}", *overrides)
 
 
 def actions(n: int) -> np.ndarray:

@@ -8,11 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 
 from auvbench.config import schema
-from auvbench.config.compose import compose
-from auvbench.config.validate import evaluate_config
 from auvbench.errors import ConfigError, RunError
 from auvbench.evaluation.bounds import files
 from auvbench.evaluation.bounds.compute import PRELOAD, all_scenarios, compute, eligible, tried
@@ -24,18 +21,19 @@ from auvbench.evaluation.protocol import circumstances, fingerprint
 from auvbench.runs.pool import Pool
 from auvbench.vehicles import sheet
 from auvbench.vehicles.symbolic import symbolic
+from tests import configs
 
 NEAR = "task.waypoint_low=[-5,-5,-24]", "task.waypoint_high=[5,5,-16]"
 """waypoints that are a few seconds away"""
 
 
 def protocol_of(*overrides: str, episodes: int = 3, **changes: Any) -> schema.Protocol:
-    protocol = evaluate_config(compose("evaluate", [f"protocol.episodes={episodes}"])).protocol
+    protocol = configs.protocol(f"protocol.episodes={episodes}")
     return replace(protocol, overrides=[*protocol.overrides, *overrides], **changes)
 
 
 def config_of(*overrides: str) -> dict[str, Any]:
-    config = OmegaConf.to_container(compose("train", list(overrides)), resolve=True)
+    config = configs.plain(*overrides)
     assert isinstance(config, dict)
     return {str(key): value for key, value in config.items()}
 
@@ -236,7 +234,7 @@ def test_what_has_no_limit_is_refused() -> None:
         eligible(circumstances(protocol_of("disturbance=calm"), config))
     with pytest.raises(ConfigError, match="simulator=gazebo has other equations"):
         eligible(circumstances(protocol_of(), config_of("simulator=gazebo")))
-    robust = evaluate_config(compose("evaluate", ["protocol=robustness"])).protocol
+    robust = configs.protocol("protocol=robustness")
     good, left_out = eligible(circumstances(robust, config))
     assert {c.name for c in good} >= {"nominal", "noise=2"}
     assert any(line.startswith("current=0.5: ") for line in left_out)
@@ -263,7 +261,7 @@ SHIPPED = sorted(folder.name for folder in files.shipped().glob("*-*") if folder
 def test_shipped_limits_are_of_today_s_scenarios_and_arrive(name: str) -> None:
     limits = files.read(files.shipped() / name, commands=True)
     assert limits is not None
-    protocol = evaluate_config(compose("evaluate", [f"protocol={limits.protocol}"])).protocol
+    protocol = configs.protocol(f"protocol={limits.protocol}")
     config = config_of(f"vehicle={limits.vehicle}")
     assert limits.fingerprint == fingerprint(protocol, circumstances(protocol, config))
     assert tried(limits, protocol, config) == []

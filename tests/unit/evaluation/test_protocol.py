@@ -7,23 +7,21 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 
-from auvbench.config.compose import compose
-from auvbench.config.validate import evaluate_config
 from auvbench.errors import ConfigError
 from auvbench.evaluation.protocol import circumstances, fingerprint
 from auvbench.vehicles.sheet import load
+from tests import configs
 
 
 @lru_cache
 def protocol(*overrides: str):
-    return evaluate_config(compose("evaluate", ["protocol.episodes=5", *overrides])).protocol
+    return configs.protocol("protocol.episodes=5", *overrides)
 
 
 @lru_cache
 def config(*overrides: str) -> dict:
-    return OmegaConf.to_container(compose("train", list(overrides)), resolve=True)
+    return configs.plain(*overrides)
 
 
 def of(test, run: dict) -> str:

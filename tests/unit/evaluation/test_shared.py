@@ -13,17 +13,16 @@ from auvbench import cli
 from auvbench.agents.classical import pid, random
 from auvbench.agents.classical.mpc import MPCController
 from auvbench.commands import bars
-from auvbench.config.compose import compose
-from auvbench.config.validate import evaluate_config
 from auvbench.evaluation import parallel
 from auvbench.evaluation.rollout import Rollout
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.pool import Pool
+from tests import configs
 from tests.unit.runs.test_damage import frozen
 
 
 def protocol(episodes: int, **changes: Any) -> Any:
-    found = evaluate_config(compose("evaluate", [f"protocol.episodes={episodes}"])).protocol
+    found = configs.protocol(f"protocol.episodes={episodes}")
     for key, value in changes.items():
         setattr(found, key, value)
     return found

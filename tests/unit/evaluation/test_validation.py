@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from auvbench.config.compose import compose
-from auvbench.config.validate import evaluate_config, train_config
 from auvbench.evaluation.protocol import circumstances, fingerprint
 from auvbench.evaluation.rollout import batch_of
 from auvbench.tasks.kernels import F_START_YAW, F_WAYPOINT
+from tests import configs
 from tests.unit.evaluation.test_protocol import config
 
 
 def protocol(name: str):
-    return evaluate_config(compose("evaluate", [f"protocol={name}"])).protocol
+    return configs.protocol(f"protocol={name}")
 
 
 def scenarios(of: str, n: int = 400, seed: int = 123):
-    batch = batch_of(of, train_config(compose("train")), n, seed)
+    batch = batch_of(of, configs.training(), n, seed)
     batch.task.assign(np.arange(n))
     batch.reset()
     return batch.task.F[:, [F_START_YAW, F_WAYPOINT, F_WAYPOINT + 1, F_WAYPOINT + 2]]
@@ -33,7 +32,7 @@ def test_validation_is_the_test_s_circumstances_with_other_scenarios():
 
 def test_no_validation_scenario_is_a_test_or_a_training_scenario():
     test, validation = scenarios("test"), scenarios("validation")
-    training = train_config(compose("train", ["seed=123"]))
+    training = configs.training("seed=123")
     from auvbench.envs.batch import Batch
 
     batch = Batch(training, 400)

@@ -10,10 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from omegaconf import OmegaConf
 
 from auvbench import cli
-from auvbench.config.compose import compose
 from auvbench.errors import RunError, plain_warnings
 from auvbench.runs import directory
 from auvbench.runs.directory import RunDirectory, freeze
@@ -21,16 +19,14 @@ from auvbench.scheduling import loop
 from auvbench.scheduling.base import Phase, Status
 from auvbench.training.checkpoint import extending
 from auvbench.training.checkpoint.store import CheckpointWarning
-from tests import fake_training
+from tests import configs, fake_training
 
 ORDINARY = warnings.formatwarning
 Harm = Callable[[Path], object]
 
 
 def frozen(folder: Path, *overrides: str, state: str = "complete") -> RunDirectory:
-    config = OmegaConf.to_container(compose("train", [f"output={folder}", *overrides]), resolve=True)
-    assert isinstance(config, dict)
-    run = freeze({str(key): value for key, value in config.items()})
+    run = freeze(configs.plain(*overrides) | {"output": str(folder)})
     run.update_manifest(state=state)
     return run
 

@@ -13,12 +13,10 @@ from typing import Any
 import pytest
 
 from auvbench import cli
-from auvbench.config.compose import compose
-from auvbench.config.validate import evaluate_config
 from auvbench.evaluation import evaluate
 from auvbench.guard import guarded
 from auvbench.runs import atomic_io
-from tests import synthetic
+from tests import configs, synthetic
 from tests.unit.runs.test_damage import frozen
 
 KINDS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EACCES)
@@ -91,7 +89,7 @@ def test_an_evaluation_and_a_replay(
     failing: Callable[[int, int], Disk], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = frozen(tmp_path, "algo=random")
-    protocol = evaluate_config(compose("evaluate", ["protocol.episodes=1"])).protocol
+    protocol = configs.protocol("protocol.episodes=1")
 
     def evaluation() -> int:
         # Not by the command, which may test in a process of its own, where nothing would be counted.

@@ -8,15 +8,15 @@ import pytest
 from omegaconf import OmegaConf
 
 from auvbench.cli import main
-from auvbench.config.compose import compose
 from auvbench.errors import ConfigError, RunError
 from auvbench.runs import identity
 from auvbench.runs.directory import RunDirectory, find_runs, freeze, place
 from auvbench.runs.plan import prepare, renewed
+from tests import configs
 
 
 def plain(*overrides: str) -> dict:
-    return OmegaConf.to_container(compose("train", list(overrides)), resolve=True)
+    return configs.plain(*overrides)
 
 
 BASE = identity.run_id(plain())
@@ -127,7 +127,7 @@ def test_a_changed_config_is_refused_with_the_difference(tmp_path):
 
 
 def test_freezing_writes_what_resolves_to_the_same_run(tmp_path):
-    run = prepare(compose("train", [f"output={tmp_path}", "algo=td3"]), "auvbench train algo=td3")
+    run = prepare(configs.composed(f"output={tmp_path}", "algo=td3"), "auvbench train algo=td3")
     assert place(run.config()).path == run.path
     assert run.check()["algo"]["name"] == "td3"
     manifest = run.manifest()

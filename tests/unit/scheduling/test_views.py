@@ -14,14 +14,13 @@ import yaml
 from omegaconf import OmegaConf
 from rich.console import Console
 
-from auvbench.config.compose import compose
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Progress
 from auvbench.scheduling import estimate, live_table, views
 from auvbench.scheduling.base import Phase, Status
 from auvbench.scheduling.loop import Outcome
 from auvbench.scheduling.rows import Row
-from tests import fake_training
+from tests import configs, fake_training
 
 
 class FakeJob:
@@ -153,7 +152,7 @@ def test_steps_success_and_time_are_whole_at_any_width(tmp_path: Path, width: in
 
 def configured(path: Path, algo: str, total_steps: int, **changes: object) -> RunDirectory:
     run = fake_training.make(path, algo=algo, total_steps=total_steps)
-    config = compose("train", [f"algo={algo}"])
+    config = configs.composed(f"algo={algo}")
     plain = OmegaConf.to_container(config.algo)
     assert isinstance(plain, dict)
     run.config_path.write_text(yaml.safe_dump({"algo": plain | changes}))

@@ -11,11 +11,12 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecNormalize
 
 from auvbench.agents.learned import learners
-from auvbench.config.compose import compose, option, typed
+from auvbench.config.compose import option, typed
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv
 from auvbench.errors import ConfigError
+from tests import configs
 
 
 def options(group: str) -> list[str]:
@@ -41,7 +42,7 @@ def test_every_file_has_every_key_and_is_named_as_its_file(name):
         return {key for child in node for key in keys(node[child], f"{prefix}.{child}")}
 
     composed, none = (
-        OmegaConf.to_container(compose("train", [f"disturbance={option}"]).disturbance)
+        OmegaConf.to_container(configs.composed(f"disturbance={option}").disturbance)
         for option in (name, "none")
     )
     assert keys(composed) == keys(none)
@@ -52,17 +53,14 @@ def test_every_file_has_every_key_and_is_named_as_its_file(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_file_trains_a_few_steps(name):
     config = train_config(
-        compose(
-            "train",
-            [
-                f"disturbance={name}",
-                "algo=ppo",
-                "algo.n_envs=4",
-                "algo.n_steps=16",
-                "algo.batch_size=32",
-                "algo.n_epochs=1",
-                "task.max_steps=20",
-            ],
+        configs.composed(
+            f"disturbance={name}",
+            "algo=ppo",
+            "algo.n_envs=4",
+            "algo.n_steps=16",
+            "algo.batch_size=32",
+            "algo.n_epochs=1",
+            "task.max_steps=20",
         )
     )
     environment = WaypointVecEnv(Batch(config))
@@ -76,9 +74,7 @@ def test_every_file_trains_a_few_steps(name):
 
 @pytest.mark.parametrize("vehicle", options("vehicle"))
 def test_the_severest_day_on_every_vehicle(vehicle):
-    config = train_config(
-        compose("train", [f"vehicle={vehicle}", "disturbance=severe", "task.max_steps=150"])
-    )
+    config = train_config(configs.composed(f"vehicle={vehicle}", "disturbance=severe", "task.max_steps=150"))
     batch = Batch(config, 16)
     batch.reset()
     rng = np.random.default_rng(0)
@@ -90,9 +86,8 @@ def test_the_severest_day_on_every_vehicle(vehicle):
 
 def test_several_factors_at_once_by_overriding_none():
     config = train_config(
-        compose(
-            "train",
-            ["disturbance.current.speed=0.5", "disturbance.delay.action=0.1", "disturbance.fault.mode=stuck"],
+        configs.composed(
+            "disturbance.current.speed=0.5", "disturbance.delay.action=0.1", "disturbance.fault.mode=stuck"
         )
     )
     d = Batch(config, 1).disturbances
@@ -101,15 +96,15 @@ def test_several_factors_at_once_by_overriding_none():
 
 
 def test_the_configuration_of_a_run_reads_back():
-    config = compose("train", ["disturbance=severe", "algo=pid"])
+    config = configs.composed("disturbance=severe", "algo=pid")
     plain = OmegaConf.create(OmegaConf.to_yaml(config, resolve=True))
     assert typed(plain).disturbance == train_config(config).disturbance
 
 
 def test_an_option_put_into_a_runs_configuration():
-    config = compose("train", ["algo=pid", "disturbance=moderate"])
+    config = configs.composed("algo=pid", "disturbance=moderate")
     config.disturbance = option("disturbance", "severe")
-    assert typed(config).disturbance == train_config(compose("train", ["disturbance=severe"])).disturbance
+    assert typed(config).disturbance == configs.training("disturbance=severe").disturbance
 
 
 @pytest.mark.parametrize(
@@ -135,7 +130,7 @@ def test_an_option_put_into_a_runs_configuration():
 )  # fmt: skip
 def test_a_mistake_is_one_line(override, message):
     with pytest.raises(ConfigError, match=message) as caught:
-        train_config(compose("train", [override]))
+        configs.training(override)
     assert "\n" not in str(caught.value)
 
 
@@ -160,5 +155,5 @@ def test_a_mistake_is_one_line(override, message):
 )  # fmt: skip
 def test_a_mistake_of_several_values_is_one_line(overrides, message):
     with pytest.raises(ConfigError, match=message) as caught:
-        Batch(train_config(compose("train", overrides)), 1)
+        Batch(configs.training(*overrides), 1)
     assert "\n" not in str(caught.value)

@@ -8,9 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from auvbench.config.compose import compose
 from auvbench.config.disturbance import SCALES
-from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks.disturbances import Disturbances
@@ -18,13 +16,14 @@ from auvbench.tasks.disturbances import kernels as k
 from auvbench.tasks.kernels import C_EPISODE, C_STEPS
 from auvbench.tasks.waypoint import WaypointTask
 from auvbench.vehicles import sheet
+from tests import configs
 
 LEVELS = ("calm", "moderate", "severe")
 FACTORS = ("current", "gauss_markov", "depth_current", "fault", "delay", "sensor", "randomised")
 
 
 def configuration(*overrides: str):
-    return train_config(compose("train", ["noise=none", *overrides]))
+    return configs.training("noise=none", *overrides)
 
 
 def alone(*overrides: str, n: int, seed: int = 3) -> Disturbances:

@@ -7,16 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from auvbench.config.compose import compose
-from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.tasks import kernels as k
 from auvbench.tasks.waypoint import WaypointTask
 from auvbench.vehicles import sheet
+from tests import configs
 
 
 def make(*overrides: str, n: int = 1) -> WaypointTask:
-    config = train_config(compose("train", ["noise=none", *overrides]))
+    config = configs.training("noise=none", *overrides)
     task = WaypointTask(config, sheet.load(config.vehicle), n, seed=7)
     task.reset(np.arange(n))
     return task
@@ -83,7 +82,7 @@ def test_timeout_after_1000_steps_and_success_in_the_last_one_counts():
 
 
 def test_timeout_is_a_truncation_and_the_others_are_terminations():
-    config = train_config(compose("train", ["task.max_steps=3", "task.goal_radius=0.001"]))
+    config = configs.training("task.max_steps=3", "task.goal_radius=0.001")
     batch = Batch(config, 2)
     batch.reset()
     for _ in range(2):
@@ -117,7 +116,7 @@ def test_angles_wrap_to_minus_pi_inclusive_pi_exclusive():
 
 def test_scenarios_are_uniform_in_the_box_and_in_yaw():
     n = 20_000
-    config = train_config(compose("train", []))
+    config = configs.training()
     task = WaypointTask(config, sheet.load(config.vehicle), n, seed=1)
     pose = task.reset(np.arange(n))
     low, high = np.array([-20.0, -20.0, -60.0]), np.array([20.0, 20.0, -1.0])
@@ -136,7 +135,7 @@ def test_scenarios_are_uniform_in_the_box_and_in_yaw():
 @pytest.mark.parametrize(("sign", "negative"), [("both", 0.5), ("positive", 0.0)])
 def test_noise_has_the_stated_magnitudes_and_signs(sign, negative):
     n = 5000
-    config = train_config(compose("train", [f"noise.sign={sign}"]))
+    config = configs.training(f"noise.sign={sign}")
     task = WaypointTask(config, sheet.load(config.vehicle), n, seed=1)
     pose = task.reset(np.arange(n))
     observed = task.observe(pose).astype(float)

@@ -7,10 +7,10 @@ import pytest
 import yaml
 from omegaconf import OmegaConf
 
-from auvbench.config.compose import compose
 from auvbench.errors import VehicleError
 from auvbench.vehicles.reader import sheet_names
 from auvbench.vehicles.sheet import load
+from tests import configs
 
 FOLDER = resources.files("auvbench.conf") / "vehicle"
 BLUEROV2 = (FOLDER / "bluerov2.yaml").read_text(encoding="utf-8")
@@ -65,7 +65,7 @@ def test_sheet(name):
 
 @pytest.mark.parametrize("name", sheet_names())
 def test_hydra_composes_the_same_vehicle(name):
-    node = compose("train", [f"vehicle={name}"]).vehicle
+    node = configs.composed(f"vehicle={name}").vehicle
     composed = load(OmegaConf.to_container(node, resolve=True))
     direct = load(name)
     for field in FIELDS:
@@ -74,13 +74,8 @@ def test_hydra_composes_the_same_vehicle(name):
 
 
 def test_the_command_line_overrides_a_number():
-    node = compose(
-        "train",
-        [
-            "vehicle.rigid_body.mass.value=16",
-            "vehicle.actuators.thrusters.lag.value=0.1",
-            "vehicle.frame=enu",
-        ],
+    node = configs.composed(
+        "vehicle.rigid_body.mass.value=16", "vehicle.actuators.thrusters.lag.value=0.1", "vehicle.frame=enu"
     ).vehicle
     vehicle = load(OmegaConf.to_container(node, resolve=True))
     assert vehicle.mass == 16.0
