@@ -145,7 +145,7 @@ def serving(*arguments: str) -> Iterator[Process]:
     """Run `auvbench serve`, once it answers."""
     server = Process("serve", *arguments)
     try:
-        server.says("does ")
+        server.says("services ")
         yield server
     finally:
         server.stop()

@@ -22,22 +22,22 @@ if TYPE_CHECKING:
     from auvbench.vehicles.model import VehicleModel
 
 CONTROLLERS = ("pid", "smc", "lqr")
-"""Those that need no more than NumPy (lqr: SciPy)."""
+"""Controllers that need only NumPy (lqr: SciPy)."""
 
 _EPILOG = """examples:
   auvbench pilot policy.onnx --goal 5 3 -12 --record missions/first
   auvbench pilot pid --vehicle bluerov2 --depth -30 -2
   ros2 service call /bluerov2/pilot/arm std_srvs/srv/SetBool '{data: true}'
 
-It starts disarmed, and steers to the waypoint that comes on /goal_pose. Zero thrust while the pose is too old, outside the
-depth limits, without a waypoint, after stop, on any error and on Ctrl-C. docs/ros2.md has the topics and the rules.
+It starts disarmed, and steers to the waypoint on /goal_pose. It commands zero thrust while the pose is too old, outside
+the depth limits, without a waypoint, after stop, on any error and on Ctrl-C. docs/ros2.md has topics and rules.
 """
 
 
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench pilot",
-        description="Steers a vehicle over ROS 2 by an exported policy or a classical controller, until Ctrl-C.",
+        description="Steer a vehicle over ROS 2 by an exported policy or a classical controller, until Ctrl-C.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -79,7 +79,7 @@ def parser() -> Parser:
 
 @dataclass(frozen=True, slots=True)
 class Crew:
-    """What is steered, by what, and how."""
+    """Vehicle, controller and limits of a pilot."""
 
     name: str
     controller: Controller
@@ -157,7 +157,7 @@ def _crew(given: argparse.Namespace) -> Crew:
         card = policy.card
         if card is None:
             raise UserError(
-                f"{word}: no card lies beside it, which says what its numbers mean; auvbench export writes both"
+                f"{word}: its card is missing, which says what its numbers mean; auvbench export writes both"
             )
         vehicle = sheet.load(given.vehicle or card.vehicle)
         if tuple(card.action) != vehicle.actuators:
@@ -195,21 +195,21 @@ def _crew(given: argparse.Namespace) -> Crew:
 
 
 def policy_agent(policy: Any) -> Any:
-    """An exported policy as a controller: it keeps nothing between steps."""
+    """Return an exported policy as a controller without a state."""
     return SimpleNamespace(reset=lambda episodes: None, act=policy.act)
 
 
 def classical(name: str, vehicle: VehicleModel, frequency: float) -> Any:
-    """A classical controller with the gains of its file, for world-frame observations.
+    """Return a classical controller with the gains of its file, for world-frame observations.
 
     Raises:
-        ConfigError: there is none of that name for a pilot, or it cannot steer this vehicle.
+        ConfigError: the name is unknown, or the controller cannot steer this vehicle.
     """
     from auvbench.agents import base
     from auvbench.config.agents import AGENTS
 
     if name not in CONTROLLERS:
-        raise ConfigError(f"{name}: neither a POLICY.onnx nor a controller; {closest(name, CONTROLLERS)}")
+        raise ConfigError(f"{name}: not a POLICY.onnx and not a controller; {closest(name, CONTROLLERS)}")
     spec = AGENTS[name]
     gains = spec.schema(**_defaults("algo", name))
     config = SimpleNamespace(
@@ -219,7 +219,7 @@ def classical(name: str, vehicle: VehicleModel, frequency: float) -> Any:
 
 
 def _defaults(group: str, name: str) -> dict[str, Any]:
-    """The values of a file of the configuration, without Hydra."""
+    """Return the values of a file of the configuration, without Hydra."""
     import yaml
 
     text = (resources.files("auvbench.conf") / group / f"{name}.yaml").read_text(encoding="utf-8")

@@ -30,7 +30,7 @@ need a smaller physics step). Topics, services and parameters: docs/ros2.md.
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench serve",
-        description="Puts a simulator behind the ROS 2 interface of Centrale Nantes' BlueROV2, until Ctrl-C.",
+        description="Serve a simulator behind the ROS 2 interface of Centrale Nantes' BlueROV2, until Ctrl-C.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -45,7 +45,7 @@ def parser() -> Parser:
     parser.add_argument(
         "--lockstep", action="store_true", help="each step waits for a command to every actuator"
     )
-    parser.add_argument("--paused", action="store_true", help="begin with the world standing still")
+    parser.add_argument("--paused", action="store_true", help="begin with the world paused")
     return parser
 
 
@@ -102,7 +102,7 @@ def _server(given: argparse.Namespace) -> Server:
     config = train_config(compose("train", given.overrides, folder=Path("conf")))
     if isinstance(config.simulator, simulators.Ros2):
         raise ConfigError(
-            "simulator=ros2: serve puts a simulator behind ROS 2; simulator=fossen or simulator=gazebo"
+            "simulator=ros2: serve needs a simulator of its own: simulator=fossen or simulator=gazebo"
         )
     vehicle = sheet.load(config.vehicle)
     physical = PhysicalCommands(vehicle)
@@ -131,7 +131,7 @@ def _server(given: argparse.Namespace) -> Server:
 
 
 def _introduce(server: Server) -> None:
-    """Says what is served, for whoever started it."""
+    """Print what is served."""
     from auvbench.ros2 import interface
     from auvbench.ros2.middleware import surroundings
 
@@ -141,6 +141,6 @@ def _introduce(server: Server) -> None:
     others = "" if len(server.namespaces) == 1 else f" and {', '.join(server.namespaces[1:])}"
     pace = "as fast as possible" if server.settings.pace == 0.0 else f"{server.settings.pace:g} x real time"
     print(f"serving {names.namespace}{others}: {'lock-step' if server.lockstep else pace}, {surroundings()}")
-    print(f"  takes  {commands[0]}{last} (N), {interface.CURRENT} (m/s)")
-    print(f"  tells  {names.odometry}, {names.pose}, {interface.CLOCK}")
-    print(f"  does   {names.reset}, {names.pause}, {names.step}, {names.lockstep}", flush=True)
+    print(f"  subscribes {commands[0]}{last} (N), {interface.CURRENT} (m/s)")
+    print(f"  publishes  {names.odometry}, {names.pose}, {interface.CLOCK}")
+    print(f"  services   {names.reset}, {names.pause}, {names.step}, {names.lockstep}", flush=True)

@@ -1,6 +1,6 @@
-"""The schemas of the `simulator` group, and what each simulator can.
+"""The schemas of the `simulator` group, and the capabilities of simulators.
 
-What a simulator cannot is refused here, while the configuration is checked and before anything starts.
+A configuration that asks for more than a simulator can is refused before anything starts.
 """
 
 from __future__ import annotations
@@ -9,21 +9,22 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from auvbench.config.disturbance import SCALES
 from auvbench.config.schema import Current, Disturbance, Scale, choice, name, number
 from auvbench.errors import ConfigError
 
 CURRENTS = ("none", "steady", "varying", "sheared")
-"""What a current may do, each word including those before it: hold for an episode, change within it, change with depth."""
+"""Kinds of current, each including those before it: steady in an episode, varying in it, and changing with depth."""
 
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What a simulator can beyond moving vehicles."""
+    """Capabilities of a simulator beyond moving vehicles."""
 
     exact_resume: bool
-    """`state_dict` brings back the very state; otherwise a resumed run begins its episodes in flight again"""
+    """`state_dict` restores the exact state; otherwise a resumed run begins its episodes in flight again"""
     deterministic: bool
-    """the same commands give the same bits, whatever else the machine does"""
+    """the same commands give the same bits"""
     scales: bool
     """each vehicle may have numbers of its own: `reset(scales=...)`"""
     currents: str
@@ -39,7 +40,7 @@ CAPABILITIES: dict[str, Capabilities] = {
 
 @dataclass(kw_only=True)
 class Simulator:
-    """What every `simulator/*.yaml` has: which simulator it is."""
+    """The key of every `simulator/*.yaml`."""
 
     name: str = choice(*CAPABILITIES)
 
@@ -62,7 +63,7 @@ class Gazebo(Simulator):
 
 @dataclass(kw_only=True)
 class Ros2(Simulator):
-    """Whatever offers the interface over ROS 2."""
+    """A server of the interface over ROS 2."""
 
     namespace: str | None
     clock: str = choice("auto", "lockstep", "clock", "wall")
@@ -71,7 +72,7 @@ class Ros2(Simulator):
 
 @dataclass(kw_only=True)
 class InstalledSimulator(Simulator):
-    """What the configuration of a simulator of an installed package has; keys of its own come in a subclass."""
+    """A simulator of an installed package; a subclass has keys of its own."""
 
     name: str = name()
     package: str
@@ -85,27 +86,27 @@ SCHEMAS: dict[str, type] = {
 
 
 def schema_of(name: str) -> type | None:
-    """The schema of a simulator's configuration; None where there is no such simulator."""
+    """Return the schema of a simulator's configuration; None if the simulator is unknown."""
     return SCHEMAS.get(f"simulator_{name}_schema")
 
 
 def capabilities(simulator: Simulator) -> Capabilities:
-    """What a simulator can with its present options."""
+    """Return a simulator's capabilities with its present options."""
     if isinstance(simulator, InstalledSimulator):
         from auvbench.config import installed
 
         return installed.capabilities(simulator)
     can = CAPABILITIES[simulator.name]
     if isinstance(simulator, Gazebo) and simulator.hydrodynamics == "published":
-        return replace(can, currents="steady")  # the plugin is told of a current when a vehicle is made
+        return replace(can, currents="steady")  # the plugin takes a current when a vehicle is made
     if isinstance(simulator, Ros2) and simulator.clock != "lockstep":
-        # What is served may be anything; messages arrive when they arrive.
+        # The server is unknown, and messages arrive late.
         return replace(can, deterministic=False, scales=False, currents="steady")
     return can
 
 
 def threads(simulator: Any) -> int:
-    """Threads that a batch on this simulator may use; only the embedded one uses more than one."""
+    """Return the threads that a batch may use: more than one on the embedded simulator only."""
     return simulator.threads if isinstance(simulator, Fossen) else 1
 
 
@@ -129,7 +130,7 @@ def check(simulator: Simulator, disturbance: Disturbance) -> None:
         )
     if can.scales:
         return
-    for part in ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust"):
+    for part in SCALES:
         scale: Scale = getattr(disturbance.randomisation, part)
         if scale.low != 1.0 or scale.high != 1.0:
             raise ConfigError(
@@ -139,7 +140,7 @@ def check(simulator: Simulator, disturbance: Disturbance) -> None:
 
 
 _FULL = {"gazebo": ("hydrodynamics", "corrected"), "ros2": ("clock", "lockstep")}
-"""By simulator: the option, and its value, with which it can all that CAPABILITIES says."""
+"""By simulator: the option, and its value, that gives it all of its CAPABILITIES."""
 
 
 def _restricted(simulator: Simulator) -> bool:
@@ -147,7 +148,7 @@ def _restricted(simulator: Simulator) -> bool:
 
 
 def _restriction(simulator: Simulator) -> str:
-    """Return the option with which a simulator can less than it could."""
+    """Return the option that restricts a simulator."""
     if not _restricted(simulator):
         return ""
     key, _ = _FULL[simulator.name]
@@ -165,7 +166,7 @@ def _remedy(simulator: Simulator, able: Callable[[Capabilities], bool]) -> str:
 
 
 def _current(current: Current) -> tuple[str, str]:
-    """The key that asks most of the current, and what it asks for."""
+    """Return the key that asks most of the current, and the kind of current."""
     speed, fluctuation, profile = current.speed_high or current.speed, current.gauss_markov, current.profile
     varies = fluctuation.sigma > 0.0 or fluctuation.sigma_vertical > 0.0
     if (speed > 0.0 or varies) and (profile.factor != 1.0 or profile.turn != 0.0):

@@ -1,4 +1,4 @@
-"""ROS 2: the interface of a vehicle in topics, services and parameters; the server behind it, and its clients.
+"""ROS 2: the interface of a vehicle in topics, services and parameters, its server and its clients.
 
-Nothing here imports rclpy before it is asked for, and nothing imports torch, numba or Hydra.
+rclpy is imported when it is first needed; torch, numba and Hydra never are.
 """

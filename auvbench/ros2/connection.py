@@ -1,8 +1,8 @@
-"""The other end: N vehicles behind the interface, moved step by step by whatever clock there is.
+"""The client of a server: N vehicles behind the interface, moved step by step.
 
-`lockstep`: each step waits for a command to every actuator and answers with odometry that carries the time after it;
-nothing can be lost without being noticed. `clock`: the server's `/clock` says when a step is over. `wall`: this
-machine's clock does, as in the thesis.
+`lockstep`: each step waits for a command to every actuator and answers with odometry that carries the time after it, so
+that a lost message is noticed. `clock`: the server's `/clock` ends a step. `wall`: this machine's clock does, as in the
+thesis.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ class Connection:
     """All N vehicles of one server.
 
     Args:
-        namespace: of the vehicle, or what its vehicles' namespaces begin with.
+        namespace: the vehicle's, or the common part of several vehicles' namespaces.
         actuators: names of the columns of a command.
         clock: one of CLOCKS, or auto: the first of them that the server offers.
-        timeout: s, after which what does not answer is given up.
+        timeout: s, after which a server that does not answer is given up.
 
     Raises:
         ConfigError: ROS 2 does not start.
-        InterfaceError: what is needed is not there, or twice.
+        InterfaceError: a topic or service is missing, or has another user.
 
     Attributes:
         clock: which of CLOCKS is used.
         lost: the server did not answer or was moved by another client; this connection cannot go on.
-        pose: (n, 7), and velocity (n, 6), the last that were told.
+        pose: (n, 7), and velocity (n, 6), the last that were received.
 
     """
 
@@ -67,15 +67,15 @@ class Connection:
             raise
 
     def _prepare(self) -> None:
-        """What is known of the vehicles before anything is heard."""
+        """Set the vehicles' state before any message."""
         self.n = len(self.names)
         self.pose: Floats = np.zeros((self.n, 7))
         self.pose[:, 3] = 1.0
         self.velocity: Floats = np.zeros((self.n, 6))
         self.owner: object = None
-        """whose vehicles these are at present: one simulator at a time"""
-        self._heard = np.zeros(self.n, dtype=np.int64)
-        """(n,) messages with a pose so far"""
+        """the simulator that uses the vehicles at present; one at a time"""
+        self._received = np.zeros(self.n, dtype=np.int64)
+        """(n,) number of poses received"""
         self._stamp = np.full(self.n, -1, dtype=np.int64)
         self._time = -1
         self._duration = float("nan")
@@ -90,7 +90,7 @@ class Connection:
     def usable(self) -> bool:
         """Whether the server that was found first still publishes, and no other does.
 
-        A restarted server has the same topics, and a clock that began anew.
+        A restarted server has the same topics, and a clock that begins at 0.
         """
         return not self.lost and self._publishers() == self._server
 
@@ -105,8 +105,8 @@ class Connection:
         self._float = ros.std.Float64()
         self._ends = []
         for i, names in enumerate(self.names):
-            heard = self._odometry(i)
-            node.create_subscription(ros.nav.Odometry, names.odometry, heard, session.qos, raw=True)
+            receive = self._odometry(i)
+            node.create_subscription(ros.nav.Odometry, names.odometry, receive, session.qos, raw=True)
             topics = [names.command(actuator) for actuator in self.actuators]
             self._ends.append(
                 discovery.Ends(
@@ -121,10 +121,10 @@ class Connection:
         session.renew()
 
     def _choose(self, clock: str) -> str:
-        """Which clock steps are counted by.
+        """Return the clock that counts steps.
 
         Raises:
-            InterfaceError: the one that is asked for is not there.
+            InterfaceError: the server lacks the one that is asked for.
         """
         there = {
             "lockstep": self._lockstep.service_is_ready,
@@ -140,11 +140,11 @@ class Connection:
         if not self.session.seen(there[found], self.timeout):
             topic = self.names[0].lockstep if found == "lockstep" else interface.CLOCK
             raise InterfaceError(
-                f"{topic}: not there, and simulator.clock={clock} needs it; simulator.clock=auto takes what there is"
+                f"{topic}: the server lacks it, and simulator.clock={clock} needs it; simulator.clock=auto takes another clock"
             )
         if found == "clock" and self.node.count_publishers(interface.CLOCK) > 1:
             raise InterfaceError(
-                f"{interface.CLOCK}: {self.node.count_publishers(interface.CLOCK)} publish it: several servers in"
+                f"{interface.CLOCK}: {self.node.count_publishers(interface.CLOCK)} publishers: several servers in"
                 " this domain; stop all but one, or set another ROS_DOMAIN_ID for each"
             )
         if found == "clock":
@@ -154,7 +154,7 @@ class Connection:
         return found
 
     def _begin(self) -> None:
-        """Goes into lock-step, and waits until the first messages have come."""
+        """Enter lock-step where it is used, and wait for the first messages."""
         begun = time.monotonic()
         deadline = begun + self.timeout
         since = 0
@@ -188,20 +188,20 @@ class Connection:
     def _odometry(self, i: int) -> Callable[[Any], None]:
         pose, velocity = np.zeros(7), np.zeros(6)
 
-        def heard(message: bytes) -> None:
+        def receive(message: bytes) -> None:
             try:
                 stamp = messages.read_odometry(message, pose, velocity)
             except (ValueError, struct.error) as error:
                 raise InterfaceError(f"{self.names[i].odometry}: {error}") from error
             if stamp < self._stamp[i]:
-                return  # overtaken on its way
+                return  # overtaken by a newer message
             self._stamp[i] = stamp
-            self._heard[i] += 1
+            self._received[i] += 1
             self.pose[i], self.velocity[i] = pose, velocity
             if stamp >= self._expected >= 0:
                 self._behind -= 1
 
-        return heard
+        return receive
 
     def _clock(self, message: Any) -> None:
         self._time = messages.read_time(message.clock)
@@ -209,10 +209,10 @@ class Connection:
     # Services.
 
     def call(self, client: Any, request: Any, service: str) -> Any:
-        """A service's answer.
+        """Return a service's answer.
 
         Raises:
-            TrainingError: none came in time.
+            TrainingError: it did not come in time.
         """
         return self._answers([(self.session.ask(client, request), service)])[0]
 
@@ -226,7 +226,7 @@ class Connection:
         return [answer.value for answer, _ in asked]
 
     def lockstep(self, on: bool) -> int:
-        """Asks for lock-step, or gives the world its own pace back; the server's time in ns.
+        """Ask for lock-step, or give the world its own pace back; return the server's time in ns.
 
         Raises:
             InterfaceError: the server refuses.
@@ -237,11 +237,11 @@ class Connection:
         if not answer.success:
             raise InterfaceError(f"{service}: refused: {answer.message}")
         if not str(answer.message).isdecimal():
-            raise InterfaceError(f"{service}: answered {answer.message!r}, which is no time in ns")
+            raise InterfaceError(f"{service}: answered {answer.message!r}, and must answer a time in ns")
         return int(answer.message)
 
     def set(self, values: dict[int, dict[str, Any]]) -> None:
-        """Sets parameters by vehicle: floats, or lists of them.
+        """Set parameters by vehicle: floats, or lists of floats.
 
         Raises:
             InterfaceError: the server refuses one.
@@ -262,7 +262,7 @@ class Connection:
                     raise InterfaceError(f"{service}: refused: {result.reason}")
 
     def reset(self, indices: Sequence[int], parameters: dict[int, dict[str, Any]]) -> None:
-        """Puts vehicles where the parameters that go with it say.
+        """Set parameters by vehicle, and reset vehicles `indices` to them.
 
         Raises:
             InterfaceError: the server refuses.
@@ -273,10 +273,10 @@ class Connection:
         for answer, (_, service) in zip(self._answers(asked), asked, strict=True):
             if not answer.success:
                 raise InterfaceError(f"{service}: refused: {answer.message}")
-        self._due = 0.0  # the next step begins with itself
+        self._due = 0.0  # the next step has no predecessor
 
     def flow(self, current: Floats) -> None:
-        """Publishes a current (3,) in m/s for all vehicles, on `/current`."""
+        """Publish a current (3,) in m/s for all vehicles."""
         water = self.session.ros.geometry.Vector3()
         water.x, water.y, water.z = current.tolist()
         self._current.publish(water)
@@ -284,10 +284,10 @@ class Connection:
     # Steps.
 
     def step(self, quantities: Floats, duration: float) -> None:
-        """Commands quantities (n, n_u) and waits until they have acted for `duration` s.
+        """Command quantities (n, n_u), and wait until they have acted for `duration` s.
 
         Raises:
-            TrainingError: the server fell silent, or somebody else moves its clock.
+            TrainingError: the server fell silent, or another client moves its clock.
         """
         if self.clock == "lockstep":
             if duration != self._duration:
@@ -303,24 +303,24 @@ class Connection:
             self._alone()
             return
         now = self._time / 1e9 if self.clock == "clock" else time.monotonic()
-        # Steps follow each other without a gap, however long a policy thinks; unless it thought for too long.
+        # Steps follow each other without a gap, unless the policy took longer than a step.
         self._due = (
             now + duration if not 0.0 <= self._due - now + duration <= duration else self._due + duration
         )
-        heard = self._heard.copy()
+        before = self._received.copy()
         self._publish(quantities)
         if self.clock == "clock":
             self._wait(lambda: self._time / 1e9 >= self._due - 1e-9)
         else:
             self.session.until(lambda: time.monotonic() >= self._due, duration + self.timeout)
-        self._wait(lambda: bool(np.all(self._heard > heard)))
+        self._wait(lambda: bool(np.all(self._received > before)))
 
     def _alone(self) -> None:
-        """Raises where the server's clock went further than this run's own steps."""
+        """Raise TrainingError if the server's clock went beyond this run's own steps."""
         ahead = (int(self._stamp.max()) - self._reached) / 1e9
         if ahead > 0.0:
             raise self._gone(
-                f"{self.names[0].odometry}: is {ahead:g} s ahead of this run's own steps: somebody else steps or"
+                f"{self.names[0].odometry}: is {ahead:g} s ahead of this run's own steps: another client steps or"
                 " commands the same server (ros2 topic info -v on its commands)"
             )
 
@@ -340,7 +340,7 @@ class Connection:
             why = "the server has stopped; start it again, and the same command goes on"
         elif self.clock == "lockstep":
             why = (
-                "was the server killed or halted, or is it in lock-step no more? Start it again, and the same command"
+                "was the server killed or halted, or did it leave lock-step? Start it again, and the same command"
                 f" goes on; if it runs, see what arrives: ros2 topic echo {self.names[i].command(self.actuators[0])}"
             )
         else:
@@ -353,7 +353,7 @@ class Connection:
         return TrainingError(message)
 
     def close(self) -> None:
-        """Commands nothing any more and leaves; the world goes on at its own pace."""
+        """Leave the network, and let the world go on at its own pace."""
         if not self.session.context.ok():
             return
         try:

@@ -1,4 +1,4 @@
-"""Which vehicles a server has, and whether everything that they need is on the network, and once."""
+"""Find a server and its vehicles, and check that each topic and service they need exists once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from auvbench.ros2 import interface
 from auvbench.ros2.middleware import InterfaceError, Session, surroundings
 
 SETTLE = 0.4
-"""s that are given to what is discovered after the first of its kind"""
+"""s in which more publishers of a topic may be discovered after the first"""
 
 FOUND = 3.0
 """s in which a server that runs is discovered, unless the machine is very busy"""
@@ -25,7 +25,7 @@ LEASE = 25.0
 
 @dataclass(frozen=True, slots=True)
 class Ends:
-    """This end of all that goes to one vehicle."""
+    """Publishers and clients of one vehicle."""
 
     names: interface.Names
     commands: Mapping[str, Any]  # publishers by topic, in the order of the actuators
@@ -36,12 +36,12 @@ class Ends:
 def find(
     session: Session, node: Any, namespace: str, timeout: float
 ) -> tuple[list[interface.Names], dict[str, str]]:
-    """Waits until there is a server; its vehicles, and what it says of itself.
+    """Wait for a server; return the names of its vehicles and its read-only parameters.
 
     Args:
-        session: the node's.
-        node: asks.
-        namespace: of the vehicle, or what its vehicles' namespaces begin with.
+        session: the session of `node`.
+        node: the node that looks.
+        namespace: the vehicle's, or the common part of several vehicles' namespaces.
         timeout: s.
 
     Raises:
@@ -67,41 +67,41 @@ def find(
 
 
 def check(session: Session, node: Any, vehicles: Sequence[Ends], timeout: float) -> None:
-    """Whether everything that the vehicles need is there, and once.
+    """Check that each topic and service of the vehicles exists, and has no other user.
 
     Raises:
-        InterfaceError: it is not, within `timeout` s.
+        InterfaceError: one is missing after `timeout` s, or has another user.
     """
     count, seen = node.count_publishers, session.seen
     for ends in vehicles:
         topic = ends.names.odometry
         if not seen(lambda topic=topic: count(topic) > 0, timeout):  # type: ignore[misc]
-            raise InterfaceError(f"{topic}: nobody publishes it, of {len(vehicles)} vehicles of the server")
+            raise InterfaceError(f"{topic}: no publisher, though the server has {len(vehicles)} vehicles")
     seen(lambda: False, SETTLE)
     for ends in vehicles:
         names = ends.names
         if count(names.odometry) > 1:
             raise InterfaceError(
-                f"{names.odometry}: {count(names.odometry)} publish it: several servers in the namespace"
-                f" {names.namespace}; stop all but one, or give them namespaces of their own"
+                f"{names.odometry}: {count(names.odometry)} publishers: several servers in the namespace"
+                f" {names.namespace}; stop all but one, or give each its own namespace"
             )
         for topic, publisher in ends.commands.items():
             if not seen(lambda p=publisher: p.get_subscription_count() > 0, timeout):  # type: ignore[misc]
                 raise InterfaceError(
-                    f"{topic}: nobody listens, so that the server's vehicle is another one than this vehicle"
-                    " (check vehicle= on both sides, and ros2 topic list)"
+                    f"{topic}: no subscriber: the server's vehicle has other actuators (check vehicle= on both sides, and"
+                    " ros2 topic list)"
                 )
-            # Whoever has just left is still known for a moment.
+            # A client that has just left is still known for a moment.
             if not seen(lambda topic=topic: count(topic) <= 1, LEAVING):  # type: ignore[misc]
                 raise InterfaceError(
-                    f"{topic}: somebody else commands this vehicle; stop it, or let runs go one after the other"
-                    " (workers=1 of evaluate, launcher.workers=1 of train)"
+                    f"{topic}: another client commands this vehicle; stop it, or let runs go one after the other"
+                    " (evaluate workers=1, train launcher.workers=1)"
                 )
         for client, service in ((ends.reset, names.reset), (ends.parameters, names.parameters)):
             if not seen(client.service_is_ready, timeout):
                 raise InterfaceError(
-                    f"{service}: no such service, without which no episode can begin at its start"
-                    " (ros2 service list; auvbench serve offers it)"
+                    f"{service}: no such service, and no episode can begin without it (ros2 service list; auvbench serve"
+                    " offers it)"
                 )
 
 
@@ -129,7 +129,7 @@ def absent(node: Any, namespace: str, option: str) -> str:
 
 
 def _about(session: Session, node: Any, names: interface.Names, timeout: float) -> dict[str, str]:
-    """What the server says of itself, if it says anything."""
+    """Return the server's read-only parameters; none if it does not answer."""
     ros = session.ros
     client = node.create_client(ros.parameters.GetParameters, names.of(f"{interface.NODE}/get_parameters"))
     session.renew()

@@ -1,7 +1,7 @@
-"""Names, types and frames of the interface: that of Centrale Nantes' BlueROV2, and services that a bench needs.
+"""Names, types and frames of the interface: that of Centrale Nantes' BlueROV2, and services of a benchmark.
 
-World ENU (frame `world`, surface at z = 0), body FLU (frame `<namespace>/base_link`): REP-103, as everywhere here.
-docs/ros2.md says it to users.
+World ENU (frame `world`, surface at z = 0), body FLU (frame `<namespace>/base_link`), as in REP-103. Users read
+docs/ros2.md.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ WORLD = "world"
 CLOCK = "/clock"
 CURRENT = "/current"
 NODE = "simulator"
-"""Name of a vehicle's node in its namespace: it holds the parameters."""
+"""Name of the node in a vehicle's namespace that has its parameters."""
 
 DEPTH = 10
-"""Messages that are kept for a slow reader: reliable, volatile, keep last."""
+"""Messages kept for a slow reader; QoS is reliable, volatile, keep last."""
 
 _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -30,11 +30,11 @@ class Names:
     namespace: str
 
     def of(self, name: str) -> str:
-        """The full name of what lies in the vehicle's namespace."""
+        """Return the full name of a topic or service in the vehicle's namespace."""
         return f"/{self.namespace}/{name}"
 
     def command(self, actuator: str) -> str:
-        """Topic of an actuator's command: std_msgs/Float64; N of a thruster, else rad, m or m3."""
+        """Return the topic of an actuator's command: std_msgs/Float64; N of a thruster, else rad, m or m3."""
         return self.of(f"cmd_{actuator}")
 
     @property
@@ -49,12 +49,12 @@ class Names:
 
     @property
     def reset(self) -> str:
-        """std_srvs/Trigger: to the parameters `start_pose` and `start_velocity`, everything else at rest."""
+        """std_srvs/Trigger: to the parameters `start_pose` and `start_velocity`, the rest at rest."""
         return self.of("reset")
 
     @property
     def pause(self) -> str:
-        """std_srvs/SetBool: whether the world stands still."""
+        """std_srvs/SetBool: stop the world, or let it go on."""
         return self.of("pause")
 
     @property
@@ -64,7 +64,7 @@ class Names:
 
     @property
     def lockstep(self) -> str:
-        """std_srvs/SetBool: whether each step waits for a new command to every actuator; answers the time in ns."""
+        """std_srvs/SetBool: let each step wait for a new command to every actuator; answers the time in ns."""
         return self.of("lockstep")
 
     @property
@@ -74,10 +74,10 @@ class Names:
 
 
 def namespaces(base: str, n: int) -> list[str]:
-    """The namespaces of n vehicles in one world; the first is where the world's own services are.
+    """Return the namespaces of n vehicles in one world; the first has the world's services.
 
     Raises:
-        ConfigError: `base` is no name for a namespace.
+        ConfigError: `base` is not a valid namespace.
 
     >>> namespaces("bluerov2", 1), namespaces("bluerov2", 2)
     (['bluerov2'], ['bluerov2_1', 'bluerov2_2'])
@@ -85,13 +85,13 @@ def namespaces(base: str, n: int) -> list[str]:
     name = base.strip("/")
     if not name or not all(_TOKEN.fullmatch(token) for token in name.split("/")):
         raise ConfigError(
-            f"namespace {base!r}: must be letters, digits and underscores, not beginning with a digit, e.g. bluerov2"
+            f"namespace {base!r}: must have letters, digits and underscores, and must not begin with a digit, e.g. bluerov2"
         )
     return [name] if n == 1 else [f"{name}_{i + 1}" for i in range(n)]
 
 
 def nanoseconds(duration: float) -> int:
-    """A step's length in s as the clock counts it.
+    """Return a step's length in ns, as the clock counts it.
 
     >>> nanoseconds(0.1)
     100000000

@@ -1,4 +1,4 @@
-"""Numbers into messages and out of them. Quaternions are (w, x, y, z) here and (x, y, z, w) there."""
+"""Convert between arrays and messages. Quaternions are (w, x, y, z) in arrays and (x, y, z, w) in messages."""
 
 from __future__ import annotations
 
@@ -14,41 +14,35 @@ Floats = NDArray[np.float64]
 
 
 def write_pose(message: Any, pose: list[float]) -> None:
-    """Puts x, y, z, qw, qx, qy, qz into a geometry_msgs/Pose."""
+    """Write x, y, z, qw, qx, qy, qz into a geometry_msgs/Pose."""
     place, turn = message.position, message.orientation
     place.x, place.y, place.z, turn.w, turn.x, turn.y, turn.z = pose
 
 
 def read_pose(message: Any, pose: Floats) -> None:
-    """Puts a geometry_msgs/Pose into `pose` (7,)."""
+    """Read a geometry_msgs/Pose into `pose` (7,)."""
     place, turn = message.position, message.orientation
     pose[:] = place.x, place.y, place.z, turn.w, turn.x, turn.y, turn.z
 
 
 def write_twist(message: Any, velocity: list[float]) -> None:
-    """Puts u, v, w, p, q, r into a geometry_msgs/Twist."""
+    """Write u, v, w, p, q, r into a geometry_msgs/Twist."""
     straight, turning = message.linear, message.angular
     straight.x, straight.y, straight.z, turning.x, turning.y, turning.z = velocity
 
 
-def read_twist(message: Any, velocity: Floats) -> None:
-    """Puts a geometry_msgs/Twist into `velocity` (6,)."""
-    straight, turning = message.linear, message.angular
-    velocity[:] = straight.x, straight.y, straight.z, turning.x, turning.y, turning.z
-
-
 def write_time(stamp: Any, nanoseconds: int) -> None:
-    """Puts a time into a builtin_interfaces/Time."""
+    """Write a time in ns into a builtin_interfaces/Time."""
     stamp.sec, stamp.nanosec = divmod(nanoseconds, 1_000_000_000)
 
 
 def read_time(stamp: Any) -> int:
-    """Nanoseconds of a builtin_interfaces/Time."""
+    """Return the nanoseconds of a builtin_interfaces/Time."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def odometry(ros: Any, namespace: str) -> Any:
-    """A nav_msgs/Odometry with its frames; covariances are 0, for what it says is exact."""
+    """Return a nav_msgs/Odometry with its frames; covariances are 0, because its numbers are exact."""
     message = ros.nav.Odometry()
     message.header.frame_id = interface.WORLD
     message.child_frame_id = f"{namespace}/base_link"
@@ -61,14 +55,13 @@ _COVARIANCE = 36 * 8
 
 
 def read_odometry(data: bytes, pose: Floats, velocity: Floats) -> int:
-    """Puts a serialised nav_msgs/Odometry into `pose` (7,) and `velocity` (6,); the stamp in ns.
+    """Read a serialised nav_msgs/Odometry into `pose` (7,) and `velocity` (6,); return its stamp in ns.
 
-    To make the Python object takes longer than the rest of a round trip: it is 72 numbers of covariance, which nobody asks
-    for. The layout is that of CDR, little endian: numbers on multiples of their size, counted behind a header of 4
-    bytes.
+    The Python object takes longer to make than the rest of a round trip, because of its 72 covariances. The layout is
+    little-endian CDR: numbers are aligned to their size, counted after a header of 4 bytes.
 
     Raises:
-        ValueError: it is written in another way.
+        ValueError: the message has another layout.
     """
     if len(data) < 16 or data[1] != 1:
         raise ValueError("the message is not in little-endian CDR")

@@ -1,8 +1,8 @@
-"""rclpy, loaded when it is needed, and a loop around its wait set.
+"""Load rclpy when it is needed, and serve its wait set without rclpy's executor.
 
-rclpy's executor makes tasks of all that comes in and rebuilds its lists each time it waits: on one core a lock-step of
-six messages there and one back reached 770 round trips a second with it and 3500 without. The loop here waits on the same wait set, as
-rclpy's own `wait_for_message` does, and calls what is ready.
+The executor makes a task of each message and rebuilds its lists at each wait. On one core a lock-step of six messages
+there and one back reached 770 round trips a second with it and 3500 without. The loop here waits on the same wait set,
+as rclpy's `wait_for_message` does.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from auvbench.ros2 import interface
 from auvbench.untrusted.text import first_line
 
 LAST_DOMAIN = 232
-"""Beyond, a domain's ports would lie above 65535."""
+"""The highest domain whose ports are below 65536."""
 
 SLICE = 0.05
-"""s, the longest wait at a time: signals are looked at between two."""
+"""s, the longest single wait; signals are handled between two."""
 
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
-"""The variable in which Fast DDS of ROS 2 Jazzy looks for a file of profiles."""
+"""The variable that names a file of profiles to Fast DDS of ROS 2 Jazzy."""
 
 OWN_PROFILES = "DEFAULT_FASTRTPS_PROFILES.xml"
-"""In the working directory it is read without being named."""
+"""The file of profiles that Fast DDS reads from the working directory unasked."""
 
 DISCOVERY = Path(__file__).with_name("discovery.xml")
 
@@ -55,18 +55,18 @@ _MODULES = {
 
 
 class InterfaceError(ConfigError):
-    """What should answer over ROS 2 does not; the message names the topic or service, and what to check."""
+    """A topic or service is missing or refuses; the message names it, and what to check."""
 
 
 @cache
 def load() -> Any:
-    """The modules of ROS 2 that are used, by the names above.
+    """Return the modules of ROS 2 that are used, by the names of `_MODULES`.
 
     Raises:
         MissingExtraError: rclpy or a package of messages is not installed.
-        ConfigError: it is installed and does not load, or the environment asks for what is not there.
+        ConfigError: it does not load, or an environment variable is wrong.
     """
-    check_surroundings()  # the middleware itself would end the process
+    check_surroundings()  # with a wrong value the middleware ends the process
     if not Path(OWN_PROFILES).exists():
         os.environ.setdefault(PROFILES, str(DISCOVERY))
     found = {}
@@ -85,14 +85,14 @@ def load() -> Any:
 
 
 def surroundings() -> str:
-    """What decides who sees whom, in words, for messages."""
+    """Return the variables that decide which programs see each other, for messages."""
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     return f"ROS_DOMAIN_ID={domain}, ROS_AUTOMATIC_DISCOVERY_RANGE={reach}"
 
 
 def check_surroundings() -> None:
-    """Refuses what the middleware would end the process for.
+    """Refuse values with which the middleware ends the process.
 
     Raises:
         ConfigError: ROS_DOMAIN_ID or RMW_IMPLEMENTATION is wrong.
@@ -108,7 +108,7 @@ def check_surroundings() -> None:
 
 
 def _implementations() -> list[str]:
-    """The middlewares there are: one beside the packages from an index, any beside a sourced ROS 2."""
+    """Return the installed middlewares: one with the packages of an index, several with a sourced ROS 2."""
     if not os.environ.get("AMENT_PREFIX_PATH"):
         return ["rmw_fastrtps_cpp"]
     return sorted(import_module("ament_index_python").get_resources("rmw_typesupport"))
@@ -116,13 +116,13 @@ def _implementations() -> list[str]:
 
 @dataclass(slots=True)
 class Answer:
-    """A service's answer, once it has come."""
+    """A service's answer; None until it arrives."""
 
     value: Any = None
 
 
 class Session:
-    """Nodes of one process, and the loop that serves them. Not to be shared between threads.
+    """Nodes of one process, and the loop that serves them; for one thread only.
 
     Raises:
         ConfigError: the middleware does not start.
@@ -133,7 +133,7 @@ class Session:
         check_surroundings()
         self.context = self.ros.context.Context()
         try:
-            # Signals stay with whoever runs this: rclpy would take SIGINT and SIGTERM.
+            # Signals stay with the caller: rclpy would take SIGINT and SIGTERM.
             no = self.ros.signals.SignalHandlerOptions.NO
             self.ros.rclpy.init(args=[], context=self.context, signal_handler_options=no)
         except Exception as error:  # of the C library: RCLError, RuntimeError, ImportError of an rmw
@@ -154,10 +154,10 @@ class Session:
         )
 
     def node(self, name: str, namespace: str = "", *, parameters: bool = False) -> Any:
-        """A node; with `parameters`, one that answers parameter services.
+        """Return a new node; with `parameters`, one that answers parameter services.
 
         Raises:
-            ConfigError: the middleware does not make one.
+            ConfigError: the middleware refuses.
         """
         try:
             node = self.ros.node.Node(
@@ -166,7 +166,7 @@ class Session:
                 namespace=namespace,
                 use_global_arguments=False,
                 start_parameter_services=parameters,
-                enable_rosout=False,  # nothing is logged through it, and two clients would share a name there
+                enable_rosout=False,  # unused, and two clients would share a name there
             )
         except Exception as error:
             raise ConfigError(
@@ -177,11 +177,11 @@ class Session:
         return node
 
     def renew(self) -> None:
-        """Must follow when topics, services or clients were made or removed."""
+        """Rebuild the wait set: required after topics, services or clients were added or removed."""
         self._set = None
 
     def turn(self, seconds: float) -> bool:
-        """Waits for something to come, at most `seconds`, and hands all of it over; whether anything came.
+        """Wait at most `seconds` for messages, requests and answers, and handle them; return whether any came.
 
         Raises:
             ConfigError: the middleware failed.
@@ -240,14 +240,14 @@ class Session:
                 answer.value = response
 
     def ask(self, client: Any, request: Any) -> Answer:
-        """Sends a request; the answer fills itself in a later `turn`."""
+        """Send a request; a later `turn` fills the answer in."""
         answer = Answer()
         number = client.handle.send_request(request)
         self._waiting[(client.handle.pointer, number)] = answer
         return answer
 
     def until(self, condition: Callable[[], bool], seconds: float) -> bool:
-        """Serves until the condition holds, at most `seconds`; whether it does."""
+        """Serve until the condition holds, at most `seconds`; return whether it does."""
         end = time.monotonic() + seconds
         while not condition():
             left = end - time.monotonic()
@@ -257,7 +257,7 @@ class Session:
         return True
 
     def seen(self, condition: Callable[[], bool], seconds: float) -> bool:
-        """As `until`, for what the middleware finds out by itself and tells nobody: it is asked every 10 ms."""
+        """As `until`, for discovery, which wakes no wait set: the condition is asked every 10 ms."""
         end = time.monotonic() + seconds
         while not condition():
             if time.monotonic() >= end:
@@ -266,7 +266,7 @@ class Session:
         return True
 
     def close(self) -> None:
-        """Takes the nodes off the network."""
+        """Remove the nodes from the network."""
         if self.context.ok():
             for node in self._nodes:
                 node.destroy_node()

@@ -1,7 +1,7 @@
-"""What is recorded of a mission: the row of an episode and a trajectory, computed in plain Python.
+"""The record of a mission: an episode's row and a trajectory, computed in plain Python.
 
-The sums are those of `auvbench/tasks/kernels.py` (definitions: docs/protocol.md); a test holds one against the other. A
-mission has no reward: its `return` is NaN.
+The sums are those of `auvbench/tasks/kernels.py` (definitions: docs/protocol.md); a test compares the two. A mission has
+no reward: its `return` is NaN.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FORMAT = "auvbench-mission"
 SCHEMA_VERSION = 1
 CONDITION = "mission"
 ABORTED = "aborted"
-"""Outcome of a mission that was ended from outside; mission.json says by what."""
+"""Outcome of a mission that was ended from outside; mission.json has the reason."""
 
 
 class Mission:
@@ -70,11 +70,11 @@ class Mission:
 
     @property
     def steps(self) -> int:
-        """How many there were."""
+        """Number of steps."""
         return len(self.forces)
 
     def advance(self, pose: Floats, action: Floats, force: Floats, power: float) -> str:
-        """One step: where it led, and by what; the outcome once there is one.
+        """Add one step; return the outcome if that ended the mission, else an empty text.
 
         Args:
             pose: (7,) after the step.
@@ -111,7 +111,7 @@ class Mission:
         return self.outcome
 
     def record(self, number: int) -> Record:
-        """The row of an episode, columns RECORD_COLUMNS."""
+        """Return the row of an episode, columns RECORD_COLUMNS."""
         steps = self.steps
         n = max(steps, 1)
         mean = self._deviation / n
@@ -139,7 +139,7 @@ class Mission:
         return dict(zip(RECORD_COLUMNS, values, strict=True))
 
     def trajectory(self) -> dict[str, NDArray[np.float32]]:
-        """Arrays as those of a test: position (T + 1, 3), yaw, command (T, n_u), waypoint (3,), time."""
+        """Return a test's arrays: position (T + 1, 3), yaw, command (T, n_u), waypoint (3,), time."""
         return {
             "position": np.asarray(self.positions, dtype=np.float32),
             "yaw": np.asarray(self.yaws, dtype=np.float32),
@@ -150,7 +150,7 @@ class Mission:
 
 
 def _from_line(p: tuple[float, float, float], b: tuple[float, float, float]) -> float:
-    """Distance of p from the line through the origin and b."""
+    """Return the distance of p from the line through the origin and b."""
     cx = p[1] * b[2] - p[2] * b[1]
     cy = p[2] * b[0] - p[0] * b[2]
     cz = p[0] * b[1] - p[1] * b[0]
@@ -161,14 +161,14 @@ def _from_line(p: tuple[float, float, float], b: tuple[float, float, float]) -> 
 
 
 class Logbook:
-    """Missions in a folder of their own: mission.json, episodes.csv, trajectories.npz; whole after each mission.
+    """Missions in a folder: mission.json, episodes.csv, trajectories.npz, all complete after each mission.
 
     Args:
-        folder: made if need be; must not hold a logbook.
-        about: what flies and where, for mission.json.
+        folder: is created if it does not exist; must not hold a logbook.
+        about: controller and vehicle, for mission.json.
 
     Raises:
-        RunError: it holds one already, or cannot be written.
+        RunError: the folder holds a logbook, or cannot be written.
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any]) -> None:
@@ -182,7 +182,7 @@ class Logbook:
         self._write()
 
     def add(self, mission: Mission, reason: str) -> None:
-        """Writes a mission that has ended, `reason` in words."""
+        """Write a mission that has ended for `reason`."""
         number = len(self._rows)
         self._rows.append(mission.record(number))
         self._reasons.append(reason)

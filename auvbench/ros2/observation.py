@@ -1,6 +1,6 @@
-"""What a controller sees of a pose and a waypoint: the task's observation without noise, in plain Python.
+"""The waypoint task's observation without noise, in plain Python.
 
-The same arithmetic as `auvbench/tasks/kernels.py`, which is compiled; a test holds one against the other.
+The arithmetic is that of `auvbench/tasks/kernels.py`, which is compiled; a test compares the two.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ Floats = NDArray[np.float64]
 
 
 def observe(pose: Floats, waypoint: Floats, previous: Floats, body_frame: bool) -> NDArray[np.float32]:
-    """Observation (4 + n_u,): yaw error (rad), position error (3) in m, previous action (n_u).
+    """Return the observation (4 + n_u,): yaw error (rad), position error (3) in m, previous action (n_u).
 
     Args:
         pose: (7,) x, y, z in m, unit quaternion (w, x, y, z).
         waypoint: (3,) m, world axes.
         previous: (n_u,) action in [-1, 1]; zeros at the start.
-        body_frame: the position error in the levelled body frame rather than in world axes.
+        body_frame: whether the position error is in the levelled body frame; else in world axes.
     """
     x, y, z, w, qx, qy, qz = pose.tolist()
     to_x, to_y, to_z = waypoint.tolist()
@@ -39,7 +39,7 @@ def observe(pose: Floats, waypoint: Floats, previous: Floats, body_frame: bool) 
 
 
 def wrap(angle: float) -> float:
-    """An angle in [-pi, pi).
+    """Wrap an angle to [-pi, pi).
 
     >>> wrap(math.pi) == -math.pi
     True
@@ -49,6 +49,6 @@ def wrap(angle: float) -> float:
 
 
 def yaw_of(pose: Floats) -> float:
-    """Yaw in rad of a pose (7,)."""
+    """Return the yaw in rad of a pose (7,)."""
     w, qx, qy, qz = pose[3:].tolist()
     return math.atan2(2.0 * (w * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))

@@ -1,8 +1,7 @@
-"""A node that steers a vehicle by a controller, and would rather do nothing than something wrong.
+"""A node that steers a vehicle by a controller, and commands zero thrust in doubt.
 
-It starts disarmed. Disarmed it commands nothing. Armed, it commands zero thrust unless everything is as it should be: a
-pose that is young enough, within the depth limits, a waypoint, and an action that is one. Whatever ends a run of it (a
-stop, a signal, an error), zero thrust is the last that it commands.
+It starts disarmed, and commands nothing while disarmed. Armed, it steers only with a young pose within the depth
+limits, a waypoint and a finite action; otherwise it commands zero thrust. Zero thrust is also its last command.
 """
 
 from __future__ import annotations
@@ -26,9 +25,9 @@ Floats = NDArray[np.float64]
 NODE = "pilot"
 GOAL = "/goal_pose"
 RESTS = 3
-"""zero commands that are sent when it lets go: one may be lost"""
+"""zero commands at the end: one may be lost"""
 TURN = 0.02
-"""s, the longest wait at a time: how late a pose's age can be noticed"""
+"""s, the longest single wait, and so the delay with which an old pose is noticed"""
 
 
 class Pilot:
@@ -36,14 +35,14 @@ class Pilot:
 
     Args:
         namespace: of the vehicle.
-        controller: steers.
-        thrust: what its actions stand for.
+        controller: maps observations to actions.
+        thrust: converts its actions into commands.
         frequency: Hz of the controller.
-        body_frame: of the position error that it observes.
-        limits: kept.
-        sim_time: steps by `/clock` rather than by this machine's clock; ages are this machine's in any case.
-        logbook: keeps missions.
-        say: told each change of state.
+        body_frame: whether its position error is in the body frame.
+        limits: that it keeps.
+        sim_time: step by `/clock` in place of this machine's clock; ages of poses are by this machine's clock.
+        logbook: records missions.
+        say: called with each change of state.
 
     Raises:
         ConfigError: ROS 2 does not start.
@@ -71,7 +70,7 @@ class Pilot:
         self.armed = False
         self.state = ""
         self.pose: Floats = np.full(7, np.nan)
-        self._seen = -math.inf  # when the pose came
+        self._received = -math.inf  # when the pose came, by this machine
         self._stamp = -1
         self._now = -1.0  # of /clock
         self._sim_time = sim_time
@@ -83,7 +82,7 @@ class Pilot:
         except BaseException:
             self.session.close()
             raise
-        self._tell("disarmed")
+        self._set_state("disarmed")
 
     def _make(self) -> None:
         ros, session = self.session.ros, self.session
@@ -111,7 +110,7 @@ class Pilot:
         self._note(discovery.absent(self.node, self.names.namespace, "--namespace"))
         return False
 
-    # What comes in.
+    # Incoming messages.
 
     def _odometry(self, message: Any) -> None:
         stamp = messages.read_time(message.header.stamp)
@@ -126,7 +125,7 @@ class Pilot:
             return
         self._stamp = stamp
         self.pose = pose
-        self._seen = time.monotonic()
+        self._received = time.monotonic()
 
     def _clock(self, message: Any) -> None:
         now = messages.read_time(message.clock) / 1e9
@@ -144,16 +143,16 @@ class Pilot:
         self.steer_to((place.x, place.y, place.z), frame)
 
     def steer_to(self, waypoint: Sequence[float], frame: str = interface.WORLD) -> bool:
-        """Takes a waypoint (3,) in m, if it can be one; whether it did."""
+        """Take a waypoint (3,) in m; return False if it is not allowed."""
         limits = self.limits
         if frame not in ("", interface.WORLD):
-            self._note(f"{GOAL}: in the frame {frame!r}, must be {interface.WORLD!r}: ignored")
+            self._note(f"{GOAL}: ignored: the frame is {frame!r}, must be {interface.WORLD!r}")
             return False
         if not np.all(np.isfinite(waypoint)):
-            self._note(f"{GOAL}: is not finite: ignored")
+            self._note(f"{GOAL}: ignored: not finite")
             return False
         if not limits.within(waypoint[2]):
-            self._note(f"{GOAL}: z = {waypoint[2]:g} m, must be within {limits.depths}: ignored")
+            self._note(f"{GOAL}: ignored: z = {waypoint[2]:g} m, must be within {limits.depths}")
             return False
         self.steering.end("another waypoint")
         self.steering.waypoint = np.array(waypoint, dtype=np.float64)
@@ -175,46 +174,45 @@ class Pilot:
         return response
 
     def arm(self) -> str:
-        """Lets the controller steer; why not, in words, or nothing."""
+        """Let the controller steer; return why it may not, or an empty text."""
         if self.armed:
             return ""
         age = self.age
         count = self.node.count_publishers
         if age > self.limits.pose_timeout:
-            never = "was never heard" if math.isinf(age) else f"is {age:.2g} s old"
-            return f"{self.names.odometry} {never}"
+            return f"{self.names.odometry} " + ("never came" if math.isinf(age) else f"is {age:.2g} s old")
         if count(self.names.odometry) > 1:
-            return f"{self.names.odometry}: several publish it"
+            return f"{self.names.odometry}: several publishers"
         if not self.limits.within(self.pose[2]):
             return self._depth()
         for name in self.thrust.actuators:
             topic = self.names.command(name)
             if count(topic) > 1:
-                return f"{topic}: somebody else commands this vehicle"
+                return f"{topic}: another client commands this vehicle"
             if self.node.count_subscribers(topic) == 0:
-                return f"{topic}: nobody listens"
+                return f"{topic}: no subscriber"
         self.armed = True
-        self._tell("armed")
+        self._set_state("armed")
         return ""
 
     def disarm(self, reason: str) -> None:
-        """Zero thrust, and nothing more until it is armed again."""
+        """Command zero thrust, then nothing until armed again."""
         was = self.armed
         self.armed = False
         self.steering.end(reason)
         if was:
             self.rest()
-        self._tell(f"disarmed: {reason}")
+        self._set_state(f"disarmed: {reason}")
 
-    # What goes out.
+    # Outgoing messages.
 
     @property
     def age(self) -> float:
         """Seconds since the pose came."""
-        return time.monotonic() - self._seen
+        return time.monotonic() - self._received
 
     def rest(self) -> None:
-        """Commands zero thrust, several times."""
+        """Command zero thrust several times."""
         for _ in range(RESTS):
             self._command(self.thrust.neutral)
 
@@ -223,7 +221,7 @@ class Pilot:
             self._float.data = value
             publisher.publish(self._float)
 
-    def _tell(self, state: str) -> None:
+    def _set_state(self, state: str) -> None:
         if state != self.state:
             self.state = state
             self._note(state)
@@ -235,10 +233,10 @@ class Pilot:
     # Steering.
 
     def tick(self) -> None:
-        """One step of the controller, or none.
+        """Make one step of the controller if it may steer.
 
         Raises:
-            RunError: the controller failed, or answered with what is no action; it is disarmed.
+            RunError: the controller failed or gave an invalid action; the pilot is then disarmed.
         """
         if not self.armed:
             return
@@ -248,14 +246,14 @@ class Pilot:
         if outcome:
             self.steering.waypoint = None
             self.steering.end(outcome)
-            self._tell(f"waypoint {'reached' if outcome == 'success' else 'given up: ' + outcome}")
+            self._set_state(f"waypoint {'reached' if outcome == 'success' else 'given up: ' + outcome}")
         if self.steering.waypoint is None:
             self._command(self.thrust.neutral)
             return
         self._act(self.steering.waypoint)
 
     def watch(self) -> bool:
-        """Looks at pose and depth, many times a step; whether the controller may steer."""
+        """Check pose and depth; return whether the controller may steer."""
         if not self.armed:
             return False
         age = self.age
@@ -274,7 +272,7 @@ class Pilot:
         self.steering.forget()
         self._command(self.thrust.neutral)
         if not self.state.startswith("holding"):
-            self._tell(state)
+            self._set_state(state)
 
     def _depth(self) -> str:
         return f"z = {self.pose[2]:.2f} m is not within {self.limits.depths}"
@@ -289,16 +287,16 @@ class Pilot:
             if self._slow in (1, 10, 100):
                 self._note(f"the controller takes longer than its step of {self.period:g} s")
         self._command(self.thrust.quantities(action))
-        self._tell(f"steering to ({waypoint[0]:.1f}, {waypoint[1]:.1f}, {waypoint[2]:.1f})")
+        self._set_state(f"steering to ({waypoint[0]:.1f}, {waypoint[1]:.1f}, {waypoint[2]:.1f})")
 
     def _failed(self, error: Exception) -> AuvbenchError:
-        """Disarms, and what the command ends with."""
+        """Disarm, and return the error with which the command ends."""
         reason = " ".join(str(error).split()) or type(error).__name__
         self.disarm(f"the controller failed: {reason}")
         return error if isinstance(error, AuvbenchError) else RunError(f"the controller failed: {reason}")
 
     def run(self, go_on: Callable[[], bool]) -> None:
-        """Serves and steers while `go_on()`; zero thrust when it ends, whatever ends it.
+        """Serve and steer while `go_on()`; the end is always zero thrust.
 
         Raises:
             AuvbenchError: the controller failed, or the logbook cannot be written.
@@ -310,7 +308,7 @@ class Pilot:
             self.close("the pilot was ended")
 
     def turn(self) -> None:
-        """Serves for a moment, looks whether all is well, and steers where a step is due.
+        """Serve for a moment, check the pose, and steer when a step is due.
 
         Raises:
             AuvbenchError: as `run`.
@@ -318,17 +316,17 @@ class Pilot:
         period = self.period
         now = self._now if self._sim_time else time.monotonic()
         if self._sim_time and now < self._due - 2 * period:
-            self._due = now  # the clock of a server that began anew
+            self._due = now  # the clock of a restarted server
         if now >= self._due:
             self.tick()
             self._due = self._due + period if now - self._due < period else now + period
             return
-        # By simulated time nothing says how long it is until then.
+        # How long a step of simulated time lasts here is unknown.
         self.session.turn(TURN if self._sim_time else min(self._due - now, TURN))
         self.watch()
 
     def close(self, reason: str) -> None:
-        """Zero thrust, which is waited for to arrive, and leaves the network."""
+        """Command zero thrust, wait until it arrives, and leave the network."""
         if not self.session.context.ok():
             return
         try:

@@ -1,4 +1,4 @@
-"""A simulator as a ROS 2 user meets it: vehicles that take commands and tell where they are, in a world with a clock."""
+"""The server: a simulator behind ROS 2, with vehicles that take commands and publish poses, and a clock."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ REMEDY = "stop one of the two, or give one another name with --namespace"
 
 
 class Simulated(Protocol):
-    """What of a simulator is served: see `auvbench.simulators.base.Simulator`."""
+    """The part of `auvbench.simulators.base.Simulator` that a server uses."""
 
     n: int
     pose: Floats
@@ -53,18 +53,18 @@ class Server:
 
     Args:
         simulator: takes commands as `commands` gives them.
-        commands: from physical quantities (n, n_u), newtons for thrusters, to the simulator's commands (n, n_u).
+        commands: converts physical quantities (n, n_u), newtons for thrusters, into the simulator's commands (n, n_u).
         actuators: names of the columns of a command.
-        neutral: (n_u,) quantities that act until somebody commands others.
+        neutral: (n_u,) quantities that act until the first command.
         namespaces: of the n vehicles.
-        start: pose (7,) where all vehicles begin, and to which `reset` returns until told otherwise.
-        step_duration: s that a step lasts: between two messages, and of the service `step`.
+        start: pose (7,) where vehicles begin, and to which `reset` returns unless a parameter says otherwise.
+        step_duration: s between two messages; also the step of the service `step`.
         pace: simulated seconds per second; 0 as fast as possible.
         lockstep: begin in lock-step.
-        about: read-only parameters: what this is.
+        about: read-only parameters.
 
     Raises:
-        ConfigError: ROS 2 does not start, or somebody serves a namespace already.
+        ConfigError: ROS 2 does not start.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class Server:
         self.neutral = np.array(neutral, dtype=np.float64)
         self.quantities: Floats = np.tile(self.neutral, (n, 1))
         self.new = np.zeros((n, n_u), dtype=np.bool_)
-        """which commands came since the last step"""
+        """(n, n_u) whether a command came since the last step"""
         self.currents: Floats = np.zeros((n, 8))
         """(n, 8) m/s at the top (3) and at the bottom (3), and their depths in m"""
         self.currents[:, 7] = 1.0
@@ -102,7 +102,7 @@ class Server:
         self._missing = n * n_u
         self._due = time.monotonic()
         self._looked = self._due
-        self._told = False
+        self._warned = False
         self._began = time.time_ns()
         self.session.node(f"{MARK}{self._began}", self.namespaces[0])
         ros = self.session.ros
@@ -118,12 +118,12 @@ class Server:
         self.session.renew()
         self.reset(range(n))
 
-    # What the vehicles' nodes call.
+    # Called by the vehicles' nodes.
 
     def command(self, vehicle: int, actuator: int, quantity: float) -> None:
-        """A command came; in lock-step the step begins with the last one that was missing."""
+        """Take a command; in lock-step the last missing one begins the step."""
         if not np.isfinite(quantity):
-            return  # no thruster can give it: the command before stays
+            return  # the previous command stays
         self.quantities[vehicle, actuator] = quantity
         if not self.new[vehicle, actuator]:
             self.new[vehicle, actuator] = True
@@ -132,7 +132,7 @@ class Server:
             self.advance()
 
     def reset(self, indices: Sequence[int]) -> str:
-        """Puts vehicles where their parameters say, everything at rest; why not, in words, or nothing."""
+        """Put vehicles where their parameters say, all at rest; return why that failed, or an empty text."""
         for i in indices:
             vehicle = self.vehicles[i]
             pose, velocity, scales = vehicle.start
@@ -148,30 +148,27 @@ class Server:
         return ""
 
     def forget(self, indices: Sequence[int]) -> None:
-        """Whatever command came before does not count as new."""
+        """Count earlier commands no longer as new."""
         self.new[list(indices)] = False
         self._missing = int(self.new.size - np.count_nonzero(self.new))
 
     def flow(self) -> None:
-        """Tells the simulator of the currents."""
+        """Set the simulator's currents."""
         now = self.currents
         self.simulator.set_current(now[:, :3], now[:, 3:6], (now[:, 6], now[:, 7]))
 
     def hold(self, paused: bool) -> None:
-        """Stops the world, or lets it go on."""
+        """Stop the world, or let it go on."""
         self.paused = paused
         self._due = time.monotonic()
 
     def wait_for_commands(self, lockstep: bool) -> str:
-        """Goes into lock-step or leaves it; why not, in words, or nothing.
-
-        Whoever asked may still have messages of an earlier time on their way: the answer says which time it is.
-        """
+        """Enter or leave lock-step; return why that failed, or an empty text."""
         if lockstep:
             for name in self.namespaces:
                 topic = interface.Names(name).command(self.actuators[0])
                 if self.vehicles[0].node.count_publishers(topic) > 1:
-                    return f"{topic}: several publish it, and in lock-step one alone must"
+                    return f"{topic}: several publishers, and lock-step allows one"
         self.lockstep = lockstep
         self._due = time.monotonic()
         self.forget(range(self.simulator.n))
@@ -181,7 +178,7 @@ class Server:
     # The world.
 
     def advance(self) -> None:
-        """One step of the world, and what it looks like then."""
+        """Make one step of the world, and publish its state."""
         duration = self.settings.step_duration
         self.simulator.step(self.commands(self.quantities), duration)
         self.time += interface.nanoseconds(duration)
@@ -190,7 +187,7 @@ class Server:
         self.publish(range(self.simulator.n))
 
     def publish(self, indices: Sequence[int]) -> None:
-        """Tells where vehicles are, and the time."""
+        """Publish the state of vehicles, and the time."""
         poses, velocities = self.simulator.pose.tolist(), self.simulator.velocity.tolist()
         for i in indices:
             self.vehicles[i].publish(poses[i], velocities[i], self.time)
@@ -205,18 +202,18 @@ class Server:
             self.flow()
 
     def run(self, go_on: Callable[[], bool]) -> None:
-        """Serves while `go_on()`.
+        """Serve while `go_on()`.
 
         Raises:
-            AuvbenchError: the simulator cannot go on.
-            InterfaceError: this is the newcomer, and somebody serves these namespaces already.
+            AuvbenchError: the simulator failed.
+            InterfaceError: an older server has one of these namespaces.
         """
         self._due = time.monotonic()
         while go_on():
             self.turn()
 
     def turn(self) -> None:
-        """Serves for a moment."""
+        """Serve for a moment."""
         now = time.monotonic()
         if now - self._looked > LOOK:
             self._looked = now
@@ -234,7 +231,7 @@ class Server:
         self.advance()
         if pace > 0.0:
             period = self.settings.step_duration / pace
-            # Late by more than a few steps: what is lost is lost, rather than made up for in a burst.
+            # Five steps late or more: skip them, without a burst that makes up for them.
             self._due = now if now - self._due > 5 * period else self._due + period
 
     def alone(self, seconds: float) -> None:
@@ -255,9 +252,9 @@ class Server:
         company = self._company()
         if company and min(self._others(), default=self._began) < self._began:
             raise InterfaceError(f"{company}; {REMEDY}")
-        if company and not self._told:
+        if company and not self._warned:
             warnings.warn(company, AuvbenchWarning, stacklevel=2)
-        self._told = bool(company)
+        self._warned = bool(company)
 
     def _others(self) -> list[int]:
         """Return when other servers with a vehicle in these namespaces began, in ns."""
@@ -278,5 +275,5 @@ class Server:
         return ""
 
     def close(self) -> None:
-        """Leaves the network."""
+        """Leave the network."""
         self.session.close()

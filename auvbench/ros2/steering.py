@@ -1,7 +1,4 @@
-"""From a pose to an action: one controller on its way to one waypoint, without a network.
-
-What it is asked to steer, and whether it may, is decided by the `auvbench.ros2.pilot` that has it.
-"""
+"""From a pose to an action: one controller on its way to one waypoint, without a network."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 class Controller(Protocol):
-    """What steers: see `auvbench.agents.base.Agent`."""
+    """The part of `auvbench.agents.base.Agent` that a pilot uses."""
 
     def reset(self, episodes: NDArray[np.int64]) -> None: ...
 
@@ -29,7 +26,7 @@ class Controller(Protocol):
 
 
 class Thrust(Protocol):
-    """What actions stand for, of one vehicle."""
+    """Converts the actions of one vehicle."""
 
     @property
     def actuators(self) -> Sequence[str]: ...
@@ -38,18 +35,18 @@ class Thrust(Protocol):
     def neutral(self) -> Floats: ...
 
     def quantities(self, action: Floats) -> Floats:
-        """What is published for an action (n_u,): N of thrusters, rad, m or m3 of others."""
+        """Return the commands for an action (n_u,): N of thrusters, rad, m or m3 of others."""
 
     def force(self, action: Floats) -> Floats:
-        """N (n_u,) of the thrusters."""
+        """Return the thrusters' forces (n_u,) in N."""
 
     def power(self, action: Floats) -> float:
-        """W."""
+        """Return the electrical power in W."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a pilot keeps to."""
+    """Limits of a pilot."""
 
     depth_low: float  # m, z
     depth_high: float  # m, z
@@ -60,28 +57,28 @@ class Limits:
 
     @property
     def depths(self) -> str:
-        """The heights to be at, in words."""
+        """The allowed heights, as text."""
         return f"{self.depth_low:g} .. {self.depth_high:g} m"
 
     def within(self, z: float) -> bool:
-        """Whether a height in m is one to be at."""
+        """Return whether a height in m is allowed."""
         return self.depth_low <= z <= self.depth_high
 
 
 class Steering:
-    """A controller, the waypoint that it is on its way to, and the mission that is recorded of it.
+    """A controller, its waypoint, and the mission that is recorded.
 
     Args:
-        controller: steers.
-        thrust: what its actions stand for.
+        controller: maps observations to actions.
+        thrust: converts its actions into commands.
         frequency: Hz of the controller.
-        body_frame: of the position error that it observes.
+        body_frame: whether its position error is in the body frame.
         limits: of a mission.
-        logbook: keeps missions.
+        logbook: records missions.
 
     Attributes:
         waypoint: (3,) m, or None.
-        mission: under way, or None: it begins with the first action towards a waypoint.
+        mission: the present one, or None; it begins with the first action towards a waypoint.
         took: s that the controller needed for its last action.
 
     """
@@ -104,21 +101,21 @@ class Steering:
         self._action: Floats | None = None  # under way since the last step
 
     def advance(self, pose: Floats) -> str:
-        """Books the step that has just ended at `pose` (7,); the outcome of the mission, if that ended it."""
+        """Record the step that ended at `pose` (7,); return the mission's outcome if that ended it."""
         if self.mission is None or self._action is None:
             return ""
         action = self._action
         return self.mission.advance(pose, action, self.thrust.force(action), self.thrust.power(action))
 
     def forget(self) -> None:
-        """The step under way is not booked: what it led to is not known."""
+        """Do not record the present step: its result is unknown."""
         self._action = None
 
     def act(self, pose: Floats) -> Floats:
-        """The action (n_u,) in [-1, 1] of the step that begins at `pose` (7,); there must be a waypoint.
+        """Return the action (n_u,) in [-1, 1] of the step that begins at `pose` (7,); a waypoint is required.
 
         Raises:
-            RunError: the controller answers with what is no action; and whatever else it raises.
+            RunError: the controller's answer is not an action. Errors of the controller pass through.
         """
         waypoint = self.waypoint
         assert waypoint is not None
@@ -130,9 +127,9 @@ class Steering:
         seen = observe(pose, waypoint, previous, self.body_frame)
         answer = np.asarray(self.controller.act(seen[None]), dtype=np.float64)
         if answer.shape != (1, n_u):
-            raise RunError(f"the controller answers with shape {answer.shape}, not {(1, n_u)}")
+            raise RunError(f"the controller's answer has shape {answer.shape}, must be {(1, n_u)}")
         if not np.all(np.isfinite(answer)):
-            raise RunError("the controller answers with what is not finite")
+            raise RunError("the controller's answer is not finite")
         self.took = time.monotonic() - begun
         self._action = np.clip(answer[0], -1.0, 1.0)
         return self._action
@@ -151,7 +148,7 @@ class Steering:
         self.controller.reset(np.zeros(1, dtype=np.int64))
 
     def end(self, reason: str) -> None:
-        """Closes the mission that is under way, and keeps it if it has a step.
+        """End the present mission, and record it if it has a step.
 
         Raises:
             RunError: the logbook cannot be written.

@@ -1,4 +1,4 @@
-"""What actions stand for, by a vehicle's sheet: without the compiler."""
+"""Convert actions by a vehicle's sheet, without compiled code."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ Floats = NDArray[np.float64]
 
 
 class SheetThrust:
-    """Actions of one vehicle as what its topics take.
+    """Converts the actions of one vehicle into the commands of its topics.
 
     Args:
         vehicle: the model.
 
     Attributes:
         actuators: names, in the order of the action.
-        neutral: (n_u,) what a command of 0 stands for.
+        neutral: (n_u,) the commands of action 0.
 
     """
 
@@ -30,14 +30,14 @@ class SheetThrust:
         self.neutral = self._physical.neutral
 
     def quantities(self, action: Floats) -> Floats:
-        """N of thrusters, rad, m or m3 of others (n_u,) for an action (n_u,) in [-1, 1]."""
+        """Return commands (n_u,), N of thrusters, rad, m or m3 of others, for an action (n_u,) in [-1, 1]."""
         values = np.array([float(unit.curve(a)) for unit, a in zip(self._vehicle.units, action, strict=True)])
         return np.asarray(self._physical.quantities(values[None])[0])
 
     def force(self, action: Floats) -> Floats:
-        """N (n_u,) of the thrusters; 0 of others."""
+        """Return forces (n_u,) in N, 0 for actuators that are not thrusters."""
         return self._vehicle.force(action)
 
     def power(self, action: Floats) -> float:
-        """Electrical power in W."""
+        """Return the electrical power in W."""
         return float(self._vehicle.power(action))

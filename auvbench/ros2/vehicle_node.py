@@ -1,4 +1,4 @@
-"""The node of one vehicle of a server: its topics, services and parameters."""
+"""The node of one vehicle of a server: topics, services and parameters."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.config.disturbance import SCALES
 from auvbench.ros2 import interface, messages
 
 if TYPE_CHECKING:
@@ -17,12 +18,10 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-N_SCALES = 6
-
 
 @dataclass(slots=True)
 class Settings:
-    """Of the world; parameters of the first vehicle's node."""
+    """Settings of the world: parameters of the first vehicle's node."""
 
     step_duration: float  # s
     pace: float  # simulated seconds per second; 0 as fast as possible
@@ -30,14 +29,14 @@ class Settings:
 
 
 MEANING = {
-    "start_pose": "where reset puts the vehicle: x y z (m, world) qw qx qy qz (body to world)",
-    "start_velocity": "with which velocity: u v w (m/s) p q r (rad/s), body axes",
-    "scales": "factors from reset on: mass, buoyancy, inertia, added mass, damping, thrust",
-    "effectiveness": "factor on each thruster's force from now on: 1 healthy, 0 dead; reset heals",
+    "start_pose": "pose after a reset: x y z (m, world) qw qx qy qz (body to world)",
+    "start_velocity": "velocity after a reset: u v w (m/s) p q r (rad/s), body axes",
+    "scales": "factors from the next reset on: mass, buoyancy, inertia, added mass, damping, thrust",
+    "effectiveness": "factor on each thruster's force: 1 healthy, 0 dead; a reset sets 1",
     "current": "water's velocity, world axes, m/s: 3 numbers, or 3 at the top, 3 at the bottom and their depths in m",
-    "step_duration": "s, of a step of this world; the same as between two odometry messages",
+    "step_duration": "s between two odometry messages",
     "pace": "simulated seconds per second; 0 as fast as possible",
-    "steps": "steps that one call of the service step makes",
+    "steps": "number of steps of the service step",
 }
 
 ALLOWED = {
@@ -54,12 +53,12 @@ ALLOWED = {
 
 
 class VehicleNode:
-    """One vehicle: everything in its namespace.
+    """All topics, services and parameters of one vehicle.
 
     Args:
-        server: whose vehicle this is.
-        index: which one of the server's.
-        namespace: its namespace.
+        server: the vehicle's server.
+        index: of the vehicle in the server.
+        namespace: of the vehicle.
         start: pose (7,) to which `reset` returns.
         about: read-only parameters.
     """
@@ -79,8 +78,8 @@ class VehicleNode:
             node.create_publisher(ros.geometry.Pose, names.pose, session.qos),
         )
         for a, actuator in enumerate(server.actuators):
-            heard = partial(self._commanded, a)
-            node.create_subscription(ros.std.Float64, names.command(actuator), heard, session.qos)
+            receive = partial(self._command, a)
+            node.create_subscription(ros.std.Float64, names.command(actuator), receive, session.qos)
         node.create_service(ros.services.Trigger, names.reset, self._reset)
         if index == 0:
             node.create_service(ros.services.SetBool, names.pause, self._pause)
@@ -98,8 +97,8 @@ class VehicleNode:
         return pose, velocity, scales
 
     def publish(self, pose: list[float], velocity: list[float], time: int) -> None:
-        """Where the vehicle is at `time` in ns."""
-        # To write a message that nobody reads takes as long as to step a vehicle.
+        """Publish the vehicle's state at `time` in ns."""
+        # Writing a message without a reader takes as long as stepping a vehicle.
         if self._publishers[0].get_subscription_count():
             odometry = self._odometry
             messages.write_time(odometry.header.stamp, time)
@@ -111,7 +110,7 @@ class VehicleNode:
             self._publishers[1].publish(self._pose)
 
     def healthy(self) -> None:
-        """All thrusters give their force again."""
+        """Give all thrusters their full force."""
         if min(self.node.get_parameter("effectiveness").value) != 1.0:
             self._put("effectiveness", [1.0] * len(self.server.actuators))
 
@@ -124,7 +123,7 @@ class VehicleNode:
         values: dict[str, Any] = {
             "start_pose": [float(x) for x in start],
             "start_velocity": [0.0] * 6,
-            "scales": [1.0] * N_SCALES,
+            "scales": [1.0] * len(SCALES),
             "effectiveness": [1.0] * len(self.server.actuators),
             "current": [0.0] * 3,
         }
@@ -136,16 +135,16 @@ class VehicleNode:
             }
         for name, value in values.items():
             # Dynamic, so that a wrong type is answered here, with what is allowed.
-            about_it = describe(
+            descriptor = describe(
                 description=MEANING[name], additional_constraints=ALLOWED[name], dynamic_typing=True
             )
-            self.node.declare_parameter(name, value, about_it)
+            self.node.declare_parameter(name, value, descriptor)
         for name, text in (about | {"actuators": " ".join(self.server.actuators)}).items():
-            self.node.declare_parameter(name, text, describe(description="what this is", read_only=True))
+            self.node.declare_parameter(name, text, describe(description="about the server", read_only=True))
         self.node.add_on_set_parameters_callback(self._set)
 
     def _set(self, parameters: list[Any]) -> Any:
-        """Check parameters that a client sets, and do what they say."""
+        """Check and apply parameters that a client sets."""
         result = self.server.session.ros.interfaces.SetParametersResult
         rules = self._rules()
         for parameter in parameters:
@@ -173,7 +172,7 @@ class VehicleNode:
         return {
             "start_pose": _is_pose,
             "start_velocity": lambda value: _numbers(value, (6,)),
-            "scales": lambda value: _numbers(value, (N_SCALES,), low=0.1, high=10.0),
+            "scales": lambda value: _numbers(value, (len(SCALES),), low=0.1, high=10.0),
             "effectiveness": lambda value: _numbers(value, (n_u,), low=0.0, high=1.0),
             "current": _is_current,
             "step_duration": lambda value: "" if 1e-4 <= value <= 60.0 else f"is {value}",
@@ -192,7 +191,7 @@ class VehicleNode:
         elif name in ("step_duration", "pace", "steps"):
             setattr(server.settings, name, value)
 
-    def _commanded(self, actuator: int, message: Any) -> None:
+    def _command(self, actuator: int, message: Any) -> None:
         self.server.command(self.index, actuator, message.data)
 
     def _reset(self, _request: Any, response: Any) -> Any:

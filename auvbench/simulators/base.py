@@ -1,4 +1,4 @@
-"""What every simulator offers: N copies of one vehicle, advanced together.
+"""The contract of simulators: N copies of one vehicle, advanced together.
 
 A simulator knows nothing of tasks and rewards. World ENU with the surface at z = 0, body FLU, quaternion
 (w, x, y, z) body to world, SI units.
@@ -23,7 +23,7 @@ class Simulator(Protocol):
 
     vehicle: VehicleModel
     n: int
-    capabilities: Capabilities  # what it can; what it cannot is refused where the configuration asks for it
+    capabilities: Capabilities  # a configuration that asks for more is refused
     pose: FloatArray  # (n, 7) x y z qw qx qy qz, m
     velocity: FloatArray  # (n, 6) u v w p q r in body axes, m/s and rad/s
     actuators: FloatArray  # (n, n_actuator_states)
@@ -56,7 +56,7 @@ class Simulator(Protocol):
         """Hold normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds."""
 
     def state_dict(self) -> dict[str, FloatArray]:
-        """Copies of all that an exact resume needs."""
+        """Return copies of the arrays that an exact resume needs."""
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
-        """Return to a state that `state_dict` gave."""
+        """Restore a state that `state_dict` returned."""

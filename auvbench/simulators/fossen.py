@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from auvbench.config.disturbance import SCALES
 from auvbench.config.simulators import CAPABILITIES
 from auvbench.dynamics import layout
 from auvbench.dynamics.kernel import PARAMETER_ROWS, advance
@@ -19,7 +20,6 @@ from auvbench.vehicles.model import VehicleModel
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
 
-SCALES = ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust")
 _STATE = (
     "pose",
     "velocity",
@@ -125,7 +125,7 @@ class FossenSimulator:
 
     def substeps(self, duration: float) -> int:
         """Number of equal substeps that make up `duration` seconds."""
-        # The margin keeps 1/25 s at four substeps of .01 s, whatever the last bit of the quotient says.
+        # The margin keeps 1/25 s at four substeps of .01 s despite the rounding of the quotient.
         return max(1, math.ceil(duration / self.max_step - 1e-9))
 
     def step(self, command: ArrayLike, duration: float) -> None:
@@ -138,9 +138,9 @@ class FossenSimulator:
     def kernel_arguments(
         self, command: FloatArray, duration: float, start: int, stop: int
     ) -> tuple[Any, ...]:
-        """What `dynamics.kernel.advance` takes to step the vehicles start .. stop - 1, multiples of LANES or `n`.
+        """Return the arguments of `dynamics.kernel.advance` for the vehicles start .. stop - 1, multiples of LANES or `n`.
 
-        For those who call it from compiled code: the arrays stay the same ones until vehicles get other scales.
+        Compiled callers may keep them: the arrays stay the same until vehicles get other scales.
         """
         substeps = self.substeps(duration)
         h = duration / substeps

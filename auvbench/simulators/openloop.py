@@ -1,4 +1,4 @@
-"""One vehicle, constant inputs, no controller: a trajectory, in ENU/FLU or in NED/FRD."""
+"""Integrate one vehicle under constant inputs, in ENU/FLU or in NED/FRD."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ REST = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 class IntegrationError(AuvbenchError):
-    """The motion grew beyond all bounds: the step is too long for the vehicle, or the input absurd."""
+    """The motion left the range of floating point: the step is too long, or the input is too large."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """What a vehicle did, at its sample times, in `frame` ("enu": ENU/FLU, "ned": NED/FRD)."""
+    """A vehicle's motion at sample times, in `frame` ("enu": ENU/FLU, "ned": NED/FRD)."""
 
     frame: str
     time: FloatArray  # (T,) s
@@ -39,20 +39,20 @@ class Trajectory:
     velocity: FloatArray  # (T, 6) u v w p q r over ground, body axes
 
     def rows(self) -> FloatArray:
-        """(T, 13) in the order of `HEADER`; psi is unwrapped, so that it grows beyond 2 pi in a long turn."""
+        """Return (T, 13) in the order of `HEADER`; psi is unwrapped."""
         angles = frames.euler(self.pose[:, 3:])
         angles[:, 2] = np.unwrap(angles[:, 2])
         return np.column_stack([self.time, self.pose[:, :3], angles, self.velocity])
 
     def csv(self) -> str:
-        """The trajectory as text, 12 significant digits."""
+        """Return the trajectory as CSV with 12 significant digits."""
         lines = (",".join(f"{value + 0.0:.12g}" for value in row) for row in self.rows().tolist())
         return "\n".join([HEADER, *lines, ""])
 
 
 def sample_times(duration: float, sample: float) -> FloatArray:
-    """0, sample, 2 sample, ... and `duration` itself, (T,) in s."""
-    # The margin forgives the last bit of the quotient: 20 s at 0.1 s are 200 intervals.
+    """Return 0, sample, 2 sample, ... and `duration` itself, (T,) in s."""
+    # The margin forgives the quotient's rounding: 20 s at 0.1 s are 200 intervals.
     whole = math.floor(duration / sample * (1 + 1e-12))
     times: FloatArray = np.arange(whole + 1, dtype=np.float64) * sample
     if duration - times[-1] > 1e-9 * duration:
@@ -112,7 +112,7 @@ def integrate(
         simulator.step(action, min(sample, duration - before) if after == duration else sample)
         if not (np.isfinite(simulator.pose).all() and np.isfinite(simulator.velocity).all()):
             raise IntegrationError(
-                f"the motion left all bounds between {before:g} and {after:g} s: use a max_step below {max_step:g} s"
+                f"the motion diverged between {before:g} and {after:g} s: use a max_step below {max_step:g} s"
             )
         poses.append(simulator.pose[0].copy())
         velocities.append(simulator.velocity[0].copy())
@@ -120,7 +120,7 @@ def integrate(
 
 
 def without_actuators(vehicle: VehicleModel) -> VehicleModel:
-    """The same body in water with nothing mounted that acts on it: neither thrusters nor fins nor ballast."""
+    """Return the vehicle without thrusters, fins and ballast."""
     return dataclasses.replace(vehicle, units=(), controllable=())
 
 

@@ -1,4 +1,4 @@
-"""From a `VehicleModel` to the arrays that the compiled kernel reads."""
+"""Convert a `VehicleModel` into the arrays of the compiled kernel."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _CURVES = {
 
 
 def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
-    """Parameters (k, PARAMETER_ROWS) of vehicles whose properties are scaled by `scales` (k, 6)."""
+    """Return parameters (k, PARAMETER_ROWS) of vehicles whose properties are scaled by `scales` (k, 6)."""
     mass, buoyancy, inertia, added, damping, thrust = (scales[:, j, None] for j in range(6))
     r_g = vehicle.center_of_gravity
     no_inertia = np.zeros((3, 3))
@@ -66,7 +66,7 @@ def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
 
 
 def unit_table(vehicle: VehicleModel) -> tuple[FloatArray, FloatArray]:
-    """The table of actuators (n_u, ACTUATOR_COLUMNS) and the table of curves (1 + curves, points).
+    """Return the table of actuators (n_u, ACTUATOR_COLUMNS) and the table of curves (1 + curves, points).
 
     Row 0 of the curves is electrical power over force: the largest force F, then powers at equally spaced forces
     from -F to F. The others start with their number of entries.
@@ -98,7 +98,7 @@ def unit_table(vehicle: VehicleModel) -> tuple[FloatArray, FloatArray]:
 
 
 def geometry_table(vehicle: VehicleModel) -> FloatArray:
-    """The table of geometry (n_u, GEOMETRY_COLUMNS)."""
+    """Return the table of geometry (n_u, GEOMETRY_COLUMNS)."""
     table = np.zeros((len(vehicle.units), layout.GEOMETRY_COLUMNS))
     table[:, :6] = vehicle.allocation.T
     fin = (
@@ -125,7 +125,7 @@ def geometry_table(vehicle: VehicleModel) -> FloatArray:
 
 
 def discretise(vehicle: VehicleModel, duration: float) -> FloatArray:
-    """Exact discretisations (n_u, DISCRETE_COLUMNS) of all actuators for one duration in s."""
+    """Return exact discretisations (n_u, DISCRETE_COLUMNS) of all actuators for one duration in s."""
     table = np.zeros((len(vehicle.units), layout.DISCRETE_COLUMNS))
     table[:, layout.HALF_STEP] = duration
     done: dict[Lag, tuple[FloatArray, FloatArray]] = {}  # a group of thrusters shares its lag

@@ -1,4 +1,4 @@
-"""`simulator=ros2`: the contract of all simulators, on whatever offers the interface of docs/ros2.md."""
+"""`simulator=ros2`: the contract of all simulators, on a server of the interface of docs/ros2.md."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auvbench.config import simulators
+from auvbench.config.disturbance import SCALES
 from auvbench.dynamics.commands import commanded
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.ros2.connection import Connection
@@ -20,14 +21,12 @@ from auvbench.vehicles.physical import PhysicalCommands
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
 
-N_SCALES = 6
-
 _connections: dict[tuple[Any, ...], Connection] = {}
-"""of this process: a test makes a batch for each few episodes, and to find a server takes half a second"""
+"""of this process: a test makes many batches, and finding a server takes half a second"""
 
 
 def connect(settings: simulators.Ros2, vehicle: VehicleModel) -> Connection:
-    """The connection to the server; the same one as before where there is one.
+    """Return the connection to the server, the earlier one while it is usable.
 
     Raises:
         ConfigError, InterfaceError: as `Connection`.
@@ -38,7 +37,7 @@ def connect(settings: simulators.Ros2, vehicle: VehicleModel) -> Connection:
     if found is not None and found.usable:
         return found
     for other in [k for k in _connections if k[0] == os.getpid()]:
-        _connections.pop(other).close()  # its server was stopped since, or another one is asked for
+        _connections.pop(other).close()  # its server has stopped, or another one is asked for
     made = Connection(namespace, vehicle.actuators, settings.clock, settings.timeout)
     _connections[key] = made
     return made
@@ -53,17 +52,17 @@ def _leave() -> None:
 
 
 def used() -> dict[str, str]:
-    """What this process is connected to, for manifests; empty where it is to nothing."""
+    """Return the server of this process's connection for manifests; empty without a connection."""
     own = [c for (process, *_), c in _connections.items() if process == os.getpid()]
     if not own:
         return {}
     about = own[-1].about
     server = ", ".join(f"{name} {value}" for name, value in sorted(about.items()))
-    return {"ros2": f"jazzy, clock {own[-1].clock}; server: {server or 'says nothing of itself'}"}
+    return {"ros2": f"jazzy, clock {own[-1].clock}; server: {server or 'unknown'}"}
 
 
 def clock() -> str:
-    """Which clock steps are counted by, of the connection that this process has; empty without one."""
+    """Return the clock of this process's connection; empty without a connection."""
     own = [c for (process, *_), c in _connections.items() if process == os.getpid()]
     return own[-1].clock if own else ""
 
@@ -71,19 +70,18 @@ def clock() -> str:
 class Ros2Simulator:
     """N vehicles behind ROS 2.
 
-    Commands leave as physical quantities, those that the sheet's curves make of them, computed as the embedded
-    simulator computes them; poses come back as they are. In lock-step with `auvbench serve` everything is the server's,
-    disturbances included, and the bits are those of the simulator there. By other clocks commands and poses are as late
-    as the network makes them, a fault scales the command, and there is a steady current at most.
+    Commands leave as physical quantities, computed by the sheet's curves as in the embedded simulator. In lock-step with
+    `auvbench serve` the server applies all disturbances, and the bits are those of its simulator. By other clocks
+    commands and poses are late, a fault scales the command, and currents are steady.
 
     Args:
         vehicle: the model that is served.
         n: number of vehicles.
-        settings: where they are.
+        settings: namespace, clock and timeout.
 
     Raises:
-        ConfigError: the server has fewer vehicles, or ROS 2 is not there.
-        InterfaceError: the server does not offer what is needed.
+        ConfigError: the server has fewer vehicles, or ROS 2 is not installed.
+        InterfaceError: a topic or service is missing, or has another user.
     """
 
     def __init__(self, vehicle: VehicleModel, n: int, settings: simulators.Ros2) -> None:
@@ -109,20 +107,20 @@ class Ros2Simulator:
         self._table, self._curves = unit_table(vehicle)
         self._thrusters = np.array([unit.kind == "thruster" for unit in vehicle.units])
         self._physical = PhysicalCommands(vehicle)
-        # The server's other vehicles do nothing; in lock-step they are waited for all the same.
+        # Lock-step needs commands to the server's other vehicles, too.
         self._all = np.tile(self._physical.neutral, (self._connection.n, 1))
         self._command = np.zeros((n, n_u))
         self._quantity = np.zeros((n, n_u))
-        self._told_effectiveness = np.ones((n, n_u))
+        self._sent_effectiveness = np.ones((n, n_u))
         self._current: FloatArray = np.zeros((n, 8))
         self._current[:, 7] = 1.0
-        # The server may still have those of whoever was here before.
-        self._told_current: FloatArray = np.full((n, 8), np.nan)
+        # The server may have the currents of an earlier client.
+        self._sent_current: FloatArray = np.full((n, 8), np.nan)
         self._scaled = np.ones(n, dtype=np.bool_)
 
     @property
     def exact(self) -> bool:
-        """Whether the server steps in lock-step, and takes disturbances."""
+        """Whether the server steps in lock-step, and so applies disturbances."""
         return self._connection.clock == "lockstep"
 
     def reset(
@@ -132,7 +130,7 @@ class Ros2Simulator:
 
         Raises:
             InterfaceError: the server refuses.
-            TrainingError: it does not answer.
+            TrainingError: the server does not answer.
         """
         self._own()
         which = np.asarray(indices).tolist()
@@ -140,7 +138,9 @@ class Ros2Simulator:
             return
         self.pose[indices] = pose
         self.velocity[indices] = velocity
-        factors = np.ones((len(which), N_SCALES)) if scales is None else np.asarray(scales, dtype=np.float64)
+        factors = (
+            np.ones((len(which), len(SCALES))) if scales is None else np.asarray(scales, dtype=np.float64)
+        )
         parameters: dict[int, dict[str, Any]] = {}
         for row, i in enumerate(which):
             entries = {"start_pose": self.pose[i].tolist(), "start_velocity": self.velocity[i].tolist()}
@@ -154,12 +154,12 @@ class Ros2Simulator:
                 self._scaled[i] = drawn
             parameters[i] = entries
         self._connection.reset(which, parameters)
-        if not self.exact:  # the vehicle floats on while it waits: what was told last is where it is
+        if not self.exact:  # the vehicle moves on while it waits
             self.pose[indices] = self._connection.pose[indices]
             self.velocity[indices] = self._connection.velocity[indices]
         self.command_force[indices] = 0.0
         self.power[indices] = 0.0
-        self.effectiveness[indices] = self._told_effectiveness[indices] = 1.0
+        self.effectiveness[indices] = self._sent_effectiveness[indices] = 1.0
 
     def set_current(
         self,
@@ -167,7 +167,7 @@ class Ros2Simulator:
         bottom: ArrayLike | None = None,
         depths: tuple[ArrayLike, ArrayLike] = (0.0, 1.0),
     ) -> None:
-        """Set the current of all vehicles; see `Simulator.set_current`. It is told before the next step."""
+        """Set the current of all vehicles; see `Simulator.set_current`. It is sent before the next step."""
         self._current[:, :3] = velocity
         self._current[:, 3:6] = velocity if bottom is None else bottom
         self._current[:, 6], self._current[:, 7] = depths
@@ -176,7 +176,7 @@ class Ros2Simulator:
         """Hold normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds.
 
         Raises:
-            TrainingError: the server does not answer, or another simulator of this process has its vehicles.
+            TrainingError: the server does not answer, or another batch of this process uses its vehicles.
         """
         self._own()
         given = np.asarray(command, dtype=np.float64)
@@ -186,39 +186,38 @@ class Ros2Simulator:
         commanded(self._command, self._table, self._curves, self._quantity, self.command_force, self.power)
         message = self._physical.quantities(self._quantity)
         if self.exact:
-            self._tell()
+            self._send()
         else:
             message *= np.where(self._thrusters, self.effectiveness, 1.0)
-            if np.any(self._current[0, :3] != self._told_current[0, :3]):
+            if np.any(self._current[0, :3] != self._sent_current[0, :3]):
                 self._connection.flow(self._current[0, :3])
-                self._told_current[...] = self._current
+                self._sent_current[...] = self._current
         self._all[: self.n] = message
         self._connection.step(self._all, duration)
         self.pose[...] = self._connection.pose[: self.n]
         self.velocity[...] = self._connection.velocity[: self.n]
 
-    def _tell(self) -> None:
-        """Sets what has changed since the server was told last."""
+    def _send(self) -> None:
+        """Send faults and currents that have changed."""
         parameters: dict[int, dict[str, Any]] = {}
-        for i in np.flatnonzero(np.any(self.effectiveness != self._told_effectiveness, axis=1)).tolist():
+        for i in np.flatnonzero(np.any(self.effectiveness != self._sent_effectiveness, axis=1)).tolist():
             parameters.setdefault(i, {})["effectiveness"] = self.effectiveness[i].tolist()
-        for i in np.flatnonzero(np.any(self._current != self._told_current, axis=1)).tolist():
+        for i in np.flatnonzero(np.any(self._current != self._sent_current, axis=1)).tolist():
             parameters.setdefault(i, {})["current"] = self._current[i].tolist()
         if parameters:
             self._connection.set(parameters)
-            self._told_effectiveness[...] = self.effectiveness
-            self._told_current[...] = self._current
+            self._sent_effectiveness[...] = self.effectiveness
+            self._sent_current[...] = self._current
 
     def _own(self) -> None:
         if self._connection.owner is not self:
             raise TrainingError(
-                f"{self._connection.names[0].odometry}: another batch of this process has taken its vehicles;"
-                " one at a time"
+                f"{self._connection.names[0].odometry}: another batch of this process uses these vehicles; one at a time"
             )
 
     def state_dict(self) -> dict[str, FloatArray]:
-        """Nothing: no state can be put back over the interface (`capabilities.exact_resume`)."""
+        """Return nothing: the interface cannot restore a state (`capabilities.exact_resume`)."""
         return {}
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
-        """Does nothing: whoever resumes begins the episodes in flight again."""
+        """Do nothing: a resumed run begins the episodes in flight again."""

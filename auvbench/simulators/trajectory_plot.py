@@ -1,4 +1,4 @@
-"""A trajectory as one picture: where it went, at which attitude, how fast."""
+"""Draw a trajectory: position, attitude and velocity over time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from auvbench.simulators.openloop import Trajectory
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe and Ito's palette: told apart by colour-blind readers, and by line style in print.
+# Okabe and Ito's palette, which colour-blind readers can distinguish; line styles are for print.
 _STYLES = (("#0072B2", "-"), ("#D55E00", "--"), ("#009E73", "-."))
 
 

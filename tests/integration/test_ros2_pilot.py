@@ -232,7 +232,7 @@ def test_what_it_does_not_arm_with(tank):
     tank.position[2] = -10.0
     tank.until(lambda: tank.pilot.age < 0.1)
     company = tank.node.create_publisher(tank.session.ros.std.Float64, "/bluerov2/cmd_thruster3", 10)
-    tank.until(lambda: "cmd_thruster3: somebody else commands" in tank.arm().message)
+    tank.until(lambda: "cmd_thruster3: another client commands" in tank.arm().message)
     tank.node.destroy_publisher(company)
 
 
@@ -315,9 +315,9 @@ def test_a_controller_that_fails(steering, answer, error, message):
 
 def test_waypoints_that_are_none(tank):
     tank.goal(1.0, 2.0, 0.0)
-    tank.until(lambda: tank.said("z = 0 m, must be within -60 .. -1 m: ignored"))
+    tank.until(lambda: tank.said("ignored: z = 0 m, must be within -60 .. -1 m"))
     tank.goal(1.0, 2.0, -5.0, frame="map")
-    tank.until(lambda: tank.said("in the frame 'map', must be 'world': ignored"))
+    tank.until(lambda: tank.said("ignored: the frame is 'map', must be 'world'"))
     assert tank.pilot.steering.waypoint is None
 
 

@@ -1,4 +1,4 @@
-"""Gazebo's Python bindings, loaded when a simulator is made and not before."""
+"""Load Gazebo's Python bindings when a simulator is made."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ INSTALL = (
     "on Ubuntu 24.04 with Gazebo's package repository: sudo apt install gz-harmonic python3-gz-sim8, then a virtual"
     " environment that sees it: python3 -m venv --system-site-packages .venv"
 )
-"""How the bindings come to a machine; docs/gazebo.md says it at length."""
+"""How to install the bindings; docs/gazebo.md has more."""
 
 _MODULES = (
     "gz.sim8",
@@ -33,7 +33,7 @@ _MODULES = (
 
 @dataclass(frozen=True, slots=True)
 class Gazebo:
-    """The modules of the bindings that are used."""
+    """Modules of the bindings."""
 
     sim: Any
     math: Any
@@ -58,7 +58,7 @@ def load() -> Gazebo:
     os.environ.setdefault("GZ_PARTITION", f"auvbench-{os.getpid()}")
     os.environ.setdefault("GZ_IP", "127.0.0.1")
     sim, math, transport, common, *messages = modules()
-    common.set_verbosity(1)  # errors; what Gazebo notes at every start and reset is for its developers
+    common.set_verbosity(1)  # errors only: Gazebo writes notes for its developers at every reset
     boolean, factories, entity, physics, control = messages
     return Gazebo(
         sim,
@@ -85,7 +85,7 @@ def modules() -> list[Any]:
 
 
 def missing() -> str | None:
-    """Why Gazebo cannot be used here; None where it can."""
+    """Return why Gazebo cannot be used here; None if it can."""
     try:
         load()
     except ConfigError as error:
@@ -101,7 +101,7 @@ def versions() -> dict[str, str]:
     found: dict[str, str] = {}
     try:
         lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
-    except OSError:  # no Linux
+    except OSError:  # not Linux
         return found
     for line in lines:
         path = line.rpartition(" ")[2]

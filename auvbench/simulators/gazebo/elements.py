@@ -1,4 +1,4 @@
-"""Pieces of SDF text: numbers that read back as they were, plugins, and comments that name a number's sources."""
+"""Parts of SDF text: exact numbers, plugins, and comments with a number's sources."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 Cite = Callable[..., str]
-"""Gives, for a path of keys in a sheet, the comment that names the sources of the number there."""
+"""Returns the comment with the sources of a number, for its path of keys in a sheet."""
 
 
 def citations(sheet: Mapping[str, Any]) -> Cite:
-    """A function from a path of keys in a sheet to the comment that names the sources of the number there."""
+    """Return a `Cite` for a sheet."""
 
     def cite(*path: str) -> str:
         node: Any = sheet
@@ -27,17 +27,17 @@ def citations(sheet: Mapping[str, Any]) -> Cite:
 
 
 def no_citations(*path: str) -> str:
-    """For models that nobody reads."""
+    """Return no comment: for models that only the simulator reads."""
     return ""
 
 
 def comment(text: str) -> str:
-    """`text` as it may stand in an XML comment."""
+    """Return `text` as an XML comment may hold it."""
     return re.sub("-{2,}", "-", text)
 
 
 def plugin(library: str, name: str, *body: str) -> str:
-    """A `<plugin>` element of one of Gazebo's own systems, two blanks deep."""
+    """Return a `<plugin>` element of one of Gazebo's systems, indented by two blanks."""
     opening = f'  <plugin filename="gz-sim-{library}-system" name="gz::sim::systems::{name}"'
     if not body:
         return f"{opening}/>"
@@ -45,11 +45,11 @@ def plugin(library: str, name: str, *body: str) -> str:
 
 
 def number(value: float) -> str:
-    """The shortest decimal that reads back as the same double."""
+    """Return the shortest decimal that reads back as the same double."""
     value = float(value) + 0.0  # no negative zero
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
 
 
 def numbers(values: Any) -> str:
-    """Numbers with blanks between them."""
+    """Return numbers with blanks between them."""
     return " ".join(number(value) for value in values)

@@ -1,4 +1,4 @@
-"""What `auvbench vehicles NAME --sdf DIR` writes: a model, a world, and what a ROS 2 user starts beside them."""
+"""The files of `auvbench vehicles NAME --sdf DIR`: model, world, and ROS 2 bridge and launch file."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from auvbench.simulators.gazebo import elements, sdf
 from auvbench.vehicles.model import VehicleModel
 
 WORLD = "ocean"
-"""Name of the world, as in the world of Centrale Nantes' BlueROV2."""
+"""Name of the world, as for Centrale Nantes' BlueROV2."""
 
 _MEANING = {
     "corrected": "added mass as <fluid_added_mass>, which DART integrates with its Coriolis term",
-    "published": "added mass in the Hydrodynamics plugin, explicit and with a wrong Coriolis term, as the thesis ran it",
+    "published": "added mass in the Hydrodynamics plugin, explicit and with a wrong Coriolis term, as in the thesis",
 }
 
 
 def files(vehicle: VehicleModel, sheet: Mapping[str, Any], hydrodynamics: str, step: float) -> dict[str, str]:
-    """Contents by path below the folder.
+    """Return contents by path below the folder.
 
     Args:
         vehicle: the vehicle.
-        sheet: its sheet, for the sources beside the numbers.
+        sheet: its sheet, for the sources of the numbers.
         hydrodynamics: one of `sdf.HYDRODYNAMICS`.
         step: s, the world's physics step.
 
@@ -62,7 +62,7 @@ def files(vehicle: VehicleModel, sheet: Mapping[str, Any], hydrodynamics: str, s
 
 
 def write(folder: Path, contents: Mapping[str, str]) -> list[Path]:
-    """Writes files below `folder`; returns their paths."""
+    """Write files below `folder`; return their paths."""
     paths = []
     for name, text in contents.items():
         path = folder / name
@@ -88,7 +88,7 @@ def _config(vehicle: VehicleModel) -> str:
 
 
 def bridge(vehicle: VehicleModel) -> str:
-    """The parameter file of `ros_gz_bridge`, with the topics of Centrale Nantes' BlueROV2."""
+    """Return the parameter file of `ros_gz_bridge`, with the topics of Centrale Nantes' BlueROV2."""
     name = vehicle.name
     rows = [
         (

@@ -1,4 +1,4 @@
-"""Masses as Gazebo takes them: the hull without its propellers, bodies of their own there, and added mass made explicit."""
+"""Masses for Gazebo: the hull without its propellers, which are bodies of their own, and explicit added mass."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PROPELLER = 0.01
 
 
 def explicit_growth(vehicle: VehicleModel) -> float:
-    """The factor by which an acceleration echoes in the next step where added mass is an explicit force.
+    """Return the factor by which an error of the acceleration grows per step if added mass is an explicit force.
 
     With M_RB a[k+1] = tau - M_A a[k] an error grows by the largest eigenvalue of M_RB^-1 M_A, at any step.
     """
@@ -23,12 +23,12 @@ def explicit_growth(vehicle: VehicleModel) -> float:
 
 
 def whole(vehicle: VehicleModel) -> tuple[float, FloatArray, FloatArray]:
-    """Mass in kg, centre of gravity (3,) m and inertia (3, 3) kg m2 about it of the vehicle."""
+    """Return the vehicle's mass in kg, centre of gravity (3,) in m, and inertia (3, 3) in kg m2 about it."""
     return vehicle.mass, vehicle.center_of_gravity, vehicle.inertia
 
 
 def hull(vehicle: VehicleModel) -> tuple[float, FloatArray, FloatArray]:
-    """Mass, centre of gravity and inertia about it of the vehicle without its propellers, spheres of PROPELLER kg."""
+    """Return the same as `whole` for the vehicle without its propellers, spheres of PROPELLER kg."""
     mass = vehicle.mass - PROPELLER * len(vehicle.units)
     if mass <= 0.0:
         raise VehicleError(
@@ -46,10 +46,10 @@ def hull(vehicle: VehicleModel) -> tuple[float, FloatArray, FloatArray]:
 
 
 def _parallel(mass: float, r: FloatArray) -> FloatArray:
-    """Inertia (3, 3) about the origin of a point mass at `r` (3,)."""
+    """Return the inertia (3, 3) of a point mass at `r` (3,) about the origin."""
     return np.asarray(mass * (float(r @ r) * np.eye(3) - np.outer(r, r)))
 
 
 def spin(mass: float) -> float:
-    """Moment of inertia in kg m2 of a propeller link, a sphere of 2 cm radius."""
+    """Return the moment of inertia in kg m2 of a propeller link, a sphere of 2 cm radius."""
     return 0.4 * mass * 0.02**2

@@ -1,4 +1,4 @@
-"""What the model of a vehicle is made of: mass, displaced water, propellers, publishers and hydrodynamics."""
+"""Parts of a vehicle's model: mass, displaced water, propellers, publishers and hydrodynamics."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _REACTION = "xyzkmn"
 
 
 def inertial(vehicle: VehicleModel, hydrodynamics: str, cite: Cite, thrusters: bool) -> list[str]:
-    """Mass, centre and inertia of the link; added mass with them where it is `corrected`."""
+    """Return mass, centre and inertia of the link, and `corrected` added mass."""
     mass, r_g, inertia = masses.hull(vehicle) if thrusters else masses.whole(vehicle)
     note = f"    <!-- The propellers' {len(vehicle.units)} x {masses.PROPELLER:g} kg are taken off. -->"
     lines = [note] if thrusters and vehicle.units else []
@@ -55,7 +55,7 @@ def inertial(vehicle: VehicleModel, hydrodynamics: str, cite: Cite, thrusters: b
 
 
 def displaced(vehicle: VehicleModel, cite: Cite) -> list[str]:
-    """The displaced water: a sphere at the centre of buoyancy, which touches nobody."""
+    """Return the displaced water: a sphere at the centre of buoyancy without contacts."""
     volume = vehicle.buoyancy / (vehicle.density * vehicle.gravity)
     if volume == 0.0:
         return []
@@ -79,7 +79,7 @@ def displaced(vehicle: VehicleModel, cite: Cite) -> list[str]:
 
 
 def propeller(vehicle: VehicleModel, index: int, space: str, cite: Cite) -> list[str]:
-    """Link, joint and Thruster plugin of one propeller."""
+    """Return link, joint and Thruster plugin of one propeller."""
     unit = vehicle.units[index]
     low, high = sorted(float(limit) for limit in vehicle.force_limits[index])
     if unit.rotor_constant:
@@ -89,7 +89,7 @@ def propeller(vehicle: VehicleModel, index: int, space: str, cite: Cite) -> list
         ]
     else:
         turning = [
-            "<!-- The command is the force in N; this says only how fast the propeller is seen to turn. -->",
+            "<!-- The command is the force in N; this sets only the visible speed of the propeller. -->",
             "<thrust_coefficient>1</thrust_coefficient>",
         ]
     spin = number(masses.spin(masses.PROPELLER))
@@ -120,12 +120,12 @@ def propeller(vehicle: VehicleModel, index: int, space: str, cite: Cite) -> list
 
 
 def _position_source(cite: Cite, name: str) -> str:
-    """The sources of a thruster's position: of a group of them, or of one on its own."""
+    """Return the sources of a thruster's position, its group's or its own."""
     return cite("actuators", "thrusters", "positions") or cite("actuators", name, "position")
 
 
 def publishers(space: str) -> list[str]:
-    """Pose and odometry of the body, by the names that Centrale Nantes' bridge expects."""
+    """Return publishers of pose and odometry, with the names that Centrale Nantes' bridge expects."""
     return [
         plugin(
             "pose-publisher",
@@ -142,7 +142,7 @@ def publishers(space: str) -> list[str]:
             f"<odom_topic>/model/{escape(space)}/odometry</odom_topic>",
             "<odom_frame>world</odom_frame>",
             f"<robot_base_frame>{LINK}</robot_base_frame>",
-            # Not on the topic of the poses, which by default it shares with another type of message.
+            # Its default topic is that of the poses, which have another type.
             f"<tf_topic>/model/{escape(space)}/tf</tf_topic>",
             "<dimensions>3</dimensions>",
             "<odom_publish_frequency>100</odom_publish_frequency>",
@@ -153,7 +153,7 @@ def publishers(space: str) -> list[str]:
 def hydrodynamics_plugin(
     vehicle: VehicleModel, hydrodynamics: str, cite: Cite, current: FloatArray | None
 ) -> str:
-    """Damping, and where it is `published` added mass, of the Hydrodynamics plugin: derivatives, hence the minus."""
+    """Return the Hydrodynamics plugin: damping, and `published` added mass, as derivatives, hence the minus."""
     body = [f"<link_name>{LINK}</link_name>"]
     for key, form, values in (
         ("linear_damping", "{r}{m}", vehicle.linear_damping),

@@ -1,8 +1,7 @@
 """A vehicle's sheet as SDF for Gazebo Harmonic (gz-sim 8, DART): a model, and a world of water around models.
 
-Gazebo's axes are the project's (world ENU, body FLU), and the link frame is the body origin, so numbers are written
-as they stand in the `VehicleModel`. Where a source uses Fossen's derivatives (negative numbers), the plugin's tags
-carry the minus.
+Gazebo's axes are auvbench's (world ENU, body FLU), and the link frame is the body origin, so numbers are those of the
+`VehicleModel`. The plugin's tags are Fossen's derivatives and so have a minus.
 """
 
 from __future__ import annotations
@@ -24,41 +23,40 @@ FloatArray = NDArray[np.float64]
 HYDRODYNAMICS = ("corrected", "published")
 """How added mass acts.
 
-`corrected`: `<fluid_added_mass>`, which DART adds to the body's inertia, so that the Coriolis term follows by itself.
-`published`: the Hydrodynamics plugin's own explicit added mass, whose Coriolis term has the wrong sign (measured in
-gz-sim 8.14.0) or wrong entries (before 8.12.0): what a model with `<xDotU>` tags has always simulated.
+`corrected`: `<fluid_added_mass>`, which DART adds to the body's inertia, so that the Coriolis term follows.
+`published`: the Hydrodynamics plugin's explicit added mass, as in models with `<xDotU>` tags. Its Coriolis term has the
+wrong sign (measured in gz-sim 8.14.0) or wrong entries (before 8.12.0).
 """
 
 VERSION = "1.11"
 
 
 def check(vehicle: VehicleModel, hydrodynamics: str) -> None:
-    """Whether Gazebo's plugins can be the vehicle of the sheet.
+    """Check that Gazebo's plugins can simulate a vehicle.
 
     Raises:
-        VehicleError: it has actuators other than thrusters, a weight that is not mass times gravity, added mass
-            without its Coriolis term where DART would add one, that of Gazebo's own plugin, or added mass that diverges
-            when it is explicit.
+        VehicleError: it has actuators other than thrusters, a weight that is not mass times gravity, a Coriolis term of
+            added mass that DART cannot have, or added mass that diverges when it is explicit.
     """
     others = [unit for unit in vehicle.units if unit.kind != "thruster"]
     if others:
         raise VehicleError(
-            f"vehicle {vehicle.name}: {others[0].name} is a {others[0].kind}; Gazebo's models have thrusters only"
+            f"vehicle {vehicle.name}: {others[0].name} is a {others[0].kind}; in Gazebo all actuators must be thrusters"
         )
     if abs(vehicle.weight - vehicle.mass * vehicle.gravity) > 1e-9 * vehicle.weight:
         raise VehicleError(
             f"vehicle {vehicle.name}: weight {vehicle.weight:g} N is not mass x gravity ="
-            f" {vehicle.mass * vehicle.gravity:g} N, which is what Gazebo makes of the mass"
+            f" {vehicle.mass * vehicle.gravity:g} N, the weight that Gazebo computes"
         )
     if vehicle.plugin:
         raise VehicleError(
-            f"vehicle {vehicle.name}: its added-mass Coriolis term is a copy of that of Gazebo's plugin ({vehicle.plugin}); "
-            "in Gazebo itself it is simulator.hydrodynamics=published with the vehicle that was copied"
+            f"vehicle {vehicle.name}: its added-mass Coriolis term copies that of Gazebo's plugin ({vehicle.plugin}); "
+            "in Gazebo use the original vehicle with simulator.hydrodynamics=published"
         )
     if hydrodynamics == "corrected":
         if not vehicle.added_mass_coriolis and np.any(vehicle.M_A):
             raise VehicleError(
-                f"vehicle {vehicle.name}: added_mass_coriolis is false, which <fluid_added_mass> cannot be;"
+                f"vehicle {vehicle.name}: added_mass_coriolis is false, and <fluid_added_mass> includes that term;"
                 " use hydrodynamics=published"
             )
         return
@@ -80,15 +78,14 @@ def model(
     namespace: str | None = None,
     current: FloatArray | None = None,
 ) -> str:
-    """The `<model>` element.
+    """Return the `<model>` element.
 
     Args:
         vehicle: the vehicle.
         hydrodynamics: one of `HYDRODYNAMICS`.
         name: of the model; the vehicle's by default.
-        cite: gives the comment beside a number.
-        thrusters: with links, joints and Thruster plugins for them and with publishers of pose and odometry, as a
-            user of Gazebo wants them; without, the bare body for whoever applies forces by himself.
+        cite: returns the comment with a number's sources.
+        thrusters: with links, joints and Thruster plugins, and with publishers of pose and odometry; else the bare body.
         namespace: of the topics `/NAMESPACE/THRUSTER/cmd`; the model's name by default.
         current: (3,) m/s, world axes, of the water around the model until a message on `/ocean_current` changes it.
 
@@ -122,16 +119,16 @@ def world(
     scene: bool = True,
     header: str = "",
 ) -> str:
-    """A whole SDF file: water without end around `models`, headless defaults, no sensors.
+    """Return an SDF file: unbounded water around `models`, without sensors.
 
     Args:
         models: `<model>` elements.
-        vehicle: whose gravity and water.
+        vehicle: gives gravity and density.
         name: of the world.
         step: s, the physics step.
         real_time_factor: 1 for real time, 0 for as fast as possible.
-        cite: gives the comment beside a number.
-        scene: with what a screen shows (light, SceneBroadcaster).
+        cite: returns the comment with a number's sources.
+        scene: with light and SceneBroadcaster for a window.
         header: a comment at the top.
     """
     lines = ['<?xml version="1.0"?>']
@@ -141,7 +138,7 @@ def world(
         f'<sdf version="{VERSION}" xmlns:gz="http://gazebosim.org/schema">',
         f'<world name="{escape(name)}">',
     ]
-    if not scene:  # threads for the systems' last call cost more than these systems do
+    if not scene:  # threads for these systems' last call cost more than the call
         lines.append("  <gz:policies><parallel_postupdates>false</parallel_postupdates></gz:policies>")
     lines += [
         '  <physics name="dart" type="dart">',
@@ -155,7 +152,7 @@ def world(
     if scene:
         lines.append(plugin("scene-broadcaster", "SceneBroadcaster"))
     lines += [
-        # One fluid everywhere: the sheets' buoyancy does not end at the surface either.
+        # One fluid everywhere: the sheets' buoyancy does not end at the surface.
         plugin(
             "buoyancy",
             "Buoyancy",

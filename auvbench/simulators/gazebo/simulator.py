@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from auvbench.config.disturbance import SCALES
 from auvbench.config.simulators import CAPABILITIES
 from auvbench.errors import ConfigError
 from auvbench.simulators.gazebo import bindings, sdf
@@ -19,19 +20,17 @@ from auvbench.vehicles.model import VehicleModel
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
 
-N_SCALES = 6
-
 _PUBLISHED = "simulator=gazebo with simulator.hydrodynamics=published"
 
 CROWD = 25
-"""The most vehicles in one world: what Gazebo does in a step grows faster than their number (docs/gazebo.md)."""
+"""Most vehicles in one world: the time of a step of Gazebo grows faster than their number."""
 
 
 class GazeboSimulator:
-    """N copies of a vehicle in Gazebo, which do not touch each other; up to `CROWD` share a world.
+    """N copies of a vehicle in Gazebo that do not touch each other; up to `CROWD` share a world.
 
-    Gazebo has the rigid body, added mass, damping, weight and buoyancy; thrusters are the sheet's and act as forces
-    on the body. Vehicles start at rest: Gazebo's bindings cannot give a body a velocity and let go of it.
+    Gazebo computes the rigid body, added mass, damping, weight and buoyancy. Thrusters are computed here and act as
+    forces on the body. Vehicles start at rest: a body whose velocity Gazebo's bindings set keeps it.
 
     Args:
         vehicle: the model to simulate.
@@ -41,7 +40,7 @@ class GazeboSimulator:
 
     Raises:
         ConfigError: Gazebo's bindings are not installed, or a number is out of range.
-        VehicleError: Gazebo's plugins cannot be this vehicle; see `sdf.check`.
+        VehicleError: Gazebo cannot simulate this vehicle; see `sdf.check`.
 
     Attributes beyond `Simulator`'s:
         current: (n, 8) velocity of the current at the top (3), difference to the bottom (3), z of the top,
@@ -74,27 +73,25 @@ class GazeboSimulator:
         self.effectiveness = np.ones((n, n_u))
         self.current = np.zeros((n, 8))
         self.external_wrench = np.zeros((n, 6))
-        self.scales = np.ones((n, N_SCALES))
+        self.scales = np.ones((n, len(SCALES)))
         self._thrust = Thrust(vehicle, n)
         self.actuators = self._thrust.states
         self._allocation = vehicle.allocation
         self._worlds: list[World] = []
-        self._fresh = set(range(n))  # vehicles whose body is yet to be made
+        self._fresh = set(range(n))  # vehicles that need a new body
 
     def reset(
         self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike, scales: ArrayLike | None = None
     ) -> None:
         """Put vehicles `indices` (k,) at `pose` (k, 7), at rest; see `Simulator.reset`.
 
-        Everything that Gazebo keeps of the old bodies goes with them: velocity, and what its plugins remember.
+        The old bodies are removed, with their velocity and the state of their plugins.
 
         Raises:
             ConfigError: `velocity` (k, 6) is not zero.
         """
         if np.any(velocity):
-            raise ConfigError(
-                "simulator=gazebo starts vehicles at rest: its bodies cannot be given a velocity"
-            )
+            raise ConfigError("simulator=gazebo starts vehicles at rest: velocity must be 0")
         self.pose[indices] = pose
         self.velocity[indices] = 0.0
         self.command_force[indices] = 0.0
@@ -114,7 +111,7 @@ class GazeboSimulator:
 
         Raises:
             ConfigError: the second depth is not below the first; or, with the published hydrodynamics, the current
-                changes within an episode or with depth, of which the plugin cannot be told in time.
+                changes within an episode or with depth.
         """
         top = np.asarray(depths[0], dtype=np.float64)
         thickness = np.asarray(depths[1], dtype=np.float64) - top
@@ -127,16 +124,16 @@ class GazeboSimulator:
         wanted[:, 7] = 1.0 / thickness
         if self.hydrodynamics == "published":
             if wanted[:, 3:6].any():
-                raise ConfigError(f"{_PUBLISHED}: the current is the same at all depths")
+                raise ConfigError(f"{_PUBLISHED}: the current must be the same at all depths")
             changed = np.flatnonzero(np.any(wanted[:, :3] != self.current[:, :3], axis=1)).tolist()
             if not self._fresh.issuperset(changed):
                 raise ConfigError(
-                    f"{_PUBLISHED}: a current is steady in an episode; reset the vehicle to change it"
+                    f"{_PUBLISHED}: the current must be steady in an episode; reset the vehicle to change it"
                 )
         self.current[...] = wanted
 
     def substeps(self, duration: float) -> int:
-        """Number of equal physics steps that make up `duration` seconds."""
+        """Return the number of equal physics steps in `duration` seconds."""
         return max(1, math.ceil(duration / self.max_step - 1e-9))
 
     def step(self, command: ArrayLike, duration: float) -> None:
@@ -150,7 +147,7 @@ class GazeboSimulator:
         self.power[...] = self.vehicle.power(action)
         forces = self._thrust.forces(action, steps, duration / steps)
         forces *= self.effectiveness * self.scales[:, 5:6]
-        # Not by a matrix product, whose last bits depend on how many vehicles there are.
+        # Not a matrix product: its last bits depend on the number of vehicles.
         wrench = np.einsum("sna,ca->snc", forces, self._allocation) + self.external_wrench
         fresh = sorted(self._fresh)
         self._fresh.clear()
@@ -163,14 +160,14 @@ class GazeboSimulator:
             self.velocity[part] = world.velocity
 
     def state_dict(self) -> dict[str, FloatArray]:
-        """Nothing: Gazebo cannot bring a state back (`capabilities.exact_resume`)."""
+        """Return nothing: Gazebo cannot restore a state (`capabilities.exact_resume`)."""
         return {}
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
-        """Does nothing: whoever resumes begins the episodes in flight again."""
+        """Do nothing: a resumed run begins the episodes in flight again."""
 
     def _set_step(self, step: float) -> None:
-        """Worlds with this physics step in s."""
+        """Make the worlds if need be, and give them this physics step in s."""
 
         def text(name: str) -> str:
             return sdf.world([], self.vehicle, name=name, step=step, real_time_factor=0.0, scene=False)
@@ -183,7 +180,7 @@ class GazeboSimulator:
                 world.set_step(step)
 
     def _newcomer(self, index: int, place: int) -> Newcomer:
-        """The body of vehicle `index` for a place in its world."""
+        """Return a body of vehicle `index` for a place in its world."""
         vehicle = self.vehicle
         if np.any(self.scales[index] != 1.0):
             vehicle = scaled(vehicle, self.scales[index])
@@ -197,7 +194,7 @@ class GazeboSimulator:
 
 
 def scaled(vehicle: VehicleModel, scales: FloatArray) -> VehicleModel:
-    """The vehicle with mass, buoyancy, inertia, added mass and damping multiplied by the first five of `scales`."""
+    """Return the vehicle with mass, buoyancy, inertia, added mass and damping times the first five of `scales`."""
     mass, buoyancy, inertia, added, damping = (float(factor) for factor in scales[:5])
     return dataclasses.replace(
         vehicle,

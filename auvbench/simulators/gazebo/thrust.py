@@ -1,4 +1,4 @@
-"""The vehicles' thrusters between the command and Gazebo: the sheet's curves, lags and limits, for N vehicles."""
+"""Thrusters of N vehicles between the command and Gazebo: the sheet's curves, lags and limits."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ FloatArray = NDArray[np.float64]
 class Thrust:
     """Forces of N vehicles' thrusters under a held command.
 
-    Gazebo's Thruster plugin is told newtons and gives them at once, so that what a sheet says of a thruster has to
-    happen before it. The linear dynamics are discretised exactly; the force of a physics step is that of its middle.
+    Gazebo's Thruster plugin gives newtons at once, so curves and lags act before it. The linear dynamics are discretised
+    exactly; the force of a physics step is that of its middle.
 
     Args:
         vehicle: whose thrusters.
@@ -29,11 +29,11 @@ class Thrust:
         self._exact: dict[float, list[tuple[FloatArray, FloatArray]]] = {}
 
     def reset(self, indices: NDArray[np.integer]) -> None:
-        """Thrusters of vehicles `indices` (k,) at rest."""
+        """Put the thrusters of vehicles `indices` (k,) at rest."""
         self.states[indices] = self._rest
 
     def forces(self, command: FloatArray, steps: int, step: float) -> FloatArray:
-        """Forces (steps, n, n_u) in N of the next physics steps of `step` seconds; the states move on.
+        """Advance the states; return forces (steps, n, n_u) in N of the next physics steps of `step` seconds.
 
         Args:
             command: (n, n_u) in [-1, 1].
@@ -73,5 +73,5 @@ class Thrust:
 
 
 def _moved(x: FloatArray, A: FloatArray) -> FloatArray:
-    """A x for each row of `x` (n, order); the last bits of a matrix product would depend on n."""
+    """Return A x for each row of `x` (n, order); the last bits of a matrix product would depend on n."""
     return np.asarray(np.einsum("nj,ij->ni", x, A))

@@ -1,13 +1,13 @@
-"""A Gazebo world in this process: bodies that come and go while time stands still, and are pushed while it runs.
+"""A Gazebo world in this process: bodies are exchanged while it is paused, and pushed while it runs.
 
-Read against gz-sim 8.14.0. What its Python bindings leave to do in another way than one would think:
+Written against gz-sim 8.14.0, whose Python bindings have three properties that shape this module:
 
-* A body's velocity can be set, but not let go again (`Link.set_linear_velocity` holds it from then on), and a
-  world's reset loses the Buoyancy system (gz-sim#3333). So a body is reset by removing it and creating another.
-* Removing and creating are requests to the UserCommands system, which carries them out in iterations that may be
-  paused ones. `Server.run(blocking, k, paused)` started paused goes on until a request ends the pause, and counts
-  only what comes after: so bodies are exchanged between two physics steps of all others.
-* A request to a service of the same process is answered within the call, so that nothing depends on timing.
+* `Link.set_linear_velocity` holds a velocity from then on, and a world's reset loses the Buoyancy system (gz-sim#3333).
+  So a body is reset by removing it and creating another.
+* The UserCommands system removes and creates in paused iterations, too. `Server.run(blocking, k, paused)`, started
+  paused, goes on until a request ends the pause, and counts only the iterations after it. So bodies are exchanged
+  between two physics steps of all others.
+* A request to a service of the same process is answered within the call, so timing does not matter.
 """
 
 from __future__ import annotations
@@ -37,21 +37,21 @@ FloatArray = NDArray[np.float64]
 _NUMBERS = itertools.count()
 
 _PATIENCE = 1000
-"""paused iterations within which bodies must have come; a handful is usual"""
+"""paused iterations in which bodies must appear; fewer than ten are usual"""
 
 
 class GazeboError(AuvbenchError):
-    """Gazebo did not do what it was asked for."""
+    """Gazebo failed or refused a request."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """What a current v_c adds to the forces that Gazebo computes from the velocity over ground.
+    """The force that a current v_c adds to the forces that Gazebo computes from the velocity over ground.
 
     Damping and the inertia of added mass act on nu_r = nu - R^T v_c, whose derivative is nu' + omega x R^T v_c. With
     `<fluid_added_mass>` DART computes M_A nu' + C_A(nu) nu, and the Hydrodynamics plugin D(nu) nu; the difference to
-    Fossen's M_A nu_r' + C_A(nu_r) nu_r + D(nu_r) nu_r is a force that is added to the thrusters'. (The plugin's own
-    `<default_current>` leaves out M_A (omega x R^T v_c).)
+    Fossen's M_A nu_r' + C_A(nu_r) nu_r + D(nu_r) nu_r is added to the thrusters' force. (The plugin's own
+    `<default_current>` omits M_A (omega x R^T v_c).)
     """
 
     M_A: FloatArray
@@ -62,7 +62,7 @@ class Drift:
     """(6,) N s2/m2, N m s2"""
 
     def wrench(self, current: FloatArray, R: FloatArray, nu: FloatArray) -> FloatArray:
-        """(6,) in body axes.
+        """Return the force (6,) in N and N m, body axes.
 
         Args:
             current: (3,) m/s, world axes.
@@ -82,23 +82,23 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class Newcomer:
-    """A body that is to take the place of another."""
+    """A body that replaces another."""
 
     index: int
     model: str
-    """a `<model>` element whose name `{name}` is filled in"""
+    """a `<model>` element; its name `{name}` is filled in"""
     pose: FloatArray
     """(7,) x y z qw qx qy qz"""
     drift: Drift | None = None
-    """what a current does to it, where the plugin is not told of one"""
+    """adds the current's force; None where the plugin does"""
 
 
 class World:
     """N places for bodies in one world.
 
     Args:
-        text: gives the SDF file of the empty world for its name; no two in a process share one, since a request to
-            a service would reach either.
+        text: returns the SDF file of the empty world for a name; each world of a process needs its own, because
+            services are addressed by it.
         n: number of places.
         step: s, the physics step that `text` states.
     """
@@ -132,32 +132,32 @@ class World:
             path.write_text(text, encoding="utf-8")
             handlers = _handlers()
             fixture = self.gazebo.sim.TestFixture(str(path))
-            # Gazebo keeps what it calls: through a reference of its own the world would never go.
+            # Gazebo keeps its callbacks: a strong reference would keep the world alive.
             before, after = weakref.WeakMethod(self._before), weakref.WeakMethod(self._after)
             fixture.on_pre_update(lambda info, ecm: before()(info, ecm))  # type: ignore[misc]
             fixture.on_post_update(lambda info, ecm: after()(info, ecm))  # type: ignore[misc]
             fixture.finalize()
-            # Gazebo's server stops on SIGINT and SIGTERM by itself; here it is the run that saves and stops.
+            # Gazebo's server handles SIGINT and SIGTERM; here the run must, to save and stop.
             for number, handler in handlers.items():
                 signal.signal(number, handler)
         return fixture
 
     def set_step(self, step: float) -> None:
-        """Another physics step in s, from the next `advance` on, which must bring a newcomer or follow one."""
+        """Set the physics step in s of the next `advance`."""
         request = self.gazebo.physics(max_step_size=step, real_time_factor=0.0)
         self._ask("set_physics", request)
         self.step = step
         self._arriving.add(-1)
 
     def advance(self, newcomers: Sequence[Newcomer], wrench: FloatArray) -> None:
-        """Exchanges bodies while time stands still, then makes a physics step for each row of `wrench`.
+        """Exchange bodies while paused, then make a physics step for each row of `wrench`.
 
         Args:
-            newcomers: bodies that take their places first.
+            newcomers: bodies that replace others first.
             wrench: (steps, n, 6) N and N m in body axes, at the body origin.
 
         Raises:
-            GazeboError: a body did not come, or Gazebo refused a request.
+            GazeboError: a body did not appear, or Gazebo refused a request.
         """
         if newcomers:
             self._exchange(newcomers)
@@ -176,7 +176,7 @@ class World:
             old = self._names[newcomer.index]
             if old is not None:
                 self._ask("remove", self.gazebo.entity(name=old, type=self.gazebo.entity.MODEL))
-            # A name of its own for each: the old body is still there while the new one is made.
+            # A new name each time: the old body still exists while the new one is created.
             name = f"body{newcomer.index}-{self._born}"
             self._born += 1
             self._names[newcomer.index] = name
@@ -198,12 +198,12 @@ class World:
         if not (done and answer.data):
             raise GazeboError(f"Gazebo refused a request to its service /world/{self._name}/{service}")
 
-    # Gazebo calls these two in every iteration. What they raise would be lost in it: it is kept for `advance`.
+    # Gazebo calls these two in every iteration and loses their exceptions, so `advance` raises them.
 
     def _before(self, info: Any, ecm: Any) -> None:
         if self._error is not None:
             if info.paused:
-                self._go()  # to the end of what was begun: only then does Gazebo give control back
+                self._go()  # Gazebo returns control only at the end of the run
             return
         try:
             if info.paused:
@@ -224,12 +224,12 @@ class World:
             self._error = error
 
     def _settle(self, ecm: Any) -> None:
-        """One paused iteration: looks whether all bodies have come, and ends the pause one iteration later."""
+        """In a paused iteration, look for the new bodies; end the pause one iteration after the last appeared."""
         sim = self.gazebo.sim
         self._patience += 1
         if self._patience > _PATIENCE:
             missing = sorted(i for i in self._arriving if i >= 0)
-            raise GazeboError(f"Gazebo did not create the bodies {missing}: its own messages say why")
+            raise GazeboError(f"Gazebo did not create the bodies {missing}; see its messages")
         self._arriving.discard(-1)
         if not self._arriving:
             self._go()
@@ -274,19 +274,19 @@ class World:
 
 
 def _four(turn: Any) -> FloatArray:
-    """Quaternion (4,) w x y z."""
+    """Return a quaternion (4,) w x y z."""
     return np.array([turn.w(), turn.x(), turn.y(), turn.z()])
 
 
 def _twist(link: Any, turn: Any, ecm: Any) -> FloatArray:
-    """Velocity (6,) over ground of the link's origin, body axes."""
+    """Return the velocity (6,) of the link's origin over ground, body axes."""
     v = turn.rotate_vector_reverse(link.world_linear_velocity(ecm))
     w = turn.rotate_vector_reverse(link.world_angular_velocity(ecm))
     return np.array([v.x(), v.y(), v.z(), w.x(), w.y(), w.z()])
 
 
 def _handlers() -> dict[int, Any]:
-    """The handlers of the signals that Gazebo takes over; none outside the main thread, which cannot set them."""
+    """Return the handlers of the signals that Gazebo takes over; none outside the main thread."""
     if threading.current_thread() is not threading.main_thread() or os.name != "posix":
         return {}
     return {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}

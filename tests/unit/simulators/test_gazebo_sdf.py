@@ -128,11 +128,11 @@ def test_published_gives_added_mass_to_the_plugin_and_none_to_dart():
     [
         ("lrauv", "corrected", "rudder is a fin"),
         ("bluerov2_heavy", "published", r"largest eigenvalue of M_RB\^-1 M_A is 1.38"),
-        ("bluerov2_gz_sim_8_12", "corrected", r"copy of that of Gazebo's plugin \(gz-sim-8.12\)"),
+        ("bluerov2_gz_sim_8_12", "corrected", r"copies that of Gazebo's plugin \(gz-sim-8.12\)"),
         (
             "bluerov2_gz_sim_8_11",
             "published",
-            "simulator.hydrodynamics=published with the vehicle that was copied",
+            "original vehicle with simulator.hydrodynamics=published",
         ),
     ],
 )
