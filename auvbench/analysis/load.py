@@ -16,7 +16,6 @@ from auvbench.analysis import consistency
 from auvbench.analysis.evaluations import LARGEST, Damage, is_name, read_evaluation, sealed
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.model import Problem, RunRecord
-from auvbench.analysis.processes import each
 from auvbench.config import answers
 from auvbench.errors import ReportError, closest
 from auvbench.runs import run_filter as filters
@@ -66,13 +65,13 @@ def load(
     protocols = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     problems: list[Problem] = []
     directories = list(_directories(paths, problems))
-    found = _collect(each(_read_run, directories), problems)
+    found = _collect(map(_read_run, directories), problems)
     if not found:
         details = f": {problems[0].where}: {problems[0].message}" if problems else ""
         raise ReportError(f"no run under {', '.join(map(str, paths))}{details}")
     if where:
         found = filters.select(found, filters.parse(where), _facts)
-    read = list(each(lambda run: _with_evaluations(run, protocols), found))
+    read = [_with_evaluations(run, protocols) for run in found]
     runs = _collect(_one_per_id(read, protocols[0]), problems)
     return runs, problems
 

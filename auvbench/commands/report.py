@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shlex
 from collections.abc import Callable, Sequence
@@ -23,12 +24,14 @@ if TYPE_CHECKING:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Exit code 0 when there is a report, whatever had to be left out of it: the report names that."""
+    """Return 0 when there is a report, which names the runs that it leaves out."""
     paths, options = parse(argv)
-    from auvbench.analysis.processes import uncollected
-
-    with uncollected():
+    # A report keeps nearly all of the millions of objects that it makes: to search them for cycles takes a sixth of its time.
+    gc.disable()
+    try:
         _report(paths, options, shlex.join(["auvbench", "report", *argv]))
+    finally:
+        gc.enable()
     return 0
 
 

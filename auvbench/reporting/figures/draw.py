@@ -1,4 +1,4 @@
-"""Draws the figures of a report, in the order in which a reader wants them."""
+"""Draw the figures of a report, in the order in which they are shown."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from auvbench.analysis.model import Agent, Problem, Ranking, RunRecord
-from auvbench.analysis.processes import beside
 from auvbench.reporting.figures import (
     conditions,
     difference,
@@ -43,21 +42,11 @@ FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
 }
 """by file name; one that has nothing to show returns None"""
 
-SECOND_PROCESS = (
-    "training_success",
-    "validation_success",
-    "training_curves",
-    "training_outcomes",
-    "training_logs",
-    "trajectories",
-)
-"""About half of the work; those that read the training records stand together, so that they are read once."""
-
 
 def draw_all(
     runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Ranking, out: Path
 ) -> tuple[list[Figure], list[Problem]]:
-    """Draws every figure that the data allow into `out`/figures.
+    """Draw every figure that the data allow into `out`/figures.
 
     Args:
         runs: the loaded runs.
@@ -66,25 +55,17 @@ def draw_all(
         out: the folder of the report.
 
     Returns:
-        the figures, PNG and SVG, with titles and captions, and what was found damaged while drawing.
+        the figures, PNG and SVG, with titles and captions, and the damage found while drawing.
     """
-    shared = scene(agents, ranking)
-    names = list(FIGURES)
-    with beside(lambda: _draw(shared, SECOND_PROCESS, out)) as rest:
-        drawn, found = _draw(shared, [name for name in names if name not in SECOND_PROCESS], out)
-        more, problems = rest()
-    drawn |= more
-    for name in names:
-        if name not in drawn:  # an earlier report's, of other runs
-            for suffix in (".png", ".svg"):
-                (out / "figures" / name).with_suffix(suffix).unlink(missing_ok=True)
-    # Without a second process both lists are that of the one scene.
-    distinct = list(dict.fromkeys([*found, *problems]))
-    return [drawn[name] for name in names if name in drawn], distinct
+    drawn, problems = _draw(scene(agents, ranking), list(FIGURES), out)
+    for name in FIGURES.keys() - drawn.keys():  # an earlier report's, of other runs
+        for suffix in (".png", ".svg"):
+            (out / "figures" / name).with_suffix(suffix).unlink(missing_ok=True)
+    return list(drawn.values()), list(dict.fromkeys(problems))
 
 
 def draw(names: Sequence[str], agents: Sequence[Agent], ranking: Ranking, out: Path) -> list[Figure]:
-    """Draws the named figures into `out`/figures; one that the data do not allow is not among them."""
+    """Draw the named figures into `out`/figures; leave out those that the data do not allow."""
     drawn, _ = _draw(scene(agents, ranking), names, out)
     return list(drawn.values())
 

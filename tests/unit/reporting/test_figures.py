@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from auvbench.analysis import processes
 from auvbench.analysis.conditions import successes
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.ranking import rank
@@ -85,16 +84,6 @@ def test_a_training_of_a_few_episodes_is_not_drawn(tmp_path: Path) -> None:
     drawn_from = build(tmp_path / "grid", algorithms=("ppo",), seeds=(0,), episodes=5, train_episodes=3)
     for name in ("training_curves", "training_outcomes", "training_logs"):
         assert draw(name, drawn_from) is None
-
-
-def test_a_child_process_draws_the_same(
-    small: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name, forks in (("forked", True), ("alone", False)):
-        monkeypatch.setattr(processes, "can_fork", lambda forks=forks: forks)
-        draw_all([], small.agents, small.ranking, tmp_path / name)
-    for file in (tmp_path / "alone" / "figures").iterdir():
-        assert file.read_bytes() == (tmp_path / "forked" / "figures" / file.name).read_bytes(), file.name
 
 
 @pytest.mark.parametrize("name", FIGURES)
