@@ -71,7 +71,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def require() -> None:
-    """Both packages, before torch is imported for seconds.
+    """Look for the packages, before torch is imported for seconds.
 
     Raises:
         MissingExtraError: one of them is not installed.
@@ -80,7 +80,7 @@ def require() -> None:
 
     from auvbench.errors import MissingExtraError
 
-    for package in ("onnx", "onnxruntime"):
+    for package in ("onnx", "onnxruntime", "onnxscript"):
         if find_spec(package) is None:
             raise MissingExtraError(package, extra="onnx", purpose="exported policies")
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,7 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
         MissingExtraError: onnx or onnxruntime is not installed.
         TrainingError: the disk is full, read-only or failing.
     """
-    from auvbench.agents.learned import onnx_graph
+    from auvbench.agents.learned import onnx_export
 
     manifest = run.manifest()
     if manifest["state"] != "complete":
@@ -93,7 +94,7 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
     n_u = len(vehicle.actuators)
     about = {"run": run.id, "vehicle": vehicle.name, "frequency_hz": f"{config.step.frequency:g}"}
     try:
-        data = onnx_graph.build(policy, 4 + n_u, scaling, about)
+        data = onnx_export.build(policy, 4 + n_u, scaling, about)
     except RunError as error:
         raise RunError(f"{run.path}: {error}") from error
     count, difference, limit = compare(config, agent, data, n_u, str(run.path))
@@ -156,14 +157,14 @@ def make_card(
             "name": name,
             "bytes": len(data),
             "sha256": sha256(data),
-            "opset": found.opset,
+            "opset": found.file.opset,
             **{
                 kind: {
                     "name": port.name,
                     "type": port.type,
                     "shape": ["n" if length is None else length for length in port.shape or ()],
                 }
-                for kind, port in (("input", found.inputs[0]), ("output", found.outputs[0]))
+                for kind, port in (("input", found.input), ("output", found.output))
             },
         },
         "vehicle": {
@@ -290,7 +291,5 @@ def _tests(run: RunDirectory, manifest: Mapping[str, Any]) -> list[dict[str, Any
 
 
 def _versions() -> dict[str, str]:
-    import onnx
-    import onnxruntime
-
-    return {**provenance.versions(), "onnx": onnx.__version__, "onnxruntime": onnxruntime.__version__}
+    packages = ("onnx", "onnxruntime", "onnxscript")
+    return {**provenance.versions(), **{name: metadata.version(name) for name in packages}}

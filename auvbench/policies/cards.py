@@ -1,26 +1,22 @@
-"""The card of a policy's file: JSON beside the ONNX file that says what its numbers mean.
-
-Cards may come from anybody: they are bounded and looked at before anything is believed. What one holds is in
-docs/policies-as-files.md.
-"""
+"""The card of a policy's file: JSON beside the ONNX file that says what its numbers mean (docs/policies-as-files.md)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from auvbench.errors import RunError
-from auvbench.untrusted import documents, reading
-from auvbench.untrusted.text import plain, short
+from auvbench.untrusted import documents, reading, typed_json
+from auvbench.untrusted.text import short
 
 FORMAT = "auvbench-policy"
 SCHEMA_VERSION = 1
 """of the card"""
 
-LONGEST_NAME = 200
-"""characters of a name on a card"""
+LARGEST = 1 << 20
+"""bytes of a card"""
 
 MOST = 1000
 """observations or actions"""
@@ -30,28 +26,50 @@ class PolicyError(RunError):
     """A policy's file or card cannot be used, or the policy answers what is no action."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Named:
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    position_frame: Literal["world", "body"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Entries:
+    """The entries of a card that are read."""
+
+    name: str
+    vehicle: _Named
+    frequency_hz: Annotated[float, typed_json.Range(1e-3, 1000)]
+    task: _Task
+    observation: list[_Named]
+    action: list[_Named]
+    file: _File
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Card:
-    """What is known of a policy beside its network."""
+    """What is known of a policy in addition to its network."""
 
     name: str
     vehicle: str
-    frequency: float
-    """Hz of its actions"""
-    position_frame: str
-    """world | body: of the position error that it observes"""
-    observation: tuple[str, ...]
-    """names of what it observes, in order"""
-    action: tuple[str, ...]
-    """names of the actuators, in order"""
-    sha256: str
-    """of the ONNX file"""
-    document: Mapping[str, Any]
-    """the whole of it"""
+    frequency: float  # Hz of its actions
+    position_frame: str  # world | body: of the position error that it observes
+    observation: tuple[str, ...]  # names of what it observes, in order
+    action: tuple[str, ...]  # names of the actuators, in order
+    sha256: str  # of the ONNX file
+    document: Mapping[str, Any]  # the whole of it
 
 
 def card_path(path: Path | str) -> Path:
-    """Where the card of an ONNX file lies: under the same stem.
+    """Return where the card of an ONNX file lies: under the same stem.
 
     >>> card_path("policies/ppo.onnx").name
     'ppo.json'
@@ -60,19 +78,19 @@ def card_path(path: Path | str) -> Path:
 
 
 def read_card(path: Path | str) -> Card:
-    """A card by itself.
+    """Read a card by itself.
 
     Raises:
         PolicyError: it is missing, or no card.
     """
-    card = parse_card(content(Path(path), reading.DOCUMENT), str(path))
+    card = parse_card(content(Path(path), LARGEST), str(path))
     if card is None:
         raise PolicyError(f'{path}: is no card of a policy ("format" is not "{FORMAT}")')
     return card
 
 
 def parse_card(data: bytes, where: str) -> Card | None:
-    """A card from its bytes; None where the JSON is of something else.
+    """Return the card in some bytes; None if the JSON is of something else.
 
     Raises:
         PolicyError: it is no JSON, of another schema version, or an entry is missing or impossible.
@@ -88,78 +106,34 @@ def parse_card(data: bytes, where: str) -> Card | None:
         raise PolicyError(
             f"{where}: schema_version {short(version, 40)}, but this auvbench reads {SCHEMA_VERSION}"
         )
+    try:
+        found = typed_json.convert(document, _Entries)
+    except ValueError as error:
+        raise PolicyError(f"{where}: {error}") from error
+    for key, items in (("observation", found.observation), ("action", found.action)):
+        if not 0 < len(items) <= MOST:
+            raise PolicyError(f"{where}: {key} has {len(items)} entries, must have 1 to {MOST}")
     return Card(
-        name=_name(document, where, "name"),
-        vehicle=_name(document, where, "vehicle", "name"),
-        frequency=_frequency(document, where),
-        position_frame=_frame(document, where),
-        observation=_names(document, where, "observation"),
-        action=_names(document, where, "action"),
-        sha256=_name(document, where, "file", "sha256"),
+        name=found.name,
+        vehicle=found.vehicle.name,
+        frequency=float(found.frequency_hz),
+        position_frame=found.task.position_frame,
+        observation=tuple(item.name for item in found.observation),
+        action=tuple(item.name for item in found.action),
+        sha256=found.file.sha256,
         document=document,
     )
 
 
 def content(path: Path, limit: int) -> bytes:
-    """A file's bytes, at most `limit` of them.
+    """Return a file's bytes, at most `limit` of them.
 
     Raises:
         PolicyError: it cannot be read.
     """
     try:
         return reading.content(path, limit)
+    except FileNotFoundError as error:
+        raise PolicyError(f"{path}: no such file") from error
     except (OSError, ValueError) as error:
-        raise PolicyError(f"{path}: {unread(error)}") from error
-
-
-def unread(error: OSError | ValueError) -> str:
-    """Why a file's bytes are not there, in words."""
-    if isinstance(error, FileNotFoundError):
-        return "no such file"
-    return f"cannot be read: {getattr(error, 'strerror', None) or error}"
-
-
-def _entry(document: Mapping[str, Any], where: str, *keys: str) -> Any:
-    node: Any = document
-    for key in keys:
-        if not isinstance(node, Mapping) or key not in node:
-            raise PolicyError(f"{where}: {'.'.join(keys)} is missing")
-        node = node[key]
-    return node
-
-
-def _name(document: Mapping[str, Any], where: str, *keys: str) -> str:
-    value = _entry(document, where, *keys)
-    if not is_name(value):
-        raise PolicyError(f"{where}: {'.'.join(keys)} is {short(repr(value), 40)}, which is no name")
-    return str(value)
-
-
-def is_name(value: Any) -> bool:
-    """Whether it is a text of one line that can be shown."""
-    return isinstance(value, str) and 0 < len(value) <= LONGEST_NAME and plain(value) == value
-
-
-def _frequency(document: Mapping[str, Any], where: str) -> float:
-    value = _entry(document, where, "frequency_hz")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= 1000:
-        raise PolicyError(
-            f"{where}: frequency_hz is {short(repr(value), 40)}; must be above 0 and at most 1000"
-        )
-    return float(value)
-
-
-def _frame(document: Mapping[str, Any], where: str) -> str:
-    value = _entry(document, where, "task", "position_frame")
-    if value not in ("world", "body"):
-        raise PolicyError(f"{where}: task.position_frame is {short(repr(value), 40)}; valid: body, world")
-    return str(value)
-
-
-def _names(document: Mapping[str, Any], where: str, key: str) -> tuple[str, ...]:
-    items = _entry(document, where, key)
-    if not isinstance(items, list) or not 0 < len(items) <= MOST:
-        raise PolicyError(f"{where}: {key} is no list of what the network takes or gives")
-    return tuple(
-        _name({"entry": item}, f"{where}: {key}[{i}]", "entry", "name") for i, item in enumerate(items)
-    )
+        raise PolicyError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error

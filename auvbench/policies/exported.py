@@ -1,16 +1,16 @@
 """A policy as a file: an ONNX network and, beside it, a card in JSON that says what its numbers mean.
 
-Reading one needs NumPy and ONNX Runtime alone (`pip install onnxruntime`): no torch, no Stable-Baselines3, nothing that is
-compiled. The network takes raw observations (n, 4 + n_u) in the units of the environment and answers with actions
-(n, n_u) in [-1, 1]; scaling and clipping are in the file. Files and cards may come from anybody: they are bounded and
-looked at (`auvbench/untrusted/onnx_file.py`) before a runtime gets them.
-
-The card is `auvbench/policies/cards.py`.
+Reading one needs NumPy, onnx and ONNX Runtime alone: no torch, no Stable-Baselines3, nothing that is compiled. The network
+takes raw observations (n, 4 + n_u) in the units of the environment and returns actions (n, n_u) in [-1, 1]; scaling and
+clipping are in the file. Files and cards of other people are checked (`auvbench/untrusted/onnx_file.py`), and the runtime
+gets only what was checked.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import MissingExtraError
-from auvbench.policies.cards import MOST, Card, PolicyError, card_path, content, parse_card, unread
-from auvbench.untrusted import onnx_file, reading
+from auvbench.policies import cards
+from auvbench.policies.cards import MOST, Card, PolicyError, card_path, content, parse_card
+from auvbench.untrusted import onnx_file
 from auvbench.untrusted.onnx_file import OnnxFile, Port
 from auvbench.untrusted.text import plain, short
 
@@ -65,15 +66,10 @@ class Policy:
         self.where = where
         self.card = card
         self.sha256 = hashlib.sha256(data).hexdigest()
-        self.file = check(data, where, observations=observations, actions=actions, card=card)
-        entry, answer = self.file.inputs[0], self.file.outputs[0]
-        self.n_observations = _width(entry, card.observation if card else None, observations)
-        self.n_actions = _width(answer, card.action if card else None, actions)
-        self._session = _session(data, where)
-        self._input, self._output = entry.name, answer.name
-        self._type = np.float64 if entry.type == "float64" else np.float32
-        fixed = entry.shape[0] if entry.shape else None
-        self._rows = fixed if fixed is not None else rows
+        self.network = check(data, where, observations=observations, actions=actions, card=card, rows=rows)
+        self.n_observations, self.n_actions = self.network.n_observations, self.network.n_actions
+        self._session = _session(self.network.file.serialised(), where)
+        self._input, self._output = self.network.input, self.network.output
 
     def act(self, observation: NDArray[np.floating]) -> Floats:
         """Actions (n, n_u) in [-1, 1] for raw observations (n, 4 + n_u) in their units.
@@ -81,28 +77,25 @@ class Policy:
         Raises:
             PolicyError: it answers with a NaN, an infinity, an action out of range, or one of another shape.
         """
-        given = np.ascontiguousarray(observation, dtype=self._type)
+        given = np.ascontiguousarray(observation, dtype=self._input.type)
         if given.ndim != 2:
             raise PolicyError(f"{self.where}: was given observations of shape {given.shape}, not (n, length)")
-        parts = [self._pass(given[at : at + self._rows]) for at in range(0, len(given), self._rows)]
-        action = np.concatenate(parts) if parts else np.zeros((0, self.n_actions or 0), dtype=np.float32)
+        rows = self.network.rows
+        parts = [self._pass(given[at : at + rows]) for at in range(0, len(given), rows)]
+        action = np.concatenate(parts) if parts else np.zeros((0, self.n_actions), dtype=np.float32)
         self._refuse(given, action)
         return np.clip(action, -1.0, 1.0)
 
     def _pass(self, part: NDArray[Any]) -> Floats:
-        rows = part
-        if len(part) < self._rows:
-            rows = np.zeros((self._rows, part.shape[1]), dtype=part.dtype)
-            rows[: len(part)] = part
+        rows = np.zeros((self.network.rows, part.shape[1]), dtype=part.dtype)
+        rows[: len(part)] = part
         try:
-            (answer,) = self._session.run([self._output], {self._input: rows})
+            (answer,) = self._session.run([self._output.name], {self._input.name: rows})
         except Exception as error:  # the runtime raises of all kinds
             raise PolicyError(f"{self.where}: cannot be computed: {_reason(error)}") from error
-        wanted = (len(rows), self.n_actions) if self.n_actions else (len(rows), *np.shape(answer)[1:2])
-        if np.shape(answer) != wanted:
+        if np.shape(answer) != (len(rows), self.n_actions):
             raise PolicyError(
-                f"{self.where}: answers {len(rows)} observations with an array of shape {np.shape(answer)}; "
-                f"must be ({len(rows)}, {self.n_actions or 'actuators'})"
+                f"{self.where}: answers {len(rows)} observations with an array of shape {np.shape(answer)}"
             )
         return np.asarray(answer[: len(part)], dtype=np.float32)
 
@@ -150,12 +143,9 @@ def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
         raise PolicyError(f"{path}: {what}; name the ONNX file")
     data = content(path, onnx_file.LARGEST)
     beside = card_path(path)
-    try:
-        text = reading.content(beside)
-    except FileNotFoundError:
+    if not os.path.lexists(beside):
         return data, None, None
-    except (OSError, ValueError) as error:
-        raise PolicyError(f"{beside}: {unread(error)}") from error
+    text = content(beside, cards.LARGEST)
     card = parse_card(text, str(beside))
     if card is None:
         return data, None, None
@@ -167,6 +157,24 @@ def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
     return data, card, text
 
 
+@dataclass(frozen=True, slots=True)
+class Network:
+    """A checked ONNX file and the sizes in which it is used."""
+
+    file: OnnxFile
+    rows: int  # of each forward pass
+    n_observations: int
+    n_actions: int
+
+    @property
+    def input(self) -> Port:
+        return self.file.inputs[0]
+
+    @property
+    def output(self) -> Port:
+        return self.file.outputs[0]
+
+
 def check(
     data: bytes,
     where: str,
@@ -174,58 +182,65 @@ def check(
     observations: int | None = None,
     actions: int | None = None,
     card: Card | None = None,
-) -> OnnxFile:
-    """What an ONNX file says of itself, if it is a policy of these sizes. Needs no runtime.
+    rows: int = ROWS,
+) -> Network:
+    """Return the network of an ONNX file if it is a policy of these sizes. Needs no runtime.
 
     Args:
         data: the file.
         where: its name, for messages.
-        observations, actions: lengths; None where any will do.
+        observations: length of an observation; None for any.
+        actions: number of actuators; None for any.
         card: whose names must be as many as the file's inputs and outputs.
+        rows: of each forward pass, unless the file fixes them.
 
     Raises:
-        PolicyError: it is none.
+        PolicyError: it is not.
+        MissingExtraError: the onnx package is not installed.
     """
     try:
-        found = onnx_file.inspect(data)
+        file = onnx_file.parse(data)
+        entry = _only(file.inputs, "input", "observation (n, 4 + actuators)")
+        answer = _only(file.outputs, "output", "action (n, actuators)")
+        _fits("input", entry, observations, card.observation if card else None)
+        fixed, width = entry.shape or (None, None)
+        width = width or observations or (len(card.observation) if card else None)
+        if width is None:
+            raise ValueError(f"its input {entry} leaves the length of an observation open")
+        rows = fixed or rows
+        shape = file.answer(rows, width)
+        if shape[:1] != (rows,):
+            raise ValueError(f"it answers {rows} observations with an array of shape {shape}")
+        answer = replace(answer, shape=(None, *shape[1:]))
+        _fits("output", answer, actions, card.action if card else None)
     except ValueError as error:
         raise PolicyError(f"{where}: {error}") from error
-    for kind, ports, wanted, named in (
-        ("input", found.inputs, observations, card.observation if card else None),
-        ("output", found.outputs, actions, card.action if card else None),
-    ):
-        if len(ports) != 1:
-            listed = ", ".join(map(str, ports[:6])) or "none"
-            what = "observation (n, 4 + actuators)" if kind == "input" else "action (n, actuators)"
-            raise PolicyError(f"{where}: has {len(ports)} {kind}s ({listed}); a policy has one, the {what}")
-        if wrong := _port_fault(ports[0], wanted):
-            raise PolicyError(f"{where}: its {kind} {ports[0]} {wrong}")
-        width = ports[0].shape[1] if ports[0].shape else None
-        if named is not None and width is not None and width != len(named):
-            raise PolicyError(
-                f"{where}: its {kind} {ports[0]} has not the {len(named)} entries that its card names"
-            )
-    return found
+    return Network(file, rows, width, shape[1] or 0)
 
 
-def _port_fault(port: Port, wanted: int | None) -> str:
+def _only(ports: tuple[Port, ...], kind: str, what: str) -> Port:
+    if len(ports) != 1:
+        listed = ", ".join(map(str, ports[:6])) or "none"
+        raise ValueError(f"has {len(ports)} {kind}s ({listed}); a policy has one, the {what}")
+    return ports[0]
+
+
+def _fits(kind: str, port: Port, wanted: int | None, named: tuple[str, ...] | None) -> None:
+    """
+    Raises:
+        ValueError: the port is not one of float numbers of shape (n, wanted).
+    """
+    told, shape = f"its {kind} {port}", port.shape or (None, None)
     if port.type not in ("float32", "float64"):
-        return "must be float32 or float64"
-    if port.shape is None:
-        return ""  # the first answer will tell
-    lengths = "length" if wanted is None else str(wanted)
-    if port.shape[:1] and (port.shape[0] or 0) > MOST:
-        return f"must take any number of observations at once, or at most {MOST}"
-    if len(port.shape) != 2:
-        return f"must have two dimensions, (n, {lengths})"
-    if wanted is not None and port.shape[1] not in (None, wanted):
-        return f"must be (n, {wanted}) for this vehicle and task"
-    return ""
-
-
-def _width(port: Port, named: tuple[str, ...] | None, wanted: int | None) -> int | None:
-    declared = port.shape[1] if port.shape else None
-    return declared or wanted or (len(named) if named is not None else None)
+        raise ValueError(f"{told} must be float32 or float64")
+    if len(shape) != 2:
+        raise ValueError(f"{told} must have two dimensions, (n, {wanted or 'length'})")
+    if (shape[0] or 0) > MOST:
+        raise ValueError(f"{told} must take any number of observations at once, or at most {MOST}")
+    if wanted is not None and shape[1] not in (None, wanted):
+        raise ValueError(f"{told} must be (n, {wanted}) for this vehicle and task")
+    if named is not None and shape[1] not in (None, len(named)):
+        raise ValueError(f"{told} has not the {len(named)} entries that its card names")
 
 
 def _session(data: bytes, where: str) -> Any:

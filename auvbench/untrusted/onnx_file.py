@@ -1,50 +1,172 @@
-"""An ONNX file from anybody, looked at before a runtime gets it: what goes in and out, and that it is only a network.
+"""Read an ONNX file that another person may have written, and keep only what a policy needs.
 
-The file is a Protocol Buffers message (onnx.proto of https://github.com/onnx/onnx). Its wire format is walked here as
-it lies in the file, with no more than the standard library: nothing is built from it, and nothing that it names is opened.
-Refused is what a policy does not need and a stranger could use:
+The file is parsed by the `onnx` package, reduced to known fields and operators, and serialised again. A runtime gets these
+bytes, never the file: what this reader does not know cannot reach it. Refused are
 
-* tensors whose numbers lie in other files (`external_data`): a path in the file would be read;
-* operators that are not of the ONNX standard, functions of the file's own, and training information;
-* control flow (If, Loop, Scan, SequenceMap): a file of some bytes could compute for ever;
-* random numbers: a policy in a test is deterministic.
+* weights in other files (`external_data`): a path in the file would be read;
+* operators outside `OPERATORS`: other domains, functions, control flow, random numbers;
+* tensors whose shape does not follow from the shape of the input, or that are too large.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass
+from typing import Any
 
-from auvbench.untrusted.text import short
+from auvbench.errors import MissingExtraError
+from auvbench.untrusted.text import first_line, short
 
-LARGEST = 256 * 1024**2
-"""bytes of the longest file that is read; the networks of this benchmark have some hundred thousand"""
-NODES = 100_000
-"""operators in a graph"""
-DIMENSIONS = 32
-"""of an input or output"""
+LARGEST = 16 * 1024**2
+"""bytes of a file; parsing may take a hundred times as much memory"""
+MESSAGES = 100_000
+"""parts of a file: operators, attributes, tensors, dimensions, ..."""
+ELEMENTS = 1 << 25
+"""numbers in all tensors that are computed together"""
 
-STANDARD = ("", "ai.onnx", "ai.onnx.ml")
-"""domains of the operators that ONNX itself defines"""
+KEPT = {
+    "ModelProto": "ir_version opset_import graph",
+    "OperatorSetIdProto": "domain version",
+    "GraphProto": "node name initializer input output",
+    "NodeProto": "input output name op_type domain attribute",
+    "AttributeProto": "name type f i s t floats ints strings",
+    "TensorProto": "dims data_type name raw_data float_data int32_data int64_data double_data uint64_data data_location",
+    "ValueInfoProto": "name type",
+    "TypeProto": "tensor_type",
+    "Tensor": "elem_type shape",
+    "TensorShapeProto": "dim",
+    "Dimension": "dim_value dim_param",
+}
+"""Fields by message of onnx.proto"""
 
-CONTROL_FLOW = ("If", "Loop", "Scan", "SequenceMap")
-RANDOM = (
-    "Bernoulli",
-    "Multinomial",
-    "RandomNormal",
-    "RandomNormalLike",
-    "RandomUniform",
-    "RandomUniformLike",
+DROPPED = "doc_string metadata_props producer_name producer_version model_version domain value_info denotation overload"
+"""Fields without an effect on the numbers, where they are not in `KEPT`"""
+
+REFUSED = {
+    "external_data": "its weights lie in another file (external data), which is not read; save it as one file "
+    "(onnx.save with save_as_external_data=False, torch.onnx.export with external_data=False)",
+    "functions": "it defines functions of its own; write them out as operators (onnx.inliner.inline_local_functions)",
+    "training_info": "it holds training information; export the network alone",
+    "g": "an operator in it holds a graph of its own (control flow), which is not run",
+    "graphs": "an operator in it holds a graph of its own (control flow), which is not run",
+}
+
+OPERATORS = frozenset(
+    [
+        "Abs",
+        "Acos",
+        "Acosh",
+        "Add",
+        "And",
+        "ArgMax",
+        "ArgMin",
+        "Asin",
+        "Asinh",
+        "Atan",
+        "Atanh",
+        "BatchNormalization",
+        "Cast",
+        "CastLike",
+        "Ceil",
+        "Celu",
+        "Clip",
+        "Concat",
+        "Constant",
+        "ConstantOfShape",
+        "Cos",
+        "Cosh",
+        "CumSum",
+        "DequantizeLinear",
+        "Div",
+        "Elu",
+        "Equal",
+        "Erf",
+        "Exp",
+        "Expand",
+        "Flatten",
+        "Floor",
+        "Gather",
+        "GatherElements",
+        "Gelu",
+        "Gemm",
+        "Greater",
+        "GreaterOrEqual",
+        "HardSigmoid",
+        "HardSwish",
+        "Identity",
+        "InstanceNormalization",
+        "IsInf",
+        "IsNaN",
+        "LayerNormalization",
+        "LeakyRelu",
+        "Less",
+        "LessOrEqual",
+        "Log",
+        "LogSoftmax",
+        "LpNormalization",
+        "MatMul",
+        "Max",
+        "Mean",
+        "Min",
+        "Mish",
+        "Mod",
+        "Mul",
+        "Neg",
+        "Not",
+        "Or",
+        "PRelu",
+        "Pad",
+        "Pow",
+        "QuantizeLinear",
+        "RMSNormalization",
+        "Reciprocal",
+        "ReduceL1",
+        "ReduceL2",
+        "ReduceLogSum",
+        "ReduceLogSumExp",
+        "ReduceMax",
+        "ReduceMean",
+        "ReduceMin",
+        "ReduceProd",
+        "ReduceSum",
+        "ReduceSumSquare",
+        "Relu",
+        "Reshape",
+        "Round",
+        "Selu",
+        "Shape",
+        "Sigmoid",
+        "Sign",
+        "Sin",
+        "Sinh",
+        "Size",
+        "Slice",
+        "Softmax",
+        "Softplus",
+        "Softsign",
+        "Split",
+        "Sqrt",
+        "Squeeze",
+        "Sub",
+        "Sum",
+        "Tan",
+        "Tanh",
+        "ThresholdedRelu",
+        "Tile",
+        "Transpose",
+        "Unsqueeze",
+        "Where",
+        "Xor",
+    ]
 )
+"""Operators of the ONNX standard that a policy may use"""
 
-FLOAT, DOUBLE = 1, 11
-"""element types, as TensorProto.DataType numbers them"""
-TYPES = {
-    1: "float32", 2: "uint8", 3: "int8", 4: "uint16", 5: "int16", 6: "int32", 7: "int64", 8: "string", 9: "bool",
-    10: "float16", 11: "float64", 12: "uint32", 13: "uint64", 14: "complex64", 15: "complex128", 16: "bfloat16",
-}  # fmt: skip
+DOMAINS = ("", "ai.onnx")
+"""Both name the ONNX standard"""
 
-_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
+
+Lengths = tuple[int | None, ...]
+"""of a tensor; None for an open one"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,243 +174,162 @@ class Port:
     """An input or output of the graph."""
 
     name: str
-    type: str
-    """float32, float64, ...; a name that says what it is where it is no tensor"""
-    shape: tuple[int | None, ...] | None
-    """None for a length that is open; None altogether where the file does not say"""
+    type: str  # float32, float64, ...
+    shape: Lengths | None  # None if the file does not say
 
     def __str__(self) -> str:
         lengths = "?" if self.shape is None else ", ".join("n" if d is None else str(d) for d in self.shape)
         return f"{short(self.name, 60)!r} ({lengths}) {self.type}"
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class OnnxFile:
-    """What an ONNX file says of itself."""
+    """A checked network."""
 
-    inputs: list[Port] = field(default_factory=list)
-    """what has to be given: without those that the file has numbers for"""
-    outputs: list[Port] = field(default_factory=list)
-    opset: int | None = None
-    """version of the standard operators"""
-    nodes: int = 0
-    graphs: int = 0
-    initializers: set[str] = field(default_factory=set)
+    model: Any  # onnx.ModelProto with known fields alone
+    inputs: tuple[Port, ...]  # without those that the file has numbers for
+    outputs: tuple[Port, ...]
+    opset: int  # version of the standard operators
+
+    def serialised(self) -> bytes:
+        """Return the bytes for a runtime."""
+        return bytes(self.model.SerializeToString(deterministic=True))
+
+    def answer(self, *shape: int) -> Lengths:
+        """Return the shape of the first output for a shape of the first input.
+
+        Raises:
+            ValueError: the shape of a tensor cannot be known in advance, or is too large.
+        """
+        shapes = _shapes(self.model, self.inputs[0].name, shape)
+        total = 0
+        for name, found in shapes.items():
+            if found is None or None in found:
+                raise ValueError(f"the shape of its tensor {short(name, 60)!r} cannot be known in advance")
+            total += math.prod(length or 0 for length in found)
+            if total > ELEMENTS:
+                raise ValueError(
+                    f"it computes more than {ELEMENTS:,} numbers at once, the most that is allowed (tensor {short(name, 60)!r})"
+                )
+        return shapes[self.outputs[0].name] or ()
 
 
-def inspect(data: bytes) -> OnnxFile:
-    """Looks at the whole of an ONNX file.
+def require() -> Any:
+    """Return the onnx package.
 
     Raises:
-        ValueError: it is none, is damaged, or holds what is refused; in one line.
+        MissingExtraError: it is not installed.
     """
-    found = OnnxFile()
     try:
-        _model(memoryview(data), found)
-    except _DamagedError as error:
-        raise ValueError(f"it is no ONNX file, or damaged ({error})") from None
-    if not found.graphs:
+        import onnx
+    except ImportError as error:
+        raise MissingExtraError("onnx", extra="onnx", purpose="policies as ONNX files") from error
+    return onnx
+
+
+def parse(data: bytes) -> OnnxFile:
+    """Return the network of an ONNX file.
+
+    Raises:
+        ValueError: it is no ONNX file, is damaged, or holds what is refused; in one line.
+        MissingExtraError: the onnx package is not installed.
+    """
+    onnx = require()
+    try:
+        model = onnx.load_model_from_string(data)
+    except Exception as error:  # the parser's own error class depends on its version
+        raise ValueError("it is no ONNX file, or damaged") from error
+    if not model.HasField("graph"):
         raise ValueError("it is no ONNX file, or damaged (there is no graph in it)")
-    if found.opset is None:
+    model.DiscardUnknownFields()
+    _reduce(model)
+    opset = _opset(model)
+    if opset > (newest := onnx.defs.onnx_opset_version()):
         raise ValueError(
-            "it is no ONNX file, or damaged (it does not say which version of the operators it uses)"
+            f"it uses version {opset} of the operators; onnx {onnx.__version__} knows them up to {newest}"
         )
-    found.inputs = [port for port in found.inputs if port.name not in found.initializers]
-    return found
-
-
-class _DamagedError(Exception):
-    """The bytes are not those of a message."""
-
-
-_Value = int | memoryview
-
-
-def _fields(message: memoryview) -> Iterator[tuple[int, _Value]]:
-    """Number and value of each field of a message: a whole number, or the bytes of what has a length."""
-    at = 0
-    while at < len(message):
-        key, at = _varint(message, at)
-        number, wire = key >> 3, key & 7
-        if number == 0:
-            raise _DamagedError("a field without a number")
-        if wire == _VARINT:
-            value, at = _varint(message, at)
-            yield number, value
-            continue
-        if wire == _BYTES:
-            length, at = _varint(message, at)
-        elif wire in (_FIXED64, _FIXED32):
-            length = 8 if wire == _FIXED64 else 4
-        else:
-            raise _DamagedError(f"a field of the kind {wire}")
-        if length > len(message) - at:
-            raise _DamagedError("it ends in the midst of a field")
-        yield number, message[at : at + length]
-        at += length
-
-
-def _varint(message: memoryview, at: int) -> tuple[int, int]:
-    """A number of seven bits per byte, and where the next begins."""
-    value = 0
-    for shift in range(0, 70, 7):
-        if at >= len(message):
-            raise _DamagedError("it ends in the midst of a number")
-        byte = message[at]
-        at += 1
-        value |= (byte & 0x7F) << shift
-        if byte < 0x80:
-            return value & 0xFFFFFFFFFFFFFFFF, at
-    raise _DamagedError("a number of more than ten bytes")
-
-
-def _message(value: _Value) -> memoryview:
-    if isinstance(value, int):
-        raise _DamagedError("a number where a message is expected")
-    return value
-
-
-def _text(value: _Value) -> str:
+    for node in model.graph.node:
+        if node.domain not in DOMAINS or node.op_type not in OPERATORS:
+            name = short(f"{node.domain}:{node.op_type}".removeprefix(":"), 60)
+            raise ValueError(
+                f"its operator {name} is not one that a policy may use (docs/policies-as-files.md)"
+            )
     try:
-        return bytes(_message(value)).decode("utf-8")
-    except UnicodeDecodeError:
-        raise _DamagedError("a name that is no text") from None
+        onnx.checker.check_model(model)
+    except Exception as error:  # it raises of all kinds
+        raise ValueError(f"it breaks the ONNX standard: {short(first_line(error), 200)}") from error
+    weights = {tensor.name for tensor in model.graph.initializer}
+    inputs = tuple(_port(value) for value in model.graph.input if value.name not in weights)
+    return OnnxFile(model, inputs, tuple(map(_port, model.graph.output)), opset)
 
 
-def _number(value: _Value) -> int:
-    if not isinstance(value, int):
-        raise _DamagedError("bytes where a number is expected")
-    return value
+def _reduce(model: Any) -> None:
+    """Clear or refuse every field that is not in `KEPT`."""
+    waiting, count = [model], 0
+    while waiting:
+        message = waiting.pop()
+        kind = message.DESCRIPTOR.name
+        for descriptor, value in message.ListFields():
+            name = descriptor.name
+            if name not in KEPT[kind].split():
+                if name not in DROPPED.split():
+                    raise ValueError(REFUSED.get(name, f"it has {kind}.{name}, which a policy does not need"))
+                message.ClearField(name)
+            elif descriptor.message_type is not None:
+                parts = [value] if hasattr(value, "ListFields") else value
+                count += len(parts)
+                if count > MESSAGES:
+                    raise ValueError(f"it has more than {MESSAGES:,} parts, the most that are read")
+                waiting += parts
+        if kind == "TensorProto" and message.data_location:
+            raise ValueError(REFUSED["external_data"])
 
 
-# The numbers are those of the fields in onnx.proto.
+def _opset(model: Any) -> int:
+    versions = [entry.version for entry in model.opset_import if entry.domain in DOMAINS]
+    if len(versions) != 1:
+        raise ValueError("it is no ONNX file, or damaged (it does not name one version of the operators)")
+    model.ClearField("opset_import")
+    model.opset_import.add(domain="", version=versions[0])
+    return int(versions[0])
 
 
-def _model(message: memoryview, found: OnnxFile) -> None:
-    for number, value in _fields(message):
-        if number == 7:
-            found.graphs += 1
-            _graph(_message(value), found)
-        elif number == 8:
-            _operators(_message(value), found)
-        elif number == 20:
-            raise ValueError("it holds training information; export the network alone")
-        elif number == 25:
-            raise ValueError(
-                "it defines functions of its own; write them out as operators (onnx.inliner.inline_local_functions)"
-            )
+def _port(value: Any) -> Port:
+    tensor = value.type.tensor_type
+    try:
+        kind = require().helper.tensor_dtype_to_np_dtype(tensor.elem_type).name
+    except KeyError:
+        kind = "of no type"
+    shape = None
+    if tensor.HasField("shape"):
+        shape = _lengths(tensor.shape)
+    return Port(value.name, kind, shape)
 
 
-def _operators(message: memoryview, found: OnnxFile) -> None:
-    domain, version = "", 0
-    for number, value in _fields(message):
-        if number == 1:
-            domain = _text(value)
-        elif number == 2:
-            version = _number(value)
-    if domain in ("", "ai.onnx"):
-        found.opset = version
+def _lengths(shape: Any) -> Lengths:
+    return tuple(dim.dim_value if dim.dim_value > 0 else None for dim in shape.dim)
 
 
-def _graph(message: memoryview, found: OnnxFile) -> None:
-    for number, value in _fields(message):
-        if number == 1:
-            found.nodes += 1
-            if found.nodes > NODES:
-                raise ValueError(f"it has more than {NODES:,} operators, the most that are read")
-            _node(_message(value))
-        elif number == 5:
-            found.initializers.add(_tensor(_message(value)))
-        elif number == 11:
-            found.inputs.append(_port(_message(value)))
-        elif number == 12:
-            found.outputs.append(_port(_message(value)))
-        elif number == 15:
-            _sparse(_message(value))
-
-
-def _node(message: memoryview) -> None:
-    kind = domain = ""
-    for number, value in _fields(message):
-        if number == 4:
-            kind = _text(value)
-        elif number == 7:
-            domain = _text(value)
-        elif number == 5:
-            _attribute(_message(value))
-    if domain not in STANDARD:
-        raise ValueError(
-            f"its operator {short(domain, 60)}:{short(kind, 60)} is not one of the ONNX standard; only those are run"
-        )
-    if kind in CONTROL_FLOW:
-        raise ValueError(f"its operator {kind} is control flow; a policy is read without")
-    if kind in RANDOM:
-        raise ValueError(f"its operator {kind} draws random numbers; export the deterministic action")
-
-
-def _attribute(message: memoryview) -> None:
-    for number, value in _fields(message):
-        if number in (5, 10):
-            _tensor(_message(value))
-        elif number in (22, 23):
-            _sparse(_message(value))
-        elif number in (6, 11):
-            raise ValueError(
-                "an operator in it holds a graph of its own (control flow); a policy is read without"
-            )
-
-
-def _tensor(message: memoryview) -> str:
-    """The tensor's name."""
-    name = ""
-    for number, value in _fields(message):
-        if number == 8:
-            name = _text(value)
-        elif number == 13 or (number == 14 and _number(value) == 1):
-            raise ValueError(
-                "its weights lie in another file (external data), which is not read; save it as one file "
-                "(onnx.save with save_as_external_data=False, torch.onnx.export with external_data=False)"
-            )
-    return name
-
-
-def _sparse(message: memoryview) -> None:
-    for number, value in _fields(message):
-        if number in (1, 2):
-            _tensor(_message(value))
-
-
-def _port(message: memoryview) -> Port:
-    name, kind, shape = "", "of no type", None
-    for number, value in _fields(message):
-        if number == 1:
-            name = _text(value)
-        elif number == 2:
-            kind, shape = _type(_message(value))
-    return Port(name, kind, shape)
-
-
-def _type(message: memoryview) -> tuple[str, tuple[int | None, ...] | None]:
-    kind: str = "no tensor"
-    shape: tuple[int | None, ...] | None = None
-    for number, value in _fields(message):
-        if number == 1:
-            for part, content in _fields(_message(value)):
-                if part == 1:
-                    kind = TYPES.get(_number(content), f"type {_number(content)}")
-                elif part == 2:
-                    shape = tuple(
-                        _dimension(_message(dim)) for tag, dim in _fields(_message(content)) if tag == 1
-                    )
-                    if len(shape) > DIMENSIONS:
-                        raise _DamagedError("an input or output of too many dimensions")
-    return kind, shape
-
-
-def _dimension(message: memoryview) -> int | None:
-    """A length; None where it has a name or nothing."""
-    length = None
-    for number, value in _fields(message):
-        if number == 1:
-            length = _number(value)
-    return length if length is not None and 0 < length < 1 << 63 else None
+def _shapes(model: Any, entry: str, shape: tuple[int, ...]) -> dict[str, Lengths | None]:
+    """Return the shape of each tensor that is computed, for a shape of the input."""
+    onnx = require()
+    asked = onnx.ModelProto()
+    asked.CopyFrom(model)
+    for value in asked.graph.input:
+        if value.name == entry:
+            value.type.tensor_type.ClearField("shape")
+            for length in shape:
+                value.type.tensor_type.shape.dim.add(dim_value=length)
+    for value in asked.graph.output:  # what the file says of its answers is not believed
+        value.type.tensor_type.ClearField("shape")
+    try:
+        inferred = onnx.shape_inference.infer_shapes(asked, check_type=True, strict_mode=True, data_prop=True)
+    except Exception as error:  # it raises of all kinds
+        raise ValueError(f"its shapes do not fit: {short(first_line(error), 200)}") from error
+    known = {
+        value.name: _lengths(value.type.tensor_type.shape)
+        for value in (*inferred.graph.value_info, *inferred.graph.output)
+        if value.type.tensor_type.HasField("shape")
+    }
+    computed = [name for node in model.graph.node for name in node.output if name]
+    return {name: known.get(name) for name in (*computed, model.graph.output[0].name)}

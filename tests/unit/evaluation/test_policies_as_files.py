@@ -88,10 +88,13 @@ def test_an_exported_policy_acts_as_its_run_does(tmp_path: Path, overrides: tupl
     assert np.ptp(own, axis=0).min() > 1e-3  # it does answer differently to different observations
 
 
-def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
+def test_the_same_run_gives_the_same_bytes(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     run = trained(tmp_path / "runs", "algo=sac")
+    capfd.readouterr()
     one, other = (exporting.export(run, tmp_path / name) for name in ("a", "b"))
+    assert capfd.readouterr() == ("", "")  # none of the exporter's notes
     assert one.path.read_bytes() == other.path.read_bytes()
+    assert b".py" not in one.path.read_bytes()  # nor do they name files of this machine
     assert one.card_path.read_bytes() == other.card_path.read_bytes()
 
 

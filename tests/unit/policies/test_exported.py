@@ -130,13 +130,13 @@ REFUSED = [
     (lambda: model(inputs=[port("x", "n", 10, kind=TensorProto.INT64)]), "must be float32 or float64"),
     (two_inputs, r"has 2 inputs \('x' .*'y' .*\); a policy has one, the observation"),
     (two_outputs, r"has 2 outputs .*; a policy has one, the action"),
-    (custom, "com.evil:Evil is not one of the ONNX standard"),
+    (custom, "com.evil:Evil"),
     (with_functions, "defines functions of its own"),
     (with_training, "training information"),
-    (loop, "operator Loop is control flow|graph of its own"),
-    (lambda: onnx_files.ending("RandomNormalLike"), "RandomNormalLike draws random numbers"),
-    (lambda: onnx_files.ending("NoSuchOperator"), "ONNX Runtime .* cannot load it: .*NoSuchOperator"),
-    (lambda: model(opset=9999), "ONNX Runtime .* cannot load it"),
+    (loop, "control flow"),
+    (lambda: onnx_files.ending("RandomNormalLike"), "RandomNormalLike"),
+    (lambda: onnx_files.ending("NoSuchOperator"), "NoSuchOperator"),
+    (lambda: model(opset=9999), "9999"),
 ]
 
 
@@ -263,13 +263,15 @@ def test_a_card_is_read_with_its_file(tmp_path: Path) -> None:
     [
         ({"schema_version": 2}, "schema_version 2, but this auvbench reads 1"),
         ({"file": {"sha256": "0" * 64}}, "is the card of another file than mine.onnx"),
-        ({"file": 3}, "file.sha256 is missing"),
-        ({"name": "a\nb"}, "name is 'a\\\\nb', which is no name"),
-        ({"frequency_hz": -1}, "frequency_hz is -1; must be above 0"),
+        ({"file": 3}, "file is 3"),
+        ({"file": {}}, "file.sha256 is missing"),
+        ({"name": "a\nb"}, r"name is 'a\\nb'"),
+        ({"frequency_hz": -1}, "frequency_hz is -1"),
         ({"frequency_hz": "10"}, "frequency_hz is '10'"),
-        ({"task": {"position_frame": "moon"}}, "valid: body, world"),
+        ({"task": {"position_frame": "moon"}}, "world, body"),
         ({"action": [{"name": 3}]}, r"action\[0\]"),
-        ({"action": []}, "action is no list"),
+        ({"action": []}, "action has 0 entries"),
+        ({"action": {}}, "action is {}"),
         ({"observation": [{"name": "yaw"}]}, "has not the 1 entries that its card names"),
     ],
 )
@@ -289,13 +291,13 @@ def test_json_beside_it_that_is_no_card_does_not_matter(tmp_path: Path) -> None:
         exported.load(path)
 
 
-def test_reading_needs_numpy_and_onnx_runtime_alone(tmp_path: Path) -> None:
+def test_reading_needs_numpy_onnx_and_onnx_runtime_alone(tmp_path: Path) -> None:
     path = saved(tmp_path / "mine.onnx", model())
     script = f"""
 import sys
 class No:
     def find_spec(self, name, path=None, target=None):
-        heavy = ("torch", "stable_baselines3", "numba", "pandas", "scipy", "hydra", "omegaconf", "onnx", "yaml", "gymnasium")
+        heavy = ("torch", "stable_baselines3", "numba", "pandas", "scipy", "hydra", "omegaconf", "onnxscript", "yaml", "gymnasium")
         if name.partition(".")[0] in heavy:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, No())
@@ -306,3 +308,17 @@ print(exported.load({str(path)!r}).act(np.zeros((2, 10), dtype=np.float32)).shap
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "(2, 6)", done.stderr
+
+
+SHIPPED = sorted((Path(__file__).parents[3] / "results").rglob("policies/*.onnx"))
+
+
+@pytest.mark.parametrize("path", SHIPPED[::4], ids=lambda path: path.stem)
+def test_a_shipped_policy_answers_as_the_standard_says(path: Path) -> None:
+    """Compared with the reference implementation of the onnx package on the file as it lies there."""
+    from onnx.reference import ReferenceEvaluator
+
+    policy = exported.load(path)
+    seen = np.random.default_rng(2).normal(size=(50, policy.n_observations)).astype(np.float32)
+    (expected,) = ReferenceEvaluator(str(path)).run(None, {"observation": seen})
+    np.testing.assert_allclose(policy.act(seen), expected, atol=1e-5)

@@ -1,0 +1,116 @@
+"""Write a trained policy as an ONNX file: observations scaled and clipped, the network, actions clipped.
+
+PyTorch's exporter records the deterministic action, so any policy can be written whose action is a function of the
+observation alone. Scaling is done in float64 as the policy itself does it, so that the network gets the same bits.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.common.policies import BasePolicy
+
+from auvbench.errors import RunError
+from auvbench.untrusted import onnx_file
+from auvbench.untrusted.text import first_line
+
+OPSET = 18
+"""of 2023: runtimes since ONNX Runtime 1.15 read it"""
+
+INPUT, OUTPUT = "observation", "action"
+
+Floats = NDArray[np.float64]
+
+
+def build(
+    policy: BasePolicy,
+    n_observations: int,
+    scaling: tuple[Floats, Floats, float] | None,
+    about: Mapping[str, str],
+) -> bytes:
+    """Return the ONNX file of a policy; the same bytes for the same policy.
+
+    Args:
+        policy: out of training mode; its action is `policy._predict(observation, deterministic=True)`.
+        n_observations: length of an observation.
+        scaling: mean (n,) and scale (n,) by which observations are normalised, and the clip; None without.
+        about: readable entries for the file's metadata.
+
+    Raises:
+        RunError: the policy keeps a state, or uses an operation that no ONNX operator stands for.
+        MissingExtraError: the onnx package is not installed.
+    """
+    name = type(policy).__name__
+    onnx_file.require()
+    try:
+        with _quiet():
+            program = torch.onnx.export(
+                _Action(policy, scaling),
+                (torch.zeros(3, n_observations),),
+                dynamo=True,
+                input_names=[INPUT],
+                output_names=[OUTPUT],
+                dynamic_shapes=({0: torch.export.Dim("n")},),
+                opset_version=OPSET,
+                external_data=False,
+                verbose=False,
+            )
+        assert program is not None
+        # Without the exporter's notes, which name files of this machine.
+        model = onnx_file.parse(program.model_proto.SerializeToString()).model
+    except Exception as error:  # PyTorch raises of all kinds for what it cannot record or translate
+        cause = error
+        while cause.__cause__ is not None and isinstance(cause.__cause__, Exception):
+            cause = cause.__cause__
+        raise RunError(f"a {name} cannot be written as a file: {first_line(cause)}") from error
+    model.producer_name = "auvbench"
+    for key, text in about.items():
+        model.metadata_props.add(key=key, value=text)
+    return bytes(model.SerializeToString(deterministic=True))
+
+
+class _Action(torch.nn.Module):
+    """The deterministic action of a policy for raw observations."""
+
+    observation_mean: torch.Tensor
+    observation_scale: torch.Tensor
+
+    def __init__(self, policy: BasePolicy, scaling: tuple[Floats, Floats, float] | None) -> None:
+        super().__init__()
+        self.policy = policy
+        self.clip: float | None = None
+        if scaling is not None:
+            mean, scale, self.clip = scaling
+            self.register_buffer("observation_mean", torch.as_tensor(mean))
+            self.register_buffer("observation_scale", torch.as_tensor(scale))
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        if self.clip is not None:
+            scaled = (observation.double() - self.observation_mean) / self.observation_scale
+            observation = scaled.clamp(-self.clip, self.clip).float()
+        return self.policy._predict(observation, deterministic=True).clamp(-1.0, 1.0)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the exporter's notes from the terminal, and let it record distributions."""
+    distribution = torch.distributions.Distribution
+    checked = distribution._validate_args
+    log = logging.getLogger("torch.onnx")
+    level = log.level
+    # The bounds of a normal distribution are checked in Python, which cannot be recorded.
+    distribution.set_default_validate_args(False)
+    log.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        log.setLevel(level)
+        distribution.set_default_validate_args(checked)
