@@ -98,7 +98,7 @@ class RunLock:
             return
         self._verified = now
         found = current(self.run)
-        if found is None or found.token != self.holder.token:
+        if found is None or found.token not in ("", self.holder.token):  # "": it cannot be read at present
             why = f"{found} has taken it over" if found else "its lock was removed"
             raise LockLostError(f"{self.run}: {why}; this process stops without writing more")
 

@@ -193,6 +193,12 @@ def test_a_holder_whose_run_was_replaced_learns_it(tmp_path: Path) -> None:
         process.wait()
 
 
+def test_a_holder_file_that_cannot_be_read_is_no_loss(tmp_path: Path) -> None:
+    with lock.acquire(tmp_path) as held:
+        (tmp_path / lock.FOLDER / lock.HOLDER).write_text("{")
+        held.verify()
+
+
 def test_a_look_may_be_left_out(tmp_path: Path) -> None:
     with lock.acquire(tmp_path):
         (tmp_path / lock.FOLDER / lock.HOLDER).unlink()
