@@ -39,4 +39,15 @@ SCENARIO_COLUMNS = (
 )
 """Columns that say something of the scenario alone, the same for every agent that meets it."""
 
+
+def measure_names() -> tuple[str, ...]:
+    """Return the names of everything that agents can be compared by; `analysis.measures` computes them."""
+    means = [name for name in RECORD_COLUMNS if name not in ("episode", "environment", "outcome")]
+    return (
+        *(f"{outcome}_rate" for outcome in OUTCOMES),
+        *(f"par{penalty}_{of}" for of in ("steps", "time_s") for penalty in (1, 2)),
+        *(f"mean_{name}" for name in (*means, "time_to_goal_s") if name not in SCENARIO_COLUMNS),
+    )
+
+
 Record = dict[str, float | int | str]

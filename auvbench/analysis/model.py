@@ -258,6 +258,8 @@ class Ranking:
     """further columns that were asked for, as names of `further.COLUMNS`"""
     machines: tuple[str, ...] = ()
     """which of the times among them were taken on other processors; nothing where all are of one"""
+    declaration: str = ""
+    """whether the analysis was declared before the first run"""
     notices: tuple[str, ...] = ()
     """what must be read before the table: unequal budgets of training"""
     limit: Limit | None = None

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.report_options import Options
+from auvbench.commands.report_options import STORED, Options, defaults
 
 if TYPE_CHECKING:
     from auvbench.analysis.model import RunRecord
     from auvbench.commands.report import Report
+    from auvbench.runs.declared import Declared
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +84,14 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     """
     from auvbench.reporting import copies, readme
     from auvbench.reporting import write as files
+    from auvbench.runs import declared
 
     folder = study.folder
-    chosen = replace(options, format=("csv",), where=(), out=folder)
+    analysis = _stored(options)
+    declared.write(folder, analysis)
+    chosen = replace(
+        options, format=("csv",), where=(), out=folder, declared=analysis, instead=(), undecided=""
+    )
     source = [folder / copies.RUNS]
     reports = _tables(source, chosen, folder)
     for name in study.also:
@@ -95,7 +101,7 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     texts = {}
     for name in _blocks(study, options):
         if name == "table":
-            texts[name] = _ranked(reports)
+            texts[name] = _ranked(reports, folder)
         elif name == "findings":
             texts[name] = _findings(reports)
         elif name == "figures":
@@ -112,6 +118,19 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     if readme.QUESTION in text or readme.ANSWER in text:
         print(f"next: write what stands in brackets in {path}: question and answer are the author's")
     return len(runs), missing
+
+
+def _stored(options: Options) -> Declared:
+    """Return the analysis that a report of the study is to use without flags: the one that makes the shipped tables."""
+    from auvbench.runs.declared import Declared
+
+    usual = defaults()
+    other = {
+        name: getattr(options, name) for name in STORED if getattr(options, name) != getattr(usual, name)
+    }
+    planned = None if options.declared is None else options.declared.seeds
+    report = {name: list(value) if isinstance(value, tuple) else value for name, value in other.items()}
+    return Declared(options.rank_by, options.baseline, options.margin, planned, report)
 
 
 def _say_kept(path: Path, study: Study) -> None:
@@ -148,14 +167,17 @@ def _tables(source: Sequence[Path], options: Options, folder: Path) -> list[Repo
     return reports
 
 
-def _ranked(reports: Sequence[Report]) -> str:
+def _ranked(reports: Sequence[Report], folder: Path) -> str:
+    """Return headline, main figure and main table of each section; of several, the first has the figure."""
     from auvbench.reporting import tables
+    from auvbench.reporting.figures import MAIN
 
     parts = []
     for report in reports:
         if len(reports) > 1:
             parts.append(_heading(report))
-        parts.append(tables.markdown(report.ranking).rstrip())
+        figure = _figures(reports, [MAIN], folder) if report is reports[0] else []
+        parts.append(tables.markdown(report.ranking, "\n\n".join(figure)).rstrip())
         if of_conditions := tables.conditions_markdown(report.ranking).rstrip():
             parts.append(of_conditions)
     return "\n\n".join(parts)

@@ -133,6 +133,7 @@ def _analyse(
     part: Section, problems: Sequence[Problem], condition: str, options: Options, several: bool
 ) -> Report:
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
+    from auvbench.analysis.declaration import declaration
     from auvbench.analysis.findings import find
     from auvbench.analysis.limit import beside as beside_limit
     from auvbench.analysis.load import agents
@@ -146,7 +147,9 @@ def _analyse(
     grouped, more = agents(part.runs, options.group_by, options.protocol, condition, options.failed_trainings)
     grouped = rows_of(grouped, options.compare)
     baseline = options.baseline
-    if several and baseline is not None:
+    # One of several sections may lack the baseline, and a part of the runs that of the declared analysis.
+    declared = options.declared is not None and baseline == options.declared.baseline
+    if baseline is not None and (several or declared):
         try:
             find_baseline(grouped, baseline)
         except ReportError as error:
@@ -163,12 +166,15 @@ def _analyse(
         condition=condition,
         problems=(*problems, *part.problems, *more),
     )
-    ranking = beside_limit(ranking, grouped)
+    note = declaration(
+        options.declared, part.runs, grouped, instead=options.instead, undecided=options.undecided
+    )
+    ranking = replace(beside_limit(ranking, grouped), declaration=note)
     ranking = with_columns(ranking, grouped, options.columns, options.seed)
     by_label = {agent.label: agent for agent in grouped}
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
     claims, numbers = _study(part.runs, ordered, options)
-    missing = options.baseline is not None and baseline is None
+    missing = options.baseline is not None and baseline is None and not declared
     return Report(part, part.runs, ordered, ranking, find(ranking, ordered), claims, numbers, missing)
 
 

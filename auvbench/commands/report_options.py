@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError, closest
 from auvbench.untrusted import documents, reading
+
+if TYPE_CHECKING:
+    from auvbench.runs.declared import Declared
 
 FORMATS = ("terminal", "md", "tex", "csv", "html")
 STUDIES = ("thesis",)
@@ -43,10 +47,41 @@ class Options:
     failed_trainings: str
     seed: int
     where: tuple[str, ...]
+    declared: Declared | None = None
+    """the analysis that was declared for the runs"""
+    instead: tuple[str, ...] = ()
+    """options that differ from the declared analysis"""
+    undecided: str = ""
+    """why none of several declared analyses is used"""
+
+
+DECLARED_AS = {"rank_by": "measure", "baseline": "baseline", "margin": "margin"}
+"""options of a report that a declared analysis sets"""
+
+
+STORED = (
+    "then",
+    "group_by",
+    "columns",
+    "across",
+    "protocol",
+    "condition",
+    "study",
+    "confidence",
+    "compare",
+    "failed_trainings",
+    "seed",
+)
+"""other options that a published study stores where they differ from conf/report.yaml"""
+
+
+def defaults() -> Options:
+    """Return the options of conf/report.yaml."""
+    return _options(_usual())
 
 
 def parse(argv: Sequence[str]) -> tuple[list[Path], Options]:
-    """Paths and options: conf/report.yaml, then the preset, then the command line."""
+    """Return paths and options: conf/report.yaml, the declared analysis, the preset, the command line."""
     paths, options, _ = read(parser(), argv)
     return paths, options
 
@@ -58,11 +93,41 @@ def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict
     values["where"] = values["where"] or None
     paths = values.pop("paths")
     preset = values.pop("preset")
-    settings = _read_preset(resources.files("auvbench.conf") / "report.yaml")
+    settings = _usual()
+    declared, undecided = _declared(paths)
+    if declared is not None:
+        settings |= _known(declared.report, "the declared analysis")
+        settings |= {key: getattr(declared, name) for key, name in DECLARED_AS.items()}
     if preset is not None:
         settings |= _read_preset(preset)
     settings |= {key: value for key, value in values.items() if value is not None}
-    return paths, _options(settings), given
+    options = _options(settings)
+    instead = () if declared is None else _differing(options, declared)
+    return paths, replace(options, declared=declared, instead=instead, undecided=undecided), given
+
+
+def _usual() -> dict[str, Any]:
+    return _read_preset(resources.files("auvbench.conf") / "report.yaml")
+
+
+def _declared(paths: Sequence[Path]) -> tuple[Declared | None, str]:
+    """Return the analysis declared for the runs, or why several leave none."""
+    from auvbench.runs import declared
+
+    found = declared.find(paths)
+    if len({analysis.digest for _, analysis in found}) > 1:
+        files = ", ".join(os.path.relpath(file) for file, _ in found[:3])
+        return None, f"several analyses are declared ({files}): name one's folder, or its options"
+    return (found[0][1], "") if found else (None, "")
+
+
+def _differing(options: Options, declared: Declared) -> tuple[str, ...]:
+    """Return the options that are not those of the declared analysis, as they are typed."""
+    return tuple(
+        f"--{key.replace('_', '-')} {getattr(options, key)}"
+        for key, name in DECLARED_AS.items()
+        if getattr(options, key) != getattr(declared, name)
+    )
 
 
 def parser() -> Parser:
@@ -131,12 +196,19 @@ def _read_preset(path: Any) -> dict[str, Any]:
         raise UserError(f"the preset {path} is not valid YAML: {error}") from error
     if not isinstance(settings, Mapping):
         raise UserError(f"the preset {path} holds no options")
-    known = [field.name for field in fields(Options)]
-    settings = {str(key).replace("-", "_"): value for key, value in settings.items()}
-    for key in settings:
+    return _known(settings, str(path))
+
+
+def _known(settings: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return options by their names, all of which a report has."""
+    known = [
+        field.name for field in fields(Options) if field.name not in ("declared", "instead", "undecided")
+    ]
+    named = {str(key).replace("-", "_"): value for key, value in settings.items()}
+    for key in named:
         if key not in known:
-            raise UserError(f"unknown option {key!r} in {path}; {closest(key, known)}")
-    return settings
+            raise UserError(f"unknown option {key!r} in {where}; {closest(key, known)}")
+    return named
 
 
 def _options(settings: Mapping[str, Any]) -> Options:

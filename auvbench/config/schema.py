@@ -10,6 +10,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+from auvbench.record import measure_names
+
 INF = math.inf
 
 
@@ -253,6 +255,16 @@ class EvaluateConfig:
 
 
 @dataclass(kw_only=True)
+class Analysis:
+    """The primary analysis that an experiment declares before its runs; never changes a result."""
+
+    measure: str = choice(*measure_names())
+    baseline: str | None
+    margin: float | None = number(0.0, open_low=True)  # unit of the measure, percentage points for a rate
+    seeds: int | None = number(1, 1_000_000)
+
+
+@dataclass(kw_only=True)
 class TrainConfig:
     """Everything that `auvbench train` composes."""
 
@@ -269,3 +281,4 @@ class TrainConfig:
     algo: Any
     train: Train
     launcher: Any
+    analysis: Analysis | None = None

@@ -14,7 +14,7 @@ from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.model import ClaimVerdict, Finding, Ranking
 from auvbench.analysis.study import Beside
 from auvbench.reporting import tables
-from auvbench.reporting.figures import Figure
+from auvbench.reporting.figures import MAIN, Figure
 from auvbench.reporting.tables.markdown import escape
 from auvbench.reporting.tables.notes import of_pairs
 from auvbench.runs.atomic_io import as_json, write_atomic
@@ -58,8 +58,8 @@ def markdown(
         folder: where report.md will lie.
         over: the agents over all tasks, where that was asked for.
     """
-    parts = ["# Report", tables.markdown(ranking).rstrip()]
-    parts += [_figure(figure, folder) for figure in figures[:1]]
+    main = next((figure for figure in figures if figure.name == MAIN), None)
+    parts = ["# Report", tables.markdown(ranking, figure_in_markdown(main, folder) if main else "").rstrip()]
     if findings:
         parts += ["## Findings", findings_in_markdown(findings)]
     if ranking.conditions:
@@ -70,13 +70,16 @@ def markdown(
         parts += ["## Claims of the study", claims_in_markdown(claims)]
     if beside:
         parts += ["## The study's table and ours", study.markdown(beside).rstrip()]
-    if figures[1:]:
-        parts += ["## Figures", *(f"### {escape(f.title)}\n\n{_figure(f, folder)}" for f in figures[1:])]
+    others = [figure for figure in figures if figure is not main]
+    if others:
+        parts.append("## Figures")
+        parts += [f"### {escape(f.title)}\n\n{figure_in_markdown(f, folder)}" for f in others]
     parts += ["## Appendix: ranks", tables.ranks_markdown(ranking).rstrip(), escape(of_pairs(ranking))]
     return "\n\n".join(parts) + "\n"
 
 
-def _figure(figure: Figure, folder: Path) -> str:
+def figure_in_markdown(figure: Figure, folder: Path) -> str:
+    """Return a figure with its caption; its link is relative to `folder`."""
     link = Path(os.path.relpath(figure.png, folder)).as_posix()
     return f"![{escape(figure.title)}](<{link}>)\n\n{escape(figure.caption)}"
 

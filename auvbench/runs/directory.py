@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from auvbench.errors import RunError
-from auvbench.runs import identity, integrity, interpolations, schemas
+from auvbench.runs import declared, identity, integrity, interpolations, schemas
 from auvbench.runs.atomic_io import (
     FAULTS,
     as_json,
@@ -185,7 +185,9 @@ def place(config: Mapping[str, Any]) -> RunDirectory:
     return earlier if earlier.id != here.id and earlier.exists() and not here.exists() else here
 
 
-def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
+def freeze(
+    config: Mapping[str, Any], command: str = "", analysis: declared.Declared | None = None
+) -> RunDirectory:
     """Make the directory of a run with its configuration and a pending manifest, or find the one that exists.
 
     A run that exists and is not complete takes over what the configuration says beyond its identity.
@@ -196,6 +198,11 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
     """
     run = place(config)
     path_safety.check(run.path)
+    if analysis is not None:  # before the first run's manifest, which carries its digest
+        try:
+            declared.write(run.path.parent, analysis)
+        except OSError as error:
+            raise _unwritable(run.path.parent, error) from error
     if run.exists():
         frozen = run.config()
         there, here = identity.relevant(frozen), identity.relevant(dict(config))
@@ -211,12 +218,19 @@ def freeze(config: Mapping[str, Any], command: str = "") -> RunDirectory:
         make_folder(run.path)
         run.write_config(config)
         # Of two sweeps that begin at once, the slower must not undo what the faster's worker has written by now.
-        create_atomic(run.manifest_path, as_json(integrity.sealed(_fresh_manifest(run, config, command))))
+        create_atomic(
+            run.manifest_path, as_json(integrity.sealed(_fresh_manifest(run, config, command, analysis)))
+        )
     except OSError as error:
-        if error.errno in FAULTS:  # no mistake of the user's: the same error as in the midst of training
-            raise storage_error(error, f"cannot write {run.path}") from error
-        raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
+        raise _unwritable(run.path, error) from error
     return run
+
+
+def _unwritable(path: Path, error: OSError) -> Exception:
+    """Return the error of a full or failing disk, as in the midst of training, or else the user's."""
+    if error.errno in FAULTS:
+        return storage_error(error, f"cannot write {path}")
+    return RunError(f"{path}: cannot be written: {error.strerror or error}")
 
 
 def renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
@@ -237,7 +251,9 @@ def renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
         raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
 
 
-def _fresh_manifest(run: RunDirectory, config: Mapping[str, Any], command: str) -> dict[str, Any]:
+def _fresh_manifest(
+    run: RunDirectory, config: Mapping[str, Any], command: str, analysis: declared.Declared | None
+) -> dict[str, Any]:
     return {
         "schema_version": SCHEMA_VERSION,
         "id": run.id,
@@ -257,6 +273,7 @@ def _fresh_manifest(run: RunDirectory, config: Mapping[str, Any], command: str) 
         "attempts": 0,
         "error": None,
         "command": command,
+        **({} if analysis is None else {declared.KEY: analysis.digest}),
     }
 
 

@@ -30,14 +30,15 @@ NEUTRAL = (
     "name",
     "output",
     "launcher",
+    "analysis",
     "algo.path",
     *OPERATIONAL,
     "algo.residual.pid.name",
     "algo.residual.pid.n_envs",
     "algo.residual.pid.tuned",
 )
-"""Keys that cannot change a run's result: its place, its launcher, how it is carried out, and the labels of the PID
-to which a residual learner adds."""
+"""Keys that cannot change a run's result: its place, its launcher, its analysis, how it is carried out, and the labels of
+the PID to which a residual learner adds."""
 
 LATER: dict[str, Any] = {
     "task.time_limit": None,

@@ -13,7 +13,7 @@ from auvbench.config import schema
 from auvbench.config.compose import typed
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
-from auvbench.runs import identity, interpolations, policy_files
+from auvbench.runs import declared, identity, interpolations, policy_files
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.vehicles import pace, sheet
 from auvbench.vehicles.inspect import shortest_time_constant
@@ -63,7 +63,13 @@ def prepare(config: DictConfig, command: str = "") -> RunDirectory:
     plain = _plain(_settled(config))
     # Before the manifest, which says that there is a run.
     policy_files.keep(place(plain), plain)
-    return freeze(plain, command)
+    return freeze(plain, command, _declared(config))
+
+
+def _declared(config: DictConfig) -> declared.Declared | None:
+    """Return the analysis that a composed configuration declares."""
+    found: Any = OmegaConf.select(config, declared.KEY)
+    return None if found is None else declared.Declared(**{key: found[key] for key in declared.DECLARED})
 
 
 def renewed(run: RunDirectory, overrides: Sequence[str]) -> dict[str, object]:
@@ -98,7 +104,8 @@ def _settled(config: DictConfig) -> DictConfig:
 def _plain(config: DictConfig) -> dict[str, object]:
     container = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     assert isinstance(container, dict)
-    plain = {str(key): value for key, value in container.items()}
+    # The analysis is none of the run's: it lies beside the runs.
+    plain = {str(key): value for key, value in container.items() if key != declared.KEY}
     if found := interpolations.first(plain):  # from a value with \${ in it
         raise ConfigError(f"{found}: a run's configuration holds no ${{ }}")
     return plain

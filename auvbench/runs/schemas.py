@@ -68,6 +68,7 @@ class Manifest:
     cpu_time_s: Seconds | None = None
     phases: dict[str, Seconds] | None = None
     command: Prose | None = None
+    analysis: str | None = None
     versions: dict[str, str] | None = None
     git: Git | None = None
     host: Host | None = None

@@ -16,11 +16,11 @@ from auvbench.reporting.figures import (
     testing,
     training,
 )
-from auvbench.reporting.figures.model import Figure
+from auvbench.reporting.figures.model import MAIN, Figure
 from auvbench.reporting.figures.scene import Drawing, Scene, scene
 
 FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
-    "difference_from_baseline": difference.difference_from_baseline,
+    MAIN: difference.difference_from_baseline,
     "success_over_grid": matrices.success_over_grid,
     "success_over_time": testing.success_over_time,
     "performance_profiles": testing.performance_profiles,

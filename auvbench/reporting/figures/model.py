@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+MAIN = "difference_from_baseline"
+"""name of the figure that stands with the main table"""
+
 
 @dataclass(frozen=True, slots=True)
 class Figure:

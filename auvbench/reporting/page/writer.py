@@ -17,6 +17,7 @@ from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.headline import headline
 from auvbench.analysis.model import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
+from auvbench.reporting.figures.model import MAIN
 from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import numbers, sources, study, table
 from auvbench.reporting.page import trajectories as trajectories_
@@ -36,7 +37,6 @@ if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
 
 SCRIPTS = ("tables.js", "lightbox.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
 """Joined in this order into the page's one script."""
-MAIN_FIGURE = "difference_from_baseline"
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 _GREY = "#7f7f7f"
 _DASHES = {"-": "solid", "solid": "solid", "--": "dashed", "dashed": "dashed"} | {
@@ -117,8 +117,8 @@ def write(
         more_findings=found[SHOWN:],
         claims=sources.claims(claims, links),
         beside=study.table(beside, hues, links),
-        main_figure=next((figure for figure in embedded if figure.name == MAIN_FIGURE), None),
-        figures=[figure for figure in embedded if figure.name != MAIN_FIGURE],
+        main_figure=next((figure for figure in embedded if figure.name == MAIN), None),
+        figures=[figure for figure in embedded if figure.name != MAIN],
         scenes=scenes,
         data=_data(scenes, agents, styles, runs),
         runs=sources.run_lines(runs, agents, hues, links),

@@ -36,9 +36,15 @@ def rows(cells: Iterable[Iterable[str]]) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in cells)
 
 
-def markdown(ranking: Ranking) -> str:
-    """Return the headline, the main table, its notes and the list of what is not in it."""
-    parts = [f"**{escape(headline(ranking))}**", *map(escape, ranking.notices), pipes(main_table(ranking))]
+def markdown(ranking: Ranking, figure: str = "") -> str:
+    """Return the headline, the main figure, the main table, its notes and the list of what is not in it.
+
+    Args:
+        ranking: the table.
+        figure: the main figure as Markdown.
+    """
+    parts = [f"**{escape(headline(ranking))}**", *filter(None, [figure]), *map(escape, ranking.notices)]
+    parts.append(pipes(main_table(ranking)))
     parts.append("\n".join(f"* {escape(line)}" for line in notes(ranking)))
     for title, problems in grouped(ranking.problems):
         lines = [f"- {escape(p.where)}: {escape(p.message)}" for p in problems]

@@ -36,6 +36,8 @@ def notes(ranking: Ranking) -> list[str]:
     ]
     if ranking.primary is not None:
         lines += explained(ranking.primary)
+    if ranking.declaration:
+        lines.append(ranking.declaration)
     if any(metric.startswith("par") for metric in (ranking.rank_by, *ranking.columns)):
         lines.append("PAR-1: a failure counts as the limit of the episode; PAR-2: as twice the limit.")
     return [*lines, *remarks(ranking), *of_columns(ranking)]
