@@ -191,7 +191,7 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
 
     from auvbench.config.compose import typed
     from auvbench.scheduling.grid import backend
-    from auvbench.tuning import scores, trial, view
+    from auvbench.tuning import runs, scores, view
     from auvbench.tuning.controller import Controller
     from auvbench.tuning.search import Search, open_study
 
@@ -200,8 +200,8 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
     objective = scores.objective(plan.tune.objective, plan.tune.then)
     shown = view.view(search, objective, Console())
     print(f"{study.path}: {begin(search)}", flush=True)
-    made = backend(config.launcher, target=trial.TARGET, learning=plan.learns)
-    result = Controller(plan, study, search, objective, made, shown).carry_out()
+    made = backend(config.launcher, target=runs.TARGET, learning=plan.learns)
+    result = Controller(study, search, made, shown).carry_out()
     if result.signal is not None and (best := shown.best()):
         print(best)
     return result

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
 
 from auvbench.config import schema
-from auvbench.errors import RunError, TrainingError
+from auvbench.errors import TrainingError
 from auvbench.runs import lock, status
-from auvbench.runs.directory import RunDirectory
+from auvbench.runs.directory import RunDirectory, freeze
 from auvbench.scheduling.base import Backend
-from auvbench.scheduling.loop import Loop, Outcome, Result, View
-from auvbench.tuning import runs, scores
-from auvbench.tuning.folder import Plan, StudyFolder
+from auvbench.scheduling.loop import Loop, Outcome, Result
+from auvbench.tuning import runs
+from auvbench.tuning.folder import StudyFolder
 from auvbench.tuning.search import Search, Step
-from auvbench.tuning.trial import test
+from auvbench.tuning.view import Lines
 
 AT_ONCE = 8
 """runs at once on a cluster with a queue, unless launcher.workers sets the number"""
@@ -31,36 +30,19 @@ TRIES = 3
 class Job:
     """Runs that belong together, and what to do when all are complete or one failed."""
 
-    runs: list[RunDirectory]
+    left: set[Path]
+    """runs that are not complete"""
     done: Callable[[], None]
     failed: Callable[[str], None]
-    left: set[Path] = field(default_factory=set)
 
 
 class Controller(Loop):
-    """A scheduling loop whose runs are decided while it runs.
+    """A scheduling loop that asks a search for runs; the backend's target is `runs.TARGET`."""
 
-    Args:
-        plan: of the study.
-        study: its folder, held by this process.
-        search: decides.
-        objective: scores a trial.
-        backend: carries out runs; its target is `trial.TARGET`.
-        view: shows the study.
-    """
-
-    def __init__(
-        self,
-        plan: Plan,
-        study: StudyFolder,
-        search: Search,
-        objective: scores.Objective,
-        backend: Backend,
-        view: StudyView,
-    ) -> None:
+    def __init__(self, study: StudyFolder, search: Search, backend: Backend, view: Lines) -> None:
         super().__init__([], backend, view)
-        self.plan, self.study, self.search, self.objective = plan, study, search, objective
-        self.shown = view
+        self.study, self.search, self.shown = study, search, view
+        self.plan = search.plan
         self.jobs: list[Job] = []
         self.held: dict[Path, float] = {}  # since when
         self.started: dict[Path, int] = {}
@@ -88,11 +70,13 @@ class Controller(Loop):
         return self._begin_confirmation()
 
     def _begin_step(self, step: Step) -> None:
-        made = runs.prepare(self.plan, self.study, self.search.algo(step.trial), step.rung)
+        made = runs.prepare(
+            self.plan, self.study, self.search.algo(self.search.trials[step.trial]), step.rung
+        )
 
         def done() -> None:
             self._test(made, self.plan.protocol)
-            score = self.objective.of(made, self.plan.protocol.name)
+            score = self.shown.objective.of(made, self.plan.protocol.name)
             self.search.report(step, score)
             self.shown.reported(step, score)
 
@@ -100,42 +84,37 @@ class Controller(Loop):
             self.search.fail(step, why)
             self.shown.event(f"trial {step.trial} failed: {why}")
 
-        self._enter(Job(made, done, failed))
+        self._enter(made, done, failed)
 
     def _begin_confirmation(self) -> bool:
         """Train the best and the untuned settings with seeds that the search has not seen."""
         best = self.search.best
         if best is None or not self.plan.tune.fresh_seeds:
             return False
-        made = {
-            run.path: run
-            for algo in (self.search.algo(best.number), self.plan.base["algo"])
-            for run in runs.prepare_fresh(self.plan, self.study, algo)
-        }
+        both = (self.search.algo(best), self.plan.base["algo"])
+        configs = [config for algo in both for config in runs.fresh(self.plan, self.study, algo)]
+        made = [freeze(config, self.plan.command) for config in configs]
         self.shown.confirming(best.number, len(made))
-        every = list(made.values())
         self._enter(
-            Job(
-                every,
-                lambda: self._test(every, self.plan.fresh_protocol),
-                lambda why: self.shown.event(f"with fresh seeds: {why}"),
-            )
+            made,
+            lambda: self._test(made, self.plan.fresh_protocol),
+            lambda why: self.shown.event(f"with fresh seeds: {why}"),
         )
         return True
 
     def _test(self, made: list[RunDirectory], protocol: schema.Protocol) -> None:
         for run in made:
-            test(run, protocol)
+            runs.test(run, protocol)
 
-    def _enter(self, job: Job) -> None:
+    def _enter(
+        self, made: list[RunDirectory], done: Callable[[], None], failed: Callable[[str], None]
+    ) -> None:
         # Two trials of equal settings share their runs; a run may also outlive its failed trial.
-        claimed = {path for other in self.jobs for path in other.left} | self.held.keys()
+        claimed = {path for job in self.jobs for path in job.left} | self.held.keys()
         claimed |= {run.path for run in (*self.waiting, *self.active.values())}
-        job.left = {run.path for run in job.runs}
-        self.jobs.append(job)
-        for run in job.runs:
-            if run.path in claimed:
-                continue
+        fresh = {run.path: run for run in made if run.path not in claimed}
+        self.jobs.append(Job({run.path for run in made}, done, failed))
+        for run in fresh.values():
             if status.finished(run) and lock.living_holder(run.path) is None:
                 self._arrived(run.path)
             else:
@@ -164,9 +143,9 @@ class Controller(Loop):
 
     def _failed(self, run: RunDirectory, message: str) -> None:
         """Fail the trial for what its settings caused; restart a dead worker; stop for anything else."""
-        error = _error(run)
+        error = run.manifest()["error"] or {}
         self.started[run.path] = self.started.get(run.path, 0) + 1
-        if _is_divergence(error):
+        if _is_divergence(str(error.get("type")), str(error.get("message"))):
             for job in [job for job in self.jobs if run.path in job.left]:
                 self.jobs.remove(job)
                 job.failed(f"{run.id}: {message}")
@@ -207,24 +186,7 @@ class Controller(Loop):
         return result
 
 
-class StudyView(View, Protocol):
-    """Show the progress of a study."""
-
-    def event(self, text: str) -> None: ...
-    def reported(self, step: Step, score: scores.Score) -> None: ...
-    def confirming(self, best: int, count: int) -> None: ...
-
-
-def _is_divergence(error: dict[str, Any]) -> bool:
+def _is_divergence(kind: str, message: str) -> bool:
     """Return whether a training failed through its settings: a number became infinite or NaN."""
     words = ("not finite", "became", " is nan", " is inf", " is -inf")
-    message = str(error.get("message", ""))
-    return error.get("type") in ("TrainingError", "ActionError") and any(word in message for word in words)
-
-
-def _error(run: RunDirectory) -> dict[str, Any]:
-    try:
-        error = run.manifest().get("error")
-    except RunError:
-        return {}
-    return error if isinstance(error, dict) else {}
+    return kind in ("TrainingError", "ActionError") and any(word in message for word in words)

@@ -49,11 +49,7 @@ class Plan:
 
     @cached_property
     def dimensions(self) -> tuple[Dimension, ...]:
-        """Return the search space.
-
-        Raises:
-            ConfigError: A range is invalid.
-        """
+        """Return the search space."""
         return tuple(space.read({}, self.tune.space, {}, space.keys_of(self.base["algo"])))
 
     @property
@@ -89,22 +85,14 @@ class StudyFolder:
         """Lock the study for this process.
 
         Raises:
-            RunHeldError: Another process holds it.
-            RunError: The folder cannot be written, or a link leads out of it.
+            RunError: Another process holds it, the folder cannot be written, or a link leads out of it.
         """
         place = self.path / CONTROLLER
         with storage(f"cannot write {self.path}"):
             names = (CONTROLLER, RUNS, FRESH, "report", self.journal.name, self.plan_path.name)
             path_safety.check_output(self.path, names)
             make_folder(place)
-        try:
-            return lock.acquire(place)
-        except lock.RunHeldError as error:
-            raise lock.RunHeldError(
-                place,
-                error.holder,
-                f"{self.path}: {error.holder} is searching here; wait for it, or start another study with name=NAME",
-            ) from error
+        return lock.acquire(place)
 
     def write(self, plan: Plan) -> None:
         """Write the plan; a study that goes on takes the trials and fresh seeds that were typed."""

@@ -18,7 +18,7 @@ from optuna.storages.journal import BaseJournalBackend
 from auvbench.errors import RunError
 from auvbench.runs import lock
 from auvbench.runs.atomic_io import storage
-from auvbench.untrusted import documents, reading
+from auvbench.untrusted import documents, path_safety, reading
 
 CONTROLLER = "controller"
 """folder next to the journal; the study's controller holds its lock"""
@@ -32,10 +32,7 @@ DIGEST = "digest"
 class Journal(BaseJournalBackend):
     """A journal file with one writer, the holder of the study's lock.
 
-    Args:
-        path: of the file; the first operation creates it.
-        write: keep operations in the file, and cut off a last line that a kill left incomplete; without it,
-            operations stay in memory.
+    A writer cuts off a last line that a kill left incomplete. With `write=False`, operations stay in memory.
 
     Raises:
         RunError: A line is damaged, or the file cannot be read.
@@ -55,10 +52,8 @@ class Journal(BaseJournalBackend):
                 os.truncate(path, len(data) - len(incomplete))
 
     def _read(self) -> bytes:
-        if self.path.is_symlink():
-            raise RunError(f"{self.path}: a symbolic link; a study's journal must be a file: remove the link")
         try:
-            return reading.content(self.path, LARGEST)
+            return reading.content(path_safety.child(self.path.parent, self.path.name), LARGEST)
         except FileNotFoundError:
             return b""
         except (OSError, ValueError) as error:

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
-import numpy as np
 from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
-from optuna.study import Study
 from optuna.trial import FrozenTrial, TrialState
 
+from auvbench.analysis.measures import Measure
 from auvbench.errors import UserError
+from auvbench.runs.directory import RunDirectory, place
 from auvbench.statistics import crossed, pairs
 from auvbench.statistics.estimate import Estimate
 from auvbench.tuning import runs, scores
 from auvbench.tuning.folder import Plan, StudyFolder
-from auvbench.tuning.scores import Score
-from auvbench.tuning.search import ERROR, open_study, ranked, results
-from auvbench.tuning.space import with_values
+from auvbench.tuning.search import ERROR, Trials, open_study, ranked
 
 FEWEST_TRIALS = 10
 """complete trials of different scores from which importances are computed"""
@@ -28,28 +25,23 @@ _STATES = {TrialState.COMPLETE: "done", TrialState.PRUNED: "pruned", TrialState.
 
 
 @dataclass(frozen=True, slots=True)
-class Fresh:
-    """The best and the untuned settings, with seeds and scenarios that the search has not seen."""
+class Gain:
+    """The best and the untuned settings in one measure, with seeds and scenarios that the search has not seen."""
 
+    measure: Measure
     tuned: Estimate
     untuned: Estimate
     difference: Estimate
     """tuned less untuned"""
-    then: tuple[float, float]
-    """second measure: tuned, untuned"""
-    then_difference: Estimate
-    seeds: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class Outcome:
+@dataclass
+class Outcome(Trials):
     """The result of a study."""
 
-    plan: Plan
     folder: StudyFolder
-    study: Study
-    """Optuna's, not to be written"""
-    fresh: Fresh | None = None
+    gains: tuple[Gain, ...] = ()
+    """by both measures; empty until all runs with fresh seeds are tested"""
     broken: tuple[str, ...] = ()
     """trainings with fresh seeds that failed"""
 
@@ -59,31 +51,17 @@ class Outcome:
         return scores.objective(self.plan.tune.objective, self.plan.tune.then)
 
     @cached_property
-    def trials(self) -> list[FrozenTrial]:
+    def ordered(self) -> list[FrozenTrial]:
         """Return the trials, best first, then those without a result."""
-        found = [t for t in self.study.get_trials(deepcopy=False) if t.state is not TrialState.WAITING]
-        first = ranked(found)
+        first = ranked(self.trials)
         numbers = {trial.number for trial in first}
-        return [*first, *(trial for trial in found if trial.number not in numbers)]
-
-    @property
-    def best(self) -> FrozenTrial | None:
-        """Return the best trial that has a result."""
-        return next(iter(ranked(self.trials)), None)
+        return [*first, *(trial for trial in self.trials if trial.number not in numbers)]
 
     @property
     def steps(self) -> int:
         """Return the environment steps of training in the search."""
         seeds = len(self.plan.tune.seeds) if self.plan.learns else 0
         return seeds * sum(trial.last_step or 0 for trial in self.trials)
-
-    def results(self, trial: FrozenTrial) -> list[Score]:
-        """Return a trial's scores by rung."""
-        return results(self.plan, trial)
-
-    def algo(self, trial: FrozenTrial) -> dict[str, Any]:
-        """Return the plain values of `algo` of a trial."""
-        return with_values(self.plan.base["algo"], self.plan.dimensions, trial.params)
 
     @property
     def complete(self) -> int:
@@ -116,17 +94,18 @@ def read(folder: StudyFolder) -> Outcome:
         RunError: The study is missing or damaged.
     """
     plan = folder.read()
-    found = Outcome(plan, folder, open_study(plan, folder.journal, write=False))
-    if found.best is None or not plan.tune.fresh_seeds:
-        return found
-    both = {"tuned": found.algo(found.best), "untuned": plan.base["algo"]}
-    return Outcome(plan, folder, found.study, _fresh(found, both), _broken(found, both))
+    found = Outcome(plan, open_study(plan, folder.journal, write=False), folder)
+    if found.best is not None and plan.tune.fresh_seeds:
+        both = {"tuned": found.algo(found.best), "untuned": plan.base["algo"]}
+        made = {label: list(map(place, runs.fresh(plan, folder, algo))) for label, algo in both.items()}
+        found.gains, found.broken = _gains(found, made), _broken(plan, made)
+    return found
 
 
-def _broken(of: Outcome, both: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+def _broken(plan: Plan, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[str, ...]:
     found = []
-    for label, algo in both.items():
-        for run, seed in zip(runs.of_fresh(of.plan, of.folder, algo), of.plan.tune.fresh_seeds, strict=False):
+    for label, group in made.items():
+        for run, seed in zip(group, plan.tune.fresh_seeds, strict=False):
             manifest = run.manifest() if run.exists() else {}
             if manifest.get("state") == "failed":
                 why = " ".join(str((manifest["error"] or {}).get("message", "no reason given")).split())
@@ -134,19 +113,14 @@ def _broken(of: Outcome, both: Mapping[str, Mapping[str, Any]]) -> tuple[str, ..
     return tuple(found)
 
 
-def _fresh(of: Outcome, both: Mapping[str, Mapping[str, Any]]) -> Fresh | None:
-    """Return None until all runs with fresh seeds are tested."""
-    protocol, objective = of.plan.fresh_protocol.name, of.objective
+def _gains(of: Outcome, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[Gain, ...]:
     try:
-        agents = [scores.tested(runs.of_fresh(of.plan, of.folder, algo), protocol) for algo in both.values()]
+        agents = [scores.tested(group, of.plan.fresh_protocol.name) for group in made.values()]
     except UserError:
-        return None
-    differences = []
-    for measure in (objective.measure, objective.then):
-        values = [measure.values(agent) for agent in agents]
-        table = crossed(values, rate=measure.rate, bounds=measure.bounds(agents))
-        differences.append(pairs(table).estimate(0, 1, table, 0.95))
-    tuned, untuned = (scores.interval(agent, objective.measure) for agent in agents)
-    then = [float(np.nanmean(objective.then.values(agent))) for agent in agents]
-    seeds = tuple(of.plan.tune.fresh_seeds[: len(agents[0].outcome)])
-    return Fresh(tuned, untuned, differences[0], (then[0], then[1]), differences[1], seeds)
+        return ()
+    gains = []
+    for m in (of.objective.measure, of.objective.then):
+        table = crossed([m.values(agent) for agent in agents], rate=m.rate, bounds=m.bounds(agents))
+        tuned, untuned = (scores.interval(agent, m) for agent in agents)
+        gains.append(Gain(m, tuned, untuned, pairs(table).estimate(0, 1, table, 0.95)))
+    return tuple(gains)

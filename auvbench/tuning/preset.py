@@ -23,22 +23,15 @@ def name_of(plan: Plan) -> str:
 
 
 def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps: int, evidence: str) -> None:
-    """Write the preset.
-
-    Args:
-        path: of the file.
-        plan: of the study.
-        algo: plain values of the best settings.
-        trials: how many have begun.
-        steps: environment steps of training in the search.
-        evidence: a sentence about the gain.
-    """
+    """Write the plain values of the best settings as a preset; `evidence` is a sentence about their gain."""
     today = datetime.now(UTC).date().isoformat()
+    git = provenance.git()
+    commit = f" (commit {git['commit'][:12]}{', modified' if git['dirty'] else ''})" if git["commit"] else ""
     name = name_of(plan)
     searched = [dimension.key.partition(".")[2] for dimension in plan.dimensions]
     head = [
         f"{name}: found by {plan.command or 'auvbench tune'}",
-        f"on {today} with auvbench {_version()}: {trials} trials, {steps:,} environment steps of training, scenarios of",
+        f"on {today} with auvbench {__version__}{commit}: {trials} trials, {steps:,} environment steps of training, scenarios of",
         f"protocol={plan.protocol.name} (seed {plan.protocol.seed}, {plan.protocol.episodes} episodes), none of a test.",
         evidence,
         f"Searched: {', '.join(searched)}.",
@@ -61,23 +54,6 @@ def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps
         },
     }
     text = "".join(f"# {' '.join(line.split())}\n" for line in head)
-    write_atomic(path, (text + yaml.dump(body, Dumper=_Dumper, sort_keys=False, width=100)).encode())
-
-
-def _version() -> str:
-    """Return `0.1.0`, or `0.1.0 (commit 1a2b3c4d5e6f, modified)` in a checkout."""
-    git = provenance.git()
-    if not git["commit"]:
-        return __version__
-    return f"{__version__} (commit {git['commit'][:12]}{', modified' if git['dirty'] else ''})"
-
-
-class _Dumper(yaml.SafeDumper):
-    """Write lists in one line."""
-
-
-def _list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.Node:
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=True)
-
-
-_Dumper.add_representer(list, _list)
+    write_atomic(
+        path, (text + yaml.safe_dump(body, sort_keys=False, width=100, default_flow_style=None)).encode()
+    )

@@ -1,4 +1,4 @@
-"""The run directories of a study's trials."""
+"""The run directories of a study's trials, and the work of a worker on one: train it, then test it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,17 @@ import copy
 from collections.abc import Mapping
 from typing import Any
 
+from auvbench.config import schema
+from auvbench.config.tuning import refuse_test
+from auvbench.evaluation.evaluate import evaluate, stale
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.training.checkpoint import extending
 from auvbench.training.checkpoint.store import CheckpointStore
-from auvbench.tuning.folder import FRESH, RUNS, Plan, StudyFolder
+from auvbench.training.execute import execute
+from auvbench.tuning.folder import FRESH, RUNS, Plan, StudyFolder, of_run
+
+TARGET = "auvbench.tuning.runs:carry_out"
+"""function that a worker calls with a run directory"""
 
 
 def configuration(
@@ -37,13 +44,13 @@ def prepare(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int) 
         RunError: The run of the rung before is missing or damaged.
     """
     made = []
-    for i, seed in enumerate(plan.tune.seeds):
-        run = of_trial(plan, study, algo, rung)[i]
+    for i, run in enumerate(of_trial(plan, study, algo, rung)):
         if rung and not _has_begun(run):
             shorter = of_trial(plan, study, algo, rung - 1)[i]
             made.append(extending.prepare(shorter, plan.budgets[rung]).begin(plan.command))
         else:
-            made.append(freeze(configuration(plan, study, algo, seed, plan.budgets[rung]), plan.command))
+            config = configuration(plan, study, algo, plan.tune.seeds[i], plan.budgets[rung])
+            made.append(freeze(config, plan.command))
     return made
 
 
@@ -51,17 +58,31 @@ def _has_begun(run: RunDirectory) -> bool:
     return run.exists() and (run.manifest()["state"] == "complete" or bool(CheckpointStore(run.path).steps()))
 
 
-def prepare_fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[RunDirectory]:
-    """Make the runs with fresh seeds of some settings."""
-    return [freeze(config, plan.command) for config in _fresh(plan, study, algo)]
-
-
-def of_fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[RunDirectory]:
-    """Return the runs with fresh seeds of some settings; they may not exist."""
-    return [place(config) for config in _fresh(plan, study, algo)]
-
-
-def _fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[dict[str, Any]]:
-    # Only a training depends on the seed.
+def fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the configurations of the runs with fresh seeds; one where nothing is trained, as no seed matters."""
     seeds = plan.tune.fresh_seeds if plan.learns else plan.tune.fresh_seeds[:1]
     return [configuration(plan, study, algo, seed, plan.budgets[-1], FRESH) for seed in seeds]
+
+
+def carry_out(run: RunDirectory) -> dict[str, Any]:
+    """Train a run to its budget and test it; return its manifest.
+
+    Raises:
+        TrainingError, KeyboardInterrupt: As `execute`.
+        RunError: As `test`; the training is complete then.
+    """
+    manifest = execute(run)
+    test(run, of_run(run.path)[1])
+    return manifest
+
+
+def test(run: RunDirectory, protocol: schema.Protocol) -> None:
+    """Test a complete run, unless its test is up to date.
+
+    Raises:
+        ConfigError: The protocol has test scenarios.
+        RunError: The run is not complete, its files are damaged, or another process is testing it.
+    """
+    refuse_test(protocol)
+    if stale(run, protocol) != "":
+        evaluate(run, protocol, unless_done=True)

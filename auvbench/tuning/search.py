@@ -35,12 +35,7 @@ class Step:
 
 
 def open_study(plan: Plan, path: Path, *, write: bool = True) -> Study:
-    """Return the Optuna study in a journal; a journal without one starts it.
-
-    Args:
-        plan: of the study.
-        path: of the journal.
-        write: keep what happens in the journal.
+    """Return the Optuna study in a journal, started where the journal is new; `write` keeps what happens in it.
 
     Raises:
         RunError: The journal is damaged, or of another study.
@@ -53,7 +48,7 @@ def open_study(plan: Plan, path: Path, *, write: bool = True) -> Study:
         study = optuna.load_study(study_name=None, storage=storage)
         trials = study.get_trials(deepcopy=False)
         for trial in trials:
-            _check_trial(plan, trial)
+            _check(Trials(plan, study), trial)
     except AuvbenchError:
         raise
     except Exception as error:  # operations that contradict each other fail anywhere in Optuna
@@ -66,25 +61,46 @@ def open_study(plan: Plan, path: Path, *, write: bool = True) -> Study:
     return study
 
 
-def _check_trial(plan: Plan, trial: FrozenTrial) -> None:
-    space = {dimension.key: dimension.distribution for dimension in plan.dimensions}
+@dataclass
+class Trials:
+    """The trials of a study."""
+
+    plan: Plan
+    study: Study
+
+    @property
+    def trials(self) -> list[FrozenTrial]:
+        """Return all trials that have begun."""
+        return [t for t in self.study.get_trials(deepcopy=False) if t.state is not TrialState.WAITING]
+
+    @property
+    def best(self) -> FrozenTrial | None:
+        """Return the best trial."""
+        return next(iter(ranked(self.trials)), None)
+
+    def algo(self, trial: FrozenTrial) -> dict[str, Any]:
+        """Return the plain values of `algo` of a trial."""
+        return with_values(self.plan.base["algo"], self.plan.dimensions, trial.params)
+
+    def results(self, trial: FrozenTrial) -> list[Score]:
+        """Return a trial's scores by rung.
+
+        Raises:
+            TypeError, ValueError: The journal holds something else.
+        """
+        reached = self.plan.budgets[: len(trial.intermediate_values)]
+        return [scores.of_plain(trial.user_attrs.get(f"result {budget}")) for budget in reached]
+
+
+def _check(study: Trials, trial: FrozenTrial) -> None:
+    space = {dimension.key: dimension.distribution for dimension in study.plan.dimensions}
     if any(space.get(key) != found for key, found in trial.distributions.items()):
         raise ValueError(f"trial {trial.number} has parameters of another study")
-    if tuple(trial.intermediate_values) != plan.budgets[: len(trial.intermediate_values)]:
+    if tuple(trial.intermediate_values) != study.plan.budgets[: len(trial.intermediate_values)]:
         raise ValueError(f"trial {trial.number} has the rungs of another study")
+    study.results(trial)
     if trial.state.is_finished() and len(trial.params) < len(space):
-        raise ValueError(f"trial {trial.number} has no complete parameters")
-    results(plan, trial)
-
-
-def results(plan: Plan, trial: FrozenTrial) -> list[Score]:
-    """Return a trial's scores by rung.
-
-    Raises:
-        TypeError, ValueError: The journal holds something else.
-    """
-    reached = plan.budgets[: len(trial.intermediate_values)]
-    return [scores.of_plain(trial.user_attrs.get(f"result {budget}")) for budget in reached]
+        raise ValueError(f"trial {trial.number} lacks parameters")
 
 
 def ranked(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
@@ -98,17 +114,12 @@ def ranked(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
     return sorted(shown, key=place)
 
 
-class Search:
-    """Decide what to train next; the journal holds each decision before it takes effect.
-
-    Args:
-        plan: of the study.
-        study: open for writing.
-        base: the checked configuration of a run; proposals are checked against it.
-    """
+class Search(Trials):
+    """Decide what to train next; the journal holds each decision before it takes effect."""
 
     def __init__(self, plan: Plan, study: Study, base: schema.TrainConfig) -> None:
-        self.plan, self.study, self.base = plan, study, base
+        super().__init__(plan, study)
+        self.base = base  # proposals are checked against it
         most = strategy.trial_limit(plan.tune.sampler, plan.dimensions)
         self.limit = plan.tune.trials if most is None else min(plan.tune.trials, most)
         self.running: dict[int, Trial] = {}
@@ -118,15 +129,6 @@ class Search:
             for dimension in plan.dimensions:  # a kill may have left the rest of the parameters out
                 trial._suggest(dimension.key, dimension.distribution)
             self._advance(trial)
-
-    @property
-    def trials(self) -> list[FrozenTrial]:
-        """Return all trials that have begun."""
-        return [t for t in self.study.get_trials(deepcopy=False) if t.state is not TrialState.WAITING]
-
-    def algo(self, trial: int) -> dict[str, Any]:
-        """Return the plain values of `algo` of a trial."""
-        return with_values(self.plan.base["algo"], self.plan.dimensions, self.trials[trial].params)
 
     def next(self) -> Step | None:
         """Return what to train now; None until a result comes, or when the search is over."""
@@ -145,17 +147,19 @@ class Search:
         """Queue the trial's next rung, or close the trial."""
         found = self.trials[trial.number]
         shown = found.intermediate_values
-        if not shown and ERROR not in found.user_attrs and (why := self._impossible(trial.number)):
+        if ERROR in found.user_attrs:
+            self.study.tell(trial, state=TrialState.PRUNED)
+        elif not shown and (why := self._impossible(found)):
             self._close(trial, why)
         elif len(shown) == len(self.plan.budgets):
             self.study.tell(trial, shown[self.plan.budgets[-1]])
-        elif ERROR in found.user_attrs or (shown and trial.should_prune()):
+        elif shown and trial.should_prune():
             self.study.tell(trial, state=TrialState.PRUNED)
         else:
             self.running[trial.number] = trial
             self.queue.append(Step(trial.number, len(shown)))
 
-    def _impossible(self, trial: int) -> str:
+    def _impossible(self, trial: FrozenTrial) -> str:
         try:
             with_algorithm(self.base, self.algo(trial))
         except ConfigError as error:
@@ -177,8 +181,3 @@ class Search:
         trial.set_user_attr(ERROR, why)
         # Optuna's samplers ignore failed trials, and take a pruned one without a result for the worst.
         self.study.tell(trial, state=TrialState.PRUNED)
-
-    @property
-    def best(self) -> FrozenTrial | None:
-        """Return the best trial so far."""
-        return next(iter(ranked(self.trials)), None)

@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -25,7 +26,8 @@ IDENTITY = ("algo.name", "algo.agent", "algo.tuned")
 FORMS = "interval(LOW,HIGH), range(FROM,TO,STEP) or choice(A,B)"
 COMBINATIONS = 128
 """Check all combinations of choices up to this number before a study starts; above it, check each choice alone."""
-LONGEST_RANGE = 100_000
+LONGEST_AXIS = 100_000
+"""values of a key on a grid"""
 
 Value = float | int | str
 """A parameter in the journal; a choice is its text."""
@@ -67,16 +69,18 @@ class Dimension:
         found = self.distribution
         if isinstance(found, CategoricalDistribution):
             return self.choices
-        if found.step is None or found.log:
+        count = round((found.high - found.low) / found.step) + 1 if found.step and not found.log else 0
+        if not 0 < count <= LONGEST_AXIS:
             raise ConfigError(
-                f"{self.key}={self.text}: a grid needs a list of values: {self.key}=choice(A,B) or range(FROM,TO,STEP)"
+                f"{self.key}={self.text}: a grid needs at most {LONGEST_AXIS:,} values: {self.key}=choice(A,B) or "
+                "range(FROM,TO,STEP)"
             )
-        return [found.low + i * found.step for i in range(round((found.high - found.low) / found.step) + 1)]
+        return [found.low + i * (found.step or 1) for i in range(count)]
 
     def at_end(self, value: Value, margin: float = 0.02) -> bool:
         """Return whether a number lies within `margin` of an end, as a share of the range."""
         found = self.distribution
-        if isinstance(found, CategoricalDistribution):
+        if isinstance(found, CategoricalDistribution) or found.single():
             return False
         low, high, at = found.low, found.high, float(value)
         if found.log:
@@ -131,82 +135,51 @@ def _dimension(key: str, text: Any, known: Sequence[str]) -> Dimension:
         raise ConfigError(f"{key}: only settings of the algorithm (algo.KEY) can be searched")
     if key not in known:
         raise ConfigError(f"{key}: unknown key; {hints.unknown_key(key, known, {}, 'auvbench tune')}")
-    if not isinstance(text, str):
-        raise ConfigError(f"{key}={text}: not a range; write {FORMS}")
     try:
         sweep = OverridesParser.create().parse_override(f"{key}={text}").value()
     except HydraException as error:
         raise ConfigError(f"{key}={text}: {' '.join(str(error).split())}; write {FORMS}") from error
     try:
-        if isinstance(sweep, IntervalSweep):
-            return Dimension(key, text, _interval(key, sweep))
-        if isinstance(sweep, RangeSweep):
-            return Dimension(key, text, _range(key, sweep))
         if isinstance(sweep, ChoiceSweep):
-            return _choice(key, text, sweep)
+            choices = tuple(str(Override._get_value_element_as_str(item)) for item in sweep.list)
+            values = tuple(Override._convert_value(item) for item in sweep.list)
+            return Dimension(key, text, CategoricalDistribution(choices), values)
+        if isinstance(sweep, IntervalSweep):
+            return Dimension(key, text, _numbers(key, sweep.tags, sweep.start, sweep.end, None))
+        if isinstance(sweep, RangeSweep):
+            return Dimension(key, text, _numbers(key, sweep.tags, *_ends(sweep)))
     except ValueError as error:
         raise ConfigError(f"{key}={text}: {error}") from error
     raise ConfigError(f"{key}={text}: not a range; write {FORMS}")
 
 
-def _interval(key: str, sweep: IntervalSweep) -> FloatDistribution | IntDistribution:
-    low, high = float(sweep.start or 0.0), float(sweep.end or 0.0)
-    if not (math.isfinite(low) and math.isfinite(high)) or low >= high:
-        raise ValueError("empty; the first end must be below the second")
-    log = _is_log(sweep.tags, low)
-    if key not in whole_keys():
-        return FloatDistribution(low, high, log=log)
-    if not (low.is_integer() and high.is_integer()):
-        raise ValueError("the ends must be whole numbers")
-    return IntDistribution(int(low), int(high), log=log)
-
-
-def _range(key: str, sweep: RangeSweep) -> FloatDistribution | IntDistribution:
-    if not sweep.step:
-        raise ValueError("the step must not be 0")
-    points = sorted(itertools.islice(sweep.range(), LONGEST_RANGE + 1))
-    if not points:
+def _ends(sweep: RangeSweep) -> tuple[Decimal, Decimal, Decimal]:
+    """Return the first and the last value of a range in rising order, and its step, exact in decimals."""
+    first, stop, step = (Decimal(str(value)) for value in (sweep.start, sweep.stop, sweep.step))
+    count = math.ceil((stop - first) / step) if step and all(x.is_finite() for x in (first, stop)) else 0
+    if count < 1:
         raise ValueError("empty; range(FROM,TO,STEP) ends before TO")
-    if len(points) == 1:
-        raise ValueError(_one_value(key, points[0]))
-    if len(points) > LONGEST_RANGE:
-        raise ValueError(f"has more than {LONGEST_RANGE} values; write interval(LOW,HIGH)")
-    low, high, step = points[0], points[-1], abs(sweep.step)
-    whole = all(float(point).is_integer() for point in points)
-    log = _is_log(sweep.tags, low)
-    if log and not (whole and step == 1):
-        raise ValueError("a logarithmic range has no step; write tag(log,interval(LOW,HIGH))")
+    low, high = sorted((first, first + (count - 1) * step))
+    return low, high, abs(step)
+
+
+def _numbers(
+    key: str, tags: set[str], start: Any, end: Any, step: Decimal | None
+) -> FloatDistribution | IntDistribution:
+    low, high = float(start), float(end)
+    if not math.isfinite(low) or not math.isfinite(high) or low > high:
+        raise ValueError("empty; the first end must be below the second")
+    if unknown := sorted(tags - {"log"}):
+        raise ValueError(f"unknown tag {unknown[0]!r}; valid: log")
+    if tags and (low <= 0 or step not in (None, 1)):
+        raise ValueError("a logarithmic range must start above 0 and has no step")
     if key not in whole_keys():
-        # Optuna rounds the upper end down to a whole number of steps, so the end must be exact in decimals.
-        high = float(f"{high:.12g}")
-        return FloatDistribution(float(low), high, log=log, step=None if log else float(step))
-    if not whole:
+        return FloatDistribution(
+            low, high, log=bool(tags), step=None if tags or step is None else float(step)
+        )
+    if not all(float(value).is_integer() for value in (low, high, step or 1)):
         raise ValueError("the values must be whole numbers")
-    return IntDistribution(int(low), int(high), log=log, step=int(step))
-
-
-def _choice(key: str, text: str, sweep: ChoiceSweep) -> Dimension:
-    if sweep.tags:
-        raise ValueError(f"a choice takes no tag, got {', '.join(sorted(sweep.tags))}")
-    choices = tuple(str(Override._get_value_element_as_str(item)) for item in sweep.list)
-    if len(set(choices)) < len(choices):
-        raise ValueError("has a choice twice")
-    if len(choices) == 1:
-        raise ValueError(_one_value(key, choices[0]))
-    values = tuple(Override._convert_value(item) for item in sweep.list)
-    return Dimension(key, text, CategoricalDistribution(choices), values)
-
-
-def _one_value(key: str, value: object) -> str:
-    return f"has one value, so there is nothing to choose; {key}={value} fixes it"
-
-
-def _is_log(tags: set[str], low: float) -> bool:
-    for tag in sorted(tags - {"log"}):
-        raise ValueError(f"unknown tag {tag!r}; valid: log")
-    if tags and low <= 0:
-        raise ValueError("a logarithmic range must start above 0")
-    return bool(tags)
+    return IntDistribution(int(low), int(high), log=bool(tags), step=1 if tags else int(step or 1))
 
 
 def check(dimensions: Sequence[Dimension], base: schema.TrainConfig, algo: Mapping[str, Any]) -> None:

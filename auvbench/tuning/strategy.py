@@ -57,9 +57,7 @@ def grid_point(dimensions: Sequence[Dimension], number: int) -> dict[str, Value]
 def sampler(plan: Plan, begun: int) -> BaseSampler:
     """Return a study's sampler.
 
-    Args:
-        plan: of the study.
-        begun: trials so far. They move the seed: Optuna's samplers repeat their first draws in a new process.
+    The number of trials that have begun moves the seed: Optuna's samplers repeat their first draws in a new process.
     """
     startup, seed = plan.tune.startup, (plan.seed + begun) % (1 << 32)
     match plan.tune.sampler:

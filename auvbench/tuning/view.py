@@ -9,7 +9,6 @@ from rich.console import Console, Group
 from rich.text import Text
 
 from auvbench.analysis.formatting import amount, name
-from auvbench.analysis.measures import Measure
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling import live_table
 from auvbench.scheduling.base import Job
@@ -17,17 +16,11 @@ from auvbench.scheduling.estimate import clock_after, duration
 from auvbench.scheduling.loop import Outcome
 from auvbench.scheduling.views import InPlace, Watch
 from auvbench.tuning.scores import Objective, Score
-from auvbench.tuning.search import ERROR, Search, Step, results
+from auvbench.tuning.search import ERROR, Search, Step
 
 
 class Lines(Watch):
-    """A line per result; the base of the live view.
-
-    Args:
-        search: whose trials are shown.
-        objective: the measures of a trial.
-        console: where to print.
-    """
+    """A line per result; the base of the live view."""
 
     def __init__(self, search: Search, objective: Objective, console: Console) -> None:
         super().__init__(console)
@@ -87,7 +80,7 @@ class Lines(Watch):
         best = self.search.best
         if best is None:
             return ""
-        shown = results(self.search.plan, best)
+        shown = self.search.results(best)
         at = self._at(len(shown) - 1)
         return f"best so far: trial {best.number}{at}, {worth(shown[-1], self.objective)} on validation scenarios"
 
@@ -114,11 +107,7 @@ def view(search: Search, objective: Objective, console: Console) -> Lines:
 
 
 def worth(score: Score, objective: Objective) -> str:
-    """Return `success rate 98.0 % [93.0, 99.4], PAR-1 of the steps 312`."""
+    """Return `success rate 98.0 % [93.0, 99.4], PAR-1 steps 312`."""
     first, then = objective.measure, objective.then
-    return f"{name(first)} {amount(score.estimate, first)}, {name(then)} {plain(score.then, then)}"
-
-
-def plain(value: float, measure: Measure) -> str:
-    """Return a value without its interval."""
-    return f"{100 * value:.1f} %" if measure.rate else f"{value:.4g}"
+    value = f"{100 * score.then:.1f} %" if then.rate else f"{score.then:.4g}"
+    return f"{name(first)} {amount(score.estimate, first)}, {name(then)} {value}"

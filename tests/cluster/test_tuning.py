@@ -70,7 +70,7 @@ def test_a_study_over_ray_goes_on_where_it_was(tmp_path: Path) -> None:
     found = outcome.read(study)
     assert len(found.trials) == 4
     assert {outcome.state_of(t) for t in found.trials} <= {"done", "pruned"}
-    assert found.fresh is not None
+    assert found.gains
     before = models(study)
     # Trained in tasks, not in this process: each run has the log of a worker.
     assert all((path.parents[1] / "train" / "log.txt").is_file() for path in before)

@@ -18,7 +18,7 @@ from auvbench import cli
 from auvbench.config import schema
 from auvbench.errors import ConfigError, RunError
 from auvbench.runs import lock, provenance
-from auvbench.tuning import folder, outcome, trial
+from auvbench.tuning import folder, outcome, runs
 from auvbench.tuning.folder import StudyFolder
 
 PID = [
@@ -64,7 +64,7 @@ def test_pid_is_tuned_and_its_preset_can_be_used(
     study = StudyFolder(pid / "tune" / "pid")
     found = outcome.read(study)
     assert [len(found.trials), {outcome.state_of(t) for t in found.trials}] == [4, {"done"}]
-    assert found.fresh is not None
+    assert found.gains
     assert found.best is not None
     page = (study.report / "index.html").read_text()
     assert f"Trial {found.best.number}" in page
@@ -114,10 +114,10 @@ def test_typed_again_nothing_is_done_twice_and_more_trials_go_on(
 ) -> None:
     study = StudyFolder(pid / "tune" / "pid")
     before = study.journal.read_bytes()
-    runs = {path: path.stat().st_mtime_ns for path in study.runs.glob("*/manifest.json")}
+    manifests = {path: path.stat().st_mtime_ns for path in study.runs.glob("*/manifest.json")}
     assert tune(pid, *PID) == 0
     assert study.journal.read_bytes() == before
-    assert {path: path.stat().st_mtime_ns for path in study.runs.glob("*/manifest.json")} == runs
+    assert {path: path.stat().st_mtime_ns for path in study.runs.glob("*/manifest.json")} == manifests
 
 
 def test_fewer_trials_than_there_are_take_none_away(pid: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -221,12 +221,12 @@ def test_nothing_of_tuning_ever_draws_a_test_scenario(
         for path in summaries:
             if not path.name.startswith("."):
                 (path / "summary.json").unlink()
-        trial.test(RunDirectory(run), folder.of_run(run)[1])
+        runs.test(RunDirectory(run), folder.of_run(run)[1])
     assert {stream for stream, _ in asked} == {"validation"}
     assert {seed for _, seed in asked} == {plan.protocol.seed, plan.protocol.seed + 1}
     forbidden = schema.Protocol(**{**vars(plan.protocol), "scenarios": "test"})
     with pytest.raises(ConfigError, match="those of a test"):
-        trial.test(RunDirectory(next(study.runs.iterdir())), forbidden)
+        runs.test(RunDirectory(next(study.runs.iterdir())), forbidden)
 
 
 def trials(output: Path, name: str) -> list[tuple[object, ...]]:

@@ -7,13 +7,13 @@ from collections import Counter
 from auvbench.analysis.formatting import amount, counted, difference, listed, name
 from auvbench.analysis.measures import Measure
 from auvbench.statistics.estimate import Estimate
-from auvbench.tuning.outcome import Fresh, Outcome, state_of
-from auvbench.tuning.view import plain, worth
+from auvbench.tuning.outcome import Outcome, state_of
+from auvbench.tuning.view import worth
 
 
 def summary(found: Outcome) -> list[str]:
     """Return the findings, the most important first."""
-    lines = [fresh(found, found.fresh)] if found.fresh is not None else []
+    lines = [gain(found)] if found.gains else []
     if found.broken:
         lines.append(broken(found))
     if found.best is not None:
@@ -41,20 +41,16 @@ def at_the_edge(found: Outcome) -> str:
     return f"At an end of the range: {listed(near, 4)}. A wider range may hold better settings."
 
 
-def fresh(found: Outcome, at: Fresh) -> str:
+def gain(found: Outcome) -> str:
     """Compare the best and the untuned settings on what the search has not seen."""
-    measure, then = found.objective.measure, found.objective.then
-    on = f"{len(at.seeds)} fresh training seeds and " if found.plan.learns and len(at.seeds) > 1 else ""
-    return (
-        f"On {on}fresh validation scenarios: {name(measure)} {amount(at.tuned, measure)} tuned, "
-        f"{amount(at.untuned, measure)} untuned; {_compared(at.difference, measure)}. "
-        f"{name(then)}: {plain(at.then[0], then)} tuned, {plain(at.then[1], then)} untuned; "
-        f"{_compared(at.then_difference, then)}."
-    )
-
-
-def _compared(of: Estimate, measure: Measure) -> str:
-    return f"difference {difference(of, measure)}, {verdict(of, measure)}"
+    seeds = len(found.plan.tune.fresh_seeds)
+    on = f"{seeds} fresh training seeds and " if found.plan.learns and seeds > 1 else ""
+    parts = [
+        f"{name(of.measure)} {amount(of.tuned, of.measure)} tuned, {amount(of.untuned, of.measure)} untuned, "
+        f"difference {difference(of.difference, of.measure)}, {verdict(of.difference, of.measure)}"
+        for of in found.gains
+    ]
+    return f"On {on}fresh validation scenarios: {'; '.join(parts)}."
 
 
 def verdict(of: Estimate, measure: Measure) -> str:
@@ -73,6 +69,8 @@ def evidence(found: Outcome) -> str:
     """Return the sentence for the header of the preset."""
     if found.broken:
         return broken(found)
-    if found.fresh is None:
-        return "Not trained with fresh seeds yet: its result in the search is partly lucky."
-    return fresh(found, found.fresh)
+    return (
+        gain(found)
+        if found.gains
+        else "Not compared with fresh seeds: its result in the search is partly lucky."
+    )

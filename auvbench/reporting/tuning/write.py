@@ -44,7 +44,7 @@ def table(found: Outcome) -> pd.DataFrame:
     keys = [dimension.key for dimension in found.plan.dimensions]
     names = (found.objective.measure.name, "low", "high", found.objective.then.name)
     rows = []
-    for place, trial in enumerate(found.trials, 1):
+    for place, trial in enumerate(found.ordered, 1):
         row: dict[str, Any] = {"place": place, "trial": trial.number, "state": state_of(trial)}
         row["steps"] = (trial.last_step or 0) if found.plan.learns else 0
         if shown := found.results(trial):
@@ -81,8 +81,8 @@ def page(found: Outcome, drawn: Sequence[Figure], path: Path) -> str:
         figures=embedded,
         measures=[(m.name, "%" if m.rate else "") for m in (found.objective.measure, found.objective.then)],
         learns=plan.learns,
-        trials=[_line(found, trial, path) for trial in found.trials],
-        failures=[(trial.number, error) for trial in found.trials if (error := _error(trial))],
+        trials=[_line(found, trial, path) for trial in found.ordered],
+        failures=[(trial.number, error) for trial in found.ordered if (error := _error(trial))],
         facts=_facts(found),
         command=plan.command,
     )

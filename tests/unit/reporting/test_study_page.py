@@ -15,8 +15,9 @@ from auvbench.commands.tune import plan_of, split
 from auvbench.config.compose import compose
 from auvbench.reporting.tuning import figures, sentences, write
 from auvbench.statistics.estimate import Estimate
+from auvbench.tuning import scores
 from auvbench.tuning.folder import Plan, StudyFolder
-from auvbench.tuning.outcome import Fresh, Outcome
+from auvbench.tuning.outcome import Gain, Outcome
 from auvbench.tuning.scores import Score
 from auvbench.tuning.search import ERROR
 
@@ -57,21 +58,21 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
         results = [result(0.5 + 0.01 * number, 900.0), result(0.95 - 0.01 * number, 300.0)]
         trials.append(trial_of(params, plan, *results[: 2 if number < 12 else 1]))
     trials.append(trial_of(params, plan, error="step 3: train/loss became nan"))
-    fresh = Fresh(
-        Estimate(0.95, 0.9, 0.98),
-        Estimate(0.8, 0.7, 0.9),
-        Estimate(0.15, 0.02, 0.28),
-        (250.0, 400.0),
-        Estimate(-150.0, -200.0, -100.0),
-        (1000, 1001),
+    objective = scores.objective("success_rate", "par1_steps")
+    gains = (
+        Gain(
+            objective.measure, Estimate(0.95, 0.9, 0.98), Estimate(0.8, 0.7, 0.9), Estimate(0.15, 0.02, 0.28)
+        ),
+        Gain(objective.then, Estimate(250, 200, 300), Estimate(400, 350, 450), Estimate(-150, -200, -100)),
     )
-    return Outcome(plan, study, study_of(trials), fresh)
+    return Outcome(plan, study_of(trials), study, gains)
 
 
 def test_the_gain_with_fresh_seeds_comes_before_the_winner_of_the_search(found: Outcome) -> None:
     said = sentences.summary(found)
-    assert "+15 points [2, 28], better" in said[0]
-    assert "-150 [-200, -100], better" in said[0]
+    assert said[0].count(", better") == 2
+    assert "[2, 28]" in said[0]
+    assert "[-200, -100]" in said[0]
     assert "trial 0" in said[1]
     assert "12 done, 1 failed, 4 pruned" in said[2]
     assert f"{12 * 300 + 4 * 100:,} environment steps" in said[2]
@@ -89,9 +90,9 @@ def test_a_gain_is_one_where_its_interval_leaves_out_zero(
 
 
 def test_without_fresh_seeds_nothing_is_called_a_gain(found: Outcome) -> None:
-    said = " ".join(sentences.summary(replace(found, fresh=None)))
+    said = " ".join(sentences.summary(replace(found, gains=())))
     assert "better" not in said.replace("better settings", "")
-    assert "Not trained with fresh seeds" in sentences.evidence(replace(found, fresh=None))
+    assert "Not compared with fresh seeds" in sentences.evidence(replace(found, gains=()))
 
 
 def test_the_page_holds_everything_and_nothing_that_runs(found: Outcome) -> None:
@@ -107,7 +108,7 @@ def test_the_page_holds_everything_and_nothing_that_runs(found: Outcome) -> None
 
 
 def test_a_study_without_a_result_has_a_page_too(found: Outcome, tmp_path: Path) -> None:
-    empty = Outcome(found.plan, StudyFolder(tmp_path), study_of([]))
+    empty = Outcome(found.plan, study_of([]), StudyFolder(tmp_path))
     html = write.report(empty).read_text()
     assert "0 trials: none." in html
     assert "<figure " not in html
@@ -119,7 +120,7 @@ def test_the_measure_that_tells_trials_apart_is_drawn(found: Outcome) -> None:
     tied = [trial_of(first.params, found.plan, result(0.9, 1.0), result(1.0, 300.0 + i)) for i in range(5)]
     # The best among those with the largest budget decide, even where the others differ.
     others = [trial_of(first.params, found.plan, result(0.1 * i, 1.0)) for i in range(9)]
-    study, measure = figures.in_units(Outcome(found.plan, found.folder, study_of([*tied, *others])))
+    study, measure = figures.in_units(Outcome(found.plan, study_of([*tied, *others]), found.folder))
     assert measure is found.objective.then
     assert study.best_value == 300.0
     assert study.direction.name == "MINIMIZE"

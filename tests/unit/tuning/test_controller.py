@@ -94,7 +94,7 @@ def carry_out(
         return scores.Score(rate, rate, rate, rate, 1.0)
 
     monkeypatch.setattr(runs, "prepare", prepare)
-    monkeypatch.setattr(controller, "test", lambda run, protocol: None)
+    monkeypatch.setattr(runs, "test", lambda run, protocol: None)
     monkeypatch.setattr(scores.Objective, "of", of or by_rate)
     study.path.mkdir(parents=True, exist_ok=True)
     base = typed(OmegaConf.create({**plan.base, "name": "a", "output": "b", "seed": 0}))
@@ -103,7 +103,7 @@ def carry_out(
     text = io.StringIO()
     shown = view.view(search, objective, Console(file=text, width=200))
     try:
-        Controller(plan, study, search, objective, backend, shown).carry_out()
+        Controller(study, search, backend, shown).carry_out()
     finally:
         search.text = text.getvalue()
     return search, text.getvalue()

@@ -16,7 +16,7 @@ from auvbench.errors import RunError
 from auvbench.tuning.folder import Plan
 from auvbench.tuning.journal import Journal
 from auvbench.tuning.scores import Score
-from auvbench.tuning.search import ERROR, Search, Step, open_study, ranked, results
+from auvbench.tuning.search import ERROR, Search, Step, Trials, open_study, ranked
 
 SMALL = ["algo=ppo", "tune.trials=9", "tune.startup=4", "tune.rungs=[10,30,90]", "tune.reduction=2"]
 BROKEN = 5
@@ -80,10 +80,11 @@ def carry_out(
 
 def check(study: Plan, path: Path) -> list[FrozenTrial]:
     """Every trial is over, with its own results at consecutive rungs."""
-    trials = open_study(study, path, write=False).get_trials()
+    whole = open_study(study, path, write=False)
+    trials = whole.get_trials()
     for trial in trials:
         assert trial.state in (TrialState.COMPLETE, TrialState.PRUNED)
-        found = results(study, trial)
+        found = Trials(study, whole).results(trial)
         assert [score.score for score in found] == [shown(trial, rung) for rung in range(len(found))]
         assert (trial.state is TrialState.COMPLETE) == (len(found) == len(study.budgets))
     return trials
