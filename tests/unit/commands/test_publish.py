@@ -32,19 +32,35 @@ from tests.numbers import assert_same_numbers
 from tests.synthetic import seal, write_experiment
 
 
+PROTOCOLS = {"test": ("nominal",), "robustness": ("nominal", "current=0.5")}
+
+
 @pytest.fixture
 def runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    protocols = {"test": ("nominal",), "robustness": ("nominal", "current=0.5")}
     return write_experiment(
-        tmp_path / "outputs" / "grid",
-        algorithms=("ppo", "sac", "pid"),
-        reward_k=(1, 100),
-        frequencies=(10, 25),
-        seeds=(0, 1, 2),
-        protocols=protocols,
-        train_episodes=30,
+        tmp_path / "outputs" / "grid", algorithms=("ppo", "pid"), protocols=PROTOCOLS, train_episodes=30
     )
+
+
+@pytest.fixture
+def grid(once, tmp_path, monkeypatch):
+    """A grid whose report has claims, groups and findings; the first run is a learner's."""
+    monkeypatch.chdir(tmp_path)
+
+    def make(folder):
+        write_experiment(
+            folder / "grid",
+            algorithms=("ppo", "sac", "pid"),
+            reward_k=(1, 100),
+            frequencies=(10, 25),
+            seeds=(0, 1, 2),
+            protocols=PROTOCOLS,
+            train_episodes=30,
+        )
+
+    shutil.copytree(once("grid-to-publish", make), "outputs")
+    return sorted(tmp_path.glob("outputs/grid/*"), key=lambda run: (run.name.startswith("pid"), run.name))
 
 
 def publish(*more: str) -> int:
@@ -56,7 +72,7 @@ def report(*arguments: str) -> int:
 
 
 @pytest.mark.parametrize("study", [(), ("--study", "thesis")])
-def test_a_report_of_what_is_shipped_has_the_same_numbers(runs, tmp_path, study):
+def test_a_report_of_what_is_shipped_has_the_same_numbers(grid, tmp_path, study):
     assert publish("--pictures", "failures", *study) == 0
     assert report("outputs/grid", "--out", "before", *study) == 0
     assert report("results/grid", "--out", "after", *study) == 0
@@ -68,7 +84,7 @@ def test_a_report_of_what_is_shipped_has_the_same_numbers(runs, tmp_path, study)
         assert_same_numbers(shipped.read_text(), before.read_text())
 
 
-def test_the_verdicts_are_the_claims_of_the_study_and_the_findings(runs, tmp_path):
+def test_the_verdicts_are_the_claims_of_the_study_and_the_findings(grid, tmp_path):
     assert publish("--pictures", "failures", "--study", "thesis") == 0
     verdicts = json.loads((tmp_path / "results/grid/verdicts.json").read_text())
     claims = [v for v in verdicts if "claim" in v]
@@ -163,12 +179,12 @@ def test_a_condition_may_be_called_as_a_number(tmp_path, monkeypatch):
     assert "PID" in (tmp_path / "after/table.csv").read_text()
 
 
-def test_rows_are_complete_and_vouched_for(runs, tmp_path):
+def test_rows_are_complete_and_vouched_for(grid, tmp_path):
     assert publish("--pictures", "failures", "--also", "robustness") == 0
-    (shipped,) = (tmp_path / "results/grid/runs").glob(f"{runs[0].name}")
+    (shipped,) = (tmp_path / "results/grid/runs").glob(f"{grid[0].name}")
     rows = bz2.decompress((shipped / "evaluations/test/episodes.csv.bz2").read_bytes())
     elsewhere = [*SCENARIO_COLUMNS, *FOLLOWING]
-    original = pd.read_csv(runs[0] / "evaluations/test/episodes.csv").drop(columns=elsewhere)
+    original = pd.read_csv(grid[0] / "evaluations/test/episodes.csv").drop(columns=elsewhere)
     pd.testing.assert_frame_equal(
         pd.read_csv(io.BytesIO(rows)), original, rtol=0.5 * 10.0 ** (1 - DIGITS), atol=0.0
     )
@@ -181,7 +197,7 @@ def test_rows_are_complete_and_vouched_for(runs, tmp_path):
     training = bz2.decompress((shipped / "train/episodes.csv.bz2").read_bytes()).decode().splitlines()
     assert set(next(csv.reader(training))) == {"outcome", "step", "steps", "return", "final_distance_m"}
     assert len(training) == 31
-    full = pd.read_csv(runs[0] / "train/episodes.csv")
+    full = pd.read_csv(grid[0] / "train/episodes.csv")
     pd.testing.assert_frame_equal(
         pd.read_csv(io.StringIO("\n".join(training))),
         full[[*TRAINING_COLUMNS]],
