@@ -151,7 +151,7 @@ def write_evaluation(
     run: Path, protocol: str, conditions: Sequence[str], episodes: int, trajectories: int = 3
 ) -> Path:
     """Writes `evaluations/<protocol>/` of a run that `write_experiment` made."""
-    config = yaml.safe_load((run / "config.yaml").read_text())
+    config = read_yaml(run / "config.yaml")
     algo, k, f, seed = (
         config["algo"]["name"],
         config["reward"]["k"],
@@ -172,8 +172,9 @@ def write_evaluation(
         frame.insert(0, "condition", condition)
         frames.append(frame)
         summaries.append(_summary_of(condition, frame))
-        for row in frame.head(trajectories).to_dict("records"):
-            arrays |= _trajectory(condition, {str(k): v for k, v in row.items()}, rng)
+        first = frame.head(trajectories).to_dict("list")
+        for e in range(min(trajectories, len(frame))):
+            arrays |= _trajectory(condition, {str(name): values[e] for name, values in first.items()}, rng)
     pd.concat(frames).to_csv(folder / "episodes.csv", index=False)
     if config["vehicle"]["name"] != "bluerov2":
         prints += config["vehicle"]["name"]
@@ -188,21 +189,21 @@ def write_evaluation(
         "created": "2026-01-01T12:00:00+00:00",
         "versions": {"auvbench": "0.1.0"},
     }
-    np.savez_compressed(folder / "trajectories.npz", allow_pickle=False, **arrays)
+    np.savez(folder / "trajectories.npz", allow_pickle=False, **arrays)
     seal(folder / "summary.json", summary)
     return folder
 
 
 def reconfigure(run: Path, **values: Any) -> Path:
     """The run as another configuration would have made it: `algo__gamma=0.9` sets algo.gamma. Returns its folder."""
-    config = yaml.safe_load((run / "config.yaml").read_text())
+    config = read_yaml(run / "config.yaml")
     for key, value in values.items():
         *groups, last = key.split("__")
         node = config
         for group in groups:
             node = node[group]
         node[last] = value
-    (run / "config.yaml").write_text(yaml.safe_dump(config, sort_keys=False))
+    write_yaml(run / "config.yaml", config)
     named = run.with_name(identity.run_id(config))
     run.rename(named)
     seal(named / "manifest.json", id=named.name, seed=config["seed"], algo=config["algo"]["name"])
@@ -218,6 +219,15 @@ def seal(path: Path, holder: dict[str, Any] | None = None, **changes: Any) -> No
     there = [name for name in names if (path.parent / name).is_file()]
     files = {name: integrity.entry_of(path.parent / name) for name in there}
     path.write_text(json.dumps(integrity.sealed(holder | {"files": files}), indent=2) + "\n")
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    config: dict[str, Any] = yaml.load(path.read_text(), Loader=yaml.CSafeLoader)
+    return config
+
+
+def write_yaml(path: Path, config: dict[str, Any]) -> None:
+    path.write_text(yaml.dump(config, Dumper=yaml.CSafeDumper, sort_keys=False))
 
 
 def _number(text: str) -> int:
@@ -344,7 +354,7 @@ def _write_run(
     run = root / identity.run_id(config)
     for folder in ("train", "checkpoints", "model", "evaluations"):
         (run / folder).mkdir(parents=True, exist_ok=True)
-    (run / "config.yaml").write_text(yaml.safe_dump(config, sort_keys=False))
+    write_yaml(run / "config.yaml", config)
     steps, success, rows = 0, None, 0
     if algo not in CLASSICAL and train_episodes:
         frame = _training(skill_of(algo, k, f, seed), f, k, train_episodes, config["algo"]["n_envs"], seed)

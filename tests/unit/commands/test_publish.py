@@ -31,7 +31,6 @@ from auvbench.runs import integrity
 from tests.numbers import assert_same_numbers
 from tests.synthetic import seal, write_experiment
 
-
 PROTOCOLS = {"test": ("nominal",), "robustness": ("nominal", "current=0.5")}
 
 
@@ -100,7 +99,7 @@ def test_the_verdicts_are_the_claims_of_the_study_and_the_findings(grid, tmp_pat
     assert all(escape(v["text"]) in said for v in findings)
 
 
-def test_without_a_study_the_verdicts_are_the_findings(runs, tmp_path):
+def test_without_a_study_the_verdicts_are_the_findings(grid, tmp_path):
     assert publish("--pictures", "failures") == 0
     verdicts = json.loads((tmp_path / "results/grid/verdicts.json").read_text())
     assert [v["finding"] for v in verdicts] == list(range(1, len(verdicts) + 1))

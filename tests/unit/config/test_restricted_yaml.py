@@ -124,9 +124,15 @@ def test_a_frozen_configuration_is_never_resolved(
     assert value in run.config_path.read_text()
 
 
-@pytest.mark.parametrize("key", ["seed", "output", "vehicle", "+x", "reward.k", "name", "algo.net_arch"])
 @pytest.mark.parametrize(
-    "value", ["${nope}", "${oc.env:NOPE}", "${oc.env:}", "${", "${hydra:nope}", "${seed"]
+    ("key", "value"),
+    [
+        *(
+            ("seed", value)
+            for value in ("${nope}", "${oc.env:NOPE}", "${oc.env:}", "${", "${hydra:nope}", "${seed")
+        ),
+        *((key, "${nope}") for key in ("output", "vehicle", "+x", "reward.k", "name", "algo.net_arch")),
+    ],
 )
 def test_an_interpolation_of_nothing_is_one_line(
     key: str, value: str, capsys: pytest.CaptureFixture[str], tmp_path: Path

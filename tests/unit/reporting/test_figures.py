@@ -56,6 +56,13 @@ def draw(name: str, drawn_from: Scene) -> style.Canvas | None:
     return None if drawing is None else drawing.canvas
 
 
+def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """Leave these figures alone to be drawn."""
+    for name in FIGURES.keys() - set(names):
+        monkeypatch.delitem(FIGURES, name)
+
+
+@pytest.mark.slow
 def test_every_figure_is_written_twice_with_title_and_caption(small: Scene, tmp_path: Path) -> None:
     figures, problems = draw_all([], small.agents, small.ranking, tmp_path)
     assert problems == []
@@ -294,7 +301,10 @@ def test_the_heat_map_shows_the_table(small: Scene) -> None:
             assert rounded(row.estimates["success_rate"], 100)[0] in shown
 
 
-def test_a_training_without_one_finished_episode_is_not_damaged(tmp_path: Path) -> None:
+def test_a_training_without_one_finished_episode_is_not_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    only(monkeypatch, "training_curves", "training_outcomes", "training_logs", "failures")
     folder = tmp_path / "short"
     for run in write_experiment(folder, algorithms=("ppo", "pid"), seeds=(0,), episodes=12):
         table = run / "train" / "episodes.csv"
@@ -542,8 +552,15 @@ def test_returns_of_different_k_ask_for_another_axis() -> None:
     ],
 )
 def test_damage_met_while_drawing_is_named_in_a_problem_and_in_the_caption(
-    tmp_path: Path, file: str, content: bytes, message: str, figure: str, what: str
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    file: str,
+    content: bytes,
+    message: str,
+    figure: str,
+    what: str,
 ) -> None:
+    only(monkeypatch, figure)
     written = write_experiment(tmp_path / "grid", algorithms=("ppo", "sac"), seeds=(0,), episodes=8)
     (written[0] / file).write_bytes(content)
     found, _ = agents(load([tmp_path / "grid"])[0])
@@ -555,7 +572,8 @@ def test_damage_met_while_drawing_is_named_in_a_problem_and_in_the_caption(
     assert "Shown:" not in caption
 
 
-def test_trajectories_of_another_shape_are_damage(tmp_path: Path) -> None:
+def test_trajectories_of_another_shape_are_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    only(monkeypatch, "trajectories")
     written = write_experiment(tmp_path / "grid", algorithms=("ppo", "sac"), seeds=(0,), episodes=8)
     path = written[0] / "evaluations" / "test" / "trajectories.npz"
     with np.load(path) as arrays:
