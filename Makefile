@@ -83,6 +83,7 @@ parity: $(STAMP) ## the embedded simulator against Gazebo: tables of docs/parity
 soak: $(STAMP) ## kills, power cuts and flipped bits for a long time
 	$(BIN)/python -m tests.soak.results --cuts $(CUTS) --kills $(KILLS) --flips $(FLIPS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 	$(BIN)/python -m tests.soak.campaign --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
+	$(BIN)/python -m tests.soak.tuning --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 
 lock: $(STAMP) ## the hashes of all files that an installation may take
 	$(PIP) uv

@@ -113,6 +113,7 @@ def _short(key: str) -> str:
 
 def _history(study: Study, label: str) -> Canvas:
     ax = plots.plot_optimization_history(study, target_name=label)
+    ax.legend(loc="best")
     return _plain([ax], 5.4, 3.4)
 
 
@@ -166,5 +167,6 @@ def _plain(panels: Sequence[Axes], width: float, height: float) -> Canvas:
         ax.set_facecolor("white")
         ax.grid(color="#dddddd")
     figure.set_size_inches(width, height)
+    figure.set_dpi(style.DPI)
     figure.set_layout_engine("constrained")
     return figure
