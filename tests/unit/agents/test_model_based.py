@@ -112,12 +112,14 @@ class TestMPC:
     def _casadi(self):
         pytest.importorskip("casadi")
 
+    @pytest.mark.slow
     def test_it_arrives_sooner_than_pid(self):
         mpc, pid = records("mpc", 6), records("pid", 6)
         assert success(mpc) == success(pid) == 1.0
         assert np.mean([r["steps"] for r in mpc]) < np.mean([r["steps"] for r in pid])
 
     @pytest.mark.parametrize("vehicle", ["bluerov2_heavy", "rexrov"])
+    @pytest.mark.slow
     def test_it_flies_other_vehicles(self, vehicle):
         assert success(records("mpc", 3, f"vehicle={vehicle}")) == 1.0
 

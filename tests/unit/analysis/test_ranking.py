@@ -340,6 +340,7 @@ def test_measure_names_its_option():
         measure("x", "--then")
 
 
+@pytest.mark.slow
 def test_false_discoveries_are_as_rare_as_promised():
     """Six equal agents with three seeds: rarely is any pair resolved, in at most 5 % of the reports."""
     rng, wrong, n = np.random.default_rng(5), 0, 200

@@ -60,6 +60,7 @@ def test_without_casadi_the_extra_is_named(
     assert "pip install 'auvbench[mpc]'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_computed_checked_and_not_computed_again(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["bound", "protocol=near", "workers=1", "passes=1"]) == 0
     out = capsys.readouterr().out

@@ -68,6 +68,7 @@ def test_the_configuration_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["evaluate", "--cfg", "hydra"]) == 2
 
 
+@pytest.mark.slow
 def test_the_bar_counts_what_the_policy_can_steer(outputs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A policy of six thrusters has four of the seven conditions of `transfer`, and its test ends at 8 of 8."""
     asked: list[int] = []

@@ -50,6 +50,7 @@ def test_a_mean(capsys: pytest.CaptureFixture[str], runs: Path) -> None:
     assert found["values"][1] - found["values"][0] == pytest.approx(200)
 
 
+@pytest.mark.slow
 def test_what_a_reader_sees(capsys: pytest.CaptureFixture[str], runs: Path) -> None:
     assert cli.main(["plan", "--resolve", "20", "--agents", "4", "--replications", "60", str(runs)]) == 0
     text = capsys.readouterr().out

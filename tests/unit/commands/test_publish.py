@@ -83,6 +83,7 @@ def test_a_report_of_what_is_shipped_has_the_same_numbers(grid, tmp_path, study)
         assert_same_numbers(shipped.read_text(), before.read_text())
 
 
+@pytest.mark.slow
 def test_the_verdicts_are_the_claims_of_the_study_and_the_findings(grid, tmp_path):
     assert publish("--pictures", "failures", "--study", "thesis") == 0
     verdicts = json.loads((tmp_path / "results/grid/verdicts.json").read_text())
@@ -99,6 +100,7 @@ def test_the_verdicts_are_the_claims_of_the_study_and_the_findings(grid, tmp_pat
     assert all(escape(v["text"]) in said for v in findings)
 
 
+@pytest.mark.slow
 def test_without_a_study_the_verdicts_are_the_findings(grid, tmp_path):
     assert publish("--pictures", "failures") == 0
     verdicts = json.loads((tmp_path / "results/grid/verdicts.json").read_text())
@@ -178,6 +180,7 @@ def test_a_condition_may_be_called_as_a_number(tmp_path, monkeypatch):
     assert "PID" in (tmp_path / "after/table.csv").read_text()
 
 
+@pytest.mark.slow
 def test_rows_are_complete_and_vouched_for(grid, tmp_path):
     assert publish("--pictures", "failures", "--also", "robustness") == 0
     (shipped,) = (tmp_path / "results/grid/runs").glob(f"{grid[0].name}")
@@ -214,6 +217,7 @@ def test_rows_are_complete_and_vouched_for(grid, tmp_path):
     assert sorted(len(s.split()) for s in counted.values()) == [1, 2, 3, 3, 3, 3, 3, 3, 3]
 
 
+@pytest.mark.slow
 def test_pictures_have_few_colours_and_look_the_same(runs, tmp_path):
     assert publish("--pictures", "failures") == 0
     report = ["report", "results/grid", "--format", "md", "--out", "after"]
@@ -261,6 +265,7 @@ def test_what_a_person_wrote_stays_and_what_is_gone_goes(runs, tmp_path, capsys)
     assert "<!-- begin: table -->" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_published_once_more_from_what_was_published(runs, tmp_path):
     assert publish("--pictures", "failures") == 0
     before = {p: p.read_bytes() for p in (tmp_path / "results/grid/runs").rglob("*") if p.is_file()}

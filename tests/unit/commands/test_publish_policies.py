@@ -72,6 +72,7 @@ def test_the_best_of_each_agent_is_exported_and_named(runs, capsys):
     assert_same_numbers(table(str(TO)), table("outputs"), rel=1e-2)  # a wide interval ends near zero
 
 
+@pytest.mark.slow
 def test_what_is_there_is_kept_also_without_the_weights(runs, capsys):
     assert publish("outputs", "--policies") == 0
     file = TO / "policies" / f"{runs[1].id}.onnx"
@@ -92,6 +93,7 @@ def test_what_is_there_is_kept_also_without_the_weights(runs, capsys):
     assert "## Policies" in readme
 
 
+@pytest.mark.slow
 def test_of_what_is_no_network_that_is_the_reason_wherever_its_weights_are(runs, capsys):
     made = [trained(Path("outputs"), f"algo={name}") for name in ("ppo_residual", "recurrent_ppo")]
     for run in made:
@@ -108,6 +110,7 @@ def test_of_what_is_no_network_that_is_the_reason_wherever_its_weights_are(runs,
         )
 
 
+@pytest.mark.slow
 def test_one_that_is_no_longer_best_goes_and_others_files_stay(runs, capsys):
     assert publish("outputs", "--policies") == 0
     policies = TO / "policies"
@@ -128,6 +131,7 @@ def test_one_that_is_no_longer_best_goes_and_others_files_stay(runs, capsys):
     assert (policies / f"{runs[1].id}.onnx").read_bytes() == b"somebody's own"
 
 
+@pytest.mark.slow
 def test_damaged_weights_are_named_and_the_study_is_there(runs, capsys):
     weights = runs[1].model / "policy.pt"
     weights.write_bytes(weights.read_bytes()[:-1])
@@ -136,6 +140,7 @@ def test_damaged_weights_are_named_and_the_study_is_there(runs, capsys):
     assert (TO / "table.csv").is_file()
 
 
+@pytest.mark.slow
 def test_of_equals_the_first_by_id(runs):
     better(runs[0], runs[0])
     better(runs[1], runs[1])

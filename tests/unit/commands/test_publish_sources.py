@@ -74,6 +74,7 @@ def test_a_study_that_grows_keeps_its_copies_and_gives_the_numbers_of_all(first,
     assert_same_numbers(table(TO), everything)
 
 
+@pytest.mark.slow
 def test_further_protocols_grow_too_though_their_copies_have_fewer_columns(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     protocols = {"test": ("nominal",), "robustness": ("nominal", "current=1")}

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+import pytest
+
 import auvbench
 from auvbench.dynamics.compiled import fingerprint
 
@@ -53,6 +55,7 @@ def run(folder: Path) -> list[int]:
     return [int(word) for word in done.stdout.split()]
 
 
+@pytest.mark.slow
 def test_a_change_anywhere_that_the_code_came_from_compiles_it_anew(tmp_path):
     for name, text in SOURCES.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -87,6 +90,7 @@ def rooms_used(source: ast.Module, functions: Iterable[ast.FunctionDef]) -> set[
     return {origin[n.id] for n in nodes if isinstance(n, ast.Name) and n.id in origin}
 
 
+@pytest.mark.slow
 def test_the_cache_looks_wherever_the_code_came_from():
     checked = []
     plain = {}  # by room: what functions that are compiled into others use

@@ -77,6 +77,7 @@ def test_keywords_and_overrides():
         settings.configuration(vehicle="rexorv")
 
 
+@pytest.mark.slow
 def test_compiling_is_announced(tmp_path):
     program = (
         "import gymnasium, auvbench, numpy as np; e = gymnasium.make('auvbench/Waypoint-v0', overrides='simulator=fossen');"

@@ -150,6 +150,7 @@ def test_commands_that_do_not_arrive_are_named(
     assert line.endswith(f"not arrived after {held.steps[far]}")
 
 
+@pytest.mark.slow
 def test_workers_and_interruptions_change_nothing(
     near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits], tmp_path: Path
 ) -> None:

@@ -232,6 +232,7 @@ def torch_file(path: Path) -> Path:
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of that exporter, which needs no further package
+@pytest.mark.slow
 def test_a_file_from_plain_torch_is_trained_evaluated_and_ranked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -282,6 +283,7 @@ def test_a_digest_that_is_typed_must_be_the_file_s(
     assert cli.main(["train", *entered(path, tmp_path, f"algo.sha256={digest}")]) == 0
 
 
+@pytest.mark.slow
 def test_an_exported_policy_has_the_outcomes_of_its_run(tmp_path: Path) -> None:
     run = trained(tmp_path / "runs", "algo=ppo", "task.max_steps=60")
     done = exporting.export(run, tmp_path / "files")
@@ -350,6 +352,7 @@ def mixing() -> Any:
     )
 
 
+@pytest.mark.slow
 def test_a_grid_goes_on_without_the_one_that_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -38,6 +38,7 @@ def summary(run: RunDirectory) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
     pytest.importorskip("casadi")
     found = []
@@ -81,6 +82,7 @@ def test_only_agents_that_say_so_are_shared(tmp_path: Path) -> None:
     assert not hasattr(pid.PIDController, "row_by_row")
 
 
+@pytest.mark.slow
 def test_an_episode_that_fails_is_one_line_and_the_next_run_is_tested(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

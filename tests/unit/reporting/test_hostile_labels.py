@@ -42,14 +42,20 @@ def renamed(run: Path, name: str) -> Path:
     return run.rename(run.with_name(new.replace("/", "_")[:150]))
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_label_is_text_everywhere(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run, _ = synthetic.write_experiment(tmp_path / "x", algorithms=("ppo", "pid"), seeds=(0,), episodes=8)
-    renamed(run, name)
-    assert cli.main(["report", str(tmp_path / "x"), "--format", "terminal,csv,md,html,tex"]) == 0
+@pytest.mark.parametrize("flags", [["--no-figures"], pytest.param([], marks=pytest.mark.slow)])
+def test_a_label_is_text_everywhere(
+    flags: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written = synthetic.write_experiment(
+        tmp_path / "x", algorithms=("ppo",), seeds=range(len(NAMES)), episodes=8
+    )
+    for run, name in zip(written, NAMES, strict=True):
+        renamed(run, name)
+    assert cli.main(["report", str(tmp_path / "x"), "--format", "terminal,csv,md,html,tex", *flags]) == 0
     capsys.readouterr()
     with open(tmp_path / "x" / "report" / "table.csv", newline="") as file:
         rows = list(csv.DictReader(file))
+    assert len(rows) == len(NAMES)
     for row in rows:
         for value in row.values():
             assert not value.startswith(("=", "+", "@"))

@@ -128,6 +128,7 @@ def test_a_manifest_that_lacks_what_is_read_is_one_clear_line(
         assert error.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_damaged_runs_of_a_folder_are_named_and_the_others_carried_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -145,6 +146,7 @@ def test_damaged_runs_of_a_folder_are_named_and_the_others_carried_out(
     assert f"damaged: {seeds[0].manifest_path}" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_grid_goes_on_beside_a_damaged_manifest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = frozen(tmp_path, "algo=random", "seed=0")
     run.manifest_path.write_text("{")

@@ -252,6 +252,7 @@ def test_the_intervals_hold_the_truth_as_often_as_they_say(S, seed_sd):
         assert (found < 0.985).all(), found
 
 
+@pytest.mark.slow
 def test_one_seed_holds_the_truth_over_test_episodes():
     """Wilson's, Student's and the square-and-add intervals, 1200 experiments; seeds do not differ here."""
     for level in (1.0, 3.5):

@@ -87,6 +87,7 @@ def test_one_seed_says_nothing_of_the_spread() -> None:
         pw.spread_of_means([np.ones((1, 10))])
 
 
+@pytest.mark.slow
 def test_the_seeds_named_have_the_power_asked_for_on_other_draws() -> None:
     model, values = pw.Rates(0.5), (0.9, 0.95)
 
@@ -106,6 +107,7 @@ def test_no_difference_is_found_as_often_as_alpha_says() -> None:
     assert (p < 0.05).mean() < 0.08
 
 
+@pytest.mark.slow
 def test_the_formula_agrees_with_the_simulation() -> None:
     model, values, E = pw.Means(20.0, 50.0, 80.0), (300.0, 330.0), 300
     # Of a difference: both agents' seeds; scenarios cancel, the residuals of both do not.
@@ -127,6 +129,7 @@ def test_a_table_of_several_needs_more() -> None:
     assert among < alone - 0.1
 
 
+@pytest.mark.slow
 def test_planned_looks_err_less_than_looking_whenever_one_likes() -> None:
     from auvbench.statistics.sequential import levels
 
