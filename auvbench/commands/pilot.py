@@ -78,7 +78,7 @@ def parser() -> Parser:
 
 
 @dataclass(frozen=True, slots=True)
-class Crew:
+class Setup:
     """Vehicle, controller and limits of a pilot."""
 
     name: str
@@ -110,30 +110,32 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.ros2.thrust import SheetThrust
     from auvbench.runs import interruption
 
-    crew = _crew(given)
-    logbook = Logbook(given.record, _about(crew)) if given.record is not None else None
+    setup = _setup(given)
+    logbook = Logbook(given.record, _about(setup)) if given.record is not None else None
     with interruption.deferred() as request:
         pilot = Pilot(
-            given.namespace or crew.vehicle.name,
-            crew.controller,
-            SheetThrust(crew.vehicle),
-            frequency=crew.frequency,
-            body_frame=crew.body_frame,
-            limits=crew.limits,
+            given.namespace or setup.vehicle.name,
+            setup.controller,
+            SheetThrust(setup.vehicle),
+            frequency=setup.frequency,
+            body_frame=setup.body_frame,
+            limits=setup.limits,
             sim_time=given.sim_time,
             logbook=logbook,
             say=lambda text: print(f"pilot: {text}", flush=True),
         )
         try:
             if given.goal is not None and not pilot.steer_to(given.goal):
-                raise UserError(f"--goal: z={given.goal[2]:g} must be finite and within {crew.limits.depths}")
+                raise UserError(
+                    f"--goal: z={given.goal[2]:g} must be finite and within {setup.limits.depths}"
+                )
             names = pilot.names
             print(
-                f"{crew.name} steers {names.namespace} at {crew.frequency:g} Hz; arm it: "
+                f"{setup.name} steers {names.namespace} at {setup.frequency:g} Hz; arm it: "
                 f"ros2 service call {names.of('pilot/arm')} std_srvs/srv/SetBool '{{data: true}}'",
                 flush=True,
             )
-            pilot.look(discovery.FOUND)
+            pilot.wait_for_odometry(discovery.FOUND)
             pilot.run(lambda: request.signal is None)
         finally:
             pilot.close("the pilot was ended")
@@ -142,7 +144,7 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _crew(given: argparse.Namespace) -> Crew:
+def _setup(given: argparse.Namespace) -> Setup:
     from auvbench.ros2.steering import Limits
     from auvbench.vehicles import sheet
 
@@ -191,7 +193,7 @@ def _crew(given: argparse.Namespace) -> Crew:
         pose_timeout=given.pose_timeout,
         lost_after=max(5.0, 2.0 * given.pose_timeout),
     )
-    return Crew(name, controller, vehicle, frequency, body_frame, limits)
+    return Setup(name, controller, vehicle, frequency, body_frame, limits)
 
 
 def policy_agent(policy: Any) -> Any:
@@ -228,13 +230,13 @@ def _defaults(group: str, name: str) -> dict[str, Any]:
     return dict(values)
 
 
-def _about(crew: Crew) -> dict[str, Any]:
-    limits = crew.limits
+def _about(setup: Setup) -> dict[str, Any]:
+    limits = setup.limits
     return {
-        "controller": crew.name,
-        "vehicle": crew.vehicle.name,
-        "actuators": list(crew.vehicle.actuators),
-        "frequency_hz": crew.frequency,
+        "controller": setup.name,
+        "vehicle": setup.vehicle.name,
+        "actuators": list(setup.vehicle.actuators),
+        "frequency_hz": setup.frequency,
         "goal_radius_m": limits.goal_radius,
         "depth_low_m": limits.depth_low,
         "depth_high_m": limits.depth_high,

@@ -79,8 +79,8 @@ def main(arguments: Sequence[str]) -> int:
     server = _server(given)
     try:
         with interruption.deferred() as request:
-            server.alone(1.0)
-            _introduce(server)
+            server.check_alone(1.0)
+            _print_interface(server)
             server.run(lambda: request.signal is None)
     finally:
         server.close()
@@ -126,11 +126,11 @@ def _server(given: argparse.Namespace) -> Server:
             "vehicles": str(given.vehicles),
         },
     )
-    server.hold(given.paused)
+    server.set_paused(given.paused)
     return server
 
 
-def _introduce(server: Server) -> None:
+def _print_interface(server: Server) -> None:
     """Print what is served."""
     from auvbench.ros2 import interface
     from auvbench.ros2.middleware import surroundings

@@ -110,7 +110,7 @@ def threads(simulator: Any) -> int:
     return simulator.threads if isinstance(simulator, Fossen) else 1
 
 
-def check(simulator: Simulator, disturbance: Disturbance) -> None:
+def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
     """Refuse a disturbance that is beyond the simulator.
 
     Raises:

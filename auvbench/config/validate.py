@@ -174,7 +174,7 @@ def _across(config: schema.TrainConfig) -> None:
             f"{1 / config.step.frequency:g} to {MOST_STEPS / config.step.frequency:g} s there"
         )
     disturbance.check(config.disturbance)
-    simulators.check(config.simulator, config.disturbance)
+    simulators.check_disturbance(config.simulator, config.disturbance)
     _algorithm(config.algo)
 
 

@@ -55,10 +55,10 @@ class Connection:
         self.session = Session()
         try:
             self.node = self.session.node("auvbench_client")
-            self.names, self.about = discovery.find(self.session, self.node, self.namespace, timeout)
+            self.names, self.about = discovery.find_server(self.session, self.node, self.namespace, timeout)
             self._prepare()
             self._make()
-            discovery.check(self.session, self.node, self._ends, timeout)
+            discovery.check_endpoints(self.session, self.node, self._endpoints, timeout)
             self._server = self._publishers()
             self.clock = self._choose(clock)
             self._begin()
@@ -103,13 +103,13 @@ class Connection:
         ros, session = self.session.ros, self.session
         node = self.node
         self._float = ros.std.Float64()
-        self._ends = []
+        self._endpoints = []
         for i, names in enumerate(self.names):
             receive = self._odometry(i)
             node.create_subscription(ros.nav.Odometry, names.odometry, receive, session.qos, raw=True)
             topics = [names.command(actuator) for actuator in self.actuators]
-            self._ends.append(
-                discovery.Ends(
+            self._endpoints.append(
+                discovery.Endpoints(
                     names,
                     {topic: node.create_publisher(ros.std.Float64, topic, session.qos) for topic in topics},
                     node.create_client(ros.services.Trigger, names.reset),
@@ -135,9 +135,9 @@ class Connection:
         if clock == "auto":
             # Our own server offers lock-step, even where the service is not discovered yet.
             ours = "auvbench" in self.about
-            self.session.seen(lambda: ours or there["lockstep"]() or there["clock"](), FOUND)
+            self.session.discovered(lambda: ours or there["lockstep"]() or there["clock"](), FOUND)
             found = "lockstep" if ours else next(name for name in CLOCKS if there[name]())
-        if not self.session.seen(there[found], self.timeout):
+        if not self.session.discovered(there[found], self.timeout):
             topic = self.names[0].lockstep if found == "lockstep" else interface.CLOCK
             raise InterfaceError(
                 f"{topic}: the server lacks it, and simulator.clock={clock} needs it; simulator.clock=auto takes another clock"
@@ -164,9 +164,9 @@ class Connection:
                     since = self.lockstep(True)
                 except InterfaceError:
                     # A client that only the server still knows of was killed.
-                    if time.monotonic() > begun + (LEAVING if self._crowded() else LEASE):
+                    if time.monotonic() > begun + (LEAVING if self._is_shared() else LEASE):
                         raise
-                    self.session.seen(lambda: False, 0.1)
+                    self.session.discovered(lambda: False, 0.1)
                     continue
             self._reached = since
             if self.session.until(lambda since=since: bool(np.all(self._stamp >= since)), SETTLE):  # type: ignore[misc]
@@ -179,9 +179,11 @@ class Connection:
         if self.clock == "clock" and not self.session.until(lambda: self._time >= 0, self.timeout):
             raise InterfaceError(f"{interface.CLOCK}: silent for {self.timeout:g} s; is the server paused?")
 
-    def _crowded(self) -> bool:
+    def _is_shared(self) -> bool:
         """Return whether another client commands a vehicle."""
-        return any(self.node.count_publishers(topic) > 1 for ends in self._ends for topic in ends.commands)
+        return any(
+            self.node.count_publishers(topic) > 1 for ends in self._endpoints for topic in ends.commands
+        )
 
     # Messages.
 
@@ -220,7 +222,7 @@ class Connection:
         self.session.until(lambda: all(answer.value is not None for answer, _ in asked), self.timeout)
         for answer, service in asked:
             if answer.value is None:
-                raise self._gone(
+                raise self._give_up(
                     f"{service}: no answer within {self.timeout:g} s; does the server still run (ros2 node list)?"
                 )
         return [answer.value for answer, _ in asked]
@@ -255,7 +257,7 @@ class Connection:
                     for name, value in entries.items()
                 ]
             )
-            asked.append((self.session.ask(self._ends[i].parameters, request), self.names[i].parameters))
+            asked.append((self.session.ask(self._endpoints[i].parameters, request), self.names[i].parameters))
         for answer, (_, service) in zip(self._answers(asked), asked, strict=True):
             for result in answer.results:
                 if not result.successful:
@@ -269,13 +271,13 @@ class Connection:
         """
         self.set(parameters)
         request = self.session.ros.services.Trigger.Request()
-        asked = [(self.session.ask(self._ends[i].reset, request), self.names[i].reset) for i in indices]
+        asked = [(self.session.ask(self._endpoints[i].reset, request), self.names[i].reset) for i in indices]
         for answer, (_, service) in zip(self._answers(asked), asked, strict=True):
             if not answer.success:
                 raise InterfaceError(f"{service}: refused: {answer.message}")
         self._due = 0.0  # the next step has no predecessor
 
-    def flow(self, current: Floats) -> None:
+    def publish_current(self, current: Floats) -> None:
         """Publish a current (3,) in m/s for all vehicles."""
         water = self.session.ros.geometry.Vector3()
         water.x, water.y, water.z = current.tolist()
@@ -293,14 +295,14 @@ class Connection:
             if duration != self._duration:
                 self.set({0: {"step_duration": duration}})
                 self._duration = duration
-            self.session.turn(0.0)
-            self._alone()
+            self.session.spin_once(0.0)
+            self._check_time()
             self._expected = self._reached + interface.nanoseconds(duration)
             self._behind = self.n
             self._publish(quantities)
             self._wait(lambda: self._behind <= 0)
             self._reached = self._expected
-            self._alone()
+            self._check_time()
             return
         now = self._time / 1e9 if self.clock == "clock" else time.monotonic()
         # Steps follow each other without a gap, unless the policy took longer than a step.
@@ -315,18 +317,18 @@ class Connection:
             self.session.until(lambda: time.monotonic() >= self._due, duration + self.timeout)
         self._wait(lambda: bool(np.all(self._received > before)))
 
-    def _alone(self) -> None:
+    def _check_time(self) -> None:
         """Raise TrainingError if the server's clock went beyond this run's own steps."""
         ahead = (int(self._stamp.max()) - self._reached) / 1e9
         if ahead > 0.0:
-            raise self._gone(
+            raise self._give_up(
                 f"{self.names[0].odometry}: is {ahead:g} s ahead of this run's own steps: another client steps or"
                 " commands the same server (ros2 topic info -v on its commands)"
             )
 
     def _publish(self, quantities: Floats) -> None:
         message = self._float
-        for ends, row in zip(self._ends, quantities.tolist(), strict=True):
+        for ends, row in zip(self._endpoints, quantities.tolist(), strict=True):
             for publisher, value in zip(ends.commands.values(), row, strict=True):
                 message.data = value
                 publisher.publish(message)
@@ -345,9 +347,9 @@ class Connection:
             )
         else:
             why = "was the server killed or paused, or is it slower than simulator.timeout?"
-        raise self._gone(f"{topic}: silent for {self.timeout:g} s; {why}")
+        raise self._give_up(f"{topic}: silent for {self.timeout:g} s; {why}")
 
-    def _gone(self, message: str) -> TrainingError:
+    def _give_up(self, message: str) -> TrainingError:
         """Give the connection up, and return the error to raise."""
         self.lost = True
         return TrainingError(message)

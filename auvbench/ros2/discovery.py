@@ -24,7 +24,7 @@ LEASE = 25.0
 
 
 @dataclass(frozen=True, slots=True)
-class Ends:
+class Endpoints:
     """Publishers and clients of one vehicle."""
 
     names: interface.Names
@@ -33,7 +33,7 @@ class Ends:
     parameters: Any  # likewise
 
 
-def find(
+def find_server(
     session: Session, node: Any, namespace: str, timeout: float
 ) -> tuple[list[interface.Names], dict[str, str]]:
     """Wait for a server; return the names of its vehicles and its read-only parameters.
@@ -53,8 +53,10 @@ def find(
     def there() -> bool:
         return bool(count(one.odometry) > 0 or count(first.odometry) > 0)
 
-    if not session.seen(there, timeout):
-        raise InterfaceError(f"{absent(node, namespace, 'simulator.namespace')} (waited {timeout:g} s)")
+    if not session.discovered(there, timeout):
+        raise InterfaceError(
+            f"{explain_absence(node, namespace, 'simulator.namespace')} (waited {timeout:g} s)"
+        )
     if count(one.odometry) > 0:
         return [one], _about(session, node, one, timeout)
     about = _about(session, node, first, timeout)
@@ -66,18 +68,18 @@ def find(
     return [interface.Names(name) for name in interface.namespaces(namespace, max(n, 2))][:n], about
 
 
-def check(session: Session, node: Any, vehicles: Sequence[Ends], timeout: float) -> None:
+def check_endpoints(session: Session, node: Any, vehicles: Sequence[Endpoints], timeout: float) -> None:
     """Check that each topic and service of the vehicles exists, and has no other user.
 
     Raises:
         InterfaceError: one is missing after `timeout` s, or has another user.
     """
-    count, seen = node.count_publishers, session.seen
+    count, discovered = node.count_publishers, session.discovered
     for ends in vehicles:
         topic = ends.names.odometry
-        if not seen(lambda topic=topic: count(topic) > 0, timeout):  # type: ignore[misc]
+        if not discovered(lambda topic=topic: count(topic) > 0, timeout):  # type: ignore[misc]
             raise InterfaceError(f"{topic}: no publisher, though the server has {len(vehicles)} vehicles")
-    seen(lambda: False, SETTLE)
+    discovered(lambda: False, SETTLE)
     for ends in vehicles:
         names = ends.names
         if count(names.odometry) > 1:
@@ -86,26 +88,26 @@ def check(session: Session, node: Any, vehicles: Sequence[Ends], timeout: float)
                 f" {names.namespace}; stop all but one, or give each its own namespace"
             )
         for topic, publisher in ends.commands.items():
-            if not seen(lambda p=publisher: p.get_subscription_count() > 0, timeout):  # type: ignore[misc]
+            if not discovered(lambda p=publisher: p.get_subscription_count() > 0, timeout):  # type: ignore[misc]
                 raise InterfaceError(
                     f"{topic}: no subscriber: the server's vehicle has other actuators (check vehicle= on both sides, and"
                     " ros2 topic list)"
                 )
             # A client that has just left is still known for a moment.
-            if not seen(lambda topic=topic: count(topic) <= 1, LEAVING):  # type: ignore[misc]
+            if not discovered(lambda topic=topic: count(topic) <= 1, LEAVING):  # type: ignore[misc]
                 raise InterfaceError(
                     f"{topic}: another client commands this vehicle; stop it, or let runs go one after the other"
                     " (evaluate workers=1, train launcher.workers=1)"
                 )
         for client, service in ((ends.reset, names.reset), (ends.parameters, names.parameters)):
-            if not seen(client.service_is_ready, timeout):
+            if not discovered(client.service_is_ready, timeout):
                 raise InterfaceError(
                     f"{service}: no such service, and no episode can begin without it (ros2 service list; auvbench serve"
                     " offers it)"
                 )
 
 
-def namespaces(node: Any) -> list[str]:
+def list_namespaces(node: Any) -> list[str]:
     """Return the namespaces in which odometry is published at present."""
     return sorted(
         topic.removesuffix("/odom").strip("/")
@@ -114,7 +116,7 @@ def namespaces(node: Any) -> list[str]:
     )
 
 
-def absent(node: Any, namespace: str, option: str) -> str:
+def explain_absence(node: Any, namespace: str, option: str) -> str:
     """Return why no vehicle is found in a namespace: the namespaces there are, or what decides what is seen.
 
     Args:
@@ -123,7 +125,7 @@ def absent(node: Any, namespace: str, option: str) -> str:
         option: what sets the namespace, for the message.
     """
     topic = interface.Names(namespace).odometry
-    if others := namespaces(node):
+    if others := list_namespaces(node):
         return f"{topic}: no publisher; {option} {namespace}: {closest(namespace, others)}"
     return f"{topic}: no publisher; is a server running (auvbench serve) in the same domain? Here {surroundings()}"
 
@@ -134,7 +136,7 @@ def _about(session: Session, node: Any, names: interface.Names, timeout: float) 
     client = node.create_client(ros.parameters.GetParameters, names.of(f"{interface.NODE}/get_parameters"))
     session.renew()
     # Every run needs the node's set_parameters, and the two services come together.
-    if not session.seen(client.service_is_ready, timeout):
+    if not session.discovered(client.service_is_ready, timeout):
         return {}
     request = ros.parameters.GetParameters.Request(names=["simulator", "vehicle", "auvbench", "vehicles"])
     answer = session.ask(client, request)

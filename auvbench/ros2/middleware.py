@@ -180,7 +180,7 @@ class Session:
         """Rebuild the wait set: required after topics, services or clients were added or removed."""
         self._set = None
 
-    def turn(self, seconds: float) -> bool:
+    def spin_once(self, seconds: float) -> bool:
         """Wait at most `seconds` for messages, requests and answers, and handle them; return whether any came.
 
         Raises:
@@ -240,7 +240,7 @@ class Session:
                 answer.value = response
 
     def ask(self, client: Any, request: Any) -> Answer:
-        """Send a request; a later `turn` fills the answer in."""
+        """Send a request; a later `spin_once` fills the answer in."""
         answer = Answer()
         number = client.handle.send_request(request)
         self._waiting[(client.handle.pointer, number)] = answer
@@ -253,16 +253,16 @@ class Session:
             left = end - time.monotonic()
             if left <= 0.0:
                 return False
-            self.turn(min(left, SLICE))
+            self.spin_once(min(left, SLICE))
         return True
 
-    def seen(self, condition: Callable[[], bool], seconds: float) -> bool:
+    def discovered(self, condition: Callable[[], bool], seconds: float) -> bool:
         """As `until`, for discovery, which wakes no wait set: the condition is asked every 10 ms."""
         end = time.monotonic() + seconds
         while not condition():
             if time.monotonic() >= end:
                 return False
-            self.turn(0.01)
+            self.spin_once(0.01)
         return True
 
     def close(self) -> None:

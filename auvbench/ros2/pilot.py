@@ -18,7 +18,8 @@ from auvbench.errors import AuvbenchError, RunError
 from auvbench.ros2 import discovery, interface, messages
 from auvbench.ros2.middleware import Session
 from auvbench.ros2.mission import Logbook
-from auvbench.ros2.steering import Controller, Limits, Steering, Thrust
+from auvbench.ros2.steering import Controller, Limits, Steering
+from auvbench.ros2.thrust import SheetThrust
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ class Pilot:
         self,
         namespace: str,
         controller: Controller,
-        thrust: Thrust,
+        thrust: SheetThrust,
         *,
         frequency: float,
         body_frame: bool,
@@ -103,11 +104,11 @@ class Pilot:
         node.create_service(ros.services.Trigger, self.names.of(f"{NODE}/stop"), self._stop)
         session.renew()
 
-    def look(self, seconds: float) -> bool:
+    def wait_for_odometry(self, seconds: float) -> bool:
         """Wait for the vehicle's odometry at most `seconds`; without it, report the namespaces there are."""
-        if self.session.seen(lambda: self.node.count_publishers(self.names.odometry) > 0, seconds):
+        if self.session.discovered(lambda: self.node.count_publishers(self.names.odometry) > 0, seconds):
             return True
-        self._note(discovery.absent(self.node, self.names.namespace, "--namespace"))
+        self._report(discovery.explain_absence(self.node, self.names.namespace, "--namespace"))
         return False
 
     # Incoming messages.
@@ -116,7 +117,7 @@ class Pilot:
         stamp = messages.read_time(message.header.stamp)
         behind = (self._stamp - stamp) / 1e9  # s
         if behind > self.limits.pose_timeout:
-            self._went_back()
+            self._clock_went_back()
         elif behind >= 0.0 and stamp:
             return  # repeated or overtaken: the pose gets no younger
         pose = np.empty(7)
@@ -130,10 +131,10 @@ class Pilot:
     def _clock(self, message: Any) -> None:
         now = messages.read_time(message.clock) / 1e9
         if now < self._now - self.limits.pose_timeout:
-            self._went_back()
+            self._clock_went_back()
         self._now = now
 
-    def _went_back(self) -> None:
+    def _clock_went_back(self) -> None:
         """Disarm: a clock that goes back is that of another server, whose vehicle may be elsewhere."""
         self.disarm("the clock went back (was the server restarted?)")
 
@@ -146,13 +147,13 @@ class Pilot:
         """Take a waypoint (3,) in m; return False if it is not allowed."""
         limits = self.limits
         if frame not in ("", interface.WORLD):
-            self._note(f"{GOAL}: ignored: the frame is {frame!r}, must be {interface.WORLD!r}")
+            self._report(f"{GOAL}: ignored: the frame is {frame!r}, must be {interface.WORLD!r}")
             return False
         if not np.all(np.isfinite(waypoint)):
-            self._note(f"{GOAL}: ignored: not finite")
+            self._report(f"{GOAL}: ignored: not finite")
             return False
         if not limits.within(waypoint[2]):
-            self._note(f"{GOAL}: ignored: z = {waypoint[2]:g} m, must be within {limits.depths}")
+            self._report(f"{GOAL}: ignored: z = {waypoint[2]:g} m, must be within {limits.depths}")
             return False
         self.steering.end("another waypoint")
         self.steering.waypoint = np.array(waypoint, dtype=np.float64)
@@ -201,7 +202,7 @@ class Pilot:
         self.armed = False
         self.steering.end(reason)
         if was:
-            self.rest()
+            self.stop_thrusters()
         self._set_state(f"disarmed: {reason}")
 
     # Outgoing messages.
@@ -211,7 +212,7 @@ class Pilot:
         """Seconds since the pose came."""
         return time.monotonic() - self._received
 
-    def rest(self) -> None:
+    def stop_thrusters(self) -> None:
         """Command zero thrust several times."""
         for _ in range(RESTS):
             self._command(self.thrust.neutral)
@@ -224,15 +225,15 @@ class Pilot:
     def _set_state(self, state: str) -> None:
         if state != self.state:
             self.state = state
-            self._note(state)
+            self._report(state)
 
-    def _note(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         self._state.publish(self.session.ros.std.String(data=text))
         self._say(text)
 
     # Steering.
 
-    def tick(self) -> None:
+    def step(self) -> None:
         """Make one step of the controller if it may steer.
 
         Raises:
@@ -240,7 +241,7 @@ class Pilot:
         """
         if not self.armed:
             return
-        if not self.watch():
+        if not self.may_steer():
             return
         outcome = self.steering.advance(self.pose)
         if outcome:
@@ -252,7 +253,7 @@ class Pilot:
             return
         self._act(self.steering.waypoint)
 
-    def watch(self) -> bool:
+    def may_steer(self) -> bool:
         """Check pose and depth; return whether the controller may steer."""
         if not self.armed:
             return False
@@ -269,7 +270,7 @@ class Pilot:
         return False
 
     def _hold(self, state: str) -> None:
-        self.steering.forget()
+        self.steering.skip_record()
         self._command(self.thrust.neutral)
         if not self.state.startswith("holding"):
             self._set_state(state)
@@ -282,10 +283,10 @@ class Pilot:
             action = self.steering.act(self.pose)
         except Exception as error:
             raise self._failed(error) from error
-        if self.steering.took > self.period:
+        if self.steering.action_time > self.period:
             self._slow += 1
             if self._slow in (1, 10, 100):
-                self._note(f"the controller takes longer than its step of {self.period:g} s")
+                self._report(f"the controller takes longer than its step of {self.period:g} s")
         self._command(self.thrust.quantities(action))
         self._set_state(f"steering to ({waypoint[0]:.1f}, {waypoint[1]:.1f}, {waypoint[2]:.1f})")
 
@@ -303,11 +304,11 @@ class Pilot:
         """
         try:
             while go_on():
-                self.turn()
+                self.spin_once()
         finally:
             self.close("the pilot was ended")
 
-    def turn(self) -> None:
+    def spin_once(self) -> None:
         """Serve for a moment, check the pose, and steer when a step is due.
 
         Raises:
@@ -318,12 +319,12 @@ class Pilot:
         if self._sim_time and now < self._due - 2 * period:
             self._due = now  # the clock of a restarted server
         if now >= self._due:
-            self.tick()
+            self.step()
             self._due = self._due + period if now - self._due < period else now + period
             return
         # How long a step of simulated time lasts here is unknown.
-        self.session.turn(TURN if self._sim_time else min(self._due - now, TURN))
-        self.watch()
+        self.session.spin_once(TURN if self._sim_time else min(self._due - now, TURN))
+        self.may_steer()
 
     def close(self, reason: str) -> None:
         """Command zero thrust, wait until it arrives, and leave the network."""

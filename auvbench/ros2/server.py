@@ -142,27 +142,27 @@ class Server:
             except AuvbenchError as error:
                 return str(error)
             self.quantities[i] = self.neutral
-            vehicle.healthy()
-        self.forget(indices)
+            vehicle.restore_thrusters()
+        self.discard_commands(indices)
         self.publish(indices)
         return ""
 
-    def forget(self, indices: Sequence[int]) -> None:
+    def discard_commands(self, indices: Sequence[int]) -> None:
         """Count earlier commands no longer as new."""
         self.new[list(indices)] = False
         self._missing = int(self.new.size - np.count_nonzero(self.new))
 
-    def flow(self) -> None:
+    def apply_currents(self) -> None:
         """Set the simulator's currents."""
         now = self.currents
         self.simulator.set_current(now[:, :3], now[:, 3:6], (now[:, 6], now[:, 7]))
 
-    def hold(self, paused: bool) -> None:
+    def set_paused(self, paused: bool) -> None:
         """Stop the world, or let it go on."""
         self.paused = paused
         self._due = time.monotonic()
 
-    def wait_for_commands(self, lockstep: bool) -> str:
+    def set_lockstep(self, lockstep: bool) -> str:
         """Enter or leave lock-step; return why that failed, or an empty text."""
         if lockstep:
             for name in self.namespaces:
@@ -171,7 +171,7 @@ class Server:
                     return f"{topic}: several publishers, and lock-step allows one"
         self.lockstep = lockstep
         self._due = time.monotonic()
-        self.forget(range(self.simulator.n))
+        self.discard_commands(range(self.simulator.n))
         self.publish(range(self.simulator.n))
         return ""
 
@@ -199,7 +199,7 @@ class Server:
         water = (message.x, message.y, message.z)
         if np.all(np.isfinite(water)):
             self.currents[:, :3] = self.currents[:, 3:6] = water
-            self.flow()
+            self.apply_currents()
 
     def run(self, go_on: Callable[[], bool]) -> None:
         """Serve while `go_on()`.
@@ -210,20 +210,20 @@ class Server:
         """
         self._due = time.monotonic()
         while go_on():
-            self.turn()
+            self.spin_once()
 
-    def turn(self) -> None:
+    def spin_once(self) -> None:
         """Serve for a moment."""
         now = time.monotonic()
         if now - self._looked > LOOK:
             self._looked = now
-            self._look()
+            self._check_others()
         if self.lockstep or self.paused:
-            self.session.turn(SLICE)
+            self.session.spin_once(SLICE)
             return
         pace = self.settings.pace
         wait = min(max(self._due - now, 0.0), SLICE) if pace > 0.0 else 0.0
-        if self.session.turn(wait) and wait > 0.0:
+        if self.session.spin_once(wait) and wait > 0.0:
             return
         now = time.monotonic()
         if pace > 0.0 and now < self._due:
@@ -234,7 +234,7 @@ class Server:
             # Five steps late or more: skip them, without a burst that makes up for them.
             self._due = now if now - self._due > 5 * period else self._due + period
 
-    def alone(self, seconds: float) -> None:
+    def check_alone(self, seconds: float) -> None:
         """Wait for signs of another server in these namespaces.
 
         Raises:
@@ -242,14 +242,14 @@ class Server:
         """
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            self.session.turn(SLICE)
+            self.session.spin_once(SLICE)
             others = self._others()
-            if (company := self._company()) and (not others or min(others) < self._began):
+            if (company := self._second_publisher()) and (not others or min(others) < self._began):
                 raise InterfaceError(f"{company}; {REMEDY}")
 
-    def _look(self) -> None:
+    def _check_others(self) -> None:
         """Leave to an older server of these namespaces, and warn once of any other."""
-        company = self._company()
+        company = self._second_publisher()
         if company and min(self._others(), default=self._began) < self._began:
             raise InterfaceError(f"{company}; {REMEDY}")
         if company and not self._warned:
@@ -266,7 +266,7 @@ class Server:
         ]
         return [began for began in found if began != self._began]
 
-    def _company(self) -> str:
+    def _second_publisher(self) -> str:
         """Return a sentence about another publisher of a vehicle's odometry; empty without one."""
         for name in self.namespaces:
             topic = interface.Names(name).odometry

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from auvbench.errors import RunError
 from auvbench.ros2.mission import Logbook, Mission
 from auvbench.ros2.observation import observe
+from auvbench.ros2.thrust import SheetThrust
 
 Floats = NDArray[np.float64]
 
@@ -23,25 +23,6 @@ class Controller(Protocol):
     def reset(self, episodes: NDArray[np.int64]) -> None: ...
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.floating]: ...
-
-
-class Thrust(Protocol):
-    """Converts the actions of one vehicle."""
-
-    @property
-    def actuators(self) -> Sequence[str]: ...
-
-    @property
-    def neutral(self) -> Floats: ...
-
-    def quantities(self, action: Floats) -> Floats:
-        """Return the commands for an action (n_u,): N of thrusters, rad, m or m3 of others."""
-
-    def force(self, action: Floats) -> Floats:
-        """Return the thrusters' forces (n_u,) in N."""
-
-    def power(self, action: Floats) -> float:
-        """Return the electrical power in W."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,14 +60,14 @@ class Steering:
     Attributes:
         waypoint: (3,) m, or None.
         mission: the present one, or None; it begins with the first action towards a waypoint.
-        took: s that the controller needed for its last action.
+        action_time: s that the controller needed for its last action.
 
     """
 
     def __init__(
         self,
         controller: Controller,
-        thrust: Thrust,
+        thrust: SheetThrust,
         *,
         frequency: float,
         body_frame: bool,
@@ -97,7 +78,7 @@ class Steering:
         self.frequency, self.body_frame, self.logbook = frequency, body_frame, logbook
         self.waypoint: Floats | None = None
         self.mission: Mission | None = None
-        self.took = 0.0
+        self.action_time = 0.0
         self._action: Floats | None = None  # under way since the last step
 
     def advance(self, pose: Floats) -> str:
@@ -107,7 +88,7 @@ class Steering:
         action = self._action
         return self.mission.advance(pose, action, self.thrust.force(action), self.thrust.power(action))
 
-    def forget(self) -> None:
+    def skip_record(self) -> None:
         """Do not record the present step: its result is unknown."""
         self._action = None
 
@@ -130,7 +111,7 @@ class Steering:
             raise RunError(f"the controller's answer has shape {answer.shape}, must be {(1, n_u)}")
         if not np.all(np.isfinite(answer)):
             raise RunError("the controller's answer is not finite")
-        self.took = time.monotonic() - begun
+        self.action_time = time.monotonic() - begun
         self._action = np.clip(answer[0], -1.0, 1.0)
         return self._action
 

@@ -109,12 +109,12 @@ class VehicleNode:
             messages.write_pose(self._pose, pose)
             self._publishers[1].publish(self._pose)
 
-    def healthy(self) -> None:
+    def restore_thrusters(self) -> None:
         """Give all thrusters their full force."""
         if min(self.node.get_parameter("effectiveness").value) != 1.0:
-            self._put("effectiveness", [1.0] * len(self.server.actuators))
+            self._set_parameter("effectiveness", [1.0] * len(self.server.actuators))
 
-    def _put(self, name: str, value: Any) -> None:
+    def _set_parameter(self, name: str, value: Any) -> None:
         self.node.set_parameters([self.server.session.ros.parameter.Parameter(name, value=value)])
 
     def _declare(self, start: Sequence[float], about: dict[str, str]) -> None:
@@ -162,7 +162,7 @@ class VehicleNode:
                 return result(successful=False, reason=f"{name}: must be {ALLOWED[name]}, and {wrong}")
         try:
             for parameter in parameters:
-                self._act(parameter.name, parameter.value)
+                self._apply(parameter.name, parameter.value)
         except Exception as error:
             return result(successful=False, reason=str(error))
         return result(successful=True)
@@ -180,14 +180,14 @@ class VehicleNode:
             "steps": lambda value: "" if 1 <= value <= 1_000_000 else f"is {value}",
         }
 
-    def _act(self, name: str, value: Any) -> None:
+    def _apply(self, name: str, value: Any) -> None:
         server = self.server
         if name == "effectiveness":
             server.simulator.effectiveness[self.index] = value
         elif name == "current":
             water = np.array(value, dtype=np.float64)
             server.currents[self.index] = water if water.size == 8 else [*water, *water, 0.0, 1.0]
-            server.flow()
+            server.apply_currents()
         elif name in ("step_duration", "pace", "steps"):
             setattr(server.settings, name, value)
 
@@ -200,19 +200,19 @@ class VehicleNode:
         return response
 
     def _pause(self, request: Any, response: Any) -> Any:
-        self.server.hold(request.data)
+        self.server.set_paused(request.data)
         response.success = True
         return response
 
     def _step(self, _request: Any, response: Any) -> Any:
-        self.server.hold(True)
+        self.server.set_paused(True)
         for _ in range(self.server.settings.steps):
             self.server.advance()
         response.success = True
         return response
 
     def _lockstep(self, request: Any, response: Any) -> Any:
-        refused = self.server.wait_for_commands(request.data)
+        refused = self.server.set_lockstep(request.data)
         response.success = not refused
         response.message = refused or str(self.server.time)
         return response

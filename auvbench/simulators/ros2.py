@@ -190,7 +190,7 @@ class Ros2Simulator:
         else:
             message *= np.where(self._thrusters, self.effectiveness, 1.0)
             if np.any(self._current[0, :3] != self._sent_current[0, :3]):
-                self._connection.flow(self._current[0, :3])
+                self._connection.publish_current(self._current[0, :3])
                 self._sent_current[...] = self._current
         self._all[: self.n] = message
         self._connection.step(self._all, duration)

@@ -23,7 +23,7 @@ def check(config: schema.TrainConfig) -> None:
     if isinstance(config.simulator, simulators.Gazebo):
         from auvbench.simulators.gazebo import bindings, sdf
 
-        sdf.check(vehicle, config.simulator.hydrodynamics)
+        sdf.check_vehicle(vehicle, config.simulator.hydrodynamics)
         bindings.modules()
     if config.algo.agent in AGENTS and not learns(config.algo):
         agents.make(config, vehicle)

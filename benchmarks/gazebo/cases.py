@@ -12,7 +12,7 @@ from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.simulators.gazebo import sdf
 from auvbench.simulators.gazebo.simulator import GazeboSimulator
-from auvbench.simulators.gazebo.world import Newcomer
+from auvbench.simulators.gazebo.world import NewBody
 from auvbench.vehicles import sheet
 from auvbench.vehicles.model import VehicleModel
 
@@ -133,11 +133,11 @@ def gazebo(case: Case, hydrodynamics: str, step: float) -> Path:
 class PluginsCurrent(GazeboSimulator):
     """Corrected hydrodynamics in a current that is left to the Hydrodynamics plugin, as a user of the SDF has it."""
 
-    def _newcomer(self, index: int, place: int) -> Newcomer:
+    def _new_body(self, index: int, place: int) -> NewBody:
         text = sdf.model(
             self.vehicle, "corrected", name="{name}", thrusters=False, current=self.current[index, :3]
         )
-        return Newcomer(place, text, self.pose[index].copy())
+        return NewBody(place, text, self.pose[index].copy())
 
 
 def with_the_plugins_current(case: Case, step: float) -> Path:

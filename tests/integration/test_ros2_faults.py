@@ -64,7 +64,7 @@ def test_a_server_that_starts_late_is_waited_for_and_one_that_stops_is_said(else
         assert connection.clock == "lockstep"
         connection.step(STILL, 0.1)
     odometry = connection.names[0].odometry
-    assert connection.session.seen(lambda: connection.node.count_publishers(odometry) == 0, LIMIT)
+    assert connection.session.discovered(lambda: connection.node.count_publishers(odometry) == 0, LIMIT)
     connection.timeout = 1.0
     with pytest.raises(TrainingError, match=r"/bluerov2/odom: silent for 1 s; the server has stopped"):
         connection.step(STILL, 0.1)
@@ -92,9 +92,9 @@ def stranger(domain):
 
 def test_another_namespace_is_refused_with_those_there_are(server, stranger):
     node = stranger.node("stranger")
-    assert stranger.seen(lambda: discovery.namespaces(node) == ["bluerov2"], LIMIT)
+    assert stranger.discovered(lambda: discovery.list_namespaces(node) == ["bluerov2"], LIMIT)
     with pytest.raises(InterfaceError, match=r"/bluerov3/odom: .* did you mean 'bluerov2'"):
-        discovery.find(stranger, node, "bluerov3", 0.0)
+        discovery.find_server(stranger, node, "bluerov3", 0.0)
 
 
 def ends_of(session, node, *actuators):
@@ -107,12 +107,12 @@ def ends_of(session, node, *actuators):
     reset = node.create_client(ros.services.Trigger, names.reset)
     session.renew()
     first = commands[names.command("thruster1")]
-    assert session.seen(lambda: first.get_subscription_count() > 0 and reset.service_is_ready(), LIMIT)
-    return discovery.Ends(names, commands, reset, reset)
+    assert session.discovered(lambda: first.get_subscription_count() > 0 and reset.service_is_ready(), LIMIT)
+    return discovery.Endpoints(names, commands, reset, reset)
 
 
 def call(session, client, request):
-    assert session.seen(client.service_is_ready, LIMIT)
+    assert session.discovered(client.service_is_ready, LIMIT)
     answer = session.ask(client, request)
     assert session.until(lambda: answer.value is not None, LIMIT)
     return answer.value
@@ -122,17 +122,17 @@ def test_an_actuator_that_the_server_lacks_is_named(server, stranger):
     node = stranger.node("stranger")
     ends = ends_of(stranger, node, "thruster1", "thruster9")
     with pytest.raises(InterfaceError, match=r"^/bluerov2/cmd_thruster9: "):
-        discovery.check(stranger, node, [ends], 0.1)
+        discovery.check_endpoints(stranger, node, [ends], 0.1)
 
 
 def test_a_second_client_refuses_and_is_refused(server, stranger):
     first = connected()
     node = stranger.node("stranger")
     topic = "/bluerov2/cmd_thruster1"
-    assert stranger.seen(lambda: node.count_publishers(topic) == 1, LIMIT)
+    assert stranger.discovered(lambda: node.count_publishers(topic) == 1, LIMIT)
     ends = ends_of(stranger, node, "thruster1")
     with pytest.raises(InterfaceError, match=rf"^{topic}: "):
-        discovery.check(stranger, node, [ends], 0.1)
+        discovery.check_endpoints(stranger, node, [ends], 0.1)
     lockstep = node.create_client(stranger.ros.services.SetBool, "/bluerov2/lockstep")
     stranger.renew()
     wanted = stranger.ros.services.SetBool.Request(data=True)
@@ -170,7 +170,7 @@ def test_a_client_that_was_killed_keeps_nobody_away(server):
     connection.close()
 
 
-BLIND = "from auvbench.ros2.server import Server; Server.alone = lambda *_: None"
+BLIND = "from auvbench.ros2.server import Server; Server.check_alone = lambda *_: None"
 
 
 @pytest.mark.parametrize("before", ["", BLIND], ids=["at its start", "later"])
@@ -192,9 +192,11 @@ def test_two_servers_that_both_live(domain, stranger):
     node = stranger.node("stranger")
     for _ in range(2):
         node.create_publisher(stranger.ros.nav.Odometry, "/twins/odom", stranger.qos)
-    assert stranger.seen(lambda: node.count_publishers("/twins/odom") == 2, LIMIT)
+    assert stranger.discovered(lambda: node.count_publishers("/twins/odom") == 2, LIMIT)
     with pytest.raises(InterfaceError, match=r"^/twins/odom: 2 "):
-        discovery.check(stranger, node, [discovery.Ends(interface.Names("twins"), {}, None, None)], 0.1)
+        discovery.check_endpoints(
+            stranger, node, [discovery.Endpoints(interface.Names("twins"), {}, None, None)], 0.1
+        )
 
 
 @pytest.mark.parametrize(
@@ -305,7 +307,7 @@ def test_a_restarted_server_gets_a_new_connection(elsewhere):
         assert ros2.connect(settings, vehicle) is first
     with dds.serving("--lockstep"):
         odometry = first.names[0].odometry
-        assert first.session.seen(lambda: first.node.count_publishers(odometry) == 1, LIMIT)
+        assert first.session.discovered(lambda: first.node.count_publishers(odometry) == 1, LIMIT)
         ros2.connect(settings, vehicle).step(STILL, 0.1)
 
 

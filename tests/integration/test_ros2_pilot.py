@@ -106,10 +106,10 @@ class Tank:
                 end = time.monotonic() + LIMIT
                 while self.pilot._stamp != self.stamp * 1_000_000:
                     assert time.monotonic() < end, "the pose did not arrive"
-                    self.pilot.turn()
-        self.session.turn(0.0 if self.pilot is not None else 0.01)
+                    self.pilot.spin_once()
+        self.session.spin_once(0.0 if self.pilot is not None else 0.01)
         if self.pilot is not None:
-            self.pilot.turn()
+            self.pilot.spin_once()
 
     def until(self, condition):
         end = time.monotonic() + LIMIT
@@ -346,11 +346,11 @@ def test_a_policy_from_a_file_commands_what_it_answers(domain, clock, tmp_path):
     assert main(["train", "algo=ppo", f"output={tmp_path}", "train.progress=false", *learner]) == 0
     assert main(["export", str(tmp_path / "default"), "--out", str(tmp_path / "exports")]) == 0
     (file,) = (tmp_path / "exports").glob("*.onnx")
-    crew = command._crew(command.parser().read([str(file)]))
-    thrust = SheetThrust(crew.vehicle)
+    setup = command._setup(command.parser().read([str(file)]))
+    thrust = SheetThrust(setup.vehicle)
     tank = Tank(clock)
     tank.pilot = Pilot(
-        "bluerov2", crew.controller, thrust, frequency=10.0, body_frame=False, limits=crew.limits
+        "bluerov2", setup.controller, thrust, frequency=10.0, body_frame=False, limits=setup.limits
     )
     tank.until(lambda: tank.goals.get_subscription_count() > 0)
     tank.goal(5.0, -4.0, -12.0)
@@ -360,7 +360,7 @@ def test_a_policy_from_a_file_commands_what_it_answers(domain, clock, tmp_path):
     pose, previous = np.array([0.0, 0.0, -10.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(6)
     for step in range(4):
         seen = observe(pose, np.array([5.0, -4.0, -12.0]), previous, False)
-        previous = np.asarray(crew.controller.act(seen[None])[0], dtype=np.float64)
+        previous = np.asarray(setup.controller.act(seen[None])[0], dtype=np.float64)
         assert [values[step] for values in tank.history] == thrust.quantities(previous).tolist()
     tank.pilot.close("the test is over")
     tank.session.close()
@@ -413,8 +413,8 @@ def test_a_namespace_without_a_vehicle_is_reported_with_those_there_are():
         )
         try:
             started.says("/alpha/odom: no publisher")
-            assert pilot.session.seen(lambda: discovery.namespaces(pilot.node) == ["beta"], LIMIT)
-            assert not pilot.look(0.0)
+            assert pilot.session.discovered(lambda: discovery.list_namespaces(pilot.node) == ["beta"], LIMIT)
+            assert not pilot.wait_for_odometry(0.0)
             assert said[-1].startswith("/alpha/odom: no publisher")
             assert said[-1].endswith("valid: beta")
         finally:

@@ -30,7 +30,7 @@ def files(vehicle: VehicleModel, sheet: Mapping[str, Any], hydrodynamics: str, s
         step: s, the world's physics step.
 
     Raises:
-        VehicleError: as `sdf.check`.
+        VehicleError: as `sdf.check_vehicle`.
     """
     cite = elements.citations(sheet)
     name = vehicle.name

@@ -31,7 +31,7 @@ wrong sign (measured in gz-sim 8.14.0) or wrong entries (before 8.12.0).
 VERSION = "1.11"
 
 
-def check(vehicle: VehicleModel, hydrodynamics: str) -> None:
+def check_vehicle(vehicle: VehicleModel, hydrodynamics: str) -> None:
     """Check that Gazebo's plugins can simulate a vehicle.
 
     Raises:
@@ -90,9 +90,9 @@ def model(
         current: (3,) m/s, world axes, of the water around the model until a message on `/ocean_current` changes it.
 
     Raises:
-        VehicleError: as `check`.
+        VehicleError: as `check_vehicle`.
     """
-    check(vehicle, hydrodynamics)
+    check_vehicle(vehicle, hydrodynamics)
     name = name or vehicle.name
     space = namespace or name
     lines = [f'<model name="{escape(name)}">', f'  <link name="{LINK}">']

@@ -14,7 +14,7 @@ from auvbench.config.simulators import CAPABILITIES
 from auvbench.errors import ConfigError
 from auvbench.simulators.gazebo import bindings, sdf
 from auvbench.simulators.gazebo.thrust import Thrust
-from auvbench.simulators.gazebo.world import Drift, Newcomer, World
+from auvbench.simulators.gazebo.world import CurrentForce, NewBody, World
 from auvbench.vehicles.model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -22,12 +22,12 @@ IntArray = NDArray[np.integer[Any]]
 
 _PUBLISHED = "simulator=gazebo with simulator.hydrodynamics=published"
 
-CROWD = 25
+VEHICLES_PER_WORLD = 25
 """Most vehicles in one world: the time of a step of Gazebo grows faster than their number."""
 
 
 class GazeboSimulator:
-    """N copies of a vehicle in Gazebo that do not touch each other; up to `CROWD` share a world.
+    """N copies of a vehicle in Gazebo that do not touch each other; up to `VEHICLES_PER_WORLD` share a world.
 
     Gazebo computes the rigid body, added mass, damping, weight and buoyancy. Thrusters are computed here and act as
     forces on the body. Vehicles start at rest: a body whose velocity Gazebo's bindings set keeps it.
@@ -40,7 +40,7 @@ class GazeboSimulator:
 
     Raises:
         ConfigError: Gazebo's bindings are not installed, or a number is out of range.
-        VehicleError: Gazebo cannot simulate this vehicle; see `sdf.check`.
+        VehicleError: Gazebo cannot simulate this vehicle; see `sdf.check_vehicle`.
 
     Attributes beyond `Simulator`'s:
         current: (n, 8) velocity of the current at the top (3), difference to the bottom (3), z of the top,
@@ -58,7 +58,7 @@ class GazeboSimulator:
             raise ConfigError(f"number of vehicles is {n}: it must be at least 1")
         if not (max_step > 0.0 and math.isfinite(max_step)):
             raise ConfigError(f"simulator.max_step is {max_step}: it must be a positive number of seconds")
-        sdf.check(vehicle, hydrodynamics)
+        sdf.check_vehicle(vehicle, hydrodynamics)
         bindings.load()
         self.vehicle = vehicle
         self.n = n
@@ -152,10 +152,10 @@ class GazeboSimulator:
         fresh = sorted(self._fresh)
         self._fresh.clear()
         for k, world in enumerate(self._worlds):
-            part = slice(k * CROWD, k * CROWD + world.n)
-            newcomers = [self._newcomer(i, i - part.start) for i in fresh if part.start <= i < part.stop]
+            part = slice(k * VEHICLES_PER_WORLD, k * VEHICLES_PER_WORLD + world.n)
+            new_bodies = [self._new_body(i, i - part.start) for i in fresh if part.start <= i < part.stop]
             world.current[...] = self.current[part]
-            world.advance(newcomers, wrench[:, part])
+            world.advance(new_bodies, wrench[:, part])
             self.pose[part] = world.pose
             self.velocity[part] = world.velocity
 
@@ -173,24 +173,26 @@ class GazeboSimulator:
             return sdf.world([], self.vehicle, name=name, step=step, real_time_factor=0.0, scene=False)
 
         if not self._worlds:
-            sizes = [min(CROWD, self.n - first) for first in range(0, self.n, CROWD)]
+            sizes = [
+                min(VEHICLES_PER_WORLD, self.n - first) for first in range(0, self.n, VEHICLES_PER_WORLD)
+            ]
             self._worlds = [World(text, size, step) for size in sizes]
         for world in self._worlds:
             if abs(world.step - step) > 1e-12:
                 world.set_step(step)
 
-    def _newcomer(self, index: int, place: int) -> Newcomer:
+    def _new_body(self, index: int, place: int) -> NewBody:
         """Return a body of vehicle `index` for a place in its world."""
         vehicle = self.vehicle
         if np.any(self.scales[index] != 1.0):
             vehicle = scaled(vehicle, self.scales[index])
         drift, current = None, None
         if self.hydrodynamics == "corrected":
-            drift = Drift(vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
+            drift = CurrentForce(vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
         elif self.current[index, :3].any():
             current = self.current[index, :3].copy()
         text = sdf.model(vehicle, self.hydrodynamics, name="{name}", thrusters=False, current=current)
-        return Newcomer(place, text, self.pose[index].copy(), drift)
+        return NewBody(place, text, self.pose[index].copy(), drift)
 
 
 def scaled(vehicle: VehicleModel, scales: FloatArray) -> VehicleModel:

@@ -45,7 +45,7 @@ class GazeboError(AuvbenchError):
 
 
 @dataclass(frozen=True, slots=True)
-class Drift:
+class CurrentForce:
     """The force that a current v_c adds to the forces that Gazebo computes from the velocity over ground.
 
     Damping and the inertia of added mass act on nu_r = nu - R^T v_c, whose derivative is nu' + omega x R^T v_c. With
@@ -81,7 +81,7 @@ class Drift:
 
 
 @dataclass(frozen=True, slots=True)
-class Newcomer:
+class NewBody:
     """A body that replaces another."""
 
     index: int
@@ -89,7 +89,7 @@ class Newcomer:
     """a `<model>` element; its name `{name}` is filled in"""
     pose: FloatArray
     """(7,) x y z qw qx qy qz"""
-    drift: Drift | None = None
+    drift: CurrentForce | None = None
     """adds the current's force; None where the plugin does"""
 
 
@@ -114,7 +114,7 @@ class World:
         """(n, 8) velocity at the top (3) in m/s, difference to the bottom (3), z of the top in m, 1 / thickness"""
         self._names: list[str | None] = [None] * n
         self._links: list[Any] = [None] * n
-        self._drifts: list[Drift | None] = [None] * n
+        self._drifts: list[CurrentForce | None] = [None] * n
         self._born = 0
         self._arriving: set[int] = set()
         self._patience = 0
@@ -149,18 +149,18 @@ class World:
         self.step = step
         self._arriving.add(-1)
 
-    def advance(self, newcomers: Sequence[Newcomer], wrench: FloatArray) -> None:
+    def advance(self, new_bodies: Sequence[NewBody], wrench: FloatArray) -> None:
         """Exchange bodies while paused, then make a physics step for each row of `wrench`.
 
         Args:
-            newcomers: bodies that replace others first.
+            new_bodies: bodies that replace others first.
             wrench: (steps, n, 6) N and N m in body axes, at the body origin.
 
         Raises:
             GazeboError: a body did not appear, or Gazebo refused a request.
         """
-        if newcomers:
-            self._exchange(newcomers)
+        if new_bodies:
+            self._exchange(new_bodies)
         self._wrench, self._k, self._patience = wrench, 0, 0
         self._server.run(True, len(wrench), bool(self._arriving))
         self._arriving.clear()
@@ -170,25 +170,25 @@ class World:
         if self._k != len(wrench):
             raise GazeboError(f"Gazebo made {self._k} of {len(wrench)} physics steps: was it stopped?")
 
-    def _exchange(self, newcomers: Sequence[Newcomer]) -> None:
+    def _exchange(self, new_bodies: Sequence[NewBody]) -> None:
         create = self.gazebo.entity_factories()
-        for newcomer in newcomers:
-            old = self._names[newcomer.index]
+        for new_body in new_bodies:
+            old = self._names[new_body.index]
             if old is not None:
                 self._ask("remove", self.gazebo.entity(name=old, type=self.gazebo.entity.MODEL))
             # A new name each time: the old body still exists while the new one is created.
-            name = f"body{newcomer.index}-{self._born}"
+            name = f"body{new_body.index}-{self._born}"
             self._born += 1
-            self._names[newcomer.index] = name
+            self._names[new_body.index] = name
             entry = create.data.add()
-            entry.sdf = f'<?xml version="1.0"?><sdf version="1.11">{newcomer.model.format(name=name)}</sdf>'
+            entry.sdf = f'<?xml version="1.0"?><sdf version="1.11">{new_body.model.format(name=name)}</sdf>'
             entry.name = name
             position, turn = entry.pose.position, entry.pose.orientation
-            position.x, position.y, position.z = newcomer.pose[:3].tolist()
-            turn.w, turn.x, turn.y, turn.z = newcomer.pose[3:].tolist()
-            self._arriving.add(newcomer.index)
-            self._links[newcomer.index] = None
-            self._drifts[newcomer.index] = newcomer.drift
+            position.x, position.y, position.z = new_body.pose[:3].tolist()
+            turn.w, turn.x, turn.y, turn.z = new_body.pose[3:].tolist()
+            self._arriving.add(new_body.index)
+            self._links[new_body.index] = None
+            self._drifts[new_body.index] = new_body.drift
         self._ask("create_multiple", create)
 
     def _ask(self, service: str, request: Any) -> None:
@@ -203,13 +203,13 @@ class World:
     def _before(self, info: Any, ecm: Any) -> None:
         if self._error is not None:
             if info.paused:
-                self._go()  # Gazebo returns control only at the end of the run
+                self._unpause()  # Gazebo returns control only at the end of the run
             return
         try:
             if info.paused:
-                self._settle(ecm)
+                self._await_bodies(ecm)
             elif self._k < len(self._wrench):
-                self._push(ecm)
+                self._apply_forces(ecm)
         except BaseException as error:
             self._error = error
 
@@ -223,7 +223,7 @@ class World:
         except BaseException as error:
             self._error = error
 
-    def _settle(self, ecm: Any) -> None:
+    def _await_bodies(self, ecm: Any) -> None:
         """In a paused iteration, look for the new bodies; end the pause one iteration after the last appeared."""
         sim = self.gazebo.sim
         self._patience += 1
@@ -232,7 +232,7 @@ class World:
             raise GazeboError(f"Gazebo did not create the bodies {missing}; see its messages")
         self._arriving.discard(-1)
         if not self._arriving:
-            self._go()
+            self._unpause()
             return
         world = sim.World(sim.world_entity(ecm))
         for index in list(self._arriving):
@@ -246,10 +246,10 @@ class World:
             self._links[index] = link
             self._arriving.discard(index)
 
-    def _go(self) -> None:
+    def _unpause(self) -> None:
         self._ask("control", self.gazebo.world_control(pause=False))
 
-    def _push(self, ecm: Any) -> None:
+    def _apply_forces(self, ecm: Any) -> None:
         vector = self.gazebo.math.Vector3d
         for i, row in enumerate(self._wrench[self._k].tolist()):
             link, drift = self._links[i], self._drifts[i]

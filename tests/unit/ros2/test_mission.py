@@ -104,16 +104,16 @@ def policy(tmp_path_factory):
 
 
 def test_a_policy_from_a_file_is_steered_by_as_its_card_says(policy):
-    crew = command._crew(command.parser().read([str(policy)]))
-    assert (crew.vehicle.name, crew.frequency, crew.body_frame) == ("bluerov2", 10.0, False)
-    limits = crew.limits
+    setup = command._setup(command.parser().read([str(policy)]))
+    assert (setup.vehicle.name, setup.frequency, setup.body_frame) == ("bluerov2", 10.0, False)
+    limits = setup.limits
     assert (limits.depth_low, limits.depth_high, limits.goal_radius) == (-60.0, -1.0, 3.0)
-    action = crew.controller.act(np.zeros((1, 10), dtype=np.float32))
+    action = setup.controller.act(np.zeros((1, 10), dtype=np.float32))
     assert action.shape == (1, 6)
     with pytest.raises(UserError, match="--vehicle names another sheet"):
-        command._crew(command.parser().read([str(policy), "--vehicle", "bluerov2_heavy"]))
+        command._setup(command.parser().read([str(policy), "--vehicle", "bluerov2_heavy"]))
     with pytest.raises(ConfigError, match="did you mean 'pid'"):
-        command._crew(command.parser().read(["pidd"]))
+        command._setup(command.parser().read(["pidd"]))
 
 
 def test_a_pilot_needs_no_compiler_no_torch_and_no_hydra(policy):
@@ -123,9 +123,9 @@ import numpy
 from auvbench.cli import main
 from auvbench.commands import pilot
 for name in (*pilot.CONTROLLERS, sys.argv[2]):
-    crew = pilot._crew(pilot.parser().read([name]))
-    crew.controller.reset(numpy.zeros(1, dtype="int64"))
-    crew.controller.act(numpy.zeros((1, 10), dtype="float32"))
+    setup = pilot._setup(pilot.parser().read([name]))
+    setup.controller.reset(numpy.zeros(1, dtype="int64"))
+    setup.controller.act(numpy.zeros((1, 10), dtype="float32"))
 import auvbench.ros2.pilot, auvbench.ros2.thrust, auvbench.ros2.mission, auvbench.runs.interruption
 from auvbench.ros2 import middleware
 middleware.load()

@@ -107,7 +107,7 @@ def test_reset_resets_everything_and_leaves_the_others_alone(bluerov2, hydrodyna
 
 
 def test_more_vehicles_than_a_world_holds_do_as_they_would_alone(bluerov2, monkeypatch):
-    monkeypatch.setattr("auvbench.simulators.gazebo.simulator.CROWD", 2)
+    monkeypatch.setattr("auvbench.simulators.gazebo.simulator.VEHICLES_PER_WORLD", 2)
     pose, actions = start(5), commands(4, 5, 6)
     spread = flown(GazeboSimulator(bluerov2, 5), pose, actions)
     monkeypatch.undo()

@@ -1,4 +1,4 @@
-"""A current in Gazebo: the force that `Drift` adds is what Fossen's equations have and Gazebo's have not."""
+"""A current in Gazebo: the force that `CurrentForce` adds is what Fossen's equations have and Gazebo's have not."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from auvbench.dynamics.frames import rotation
 from auvbench.dynamics.rigid_body import coriolis
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.simulators.gazebo.world import Drift
+from auvbench.simulators.gazebo.world import CurrentForce
 from auvbench.vehicles.sheet import load
 
 
@@ -27,14 +27,14 @@ def test_it_is_the_change_of_force_that_the_embedded_simulator_feels(name):
         return (simulator.velocity[0] - nu) / 1e-6
 
     felt = vehicle.M @ (acceleration(current) - acceleration(np.zeros(3)))
-    drift = Drift(vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
+    drift = CurrentForce(vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
     np.testing.assert_allclose(drift.wrench(current, rotation(pose[3:]), nu), felt, rtol=1e-4, atol=1e-3)
 
 
 def test_a_vehicle_that_drifts_along_feels_no_resistance():
     vehicle = load("bluerov2")
     current = np.array([0.3, -0.2, 0.1])
-    drift = Drift(vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
+    drift = CurrentForce(vehicle.M_A, vehicle.linear_damping, vehicle.quadratic_damping)
     nu = np.concatenate([current, np.zeros(3)])
     resistance = (
         coriolis(vehicle.M_A, nu) @ nu

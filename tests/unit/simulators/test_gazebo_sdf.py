@@ -144,9 +144,9 @@ def test_what_gazebo_cannot_be_is_refused(name, hydrodynamics, words):
 def test_a_weight_of_its_own_and_a_missing_coriolis_term_are_refused():
     vehicle = load("bluerov2")
     with pytest.raises(VehicleError, match="is not mass x gravity"):
-        sdf.check(dataclasses.replace(vehicle, weight=150.0), "corrected")
+        sdf.check_vehicle(dataclasses.replace(vehicle, weight=150.0), "corrected")
     with pytest.raises(VehicleError, match="use hydrodynamics=published"):
-        sdf.check(dataclasses.replace(vehicle, added_mass_coriolis=False), "corrected")
+        sdf.check_vehicle(dataclasses.replace(vehicle, added_mass_coriolis=False), "corrected")
 
 
 def test_a_current_and_a_name_are_written_where_they_belong():
