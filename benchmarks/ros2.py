@@ -82,7 +82,7 @@ def _served(n: int) -> Iterator[Row]:
             "steps/s",
             f"per second of processor time of server and client on one core; {1e3 * wall:.2f} ms a round trip by the clock",
         )
-        client._leave()
+        client.leave()
     finally:
         server.terminate()
         server.wait(30)

@@ -21,8 +21,8 @@ from auvbench.vehicles.physical import PhysicalCommands
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
 
-_connections: dict[tuple[Any, ...], Connection] = {}
-"""of this process: a test makes many batches, and finding a server takes half a second"""
+_current: tuple[int, tuple[Any, ...], Connection] | None = None
+"""process, key and connection: an evaluation makes many batches, and finding a server takes half a second"""
 
 
 def connect(settings: simulators.Ros2, vehicle: VehicleModel) -> Connection:
@@ -31,40 +31,46 @@ def connect(settings: simulators.Ros2, vehicle: VehicleModel) -> Connection:
     Raises:
         ConfigError, InterfaceError: as `Connection`.
     """
+    global _current
     namespace = settings.namespace or vehicle.name
-    key = (os.getpid(), namespace, vehicle.actuators, settings.clock)
-    found = _connections.get(key)
-    if found is not None and found.usable:
+    key = (namespace, vehicle.actuators, settings.clock)
+    found = _connection()
+    if found is not None and _current is not None and _current[1] == key and found.usable:
+        found.timeout = settings.timeout
         return found
-    for other in [k for k in _connections if k[0] == os.getpid()]:
-        _connections.pop(other).close()  # its server has stopped, or another one is asked for
+    leave()
     made = Connection(namespace, vehicle.actuators, settings.clock, settings.timeout)
-    _connections[key] = made
+    _current = (os.getpid(), key, made)
     return made
 
 
+def _connection() -> Connection | None:
+    """Return this process's connection; a forked process has none."""
+    return _current[2] if _current is not None and _current[0] == os.getpid() else None
+
+
 @atexit.register
-def _leave() -> None:
-    for (process, *_), connection in list(_connections.items()):
-        if process == os.getpid():
-            connection.close()
-    _connections.clear()
+def leave() -> None:
+    """Close this process's connection."""
+    global _current
+    found, _current = _connection(), None
+    if found is not None:
+        found.close()
 
 
 def used() -> dict[str, str]:
     """Return the server of this process's connection for manifests; empty without a connection."""
-    own = [c for (process, *_), c in _connections.items() if process == os.getpid()]
-    if not own:
+    found = _connection()
+    if found is None:
         return {}
-    about = own[-1].about
-    server = ", ".join(f"{name} {value}" for name, value in sorted(about.items()))
-    return {"ros2": f"jazzy, clock {own[-1].clock}; server: {server or 'unknown'}"}
+    server = ", ".join(f"{name} {value}" for name, value in sorted(found.about.items()))
+    return {"ros2": f"jazzy, clock {found.clock}; server: {server or 'unknown'}"}
 
 
 def clock() -> str:
     """Return the clock of this process's connection; empty without a connection."""
-    own = [c for (process, *_), c in _connections.items() if process == os.getpid()]
-    return own[-1].clock if own else ""
+    found = _connection()
+    return found.clock if found is not None else ""
 
 
 class Ros2Simulator:

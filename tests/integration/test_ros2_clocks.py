@@ -52,7 +52,7 @@ def foreign(request):
         thread = threading.Thread(target=server.run, args=(lambda: go_on[0],))
         thread.start()
         yield request.param, server
-        ros2._leave()
+        ros2.leave()
         go_on[0] = False
         thread.join(LIMIT)
         server.close()
@@ -85,6 +85,6 @@ def test_a_server_without_lockstep(foreign):
     np.testing.assert_array_equal(server.quantities, np.zeros((1, 6)))
     simulator.reset(np.arange(1), pose, np.zeros((1, 6)))
     np.testing.assert_allclose(simulator.pose[0, 0], pose[0, 0], atol=0.05)
-    ros2._leave()
+    ros2.leave()
     with pytest.raises(InterfaceError, match=r"/bluerov2/lockstep: .*simulator.clock=lockstep"):
         Ros2Simulator(VEHICLE, 1, Ros2(name="ros2", namespace=None, clock="lockstep", timeout=5.0))

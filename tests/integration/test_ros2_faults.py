@@ -33,7 +33,7 @@ STILL = np.zeros((1, 6))
 def domain():
     with dds.domain() as number:
         yield number
-        ros2._leave()
+        ros2.leave()
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def elsewhere(domain):
     """A domain of its own, beside that of the server that the other tests share."""
     with dds.domain():
         yield
-        ros2._leave()
+        ros2.leave()
 
 
 def connected(namespace="bluerov2", clock="auto", timeout=LIMIT):
@@ -289,7 +289,7 @@ def test_a_mistyped_namespace_is_corrected_by_the_next_command(elsewhere, tmp_pa
     command = ["train", f"output={tmp_path}", *LEARNER, "simulator.timeout=1", "train.total_steps=64"]
     assert main([*command, "simulator.namespace=blurov2"]) == 2
     (path,) = (tmp_path / "default").iterdir()
-    ros2._leave()
+    ros2.leave()
     with dds.serving("--lockstep"):
         words = ["simulator.namespace=bluerov2", "simulator.timeout=60"]
         assert main(["resume", str(path), *words]) == 0

@@ -38,4 +38,4 @@ def test_a_served_gazebo_is_the_same_bits():
                 np.testing.assert_array_equal(here.pose, there.pose)
                 np.testing.assert_array_equal(here.velocity, there.velocity)
         assert "simulator gazebo" in ros2.used()["ros2"]
-        ros2._leave()
+        ros2.leave()

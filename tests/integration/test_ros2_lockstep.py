@@ -26,7 +26,7 @@ pytestmark = [dds.needs_ros, pytest.mark.slow]
 def two_vehicles():
     with dds.domain(), dds.serving("--lockstep", "--vehicles", "2") as server:
         yield server
-        ros2._leave()
+        ros2.leave()
 
 
 SETTINGS = Ros2(name="ros2", namespace=None, clock="lockstep", timeout=LIMIT)

@@ -9,7 +9,7 @@ import pytest
 from auvbench.cli import main
 from auvbench.commands import pilot as command
 from auvbench.errors import RunError
-from auvbench.ros2 import discovery, messages
+from auvbench.ros2 import discovery, interface, messages
 from auvbench.ros2.middleware import Session
 from auvbench.ros2.mission import Logbook
 from auvbench.ros2.observation import observe
@@ -382,7 +382,8 @@ def test_a_mission_from_command_to_replay(number, tmp_path, capsys):
             tank.goal(-15.0, 0.0, -30.0)
             pilot.says("steering to (-15.0, 0.0, -30.0)")
             before = len(tank.history[0])
-            tank.until(lambda: len(tank.history[0]) > before + 10)  # so that the mission has steps
+            # Beyond what queues may hold of the first mission: the second has steps.
+            tank.until(lambda: len(tank.history[0]) > before + 5 * interface.DEPTH)
             pilot.send(number)
             assert pilot.ends() == 0, pilot.output
             tank.until(tank.rests)
