@@ -35,7 +35,7 @@ def study() -> Iterator[tuple[str, str, str, str]]:
             search.report(step, Score(worth, worth, worth, worth, 0.0))
         wall, cpu = time.perf_counter() - begun, time.process_time() - cpu
         begun = time.perf_counter()
-        open_study(plan, path, write=False)
+        open_study(plan, path)
         opened = time.perf_counter() - begun
         trained = sum(trial.last_step or 0 for trial in search.trials) / PACE
     yield (

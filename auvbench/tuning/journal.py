@@ -32,34 +32,26 @@ DIGEST = "digest"
 class Journal(BaseJournalBackend):
     """A journal file with one writer, the holder of the study's lock.
 
-    A writer cuts off a last line that a kill left incomplete. With `write=False`, operations stay in memory.
-
     Raises:
         RunError: A line is damaged, or the file cannot be read.
     """
 
-    def __init__(self, path: Path, *, write: bool = True) -> None:
-        self.path, self.write = path, write
+    def __init__(self, path: Path) -> None:
+        self.path = path
         self.logs: list[dict[str, Any]] = []
-        self._last = ""
-        data = self._read()
-        lines = data.split(b"\n")
-        incomplete = lines.pop()
-        for number, line in enumerate(lines, 1):
-            self._take(number, line)
-        if incomplete and write:
-            with storage(f"cannot write {path}"):
-                os.truncate(path, len(data) - len(incomplete))
-
-    def _read(self) -> bytes:
+        self._last, self._size = "", 0
         try:
-            return reading.content(path_safety.child(self.path.parent, self.path.name), LARGEST)
+            data = reading.content(path_safety.child(path.parent, path.name), LARGEST)
         except FileNotFoundError:
-            return b""
+            return
         except (OSError, ValueError) as error:
-            raise RunError(f"{self.path}: cannot be read: {error}") from error
+            raise RunError(f"{path}: cannot be read: {error}") from error
+        for line in data.split(b"\n")[
+            :-1
+        ]:  # what follows the last line break is a line that a kill cut short
+            self._take(line)
 
-    def _take(self, number: int, line: bytes) -> None:
+    def _take(self, line: bytes) -> None:
         try:
             log = documents.json_value(line)
             if not isinstance(log, dict) or log.pop(DIGEST, "") != self._digest(log):
@@ -67,11 +59,12 @@ class Journal(BaseJournalBackend):
         except ValueError as error:
             why = str(error).splitlines()[0]
             raise RunError(
-                f"{self.path} line {number} is damaged ({why}): restore the file, or decide the study anew "
+                f"{self.path} line {len(self.logs) + 1} is damaged ({why}): restore the file, or decide the study anew "
                 f"(mv {self.path} ELSEWHERE); complete runs are not trained again"
             ) from error
-        self.logs.append(log)
         self._last = self._digest(log)
+        self._size += len(line) + 1
+        self.logs.append(log)
 
     def _digest(self, log: dict[str, Any]) -> str:
         text = json.dumps([self._last, log], separators=(",", ":"))
@@ -88,18 +81,16 @@ class Journal(BaseJournalBackend):
             LockLostError: Another process holds the study.
             TrainingError: The disk is full or failing.
         """
-        data = b""
-        for log in logs:
-            plain = json.loads(json.dumps(log))
-            self._last = self._digest(plain)
-            self.logs.append(plain)
-            data += json.dumps({**plain, DIGEST: self._last}, separators=(",", ":")).encode() + b"\n"
-        if not self.write:
-            return
         lock.verify(self.path.parent / CONTROLLER)
         with storage(f"cannot write {self.path}"):
-            flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
-            with open(os.open(self.path, flags, 0o666), "wb") as file:
-                file.write(data)
+            descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+            with open(descriptor, "r+b") as file:
+                file.truncate(self._size)
+                file.seek(self._size)
+                for log in logs:
+                    plain = json.loads(json.dumps(log))
+                    line = json.dumps({**plain, DIGEST: self._digest(plain)}, separators=(",", ":")).encode()
+                    file.write(line + b"\n")
+                    self._take(line)
                 file.flush()
                 os.fsync(file.fileno())

@@ -16,7 +16,7 @@ from auvbench.statistics import crossed, pairs
 from auvbench.statistics.estimate import Estimate
 from auvbench.tuning import runs, scores
 from auvbench.tuning.folder import Plan, StudyFolder
-from auvbench.tuning.search import ERROR, Trials, open_study, ranked
+from auvbench.tuning.search import ERROR, Trials, open_study
 
 FEWEST_TRIALS = 10
 """complete trials of different scores from which importances are computed"""
@@ -53,9 +53,8 @@ class Outcome(Trials):
     @cached_property
     def ordered(self) -> list[FrozenTrial]:
         """Return the trials, best first, then those without a result."""
-        first = ranked(self.trials)
-        numbers = {trial.number for trial in first}
-        return [*first, *(trial for trial in self.trials if trial.number not in numbers)]
+        numbers = {trial.number for trial in self.ranked}
+        return [*self.ranked, *(trial for trial in self.trials if trial.number not in numbers)]
 
     @property
     def steps(self) -> int:
@@ -94,7 +93,7 @@ def read(folder: StudyFolder) -> Outcome:
         RunError: The study is missing or damaged.
     """
     plan = folder.read()
-    found = Outcome(plan, open_study(plan, folder.journal, write=False), folder)
+    found = Outcome(plan, open_study(plan, folder.journal), folder)
     if found.best is not None and plan.tune.fresh_seeds:
         both = {"tuned": found.algo(found.best), "untuned": plan.base["algo"]}
         made = {label: list(map(place, runs.fresh(plan, folder, algo))) for label, algo in both.items()}

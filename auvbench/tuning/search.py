@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,13 +33,13 @@ class Step:
     rung: int
 
 
-def open_study(plan: Plan, path: Path, *, write: bool = True) -> Study:
-    """Return the Optuna study in a journal, started where the journal is new; `write` keeps what happens in it.
+def open_study(plan: Plan, path: Path) -> Study:
+    """Return the Optuna study in a journal, started where the journal is new.
 
     Raises:
         RunError: The journal is damaged, or of another study.
     """
-    journal = Journal(path, write=write)
+    journal = Journal(path)
     try:
         storage = JournalStorage(journal)
         if not storage.get_all_studies():
@@ -74,9 +73,21 @@ class Trials:
         return [t for t in self.study.get_trials(deepcopy=False) if t.state is not TrialState.WAITING]
 
     @property
+    def ranked(self) -> list[FrozenTrial]:
+        """Return the trials with a result, best first: by their budget, then by their score."""
+
+        def place(trial: FrozenTrial) -> tuple[float, float]:
+            last = max(trial.intermediate_values)
+            return (-last, -trial.intermediate_values[last])
+
+        return sorted(
+            (t for t in self.trials if t.intermediate_values and ERROR not in t.user_attrs), key=place
+        )
+
+    @property
     def best(self) -> FrozenTrial | None:
         """Return the best trial."""
-        return next(iter(ranked(self.trials)), None)
+        return next(iter(self.ranked), None)
 
     def algo(self, trial: FrozenTrial) -> dict[str, Any]:
         """Return the plain values of `algo` of a trial."""
@@ -101,17 +112,6 @@ def _check(study: Trials, trial: FrozenTrial) -> None:
     study.results(trial)
     if trial.state.is_finished() and len(trial.params) < len(space):
         raise ValueError(f"trial {trial.number} lacks parameters")
-
-
-def ranked(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
-    """Return the trials with a result, best first: by their budget, then by their score."""
-    shown = [trial for trial in trials if trial.intermediate_values and ERROR not in trial.user_attrs]
-
-    def place(trial: FrozenTrial) -> tuple[float, float, int]:
-        last = max(trial.intermediate_values)
-        return (-last, -trial.intermediate_values[last], trial.number)
-
-    return sorted(shown, key=place)
 
 
 class Search(Trials):

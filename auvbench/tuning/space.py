@@ -107,8 +107,8 @@ def read(
 
     Args:
         written: range by key, from the search file.
-        typed: range by key, from the command line; replaces the written range.
-        fixed: value by key, from the command line; such a key is not searched.
+        typed: range by key, from the command line.
+        fixed: value by key, from the command line.
         known: the keys of the algorithm.
 
     Raises:
@@ -184,11 +184,6 @@ def _numbers(
 
 def check(dimensions: Sequence[Dimension], base: schema.TrainConfig, algo: Mapping[str, Any]) -> None:
     """Check that the algorithm takes the ends of every range, and all choices together.
-
-    Args:
-        dimensions: the search space.
-        base: the checked configuration of a run.
-        algo: plain values of `algo`.
 
     Raises:
         ConfigError: Names the rejected values.

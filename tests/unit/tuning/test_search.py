@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import optuna
 import pytest
 from omegaconf import OmegaConf
-from optuna.trial import FrozenTrial, TrialState
+from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from auvbench.commands.tune import plan_of, split
 from auvbench.config import schema
@@ -16,7 +17,7 @@ from auvbench.errors import RunError
 from auvbench.tuning.folder import Plan
 from auvbench.tuning.journal import Journal
 from auvbench.tuning.scores import Score
-from auvbench.tuning.search import ERROR, Search, Step, Trials, open_study, ranked
+from auvbench.tuning.search import ERROR, Search, Step, Trials, open_study
 
 SMALL = ["algo=ppo", "tune.trials=9", "tune.startup=4", "tune.rungs=[10,30,90]", "tune.reduction=2"]
 BROKEN = 5
@@ -80,7 +81,7 @@ def carry_out(
 
 def check(study: Plan, path: Path) -> list[FrozenTrial]:
     """Every trial is over, with its own results at consecutive rungs."""
-    whole = open_study(study, path, write=False)
+    whole = open_study(study, path)
     trials = whole.get_trials()
     for trial in trials:
         assert trial.state in (TrialState.COMPLETE, TrialState.PRUNED)
@@ -152,14 +153,15 @@ def test_impossible_settings_are_a_failed_trial_and_not_the_end(tmp_path: Path) 
 
 def test_the_best_has_the_largest_budget_before_the_best_score() -> None:
     def trial(number: int, *values: float) -> FrozenTrial:
-        found = FrozenTrial(number, TrialState.PRUNED, None, None, None, {}, {}, {}, {}, {}, number)
+        found = create_trial(state=TrialState.PRUNED)
         found.intermediate_values = {10 * (i + 1): value for i, value in enumerate(values)}
         return found
 
     failed = trial(4, 9.0, 9.0)
     failed.user_attrs = {ERROR: "became nan"}
-    order = ranked([trial(0, 0.9), trial(1, 0.1, 0.2), trial(2), trial(3, 0.1, 0.2), failed])
-    assert [t.number for t in order] == [1, 3, 0]
+    study = optuna.create_study(direction="maximize")
+    study.add_trials([trial(0, 0.9), trial(1, 0.1, 0.2), trial(2), trial(3, 0.1, 0.2), failed])
+    assert [t.number for t in Trials(plan(), study).ranked] == [1, 3, 0]
 
 
 @pytest.mark.parametrize(
