@@ -91,7 +91,7 @@ def _is_range(key: str, text: str) -> bool:
 
     try:
         return bool(OverridesParser.create().parse_override(read([f"{key}={text}"])[0]).is_sweep_override())
-    except HydraException as error:
+    except (HydraException, RecursionError) as error:
         if re.match(r"(choice|interval|range|tag|int|float)\(", text):
             from auvbench.tuning.space import FORMS
 

@@ -20,6 +20,7 @@ from auvbench.tuning import space
 from auvbench.tuning.journal import CONTROLLER
 from auvbench.tuning.space import Dimension
 from auvbench.untrusted import path_safety, typed_json
+from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Prose
 
 SCHEMA_VERSION = 2
@@ -159,4 +160,4 @@ def _differences(there: Any, here: Any, path: str = "") -> list[str]:
             for line in _differences(there.get(key), here.get(key), f"{path}.{key}" if path else key)
         ]
     was, now = ("not searched" if value is None else value for value in (there, here))
-    return [] if there == here else [f"{path} {was} -> {now}"]
+    return [] if there == here else [f"{path} {short(was, 60)} -> {short(now, 60)}"]

@@ -19,6 +19,7 @@ from auvbench.config import hints, schema
 from auvbench.config.compose import with_algorithm
 from auvbench.config.overrides import whole_keys
 from auvbench.errors import ConfigError
+from auvbench.untrusted.text import short
 
 GROUP = "algo."
 IDENTITY = ("algo.name", "algo.agent", "algo.tuned")
@@ -137,8 +138,9 @@ def _dimension(key: str, text: Any, known: Sequence[str]) -> Dimension:
         raise ConfigError(f"{key}: unknown key; {hints.unknown_key(key, known, {}, 'auvbench tune')}")
     try:
         sweep = OverridesParser.create().parse_override(f"{key}={text}").value()
-    except HydraException as error:
-        raise ConfigError(f"{key}={text}: {' '.join(str(error).split())}; write {FORMS}") from error
+    except (HydraException, RecursionError) as error:
+        why = " ".join(str(error).split())
+        raise ConfigError(f"{key}={short(text, 200)}: {short(why, 300)}; write {FORMS}") from error
     try:
         if isinstance(sweep, ChoiceSweep):
             choices = tuple(str(Override._get_value_element_as_str(item)) for item in sweep.list)

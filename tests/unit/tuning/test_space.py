@@ -79,6 +79,10 @@ def test_kinds_follow_the_schema():
         (["algo=ppo", "algo.gamma=range(0.5,0.9,0)"], ["algo.gamma=range(0.5,0.9,0)", "empty"]),
         (["algo=ppo", "algo.gamma=tag(log,range(0.1,0.9,0.1))"], ["logarithmic", "no step"]),
         (["algo=ppo", "algo.n_epochs=range(1,9,0.5)"], ["whole numbers"]),
+        (
+            ["algo=ppo", f"algo.net_arch=choice({'[' * 3000},1)"],
+            ["algo.net_arch=choice", "interval(LOW,HIGH)"],
+        ),
         (["algo=ppo", "tune.sampler=grid"], ["algo.learning_rate", "grid"]),
         (["algo=ppo", "tune.rungs=[100,50]"], ["tune.rungs=[100, 50]", "grow"]),
         (["algo=ppo", "tune.rungs=[]"], ["tune.rungs=[]"]),
