@@ -15,7 +15,6 @@ from auvbench.config.schema import TrainConfig
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.envs.chosen import make_simulator
-from auvbench.envs.sharded import ShardedBatch, make_batch
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
 from auvbench.vehicles.reader import sheet_names
@@ -32,7 +31,7 @@ def configuration(*overrides: str) -> TrainConfig:
     return train_config(compose("train", overrides))
 
 
-def _stepper(batch: Batch | ShardedBatch) -> float:
+def _stepper(batch: Batch) -> float:
     """Seconds of one step of a batch: noise, physics, observation, reward, automatic reset."""
     rng = np.random.default_rng(0)
     actions = [rng.uniform(-1, 1, (batch.n, len(batch.vehicle.actuators))) for _ in range(8)]
@@ -49,7 +48,7 @@ def _stepper(batch: Batch | ShardedBatch) -> float:
 def environments() -> Iterator[Row]:
     """The full environment step."""
     for n in (1, 32, 1024):
-        batch = make_batch(configuration(f"step.frequency={FREQUENCY}"), n)
+        batch = Batch(configuration(f"step.frequency={FREQUENCY}"), n)
         seconds = _stepper(batch)
         yield (
             f"environment steps, N = {n}, one thread",
@@ -63,7 +62,7 @@ def threads() -> Iterator[Row]:
     """What a second thread gains on a large batch."""
     for n in (1024, 4096, 8192):
         one, two = (
-            _stepper(make_batch(configuration(f"step.frequency={FREQUENCY}", f"simulator.threads={t}"), n))
+            _stepper(Batch(configuration(f"step.frequency={FREQUENCY}", f"simulator.threads={t}"), n))
             for t in (1, 2)
         )
         yield (

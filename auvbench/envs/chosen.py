@@ -51,7 +51,7 @@ def make_simulator(
     pace.check(vehicle.name, limit)
     vehicle = stand_in or vehicle
     if isinstance(config, simulators.Fossen):
-        return FossenSimulator(vehicle, n, max_step=min(config.max_step, limit))
+        return FossenSimulator(vehicle, n, min(config.max_step, limit), config.threads)
     if isinstance(config, simulators.Gazebo):
         from auvbench.simulators.gazebo.simulator import GazeboSimulator
 

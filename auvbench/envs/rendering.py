@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.envs.batch import Batch
-from auvbench.envs.sharded import ShardedBatch
 from auvbench.errors import ConfigError, closest
 from auvbench.record import OUTCOMES
 
@@ -33,7 +32,7 @@ def speed(frequency: float) -> float | int:
 class Renderer:
     """Follows the episodes of a batch where `mode` asks for it, and shows them."""
 
-    def __init__(self, mode: str | None, batch: Batch | ShardedBatch) -> None:
+    def __init__(self, mode: str | None, batch: Batch) -> None:
         check_mode(mode)
         self.mode = mode
         self._batch = batch

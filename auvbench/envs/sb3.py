@@ -16,7 +16,6 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 from auvbench.config.clock import step_limit
 from auvbench.envs import info, options, rendering, settings, spaces
 from auvbench.envs.batch import Batch, Transition
-from auvbench.envs.sharded import ShardedBatch, make_batch
 from auvbench.errors import ConfigError
 from auvbench.record import Record
 
@@ -44,7 +43,7 @@ def make(
         raise ConfigError(f"n_envs={n_envs}: must be at least 1")
     config = settings.configuration(**kwargs)
     number = None if seed is None else settings.folded(seed)
-    return WaypointVecEnv(make_batch(config, n_envs, seed=number), render_mode=render_mode)
+    return WaypointVecEnv(Batch(config, n_envs, seed=number), render_mode=render_mode)
 
 
 class WaypointVecEnv(VecEnv):
@@ -59,9 +58,7 @@ class WaypointVecEnv(VecEnv):
     `finished` holds the rows of the episodes that ended in the last step, `transition` all that it gave.
     """
 
-    def __init__(
-        self, batch: Batch | ShardedBatch, *, detailed: bool = True, render_mode: str | None = None
-    ) -> None:
+    def __init__(self, batch: Batch, *, detailed: bool = True, render_mode: str | None = None) -> None:
         self.batch = batch
         self.finished: list[Record] = []
         self.transition: Transition | None = None

@@ -16,7 +16,6 @@ from auvbench.vehicles.model import VehicleModel
 
 if TYPE_CHECKING:
     from auvbench.envs.batch import Batch
-    from auvbench.envs.sharded import ShardedBatch
 
 SIGMAS = 6.0
 """standard deviations of what is normally distributed that the bounds hold"""
@@ -25,7 +24,7 @@ LONGEST = 1e6
 """m; the bound where nothing slows a vehicle down"""
 
 
-def of(batch: Batch | ShardedBatch) -> tuple[spaces.Box, spaces.Box]:
+def of(batch: Batch) -> tuple[spaces.Box, spaces.Box]:
     """Observation space (4 + n_u,) and action space (n_u,) of one environment of the batch."""
     n_u = len(batch.vehicle.actuators)
     high = observation_bounds(batch.config, batch.vehicle)

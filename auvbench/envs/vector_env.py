@@ -16,8 +16,7 @@ from auvbench.config import schema
 from auvbench.envs import autoreset, info, rendering, settings, spaces
 from auvbench.envs import options as reset_options
 from auvbench.envs.autoreset import AutoresetMode
-from auvbench.envs.batch import Transition
-from auvbench.envs.sharded import make_batch
+from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import ConfigError
 
 Arrays = NDArray[Any]
@@ -92,9 +91,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         )
         self.config = settings.limited(typed, max_episode_steps)
         self.autoreset_mode = autoreset.mode(autoreset_mode)
-        self.batch = make_batch(
-            self.config, num_envs, autoreset=self.autoreset_mode == AutoresetMode.SAME_STEP
-        )
+        self.batch = Batch(self.config, num_envs, autoreset=self.autoreset_mode == AutoresetMode.SAME_STEP)
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces.of(self.batch)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

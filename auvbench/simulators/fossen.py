@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from itertools import pairwise
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,16 +40,28 @@ DISCRETISATIONS = 64
 """Substep lengths for which exact discretisations of the actuators are kept."""
 
 
+THREADED = 1024
+"""vehicles from which a second thread pays (docs/performance.md)"""
+
+T = TypeVar("T")
+
+
+@cache
+def _threads(count: int, _process: int) -> ThreadPoolExecutor:
+    """Return threads that all simulators of this process share; those of its parent did not survive a fork."""
+    return ThreadPoolExecutor(count, thread_name_prefix="simulator")
+
+
 class FossenSimulator:
     """N copies of a vehicle, integrated with RK4 in substeps no longer than `max_step`.
 
-    A vehicle's trajectory is the same to the last bit in a batch of any size.
-    Threads are a matter of the batch above (`envs/team.py`): `step` releases the interpreter's lock.
+    A vehicle's trajectory is the same to the last bit in a batch of any size, on any number of threads.
 
     Args:
         vehicle: the model to simulate.
         n: number of vehicles.
         max_step: longest substep in s; a step of `duration` takes ceil(duration / max_step) equal ones.
+        threads: that share the vehicles, if there are at least `THREADED`.
 
     Attributes beyond `Simulator`'s:
         current: (n, 8) velocity of the current at the top (3), difference to the bottom (3), z of the top,
@@ -57,7 +74,7 @@ class FossenSimulator:
 
     capabilities = CAPABILITIES["fossen"]
 
-    def __init__(self, vehicle: VehicleModel, n: int, max_step: float = 0.01) -> None:
+    def __init__(self, vehicle: VehicleModel, n: int, max_step: float = 0.01, threads: int = 1) -> None:
         if n < 1:
             raise ConfigError(f"number of vehicles is {n}: it must be at least 1")
         if not (max_step > 0.0 and math.isfinite(max_step)):
@@ -77,6 +94,12 @@ class FossenSimulator:
         )
         self._discrete: dict[float, FloatArray] = {}
         self._n_blocks = -(-n // layout.LANES)
+        shares = np.linspace(0, self._n_blocks, (threads if n >= THREADED else 1) + 1).astype(int).tolist()
+        self._ranges = [
+            (first * layout.LANES, min(last * layout.LANES, n))
+            for first, last in pairwise(shares)
+            if first < last
+        ]
 
         self.pose = np.zeros((n, 7))
         self.pose[:, 3] = 1.0
@@ -133,7 +156,16 @@ class FossenSimulator:
         action = np.ascontiguousarray(command, dtype=np.float64)
         if action.shape != self.command_force.shape:
             raise ValueError(f"command has shape {action.shape}, expected {self.command_force.shape}")
-        advance(*self.kernel_arguments(action, duration, 0, self.n))
+        self.each(lambda start, stop: advance(*self.kernel_arguments(action, duration, start, stop)))
+
+    def each(self, function: Callable[[int, int], T]) -> list[T]:
+        """Return `function(start, stop)` of each thread's range of vehicles; the calling thread does the first."""
+        own, *others = self._ranges
+        if not others:
+            return [function(*own)]
+        threads = _threads(len(others), os.getpid())
+        jobs = [threads.submit(function, *bounds) for bounds in others]
+        return [function(*own), *(job.result() for job in jobs)]
 
     def kernel_arguments(
         self, command: FloatArray, duration: float, start: int, stop: int

@@ -11,7 +11,7 @@ from typing import Any
 
 from auvbench.agents.base import Learner, learner_of
 from auvbench.config import schema, simulators
-from auvbench.envs.sharded import make_batch
+from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import fsync_directory, fsync_file, storage
@@ -66,7 +66,7 @@ def learn(
         logs=(EPISODES, EVENTS, *((VALIDATION,) if train.evaluate_every else ())),
     )
     resumed = checkpointer.prepare()
-    batch = make_batch(config)
+    batch = Batch(config)
     learner = learner_of(config, batch.vehicle)
     reporter = Reporter(run.path / "progress.json", train.total_steps, watch)
     checkpointer.parts = {"environment": batch, "progress": reporter}

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+
 import gymnasium
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check
 import auvbench
 from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv
-from auvbench.envs.team import TeamBatch
+from auvbench.simulators import fossen
 from tests import configs
 
 assert auvbench.__version__
@@ -170,14 +173,11 @@ def test_a_seed_out_of_range_is_the_users_mistake():
 
 @pytest.mark.parametrize("disturbance", ["none", "severe"])
 def test_threads_change_neither_floats_nor_saved_states(disturbance, monkeypatch):
-    from auvbench.envs import sharded
-
-    monkeypatch.setattr(sharded, "SMALLEST", 8)
-    monkeypatch.setattr(sharded, "SMALLEST_DISTURBED", 8)
+    monkeypatch.setattr(fossen, "THREADED", 8)
     overrides = ("task.max_steps=12", f"disturbance={disturbance}")
-    one = sharded.make_batch(configuration(*overrides), 37, seed=5)
-    three = sharded.make_batch(configuration(*overrides, "simulator.threads=3"), 37, seed=5)
-    assert type(three) is (TeamBatch if disturbance == "none" else sharded.ShardedBatch)
+    one = Batch(configuration(*overrides), 37, seed=5)
+    three = Batch(configuration(*overrides, "simulator.threads=3"), 37, seed=5)
+    assert three.simulator.each(lambda start, stop: (start, stop)) == [(0, 16), (16, 32), (32, 37)]
     a, b = run(one, 40), run(three, 40)
     np.testing.assert_array_equal(a[0], b[0])
     np.testing.assert_array_equal(a[1], b[1])
@@ -186,10 +186,40 @@ def test_threads_change_neither_floats_nor_saved_states(disturbance, monkeypatch
     assert saved.keys() == other.keys()
     for key in saved:
         np.testing.assert_array_equal(saved[key], other[key], err_msg=key)
-    four = sharded.make_batch(configuration(*overrides, "simulator.threads=4"), 37, seed=99)
+    four = Batch(configuration(*overrides, "simulator.threads=4"), 37, seed=99)
     four.reset()
     four.load_state_dict(saved)
     for action in actions(30, 37):
         expected, got = one.step(action), four.step(action)
         np.testing.assert_array_equal(expected.observation, got.observation)
         np.testing.assert_array_equal(expected.ended, got.ended)
+
+
+def test_threads_serve_batches_for_which_they_pay():
+    for n, ranges in ((fossen.THREADED - 1, 1), (fossen.THREADED, 2)):
+        batch = Batch(configuration("simulator.threads=2"), n)
+        assert len(batch.simulator.each(lambda start, stop: stop - start)) == ranges
+
+
+def test_of_several_broken_environments_the_first_is_named(monkeypatch):
+    monkeypatch.setattr(fossen, "THREADED", 2)
+    batch = Batch(configuration("simulator.threads=2"), 64)
+    batch.reset()
+    batch.simulator.pose[[5, 60], 0] = np.nan
+    with pytest.raises(auvbench.errors.TrainingError, match="environment 5 is not finite"):
+        batch.step(np.zeros((64, 6)))
+
+
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+def test_a_forked_process_has_threads_of_its_own(monkeypatch):
+    monkeypatch.setattr(fossen, "THREADED", 2)
+    batch = Batch(configuration("simulator.threads=2"), 40)
+    batch.reset()
+    batch.step(np.zeros((40, 6)))
+    child = os.fork()
+    if child == 0:
+        with contextlib.suppress(BaseException):
+            batch.step(np.zeros((40, 6)))
+            os._exit(3)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3

@@ -13,11 +13,11 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import auvbench
-from auvbench.envs import sb3, settings, sharded
+from auvbench.envs import sb3, settings
 from auvbench.envs.batch import Batch
-from auvbench.envs.team import TeamBatch
 from auvbench.envs.vector_env import WaypointVectorEnv
 from auvbench.errors import ActionError, AuvbenchWarning, ConfigError
+from auvbench.simulators import fossen
 
 ID = "auvbench/Waypoint-v0"
 SHORT = ["task.max_steps=7", "task.waypoint_low=[-4,-4,-24]", "task.waypoint_high=[4,4,-16]"]
@@ -85,13 +85,12 @@ def test_without_automatic_reset_a_mask_says_who_begins():
 
 
 def test_automatic_reset_is_the_same_on_threads_and_with_disturbances(monkeypatch):
-    monkeypatch.setattr(sharded, "SMALLEST", 8)
-    monkeypatch.setattr(sharded, "SMALLEST_DISTURBED", 8)
-    for disturbance, kind in (("none", TeamBatch), ("severe", sharded.ShardedBatch)):
+    monkeypatch.setattr(fossen, "THREADED", 8)
+    for disturbance in ("none", "severe"):
         overrides = [*SHORT, f"disturbance={disturbance}"]
         one = WaypointVectorEnv(20, overrides)
         three = WaypointVectorEnv(20, [*overrides, "simulator.threads=3"])
-        assert type(three.batch) is kind
+        assert len(three.batch.simulator.each(lambda start, stop: stop)) > 1
         assert_same(one.reset(seed=4)[0], three.reset(seed=4)[0])
         three = pickle.loads(pickle.dumps(three))  # its threads stay behind
         for action in plan(30, 20):
@@ -239,15 +238,14 @@ def test_options_place_vehicle_and_waypoint():
 
 
 def test_what_is_no_action_is_refused_and_nothing_moves(monkeypatch):
-    monkeypatch.setattr(sharded, "SMALLEST", 2)
-    monkeypatch.setattr(sharded, "SMALLEST_DISTURBED", 2)
+    monkeypatch.setattr(fossen, "THREADED", 2)
     single = gymnasium.make(ID).unwrapped
     single.reset(seed=0)
     bad = np.zeros((4, 6), dtype=np.float32)
     for value in (np.nan, np.inf, -np.inf):
         bad[2, 3] = value
         for extra in ((), ("simulator.threads=2",), ("simulator.threads=2", "disturbance=severe")):
-            batch = sharded.make_batch(settings.configuration(overrides=extra), 4)
+            batch = Batch(settings.configuration(overrides=extra), 4)
             batch.reset()
             before = batch.state_dict()
             with pytest.raises(ActionError, match=r"environment 2 is \(0, 0, 0, -?(nan|inf), 0, 0\)"):
