@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis import consistency, derived_columns, scenarios
-from auvbench.analysis.model import Evaluation
+from auvbench.analysis import consistency
+from auvbench.analysis.model import Evaluation, RunRecord
 from auvbench.record import OUTCOMES, RECORD_COLUMNS
 from auvbench.runs import integrity, schemas
-from auvbench.untrusted import bz2_io, reading, tables
+from auvbench.untrusted import path_safety, reading, tables
 from auvbench.untrusted.text import LONGEST, plain, short
+
+if TYPE_CHECKING:
+    from auvbench.analysis.archive import Archive
 
 CORE_COLUMNS = (
     "steps",
@@ -57,6 +61,20 @@ def finite(table: np.ndarray[Any, Any]) -> bool:
     return table.dtype.kind in "if" and bool((np.abs(table) <= LARGEST).all())
 
 
+def checked(value: Any, schema: type[schemas.Manifest | schemas.Summary], name: str) -> dict[str, Any]:
+    """Return a manifest or summary from a JSON value.
+
+    Raises:
+        Damage: It is damaged, or of another version.
+    """
+    try:
+        return schemas.checked(value, schema)
+    except integrity.VersionError as error:
+        raise Damage(f"{name} has {error}", "foreign") from error
+    except ValueError as error:
+        raise Damage(f"{name}: {short(error)}") from error
+
+
 def sealed(path: Path, schema: type[schemas.Manifest | schemas.Summary]) -> dict[str, Any]:
     """Return a manifest or summary.
 
@@ -75,31 +93,65 @@ def sealed(path: Path, schema: type[schemas.Manifest | schemas.Summary]) -> dict
         raise Damage(f"{path.name}: {short(error)}") from error
 
 
-def read_evaluation(directory: Path) -> Evaluation:
-    """summary.json and episodes.csv of one protocol.
+def protocols_of(run: RunRecord) -> list[str]:
+    """Return the names of the protocols by which a run was evaluated."""
+    if run.archive is not None:
+        return sorted(run.archive.summaries(run.id))
+    return sorted(path.parent.name for path in run.directory.glob("evaluations/*/summary.json"))
+
+
+def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
+    """Read the evaluation of a run by a protocol that it has.
 
     Raises:
-        Damage: one of them cannot be used, is not what was written, or they disagree.
+        Damage: It cannot be used.
+    """
+    if run.archive is not None:
+        return archived_evaluation(run.archive, run.id, protocol)
+    return read_evaluation(path_safety.child(run.directory / "evaluations", protocol))
+
+
+def read_evaluation(directory: Path) -> Evaluation:
+    """Read summary.json and episodes.csv of one protocol.
+
+    Raises:
+        Damage: One of them cannot be used, was changed, or they disagree.
     """
     summary = sealed(directory / "summary.json", schemas.Summary)
-    path = directory / "episodes.csv"
     try:
-        data = bz2_io.content(path, reading.DATA)
+        data = reading.content(directory / "episodes.csv", reading.DATA)
+        frame = tables.csv(data, words=("condition",))  # a condition may be called 1.30
     except FileNotFoundError as error:
         raise Damage("episodes.csv is missing") from error
     except (OSError, ValueError) as error:
         raise Damage(f"episodes.csv cannot be read ({short(error)})") from error
-    episodes = _episodes(data, summary, directory)
-    wrong = consistency.of_file(summary, path.name, data) or consistency.of_rows(summary, episodes)
-    if wrong:
-        raise Damage(wrong)
-    return Evaluation(
-        protocol=directory.name,
-        fingerprint=summary["fingerprint"],
-        summary=summary,
-        episodes=episodes,
-        directory=directory,
+    if not data.endswith(b"\n") or (len(frame) and frame.iloc[-1:, -1].isna().any()):
+        raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows is incomplete")
+    return _checked(directory.name, summary, frame, directory, data)
+
+
+def archived_evaluation(archive: Archive, run: str, protocol: str) -> Evaluation:
+    """Read one evaluation of a run of a published study.
+
+    Raises:
+        Damage: It cannot be used, or its summary and rows disagree.
+    """
+    summary = checked(
+        archive.summaries(run)[protocol], schemas.Summary, f"the summary of {short(protocol, 40)}"
     )
+    found = _checked(protocol, summary, archive.episodes(run, protocol), archive.folder, None)
+    return replace(found, archive=archive)
+
+
+def _checked(
+    protocol: str, summary: dict[str, Any], frame: pd.DataFrame, directory: Path, data: bytes | None
+) -> Evaluation:
+    """Return the evaluation if summary and rows agree; `data` is episodes.csv, None without that file."""
+    _check_episodes(frame, summary)
+    wrong = consistency.of_file(summary, "episodes.csv", data) if data is not None else ""
+    if wrong := wrong or consistency.of_rows(summary, frame):
+        raise Damage(wrong)
+    return Evaluation(protocol, summary["fingerprint"], summary, frame, directory)
 
 
 def _conditions(summary: Mapping[str, Any]) -> dict[str, int]:
@@ -110,32 +162,17 @@ def _conditions(summary: Mapping[str, Any]) -> dict[str, int]:
     return found
 
 
-def _episodes(data: bytes, summary: Mapping[str, Any], directory: Path) -> pd.DataFrame:
-    """episodes.csv, checked: all columns, all rows of the summary, no row cut short, all values possible."""
+def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
+    """Raise Damage unless all columns and all rows of the summary are there, with possible values."""
     expected = _conditions(summary)
-    try:
-        frame = tables.csv(data, words=("condition",))  # one may be called 1.30
-    except ValueError as error:
-        raise Damage(f"episodes.csv cannot be read ({short(error)})") from error
-    try:
-        left_out = derived_columns.named(summary)
-    except ValueError as error:
-        raise Damage(str(error)) from error
     needed = ("condition", "episode", "outcome", *CORE_COLUMNS)
-    if missing := [c for c in needed if c not in frame.columns and c not in left_out]:
+    if missing := [c for c in needed if c not in frame.columns]:
         raise Damage(f"episodes.csv lacks the columns {', '.join(missing)}")
     rows = sum(expected.values())
     if len(frame) != rows:
         raise Damage(f"episodes.csv has {len(frame)} rows, summary.json says {rows}: evaluate again")
-    if not data.endswith(b"\n") or frame.iloc[-1:, -1].isna().any():
-        raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows ends half way")
     _check_rows(frame, expected)
-    try:
-        frame = scenarios.joined(derived_columns.completed(frame, left_out), summary, directory)
-    except ValueError as error:
-        raise Damage(str(error)) from error
     _check_numbers(frame)
-    return frame
 
 
 def _check_rows(frame: pd.DataFrame, expected: Mapping[str, int]) -> None:

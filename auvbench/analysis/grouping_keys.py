@@ -7,8 +7,8 @@ from typing import Any
 
 from auvbench.analysis.effects import run_learns
 from auvbench.analysis.model import RunRecord
+from auvbench.analysis.training import has_training
 from auvbench.runs.identity import NEUTRAL
-from auvbench.untrusted import bz2_io
 
 SEEDS = ("seed", "train.evaluate_every", *NEUTRAL)
 """keys in which the seeds of one agent may differ: they do not change what was to be learned"""
@@ -88,7 +88,7 @@ def _matters(key: str, run: RunRecord) -> bool:
 
 def trained(run: RunRecord) -> bool:
     """Whether the run is a training; a controller has nothing to learn."""
-    return run_learns(run) or bz2_io.beside(run.directory / "train" / "episodes.csv") is not None
+    return run_learns(run) or has_training(run)
 
 
 def level(value: Any) -> Any:

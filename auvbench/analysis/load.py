@@ -13,14 +13,22 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.analysis import consistency
-from auvbench.analysis.evaluations import LARGEST, Damage, is_name, read_evaluation, sealed
+from auvbench.analysis.archive import RUNS, Archive, is_archive
+from auvbench.analysis.evaluations import (
+    LARGEST,
+    Damage,
+    checked,
+    evaluation_of,
+    is_name,
+    protocols_of,
+    sealed,
+)
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.model import Problem, RunRecord
 from auvbench.config import answers
 from auvbench.errors import ReportError, closest
 from auvbench.runs import run_filter as filters
 from auvbench.runs import schemas
-from auvbench.runs.schemas import SHIPPED
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.text import short
 
@@ -64,8 +72,10 @@ def load(
     """
     protocols = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     problems: list[Problem] = []
-    directories = list(_directories(paths, problems))
-    found = _collect(map(_read_run, directories), problems)
+    sources = list(_directories(paths, problems))
+    found = _collect((_read_run(source) for source in sources if not is_archive(source)), problems)
+    for study in filter(is_archive, sources):
+        found += _collect(_read_study(study), problems)
     if not found:
         details = f": {problems[0].where}: {problems[0].message}" if problems else ""
         raise ReportError(f"no run under {', '.join(map(str, paths))}{details}")
@@ -93,7 +103,7 @@ def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
 
 def available_protocols(runs: Iterable[RunRecord]) -> list[str]:
     """Names of the protocols by which at least one of the runs was evaluated."""
-    return sorted({p.parent.name for run in runs for p in run.directory.glob("evaluations/*/summary.json")})
+    return sorted({name for run in runs for name in protocols_of(run)})
 
 
 def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: str) -> None:
@@ -133,7 +143,13 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
         found = 0
         for folder, folders, files in os.walk(path):
             here = Path(folder)
-            if "manifest.json" in files:
+            if is_archive(here):
+                folders.clear()
+                found += 1
+                if (real := here.resolve()) not in seen:
+                    seen.add(real)
+                    yield here
+            elif "manifest.json" in files:
                 folders.clear()  # nothing below a run is a run
                 found += 1
                 if (real := here.resolve()) not in seen:
@@ -155,11 +171,35 @@ def _read_run(directory: Path) -> _Read:
         return None, [Problem(str(directory), damage.kind, str(damage))]
 
 
+def _read_study(folder: Path) -> list[_Read]:
+    """Return the runs of a published study."""
+    try:
+        archive = Archive(folder)
+    except Damage as damage:
+        return [(None, [Problem(str(folder), damage.kind, str(damage))])]
+    found: list[_Read] = []
+    for name in archive.ids():
+        try:
+            manifest = checked(archive.document(name, "manifest"), schemas.Manifest, RUNS)
+            config = archive.document(name, "config")
+            archive.summaries(name)
+            found.append((_record(folder / name, manifest, config, archive), []))
+        except Damage as damage:
+            found.append((None, [Problem(f"{folder}: {name}", damage.kind, str(damage))]))
+    return found
+
+
 def _run(directory: Path) -> RunRecord:
     manifest = sealed(directory / "manifest.json", schemas.Manifest)
+    return _record(directory, manifest, _config(directory / "config.yaml"), None)
+
+
+def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Archive | None) -> RunRecord:
     if not is_name(manifest["id"]):
         raise Damage(f"manifest.json has the id {_brief(manifest['id'])}, which is no name")
-    config, flat = _config(directory / "config.yaml")
+    if archive is not None and manifest["id"] != directory.name:
+        raise Damage(f"manifest.json is of the run {_brief(manifest['id'])}", "foreign")
+    flat = _flattened(config)
     if wrong := consistency.of_run(manifest, config):
         raise Damage(wrong)
     return RunRecord(
@@ -169,19 +209,23 @@ def _run(directory: Path) -> RunRecord:
         seed=manifest["seed"],
         config=flat,
         manifest=manifest,
+        archive=archive,
     )
 
 
-def _config(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The configuration of a run, and by dotted keys, with what labels and groups need of the right type."""
+def _config(path: Path) -> Any:
     try:
-        config = documents.yaml_value(reading.content(path))
+        return documents.yaml_value(reading.content(path))
     except FileNotFoundError as error:
         raise Damage("config.yaml is missing") from error
     except OSError as error:
         raise Damage(f"config.yaml cannot be read ({error.strerror})") from error
     except ValueError as error:
         raise Damage(f"config.yaml is not valid YAML ({short(error)})") from error
+
+
+def _flattened(config: Any) -> dict[str, Any]:
+    """Return a configuration by dotted keys; the values that labels and groups need have the right type."""
     if not isinstance(config, dict):
         raise Damage("config.yaml is empty")
     try:
@@ -199,7 +243,7 @@ def _config(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         value = flat.get(key)
         if value is not None and (type(value) not in (int, float) or not abs(value) <= LARGEST):
             raise Damage(f"config.yaml has the {key} {_brief(value)}, which is no number")
-    return config, flat
+    return flat
 
 
 def _is_shown(key: str) -> bool:
@@ -224,8 +268,8 @@ def _flat(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
     """One run per id, in the order of the ids. Of copies the fullest counts.
 
-    That is, in this order: complete, evaluated, by more of the protocols, the run itself and no shipped copy of it, the
-    last that ended, and the last by the name of its folder.
+    The order: complete, evaluated, by more protocols, a run directory before a published study, the last that ended, the last
+    folder by name.
 
     What is wrong with the copies that do not count keeps nothing out of the tables, and is not said.
     """
@@ -239,7 +283,7 @@ def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
                 copy[0].state == "complete",
                 protocol in copy[0].evaluations,
                 len(copy[0].evaluations),
-                copy[0].manifest.get(SHIPPED) is not True,
+                copy[0].archive is None,
                 str(copy[0].manifest.get("ended") or ""),
                 str(copy[0].directory),
             )
@@ -256,8 +300,8 @@ def _second(copy: RunRecord, counts: RunRecord, protocol: str) -> Problem:
         why = f" (not evaluated by protocol {protocol})"
     elif len(copy.evaluations) < len(counts.evaluations):
         why = " (fewer evaluations)"
-    elif copy.manifest.get(SHIPPED) is True and counts.manifest.get(SHIPPED) is not True:
-        why = " (a shipped copy)"
+    elif copy.archive is not None and counts.archive is None:
+        why = " (published)"
     else:
         why = ""
     message = f"the same configuration twice: {counts.directory} is reported, {copy.directory}{why} is not"
@@ -271,14 +315,13 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
     evaluations = {}
     problems = []
     for name in protocols:
-        directory = run.directory / "evaluations" / name
-        if Path(name).name != name or not directory.is_dir():  # a name leads to no other folder
+        if name not in protocols_of(run):
             if name == protocols[0]:
                 hint = f"auvbench evaluate {run.directory} protocol={name}"
                 problems.append(Problem(run.id, "missing", f"no evaluation by protocol {name}: {hint}"))
             continue
         try:
-            found = read_evaluation(directory)
+            found = evaluation_of(run, name)
             if foreign := consistency.of_evaluation(run.manifest, found.summary, name):
                 raise Damage(foreign, "foreign")
             evaluations[name] = found

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.groups import shared
 from auvbench.untrusted.text import short
+
+if TYPE_CHECKING:
+    from auvbench.analysis.archive import Archive
 
 NO_POLICY = -1
 """outcome of every test episode of a training that failed: there is no policy, so no success"""
@@ -35,6 +38,8 @@ class Evaluation:
     episodes: pd.DataFrame
     """a row per episode; the columns of docs/protocol.md"""
     directory: Path
+    archive: Archive | None = None
+    """the published study that holds the evaluation"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +56,8 @@ class RunRecord:
     manifest: Mapping[str, Any]
     evaluations: Mapping[str, Evaluation] = field(default_factory=dict)
     """by the protocol's name"""
+    archive: Archive | None = None
+    """the published study that holds the run; None for a run directory"""
 
 
 @dataclass(frozen=True, slots=True)

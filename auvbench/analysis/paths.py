@@ -11,10 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.analysis import consistency, packed_paths
+from auvbench.analysis import consistency
 from auvbench.analysis.evaluations import Damage, finite
+from auvbench.analysis.model import Evaluation
 from auvbench.untrusted import archives, reading
 from auvbench.untrusted.text import short
+
+NAME = "trajectories.npz"
 
 FloatArray = NDArray[np.float64]
 
@@ -24,12 +27,37 @@ Path3 = tuple[int, tuple[float, float, float], FloatArray, FloatArray]
 """episode, waypoint m, positions (T+1, 3) m, times (T+1,) s"""
 
 
-def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
-    """The first episodes of one condition in a trajectories.npz.
+def has_paths(evaluation: Evaluation | None) -> bool:
+    """Return whether trajectories of a test are stored."""
+    if evaluation is None:
+        return False
+    if evaluation.archive is not None:
+        return evaluation.archive.has_paths
+    return (evaluation.directory / NAME).is_file()
+
+
+def paths(run: str, evaluation: Evaluation, condition: str, episodes: int) -> Iterator[Path3]:
+    """Yield the stored trajectories of one condition, at most `episodes` of them.
 
     Raises:
-        Damage: the file cannot be read, or holds what is no path; a pickle in it is never loaded.
+        Damage: The file cannot be read, or holds no trajectories; a pickle is never loaded.
     """
+    if evaluation.archive is None:
+        yield from _of_file(evaluation.directory / NAME, condition, episodes)
+        return
+    rows = evaluation.episodes
+    rows = rows[rows["condition"] == condition].set_index("episode")
+    waypoints = rows[["waypoint_x_m", "waypoint_y_m", "waypoint_z_m"]].to_numpy(dtype=np.float64)
+    where = {int(episode): i for i, episode in enumerate(rows.index)}
+    found = evaluation.archive.paths(run, evaluation.protocol, condition)
+    for episode, position, time in itertools.islice(found, episodes):
+        if episode not in where:
+            raise Damage(f"trajectories of episode {episode}, which was not tested")
+        x, y, z = waypoints[where[episode]].tolist()
+        yield episode, (x, y, z), position, time
+
+
+def _of_file(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
     try:
         data = reading.content(file, reading.DATA)
         found: list[Path3] = []
@@ -58,11 +86,8 @@ def paths(file: Path, condition: str, episodes: int) -> Iterator[Path3]:
     yield from found
 
 
-def _raw(arrays: Any, condition: str, episodes: int) -> Iterator[packed_paths.Packed]:
-    """Episode, waypoint, positions and times as they lie in the file."""
-    if packed_paths.holds(arrays.files):
-        yield from itertools.islice(packed_paths.unpack(arrays, condition), episodes)
-        return
+def _raw(arrays: Any, condition: str, episodes: int) -> Iterator[tuple[int, Any, Any, Any]]:
+    """Yield episode, waypoint, positions and times as they stand in the file."""
     name = re.compile(rf"position_{re.escape(condition)}_(\d+)")
     numbers = sorted(int(match[1]) for key in arrays.files if (match := name.fullmatch(key)))
     for episode in numbers[:episodes]:

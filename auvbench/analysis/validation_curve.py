@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import RunRecord
 from auvbench.statistics.intervals import FloatArray
-from auvbench.untrusted import bz2_io, reading
+from auvbench.untrusted import reading
 
 NAME = "train/validation.csv"
 AXES = ("step", "wall_s", "simulated_s")
@@ -45,11 +46,8 @@ def read_validation_curve(run: RunRecord) -> ValidationCurve | None:
     Raises:
         Damage: it cannot be read, or holds what it cannot.
     """
-    path = run.directory / NAME
-    if bz2_io.beside(path) is None:
-        return None
     try:
-        rows = list(csv.DictReader(io.StringIO(bz2_io.content(path, reading.DOCUMENT).decode("utf-8"))))
+        rows = validation_rows(run)
         if not rows:
             return None
         columns = {name: np.array([float(row[name]) for row in rows]) for name in (*AXES, "success_rate")}
@@ -64,3 +62,13 @@ def read_validation_curve(run: RunRecord) -> ValidationCurve | None:
     return ValidationCurve(
         fingerprints.pop(), columns["step"], columns["wall_s"], columns["simulated_s"], success
     )
+
+
+def validation_rows(run: RunRecord) -> list[dict[str, Any]]:
+    """Return the rows of train/validation.csv; empty without that file."""
+    if run.archive is not None:
+        return list(run.archive.document(run.id, "validation") or ())
+    path = run.directory / NAME
+    if not path.exists():
+        return []
+    return list(csv.DictReader(io.StringIO(reading.content(path).decode("utf-8"))))

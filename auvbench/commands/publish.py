@@ -1,4 +1,4 @@
-"""`auvbench publish`: a study as a folder that can be shipped: rows, tables, figures and a README."""
+"""`auvbench publish`: a study as a folder of Parquet files, table, figures and README."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import os
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
 PICTURES = "success_over_grid,success_over_conditions,training_success,failures"
 """beside the main figure, which every README has"""
 NAMED = 3
-"""runs found twice, or not tested, that are named; more alike are counted"""
+"""most runs that are named; the rest is counted"""
 LARGEST = 25 * 10**6
-"""bytes of a study beyond which a repository is the wrong place for it"""
+"""bytes of a study that is large for a repository"""
 
 
 def parser() -> Parser:
     parser = report_parser()
     parser.prog = "auvbench publish"
     parser.description = (
-        "Copies what a report reads of runs into a folder to be shipped (compressed rows, configurations, no "
-        "checkpoints), computes the report from these files, and writes its tables, some figures and a README whose "
-        "parts between markers are renewed each time. Takes report's flags, too."
+        "Writes what a report reads of runs (configurations, episodes, no checkpoints) as Parquet files into a folder, "
+        "and the report's table, figures and a README whose parts between markers are renewed each time. Name the "
+        "folder itself, too, to keep the runs that it holds. Takes report's flags, too."
     )
     parser.epilog = "example: auvbench publish outputs/thesis --to results/thesis --study thesis --policies"
     add = parser.add_argument
@@ -52,6 +52,7 @@ def parser() -> Parser:
         default=True,
         help="the paths of the kept test episodes, which the page's 3-D view and claims on the reward collected need",
     )
+    add("--digits", type=int, metavar="N", help="significant digits of measured numbers; default all")
     add("--policies", action="store_true", help="each agent's best run as an ONNX file with its card")
     return parser
 
@@ -69,6 +70,7 @@ def main(argv: Sequence[str]) -> int:
         title=_line("--title", own["title"]) or Path(own["to"]).resolve().name,
         question=_line("--question", own["question"]),
         paths=own["trajectories"],
+        digits=_digits(own["digits"]),
         policies=own["policies"],
         command=shlex.join(["auvbench", "publish", *map(_placeless, argv)]),
     )
@@ -86,6 +88,12 @@ def main(argv: Sequence[str]) -> int:
         count, without = publish_readme.write(study, options, {run.id: run for run in runs})
     _close(study.folder, count)
     return 1 if left_out or without else 0
+
+
+def _digits(number: int | None) -> int | None:
+    if number is not None and not 3 <= number <= 16:
+        raise UserError(f"--digits {number}: give 3 to 16")
+    return number
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -123,46 +131,40 @@ def _placeless(word: str) -> str:
 
 
 def _close(folder: Path, runs: int) -> None:
-    """The closing line: how many runs, and how many bytes of what."""
+    """Print the number of runs and the size of each file or folder of the study."""
     from auvbench.analysis.formatting import counted
 
-    sizes = dict.fromkeys(("test episodes", "training rows", "paths", "policies", "figures", "the rest"), 0)
-    for path in folder.rglob("*"):
+    sizes: dict[str, int] = {}
+    for path in sorted(folder.rglob("*")):
         if path.is_file():
-            sizes[_kind(path.relative_to(folder).parts)] += path.stat().st_size
+            top = path.relative_to(folder).parts[0]
+            sizes[top] = sizes.get(top, 0) + path.stat().st_size
     size = sum(sizes.values())
-    parts = ", ".join(f"{kind} {count / 1e6:.1f}" for kind, count in sizes.items() if count)
+    parts = ", ".join(f"{name} {count / 1e6:.1f}" for name, count in sizes.items() if count >= 5e4)
     print(f"{counted(runs, 'run')}, {size / 1e6:.1f} MB in {os.path.relpath(folder)}: {parts}")
     if size > LARGEST:
-        print(f"auvbench: more than {LARGEST / 1e6:.0f} MB: much for a repository", file=sys.stderr)
-
-
-def _kind(parts: Sequence[str]) -> str:
-    """What a file is counted as, by where it lies in the folder."""
-    if parts[0] == "runs" and len(parts) > 3:
-        if parts[2] == "train":
-            return "training rows"
-        return {"episodes.csv.bz2": "test episodes", "trajectories.npz": "paths"}.get(parts[-1], "the rest")
-    return next((kind for kind in ("policies", "figures") if kind in parts[:-1]), "the rest")
+        print(f"auvbench: more than {LARGEST / 1e6:.0f} MB; --digits 4 makes it smaller", file=sys.stderr)
 
 
 def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[RunRecord], int]:
-    """Copies the runs; returns them as they were found, and how many things were left out, each of which is named.
+    """Write the runs; return them as found, and the number of things left out, each of which is named.
 
     Raises:
-        ReportError: not one can be shipped, or the folder holds what publish did not write; nothing was changed then.
-        RunHeldError: other processes work on all of them.
+        ReportError: No run can be published, or runs lie in the study's folder.
+        RunHeldError: Other processes work on all of them.
     """
     from auvbench.analysis.grouping import failed_training
     from auvbench.analysis.load import load, require
-    from auvbench.reporting import copies, shipped
+    from auvbench.reporting import archive
     from auvbench.runs import lock
 
     folder = study.folder
-    copies.prepare(folder)
-    runs, problems = load(paths, (options.protocol, *study.also), options.where)
+    protocols = (options.protocol, *study.also)
+    runs, problems = load(paths, protocols, options.where)
     require(runs, problems, options.protocol)
-    _refuse_own(runs, folder)
+    for run in runs:
+        if run.archive is None and folder.resolve() in run.directory.resolve().parents:
+            raise ReportError(f"--to {folder}: {run.directory} lies there; name a folder without runs")
     held = {run.id: holder for run in runs if (holder := _holder(run)) is not None}
     chosen = [run for run in runs if (run.evaluations or failed_training(run)) and run.id not in held]
     if not any(options.protocol in run.evaluations for run in chosen):
@@ -170,19 +172,8 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
         raise lock.RunHeldError(
             Path(name), holder, f"all runs that could be published are at work; {_at_work(held)}"
         )
-    # Of a run that is there and cannot be shipped now, an earlier copy stays.
-    found = {run.id for run in runs} | {Path(problem.where).name for problem in problems}
-    gone = [name for name in copies.names(folder) if name not in found]
-    _refuse_named(paths, folder, gone)
-    left = [
-        f"{run.id}: {said}"
-        for run in chosen
-        for said in shipped.ship(run, folder, options.protocol, study.paths)
-    ]
-    for name in gone:
-        copies.remove(folder / copies.RUNS / name)
-        print(f"removed {folder / copies.RUNS / name}: it is not among the runs that were named")
-    copies.tidy_scenarios(folder)
+    _refuse_loss(folder, {run.id for run in chosen})
+    left = archive.write(chosen, folder, protocols, digits=study.digits, trajectories=study.paths)
     ids = {run.id for run in chosen}
     untested = [p for p in problems if p.kind == "missing"]
     left += [
@@ -197,8 +188,27 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
     return chosen, len(left) + len(untested)
 
 
+def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:
+    """Raise ReportError if a study that is there holds runs that would be lost."""
+    from auvbench.analysis.archive import RUNS, Archive, is_archive
+    from auvbench.analysis.evaluations import Damage
+    from auvbench.analysis.formatting import counted
+
+    if not is_archive(folder):
+        return
+    try:
+        lost = [name for name in Archive(folder).ids() if name not in chosen]
+    except Damage as damage:
+        raise ReportError(f"{folder}: {damage}; remove {RUNS} to publish anew") from damage
+    if lost:
+        raise ReportError(
+            f"{folder} holds {counted(len(lost), 'run')} that would be lost, first {lost[0]}; name {folder} as well to keep "
+            f"them, publish into another folder, or remove {folder / RUNS}"
+        )
+
+
 def _in_short(untested: Sequence[Problem]) -> list[str]:
-    """A line for each run that was not tested; one for all of them where they are many, as of a whole grid."""
+    """Return a line for each untested run; one line for many of them."""
     from auvbench.analysis.formatting import listed
 
     if len(untested) <= NAMED:
@@ -207,11 +217,9 @@ def _in_short(untested: Sequence[Problem]) -> list[str]:
 
 
 def _holder(run: RunRecord) -> Holder | None:
-    """Who works on a run at present; nobody works on a copy."""
     from auvbench.runs import lock
-    from auvbench.runs.schemas import SHIPPED
 
-    return None if run.manifest.get(SHIPPED) is True else lock.living_holder(run.directory)
+    return None if run.archive is not None else lock.living_holder(run.directory)
 
 
 def _at_work(held: Mapping[str, Holder]) -> str:
@@ -219,42 +227,8 @@ def _at_work(held: Mapping[str, Holder]) -> str:
     return f"{name}: {holder} works on it at present; publish again when it is done"
 
 
-def _refuse_own(runs: Sequence[RunRecord], folder: Path) -> None:
-    """
-    Raises:
-        ReportError: the folder to publish into is one of runs, whose reports would hold each of them twice.
-    """
-    from auvbench.reporting import copies
-
-    for run in runs:
-        inner = run.directory.resolve()
-        if folder.resolve() in inner.parents and inner.parent != (folder / copies.RUNS).resolve():
-            raise ReportError(
-                f"--to {folder}: {run.directory} lies there itself; name a folder apart from runs"
-            )
-
-
-def _refuse_named(paths: Sequence[Path], folder: Path, gone: Sequence[str]) -> None:
-    """
-    Raises:
-        ReportError: a copy would go that lies in a folder that was named: it may be all there is of that run.
-    """
-    from auvbench.reporting import copies
-
-    named = {path.resolve() for path in paths}
-    for name in gone:
-        copy = folder / copies.RUNS / name
-        if named & {copy.resolve(), *copy.resolve().parents}:
-            raise ReportError(
-                f"{copy}: --where leaves it out, and it would be removed from the folder that was named; "
-                "publish the choice into another folder"
-            )
-
-
 def _say_which(twice: Sequence[Problem]) -> None:
     for problem in twice[:NAMED]:
         print(f"{problem.where}: {problem.message}")
     if len(twice) > NAMED:
-        print(
-            f"{len(twice) - NAMED} more runs were found twice, and taken by the same rule (docs/publishing.md)"
-        )
+        print(f"{len(twice) - NAMED} more runs were found twice (docs/publishing.md has the rule)")

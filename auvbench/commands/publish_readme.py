@@ -27,6 +27,7 @@ class Study:
     question: str
     """empty: the author writes it"""
     paths: bool
+    digits: int | None
     policies: bool
     command: str
 
@@ -82,7 +83,7 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     Returns:
         how many runs the report has, and how many policies should have been exported and were not.
     """
-    from auvbench.reporting import copies, readme
+    from auvbench.reporting import readme
     from auvbench.reporting import write as files
     from auvbench.runs import declared
 
@@ -92,7 +93,7 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     chosen = replace(
         options, format=("csv",), where=(), out=folder, declared=analysis, instead=(), undecided=""
     )
-    source = [folder / copies.RUNS]
+    source = [folder]
     reports = _tables(source, chosen, folder)
     for name in study.also:
         _tables(source, _further(chosen, name), folder / name)

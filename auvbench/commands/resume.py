@@ -42,7 +42,6 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.runs.directory import find_runs
 
     runs = find_runs(paths)
-    _refuse_copies(runs)
     if operational:
         _renew(runs, operational, write=total is None)
     if total is not None:
@@ -66,21 +65,6 @@ def parser() -> Parser:
     )
     parser.add_argument("--workers", type=int, default=0, help="runs at once (default: as many as cores)")
     return parser
-
-
-def _refuse_copies(runs: Sequence[RunDirectory]) -> None:
-    """
-    Raises:
-        RunError: one of them is a copy that publish made; those whose manifest is damaged are named later.
-    """
-    from auvbench.runs import status
-
-    for run in runs:
-        try:
-            manifest = run.manifest()
-        except RunError:
-            continue
-        status.refuse_copy(run, manifest)
 
 
 def _is_override(text: str) -> bool:

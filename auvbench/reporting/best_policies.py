@@ -16,7 +16,6 @@ from auvbench.policies import cards, exported
 from auvbench.reporting.tables.markdown import escape
 from auvbench.reporting.tables.markdown import rows as rows_of
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.schemas import SHIPPED
 from auvbench.untrusted import path_safety
 
 FOLDER = "policies"
@@ -141,7 +140,7 @@ def _export(run: RunRecord | None, there: Path, name: str) -> tuple[str, bool]:
     """Why there is no file, and whether there should be."""
     from auvbench.evaluation.exporting import NoNetworkError, export
 
-    if run is None or run.manifest.get(SHIPPED) is True:
+    if run is None or run.archive is not None:
         return NO_WEIGHTS, False
     try:
         export(RunDirectory(run.directory), there, {MARK: True})

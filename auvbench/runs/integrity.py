@@ -66,10 +66,18 @@ def read_sealed(path: Path, version: int) -> dict[str, Any]:
 
     Raises:
         OSError: the file is missing or cannot be read.
+        VersionError, ValueError: as `check_sealed`.
+    """
+    return check_sealed(documents.json_value(reading.content(path)), version)
+
+
+def check_sealed(value: Any, version: int) -> dict[str, Any]:
+    """Return a sealed JSON object.
+
+    Raises:
         VersionError: it has another schema version.
         ValueError: it is no JSON object, or was changed since it was written.
     """
-    value = documents.json_value(reading.content(path))
     if not isinstance(value, dict):
         raise ValueError("it is no JSON object")
     broken = broken_seal(value)

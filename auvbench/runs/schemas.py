@@ -12,11 +12,8 @@ from typing import Annotated, Any, Literal
 from auvbench.runs import integrity
 from auvbench.runs.identity import SCHEMA_VERSION
 from auvbench.runs.integrity import FileEntry
-from auvbench.untrusted import typed_json
+from auvbench.untrusted import documents, reading, typed_json
 from auvbench.untrusted.typed_json import Count, Name, Prose, Range, Seconds, Share
-
-SHIPPED = "shipped"
-"""true in the manifest of a copy that `auvbench publish` made: rows, and nothing to train on or to test"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +70,6 @@ class Manifest:
     git: Git | None = None
     host: Host | None = None
     files: dict[str, FileEntry] | None = None
-    shipped: bool = False
     episodes_begun_again: list[Count] = field(default_factory=list)
     started_over: list[Count] = field(default_factory=list)
 
@@ -105,8 +101,6 @@ class Summary:
     clocks: dict[str, str] | None = None
     inference: dict[str, Any] | None = None
     versions: dict[str, str] | None = None
-    left_out: list[str] = field(default_factory=list)
-    scenarios_sha256: str | None = None
 
 
 def read(path: Path, schema: type[Manifest | Summary]) -> dict[str, Any]:
@@ -117,6 +111,15 @@ def read(path: Path, schema: type[Manifest | Summary]) -> dict[str, Any]:
         integrity.VersionError: it has another schema version.
         ValueError: it is damaged; the message names the entry.
     """
-    found = integrity.read_sealed(path, SCHEMA_VERSION)
+    return checked(documents.json_value(reading.content(path)), schema)
+
+
+def checked(value: Any, schema: type[Manifest | Summary]) -> dict[str, Any]:
+    """Return a JSON value as a manifest or summary, checked against its seal and schema.
+
+    Raises:
+        integrity.VersionError, ValueError: as `read`.
+    """
+    found = integrity.check_sealed(value, SCHEMA_VERSION)
     typed_json.convert(found, schema)
     return found

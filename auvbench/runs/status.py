@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from auvbench.errors import RunError
 from auvbench.runs import integrity, lock
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.schemas import SHIPPED
 
 
 class State(StrEnum):
@@ -67,22 +65,6 @@ def finished(run: RunDirectory, manifest: dict[str, Any] | None = None) -> bool:
     return manifest["state"] == "complete" and not lost_model(run, manifest)
 
 
-def refuse_copy(run: RunDirectory, manifest: dict[str, Any]) -> None:
-    """
-    Raises:
-        RunError: it is the copy of a run that `auvbench publish` made: nothing is trained in it.
-    """
-    if manifest.get(SHIPPED) is True:
-        raise RunError(
-            f"{run.path}: a copy that auvbench publish made, without weights and checkpoints; nothing is trained in it"
-        )
-
-
 def lost_model(run: RunDirectory, manifest: dict[str, Any], *, deep: bool = True) -> str:
-    """Return which file of a complete run's model is missing or damaged; empty where the model is whole.
-
-    A shipped copy has lost nothing: it has rows, and never had a model.
-    """
-    if manifest.get(SHIPPED) is True:
-        return ""
+    """Return which file of a complete run's model is missing or damaged; empty where the model is whole."""
     return integrity.lacking(run.path, manifest, f"{run.model.name}/", deep=deep)

@@ -33,7 +33,6 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
     manifest = run.manifest()
     if status.finished(run, manifest):
         return manifest
-    status.refuse_copy(run, manifest)
     config = load_config(run)
     begun = time.monotonic()
     before = float(manifest["wall_time_s"])

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.model import Agent
-from auvbench.analysis.paths import paths
+from auvbench.analysis.model import Agent, RunRecord
+from auvbench.analysis.paths import has_paths, paths
 from auvbench.statistics.intervals import FloatArray
 
 EPISODES = 1000
@@ -31,7 +31,7 @@ def collected(agent: Agent, k: float) -> FloatArray | None:
     rows: list[FloatArray] = []
     episodes: list[int] | None = None
     for run in agent.runs:
-        found = _paid(run.evaluations, agent.fingerprint, run.config, k)
+        found = _paid(run, agent.fingerprint, k)
         if found is None or (episodes is not None and found[0] != episodes):
             return None
         episodes = found[0]
@@ -39,19 +39,17 @@ def collected(agent: Agent, k: float) -> FloatArray | None:
     return np.array(rows) if rows and episodes else None
 
 
-def _paid(
-    evaluations: Mapping[str, Any], fingerprint: str, config: Mapping[str, Any], k: float
-) -> tuple[list[int], FloatArray] | None:
-    for evaluation in evaluations.values():
+def _paid(run: RunRecord, fingerprint: str, k: float) -> tuple[list[int], FloatArray] | None:
+    for evaluation in run.evaluations.values():
         if evaluation.fingerprint != fingerprint:
             continue
-        file = evaluation.directory / "trajectories.npz"
-        if not file.is_file():
+        if not has_paths(evaluation):
             return None
         names = [str(c["name"]) for c in evaluation.summary["conditions"]]
         condition = "nominal" if "nominal" in names else names[0]
         try:
-            kept = [(e, pay(p, np.array(w), config, k)) for e, w, p, _ in paths(file, condition, EPISODES)]
+            found = paths(run.id, evaluation, condition, EPISODES)
+            kept = [(e, pay(p, np.array(w), run.config, k)) for e, w, p, _ in found]
         except Damage:  # the figures name it
             return None
         return [e for e, _ in kept], np.array([value for _, value in kept])

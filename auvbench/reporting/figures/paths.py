@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import Agent
-from auvbench.analysis.paths import paths
+from auvbench.analysis.paths import has_paths, paths
 from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown, without
@@ -87,12 +87,12 @@ def _positions(scene: Scene, agent: Agent) -> dict[int, FloatArray]:
     if all(protocol not in run.evaluations for run in agent.runs):
         return {}
     run = agent.runs[_tested(agent, protocol)]
-    file = run.directory / "evaluations" / protocol / "trajectories.npz"
-    if not file.is_file():
+    evaluation = run.evaluations[protocol]
+    if not has_paths(evaluation):
         return {}
     ids = {episode: column for column, episode in enumerate(_episode_ids(agent, protocol, condition))}
     try:
-        found = list(paths(file, condition, EPISODES))
+        found = list(paths(run.id, evaluation, condition, EPISODES))
     except Damage as damage:
         scene.problem(run, damage)
         return {}

@@ -10,11 +10,10 @@ import pandas as pd
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from auvbench.analysis.evaluations import Damage, read_evaluation
+from auvbench.analysis.evaluations import Damage, evaluation_of, protocols_of
 from auvbench.analysis.model import Agent, Condition, Evaluation, Problem, Ranking, RunRecord
-from auvbench.analysis.training import training
+from auvbench.analysis.training import has_training, training
 from auvbench.reporting.figures.style import Look, colour_of
-from auvbench.untrusted import bz2_io
 
 FloatArray = NDArray[np.float64]
 
@@ -60,11 +59,7 @@ class Scene:
 
     def learners(self) -> tuple[Agent, ...]:
         """Agents with training records."""
-        return tuple(
-            a
-            for a in self.agents
-            if any(bz2_io.beside(r.directory / "train/episodes.csv") is not None for r in a.runs)
-        )
+        return tuple(a for a in self.agents if any(has_training(r) for r in a.runs))
 
     def trained(self, agents: Sequence[Agent]) -> tuple[Agent, ...]:
         """Those with a seed whose training can be drawn."""
@@ -122,14 +117,13 @@ def wants_symlog(values: Sequence[FloatArray]) -> bool:
 
 
 def evaluation(scene: Scene, run: RunRecord, protocol: str) -> Evaluation | None:
-    """An evaluation, read only if `load` did not; None where there is none, or where it is damaged: a problem."""
+    """Return an evaluation, loaded before or read now; None without one or with a damaged one, which becomes a problem."""
     if protocol in run.evaluations:
         return run.evaluations[protocol]
-    directory = run.directory / "evaluations" / protocol
-    if not directory.is_dir():
+    if protocol not in protocols_of(run):
         return None
     try:
-        return read_evaluation(directory)
+        return evaluation_of(run, protocol)
     except Damage as damage:
         scene.problems.append(Problem(run.id, damage.kind, f"evaluation {protocol}: {damage}"))
         return None

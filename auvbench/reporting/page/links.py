@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
+from auvbench.analysis.archive import EPISODES, RUNS
 from auvbench.analysis.effects import learns
 from auvbench.analysis.model import Agent, RunRecord
-from auvbench.untrusted import bz2_io
 
 
 class Links:
@@ -52,6 +52,8 @@ class Links:
         return self._anchors.get(run_id, "")
 
     def manifest(self, run: RunRecord) -> str:
+        if run.archive is not None:
+            return self._existing(run.archive.folder / RUNS)
         return self._existing(run.directory / "manifest.json") or self.to(run.directory)
 
     def training(self, run: RunRecord) -> str:
@@ -60,7 +62,8 @@ class Links:
     def evaluation(self, run: RunRecord) -> str:
         """The test episodes of a run under the report's protocol."""
         evaluation = run.evaluations.get(self._protocol)
-        return self._existing(evaluation.directory / "episodes.csv") if evaluation else ""
+        name = EPISODES if run.archive is not None else "episodes.csv"
+        return self._existing(evaluation.directory / name) if evaluation else ""
 
     def of_runs(self, label: str, run_ids: Sequence[str]) -> str:
         """Where an agent's numbers come from: its run's test episodes, or its rows in the table of runs."""
@@ -77,5 +80,4 @@ class Links:
         return self.of_runs(label, self._run_ids.get(label, ()))
 
     def _existing(self, path: Path) -> str:
-        found = bz2_io.beside(path)
-        return self.to(found) if found is not None else ""
+        return self.to(path) if path.is_file() else ""

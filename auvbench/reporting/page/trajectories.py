@@ -12,7 +12,6 @@ import base64
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.model import Agent, Problem, RunRecord
-from auvbench.analysis.paths import paths
+from auvbench.analysis.paths import has_paths, paths
 from auvbench.record import OUTCOMES
 
 POINTS = 320
@@ -91,14 +90,16 @@ def read(
     Returns:
         The episodes in ascending order; a file that cannot be read becomes a `Problem`, never an exception.
     """
-    candidates = [c for c in _by_seed(agents) if (f := _file(c[2], protocol)) is not None and f.is_file()]
+    candidates = [
+        (index, row, run, evaluation)
+        for index, row, run in _by_seed(agents)
+        if (evaluation := run.evaluations.get(protocol)) is not None and has_paths(evaluation)
+    ]
     problems: list[Problem] = []
     found = _Collected()
-    for index, row, run in candidates[:runs]:
-        path = _file(run, protocol)
-        assert path is not None
+    for index, row, run, evaluation in candidates[:runs]:
         try:
-            for episode, waypoint, position, time in paths(path, condition, episodes):
+            for episode, waypoint, position, time in paths(run.id, evaluation, condition, episodes):
                 outcome = _outcome(agents[index], row, episode)
                 found.waypoints.setdefault(episode, waypoint)
                 found.tracks.setdefault(episode, []).append(Track(index, run, position, time, outcome))
@@ -157,11 +158,6 @@ def _by_seed(agents: Sequence[Agent]) -> Iterator[tuple[int, int, RunRecord]]:
         for index, agent in enumerate(agents):
             if row < len(agent.runs):
                 yield index, row, agent.runs[row]
-
-
-def _file(run: RunRecord, protocol: str) -> Path | None:
-    evaluation = run.evaluations.get(protocol)
-    return evaluation.directory / "trajectories.npz" if evaluation else None
 
 
 def _outcome(agent: Agent, row: int, episode: int) -> str:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import bz2
-import csv
-import io
 import json
-import os
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,16 +13,7 @@ import yaml
 from PIL import Image
 
 from auvbench import cli
-from auvbench.analysis.derived_columns import FOLLOWING
-from auvbench.record import SCENARIO_COLUMNS
-from auvbench.reporting.shipped import (
-    DIGITS,
-    FURTHER_COLUMNS,
-    FURTHER_DIGITS,
-    TRAINING_COLUMNS,
-    TRAINING_DIGITS,
-    rounded,
-)
+from auvbench.analysis.archive import FOLLOWING
 from auvbench.reporting.tables.markdown import escape
 from auvbench.runs import integrity
 from tests.numbers import assert_same_numbers
@@ -109,7 +97,7 @@ def test_without_a_study_the_verdicts_are_the_findings(grid, tmp_path):
     assert any(v["run_ids"] for v in verdicts)
 
 
-def test_nothing_of_the_machine_and_nothing_that_only_training_needs(runs, tmp_path):
+def test_nothing_of_the_machine_is_published(runs, tmp_path):
     for run in runs:
         manifest = json.loads((run / "manifest.json").read_text())
         manifest["host"] = {"name": "secret-host", "cpu": "a processor", "cores": 2, "threads": 1}
@@ -118,17 +106,12 @@ def test_nothing_of_the_machine_and_nothing_that_only_training_needs(runs, tmp_p
         config = yaml.safe_load((run / "config.yaml").read_text())
         (run / "config.yaml").write_text(yaml.safe_dump({**config, "output": "/home/somebody/outputs"}))
     assert publish("--pictures", "failures") == 0
-    shipped = tmp_path / "results/grid"
-    for path in shipped.rglob("*"):
-        if path.is_file():
-            data = path.read_bytes()
-            data = bz2.decompress(data) if path.suffix == ".bz2" else data
-            for secret in (b"secret-host", b"somebody"):
-                assert secret not in data, path
-    kinds = {path.name for path in shipped.glob("runs/*/**/*") if path.is_file()}
-    assert kinds == {"config.yaml", "manifest.json", "summary.json", "episodes.csv.bz2", "trajectories.npz"}
-    assert not list(shipped.glob("runs/*/evaluations/robustness/*.npz"))
-    assert "a processor" in (shipped / "README.md").read_text()
+    study = tmp_path / "results/grid"
+    texts = [path.read_bytes() for path in study.rglob("*") if path.is_file() and path.suffix != ".parquet"]
+    texts += [path.read_text().encode() for path in study.glob("*.json")]
+    texts += [pd.read_parquet(path).to_csv().encode() for path in study.glob("*.parquet")]
+    assert not any(secret in text for text in texts for secret in (b"secret-host", b"somebody"))
+    assert "a processor" in (study / "README.md").read_text()
 
 
 @pytest.mark.parametrize(
@@ -150,7 +133,7 @@ def test_an_entry_of_another_type_costs_its_run_alone(
     (said,) = (line for line in output.out.splitlines() if line.startswith("not published: "))
     assert runs[0].name in said
     assert next(iter(changes)) in said
-    assert len(list((tmp_path / "results/grid/runs").iterdir())) == len(runs) - 1
+    assert len(pd.read_parquet("results/grid/runs.parquet")) == len(runs) - 1
 
 
 @pytest.mark.parametrize("old", ["outcome", "final_distance_m", "step,"])
@@ -161,15 +144,8 @@ def test_a_renamed_training_column_costs_the_training_rows_alone(runs, tmp_path,
     seal(learner / "manifest.json")
     assert publish("--pictures", "failures") == 1
     assert "lacks the columns" in capsys.readouterr().out
-    copy = tmp_path / "results/grid/runs" / learner.name
-    assert (copy / "evaluations/test/episodes.csv.bz2").is_file()
-    assert not (copy / "train").exists()
-
-
-def test_what_a_row_is_known_by_is_not_rounded():
-    rows = b"condition,frequency_hz,steps,energy_J\n1.30,33.333333333333336,17,12345.678912345\n"
-    assert rounded(rows, 9) == rows.replace(b"678912345", b"6789")
-    assert rounded(rows, 5, ("condition", "steps")) == b"condition,steps\n1.30,17\n"
+    rows = pd.read_parquet("results/grid/episodes.parquet")
+    assert set(rows.loc[rows["run"] == learner.name, "protocol"]) == {"test"}
 
 
 def test_a_condition_may_be_called_as_a_number(tmp_path, monkeypatch):
@@ -181,40 +157,23 @@ def test_a_condition_may_be_called_as_a_number(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_rows_are_complete_and_vouched_for(grid, tmp_path):
+def test_every_number_is_kept_or_rounded_to_the_digits_asked_for(grid, tmp_path):
     assert publish("--pictures", "failures", "--also", "robustness") == 0
-    (shipped,) = (tmp_path / "results/grid/runs").glob(f"{grid[0].name}")
-    rows = bz2.decompress((shipped / "evaluations/test/episodes.csv.bz2").read_bytes())
-    elsewhere = [*SCENARIO_COLUMNS, *FOLLOWING]
-    original = pd.read_csv(grid[0] / "evaluations/test/episodes.csv").drop(columns=elsewhere)
-    pd.testing.assert_frame_equal(
-        pd.read_csv(io.BytesIO(rows)), original, rtol=0.5 * 10.0 ** (1 - DIGITS), atol=0.0
-    )
-    further = bz2.decompress((shipped / "evaluations/robustness/episodes.csv.bz2").read_bytes())
-    kept = [name for name in FURTHER_COLUMNS if name not in FOLLOWING]
-    assert next(csv.reader([further.decode().splitlines()[0]])) == kept
-    for table, digits in ((rows, DIGITS), (further, FURTHER_DIGITS)):
-        for row in csv.DictReader(table.decode().splitlines()):
-            assert row["energy_J"] == repr(float(f"{float(row['energy_J']):.{digits}g}"))
-    training = bz2.decompress((shipped / "train/episodes.csv.bz2").read_bytes()).decode().splitlines()
-    assert set(next(csv.reader(training))) == {"outcome", "step", "steps", "return", "final_distance_m"}
-    assert len(training) == 31
-    full = pd.read_csv(grid[0] / "train/episodes.csv")
-    pd.testing.assert_frame_equal(
-        pd.read_csv(io.StringIO("\n".join(training))),
-        full[[*TRAINING_COLUMNS]],
-        rtol=0.5 * 10.0 ** (1 - TRAINING_DIGITS),
-        atol=0.0,
-    )
-    for row in csv.DictReader(training):
-        assert float(row["return"]) == float(f"{float(row['return']):.{TRAINING_DIGITS}g}")
-    text = rows.replace(b"success", b"timeout", 1)
-    assert text != rows
-    (shipped / "evaluations/test/episodes.csv.bz2").write_bytes(bz2.compress(text))
-    assert report("results/grid", "--out", "after") == 0  # the others are reported
-    with open(tmp_path / "after/table.csv", newline="") as file:
-        counted = {row["agent"]: row["seeds"] for row in csv.DictReader(file)}
-    assert sorted(len(s.split()) for s in counted.values()) == [1, 2, 3, 3, 3, 3, 3, 3, 3]
+    rows = pd.read_parquet("results/grid/episodes.parquet")
+    original = pd.read_csv(grid[0] / "evaluations/test/episodes.csv")
+    mine = rows[(rows["run"] == grid[0].name) & (rows["protocol"] == "test")]
+    for name in original.columns:
+        if name not in FOLLOWING:
+            assert mine[name].tolist() == original[name].tolist(), name
+    trained = rows[(rows["run"] == grid[0].name) & (rows["protocol"] == "train")]
+    assert trained["return"].tolist() == pd.read_csv(grid[0] / "train/episodes.csv")["return"].tolist()
+    assert rows.loc[rows["protocol"] == "robustness", "path_length_m"].isna().all()
+    assert publish("--pictures", "failures", "--digits", "4") == 0
+    short = pd.read_parquet("results/grid/episodes.parquet")
+    mine = short[(short["run"] == grid[0].name) & (short["protocol"] == "test")]
+    assert mine["energy_J"].tolist() == [float(f"{value:.4g}") for value in original["energy_J"]]
+    assert mine["waypoint_x_m"].tolist() == original["waypoint_x_m"].tolist()
+    assert report("results/grid", "--out", "rounded") == 0
 
 
 @pytest.mark.slow
@@ -236,49 +195,34 @@ def test_other_protocols_get_tables_of_their_own(runs, tmp_path):
     assert cli.main(["publish", "outputs/grid", "--to", "results/x", "--also", "transfer"]) == 2
 
 
-def test_the_closing_line_says_what_takes_the_room_and_what_is_the_author_s(runs, capsys):
-    assert publish("--pictures", "failures", "--question", "Which?") == 0
-    *_, last, closing = capsys.readouterr().out.splitlines()
-    assert "README.md: question and answer are the author's" in last
-    kinds = ["test episodes", "training rows", "paths", "figures", "the rest"]
-    assert [part.rpartition(" ")[0] for part in closing.partition(": ")[2].split(", ")] == kinds
-    assert publish("--pictures", "failures", "--question", "Which other?") == 0
-    assert "its own question stays" in capsys.readouterr().out
-
-
-def test_what_a_person_wrote_stays_and_what_is_gone_goes(runs, tmp_path, capsys):
+def test_what_a_person_wrote_stays(runs, tmp_path, capsys):
     assert publish("--pictures", "failures") == 0
+    assert "question and answer are the author's" in capsys.readouterr().out
     readme = tmp_path / "results/grid/README.md"
     readme.write_text(
         "# Mine\n\nThe answer.\n\n" + readme.read_text().partition("\n")[2].replace("PPO", "XXX")
     )
-    shutil.rmtree(runs[0])
     assert publish("--pictures", "failures") == 0
     text = readme.read_text()
     assert text.startswith("# Mine\n\nThe answer.")
     assert "XXX" not in text
     assert "PPO" in text
-    assert not (tmp_path / "results/grid/runs" / runs[0].name).exists()
-    assert f"removed results/grid/runs/{runs[0].name}" in capsys.readouterr().out
     readme.write_text("# Mine\n")
     assert publish("--pictures", "failures") == 2
     assert "<!-- begin: table -->" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_published_once_more_from_what_was_published(runs, tmp_path):
+def test_published_again_from_what_was_published_is_the_same(runs):
     assert publish("--pictures", "failures") == 0
-    before = {p: p.read_bytes() for p in (tmp_path / "results/grid/runs").rglob("*") if p.is_file()}
-    assert cli.main(["publish", "results/grid", "--to", "results/grid", "--pictures", "failures"]) == 0
-    assert {p: p.read_bytes() for p in (tmp_path / "results/grid/runs").rglob("*") if p.is_file()} == before
-    assert cli.main(["publish", "results/grid", "--to", "results/copy", "--pictures", "failures"]) == 0
-    copies = {
-        p.relative_to(tmp_path / "results/copy"): p.read_bytes()
-        for p in (tmp_path / "results/copy/runs").rglob("*")
-        if p.is_file()
-    }
-    assert os.listdir("results/copy/scenarios") == os.listdir("results/grid/scenarios")
-    assert copies == {p.relative_to(tmp_path / "results/grid"): data for p, data in before.items()}
+    before = parquet("results/grid")
+    for to in ("results/grid", "results/copy"):
+        assert cli.main(["publish", "results/grid", "--to", to, "--pictures", "failures"]) == 0
+        assert parquet(to) == before
+
+
+def parquet(folder: str) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in Path(folder).glob("*.parquet")}
 
 
 @pytest.mark.parametrize(
@@ -295,6 +239,7 @@ def test_published_once_more_from_what_was_published(runs, tmp_path):
         (["outputs/grid", "--to", "x", "--also", "transfer"], "evaluated by protocol 'transfer'"),
         (["outputs/grid", "--to", "x", "--baseline", "pdi"], "--baseline 'pdi' is not among the agents"),
         (["outputs/grid", "--to", "x", "--columns", "energies"], "energies"),
+        (["outputs/grid", "--to", "x", "--digits", "1"], "give 3 to 16"),
         (["outputs/grid", "--to", "x", "--rank-by", "luck"], "luck"),
     ],
 )

@@ -1,0 +1,242 @@
+"""A published study: its runs, test episodes and trajectories in three Parquet files.
+
+    runs.parquet          a row per run: configuration, manifest and summaries as JSON
+    episodes.parquet      a row per episode; `protocol` is "train" for training episodes
+    trajectories.parquet  a row per step of the first test episodes (optional)
+
+The footer of runs.parquet holds the sizes and digests of the other two files.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from auvbench.analysis.evaluations import Damage
+from auvbench.record import RECORD_COLUMNS
+from auvbench.runs import integrity
+from auvbench.runs.atomic_io import sha256
+from auvbench.untrusted import documents, parquet, reading, typed_json
+from auvbench.untrusted.text import short
+
+RUNS, EPISODES, TRAJECTORIES = "runs.parquet", "episodes.parquet", "trajectories.parquet"
+TRAIN = "train"
+"""the protocol of training episodes"""
+NOTE = "auvbench"
+"""entry of the footer of runs.parquet"""
+
+FOLLOWING = {
+    "duration_s": ("steps", "frequency_hz"),
+    "command_norm_sum_N": ("steps", "command_norm_mean_N"),
+}
+"""columns that are not stored, and the two that they follow from"""
+SCALE = {"t_ms": 1e-3, "x_mm": 1e-3, "y_mm": 1e-3, "z_mm": 1e-3}
+"""columns of trajectories.parquet: whole milliseconds and millimetres"""
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Footer of runs.parquet."""
+
+    content: str
+    """digest of the table's names and texts"""
+    files: dict[str, integrity.FileEntry]
+    """the other Parquet files"""
+    schema_version: Literal[1] = 1
+
+
+def is_archive(folder: Path) -> bool:
+    """Return whether a folder holds a published study."""
+    return (folder / RUNS).is_file() and not (folder / RUNS).is_symlink()
+
+
+class Archive:
+    """Read a published study.
+
+    Args:
+        folder: with the three files.
+
+    Raises:
+        Damage: runs.parquet cannot be used.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        frame, notes = self._read(RUNS)
+        try:
+            note = typed_json.convert(documents.json_value(notes.get(NOTE, "null").encode()), Note)
+        except ValueError as error:
+            raise Damage(
+                f"{RUNS} is no table of runs of a published study ({short(error)})", "foreign"
+            ) from error
+        if note.content != digest(frame):
+            raise Damage(f"{RUNS} was changed or damaged")
+        self._files = {integrity.FILES: {name: asdict(entry) for name, entry in note.files.items()}}
+        missing = {"run", "config", "manifest", "evaluations", "validation"} - set(frame.columns)
+        if missing:
+            raise Damage(f"{RUNS} lacks the columns {', '.join(sorted(missing))}")
+        names = frame["run"].astype(object)
+        if names.isna().any() or names.duplicated().any():
+            raise Damage(f"{RUNS} names a run twice, or not at all")
+        self._rows = frame.astype(object).set_index(names)
+
+    def __reduce__(self) -> tuple[type[Archive], tuple[Path]]:
+        return Archive, (self.folder,)
+
+    def ids(self) -> list[str]:
+        """Return the ids of the runs."""
+        return [str(name) for name in self._rows.index]
+
+    def document(self, run: str, column: str) -> Any:
+        """Return the JSON value of a run in `config`, `manifest`, `evaluations` or `validation`.
+
+        Raises:
+            Damage: It is no JSON object.
+        """
+        try:
+            return documents.json_value(str(self._rows.loc[run, column]).encode())
+        except ValueError as error:
+            raise Damage(f"{RUNS}: {column} of {short(run, 60)} is no JSON ({short(error)})") from error
+
+    def summaries(self, run: str) -> dict[str, Any]:
+        """Return the summary of each evaluation of a run, by protocol."""
+        found = self.document(run, "evaluations")
+        if not isinstance(found, dict):
+            raise Damage(f"{RUNS}: evaluations of {short(run, 60)} is no JSON object")
+        return found
+
+    def episodes(self, run: str, protocol: str) -> pd.DataFrame:
+        """Return the episodes of a run by a protocol, with the columns of its record; `TRAIN` for its training.
+
+        Raises:
+            Damage: episodes.parquet cannot be used.
+        """
+        rows = self._episodes_of.get((run, protocol))
+        if rows is None:
+            return self._episodes.iloc[:0]
+        frame = self._episodes.iloc[rows[0] : rows[1]].drop(columns=["run", "protocol"])
+        frame = frame.dropna(axis="columns", how="all").reset_index(drop=True)
+        for name in frame.columns:
+            if isinstance(frame[name].dtype, pd.CategoricalDtype):
+                frame[name] = frame[name].astype(object)
+            elif name in ("episode", "environment", "steps", "step"):
+                frame[name] = _whole(frame[name], name)
+        for name, (value, other) in FOLLOWING.items():
+            if {value, other} <= set(frame.columns):
+                frame[name] = follows(name, frame[value], frame[other])
+        known = [name for name in RECORD_COLUMNS if name in frame.columns]
+        return frame[[*(name for name in frame.columns if name not in known), *known]]
+
+    def paths(self, run: str, protocol: str, condition: str) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Yield episode, positions (T + 1, 3) m and times (T + 1,) s of the stored episodes.
+
+        Raises:
+            Damage: trajectories.parquet cannot be used.
+        """
+        if not self.has_paths:
+            return
+        rows = self._trajectories_of.get((run, protocol, condition))
+        if rows is None:
+            return
+        frame = self._trajectories.iloc[rows[0] : rows[1]]
+        episodes = frame["episode"].to_numpy()
+        values = {name: frame[name].to_numpy(dtype=np.float64) * unit for name, unit in SCALE.items()}
+        for episode in dict.fromkeys(episodes.tolist()):
+            mine = episodes == episode
+            position = np.stack([values[name][mine] for name in ("x_mm", "y_mm", "z_mm")], axis=1)
+            yield int(episode), position, values["t_ms"][mine]
+
+    def has_training(self, run: str) -> bool:
+        """Return whether the study stores training episodes of a run."""
+        return (run, TRAIN) in self._episodes_of
+
+    @property
+    def has_paths(self) -> bool:
+        """Return whether the study stores trajectories."""
+        return (self.folder / TRAJECTORIES).is_file()
+
+    @cached_property
+    def _episodes(self) -> pd.DataFrame:
+        return self._table(EPISODES, {"run", "protocol", "condition", "episode", "outcome", "steps"})
+
+    @cached_property
+    def _episodes_of(self) -> dict[tuple[str, ...], tuple[int, int]]:
+        return _spans(self._episodes, ["run", "protocol"])
+
+    @cached_property
+    def _trajectories(self) -> pd.DataFrame:
+        return self._table(TRAJECTORIES, {"run", "protocol", "condition", "episode", *SCALE})
+
+    @cached_property
+    def _trajectories_of(self) -> dict[tuple[str, ...], tuple[int, int]]:
+        return _spans(self._trajectories, ["run", "protocol", "condition"])
+
+    def _table(self, name: str, needed: set[str]) -> pd.DataFrame:
+        try:
+            data = reading.content(self.folder / name, parquet.FILE)
+        except (OSError, ValueError) as error:
+            raise Damage(f"{name} cannot be read ({short(error)})") from error
+        if wrong := integrity.difference(self._files, name, data):
+            raise Damage(f"{name} {wrong}")
+        frame, _ = self._read(name)
+        if missing := sorted(needed - set(frame.columns)):
+            raise Damage(f"{name} lacks the columns {', '.join(missing)}")
+        return frame
+
+    def _read(self, name: str) -> tuple[pd.DataFrame, dict[str, str]]:
+        try:
+            return parquet.read(self.folder / name)
+        except (OSError, ValueError) as error:
+            raise Damage(f"{name} cannot be read ({short(error)})") from error
+
+
+def follows(name: str, value: pd.Series, other: pd.Series) -> pd.Series:
+    """Return a column of `FOLLOWING`: a duration is a quotient, a sum is a product."""
+    return value / other if name == "duration_s" else value * other
+
+
+def note(runs: pd.DataFrame, files: Mapping[str, bytes]) -> dict[str, str]:
+    """Return the footer of runs.parquet for its rows and the other files of a study."""
+    entries = {name: integrity.FileEntry(**integrity.entry(data)) for name, data in files.items()}
+    return {NOTE: json.dumps(asdict(Note(digest(runs), entries)), sort_keys=True)}
+
+
+def digest(runs: pd.DataFrame) -> str:
+    """Return the SHA-256 of the names and texts of a table."""
+    cells = [*runs.columns, *(str(cell) for name in runs.columns for cell in runs[name].tolist())]
+    return sha256("\0".join(cells).encode("utf-8", "surrogatepass"))
+
+
+def _spans(frame: pd.DataFrame, keys: list[str]) -> dict[tuple[str, ...], tuple[int, int]]:
+    """Return the first row and the row after the last of each group of consecutive rows.
+
+    Raises:
+        Damage: The rows of a group do not follow each other.
+    """
+    if not len(frame):
+        return {}
+    columns = [frame[key].astype("category") for key in keys]
+    codes = np.stack([column.cat.codes.to_numpy() for column in columns], axis=1)
+    starts = np.flatnonzero(np.r_[True, (codes[1:] != codes[:-1]).any(axis=1)])
+    ends = np.r_[starts[1:], len(frame)]
+    found = {}
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        key = tuple(str(column.iloc[start]) for column in columns)
+        if key in found:
+            raise Damage(f"the rows of {' '.join(key)} do not follow each other")
+        found[key] = (start, end)
+    return found
+
+
+def _whole(values: pd.Series, name: str) -> pd.Series:
+    numbers = pd.to_numeric(values, errors="coerce")
+    if numbers.isna().any() or (numbers != numbers.round()).any() or (numbers.abs() > 2**53).any():
+        raise Damage(f"{EPISODES}: {name} is not a whole number in every row")
+    return numbers.astype(np.int64)

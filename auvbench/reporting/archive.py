@@ -1,0 +1,218 @@
+"""Write runs as a published study: Parquet files that hold what a report reads."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from auvbench.analysis import archive, consistency
+from auvbench.analysis.evaluations import CORE_COLUMNS, MEASURED, Damage
+from auvbench.analysis.model import Evaluation, RunRecord
+from auvbench.analysis.paths import has_paths, paths
+from auvbench.analysis.training import training
+from auvbench.analysis.validation_curve import validation_rows
+from auvbench.errors import ReportError
+from auvbench.record import SCENARIO_COLUMNS
+from auvbench.runs import integrity
+from auvbench.runs.atomic_io import write_atomic
+from auvbench.runs.directory import RunDirectory
+from auvbench.untrusted import parquet
+from auvbench.untrusted.text import short
+
+OUTPUT = "outputs"
+"""value of `output` in a published configuration: the folder is not part of a run's identity"""
+EPISODES_KEPT = 100
+"""most trajectories of a condition"""
+
+
+def write(
+    runs: Sequence[RunRecord],
+    folder: Path,
+    protocols: Sequence[str],
+    *,
+    digits: int | None,
+    trajectories: bool,
+) -> list[str]:
+    """Write runs.parquet, episodes.parquet and, if wanted, trajectories.parquet into a folder.
+
+    Args:
+        runs: from `load`, complete or failed.
+        folder: of the study.
+        protocols: the first one with all columns; the further ones without scenarios and path metrics.
+        digits: significant digits of measured numbers; None for full precision.
+        trajectories: whether the stored trajectories of the first protocol are written.
+
+    Returns:
+        What was left out, one text per item.
+
+    Raises:
+        OSError: A file cannot be read or written.
+        ReportError: A run was changed after it was loaded.
+    """
+    problems: list[str] = []
+    rows, episodes, tracks = [], [], []
+    for run in sorted(runs, key=lambda run: run.id):
+        summaries = {}
+        for protocol in protocols:
+            evaluation = run.evaluations.get(protocol)
+            if evaluation is None:
+                continue
+            frame = _rounded(evaluation.episodes, digits)
+            if protocol != protocols[0]:
+                kept = ("condition", "frequency_hz", "episode", "outcome", *CORE_COLUMNS)
+                frame = frame[[name for name in kept if name in frame.columns]]
+            summaries[protocol] = _summary(evaluation, frame)
+            episodes.append(_labelled(frame, run.id, protocol))
+            if trajectories and protocol == protocols[0]:
+                tracks += _tracks(run, evaluation)
+        try:
+            trained = training(run)
+        except Damage as damage:
+            problems.append(f"{run.id}: {damage}")
+            trained = None
+        if trained is not None and len(trained):
+            episodes.append(_labelled(_rounded(trained, digits), run.id, archive.TRAIN))
+        rows.append(_row(run, summaries))
+    files = {archive.EPISODES: parquet.written(_joined(episodes), {})}
+    if tracks:
+        files[archive.TRAJECTORIES] = parquet.written(pd.concat(tracks, ignore_index=True), {})
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, data in files.items():
+        write_atomic(folder / name, data)
+    if not tracks:
+        (folder / archive.TRAJECTORIES).unlink(missing_ok=True)
+    # Last, because it vouches for the others.
+    table = pd.DataFrame(rows)
+    write_atomic(folder / archive.RUNS, parquet.written(table, archive.note(table, files)))
+    return problems
+
+
+def _row(run: RunRecord, summaries: Mapping[str, Any]) -> dict[str, Any]:
+    manifest, config = _manifest(run), _config(run)
+    if wrong := consistency.of_run(manifest, config):
+        raise ReportError(f"{run.directory}: {wrong}: it was changed meanwhile; publish again")
+    return {
+        "run": run.id,
+        "algo": str(run.config.get("algo.name")),
+        "vehicle": str(run.config.get("vehicle.name")),
+        "seed": run.seed,
+        "state": run.state,
+        "steps": int(manifest.get("steps") or 0),
+        "config": _json(config),
+        "manifest": _json(manifest),
+        "evaluations": _json(summaries),
+        "validation": _json(validation_rows(run)),
+    }
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"))
+
+
+def _config(run: RunRecord) -> dict[str, Any]:
+    """Return the nested configuration without folders of this machine; neither is part of a run's identity."""
+    if run.archive is not None:
+        found: dict[str, Any] = run.archive.document(run.id, "config")
+        return found
+    config = RunDirectory(run.directory).config()
+    kept = {**config, "output": OUTPUT}
+    algo = config.get("algo")
+    if isinstance(algo, Mapping) and algo.get("path"):
+        kept["algo"] = {**algo, "path": Path(str(algo["path"])).name}
+    return kept
+
+
+def _manifest(run: RunRecord) -> dict[str, Any]:
+    """Return the manifest without the machine's name and without folders."""
+    kept = dict(run.manifest)
+    if run.archive is not None:
+        return kept
+    host = kept.get("host")
+    if isinstance(host, Mapping):
+        kept["host"] = {key: value for key, value in host.items() if key != "name"}
+    try:
+        words = shlex.split(str(kept.get("command") or ""))
+    except ValueError:
+        words = []
+    kept["command"] = shlex.join(word for word in words if not word.startswith("output="))
+    error = kept.get("error")
+    if isinstance(error, Mapping):  # a traceback names folders, and a message may name the run's
+        message = str(error.get("message", "no message"))
+        for place in (run.directory.absolute().parent, run.directory.parent):
+            message = message.replace(f"{place}/", "")
+        kept["error"] = {"message": message, "step": error.get("step")}
+    return integrity.sealed(kept)
+
+
+def _summary(evaluation: Evaluation, frame: pd.DataFrame) -> dict[str, Any]:
+    """Return the summary with rates and means of the stored rows and without digests of files that are not stored."""
+    kept = {**evaluation.summary, integrity.FILES: {}}
+    return integrity.sealed(consistency.renewed(kept, frame))
+
+
+def _rounded(frame: pd.DataFrame, digits: int | None) -> pd.DataFrame:
+    """Return the rows with measured numbers rounded to significant digits; scenarios stay exact."""
+    if digits is None:
+        return frame
+    rounded = frame.copy()
+    for name in frame.columns:
+        if name in MEASURED and name not in SCENARIO_COLUMNS and frame[name].dtype.kind == "f":
+            rounded[name] = [float(f"{value:.{digits}g}") for value in frame[name]]
+    for name, (value, other) in archive.FOLLOWING.items():
+        if {name, value, other} <= set(frame.columns):
+            rounded[name] = archive.follows(name, rounded[value], rounded[other])
+    return rounded
+
+
+def _labelled(frame: pd.DataFrame, run: str, protocol: str) -> pd.DataFrame:
+    kept = frame.drop(columns=[name for name in archive.FOLLOWING if name in frame.columns])
+    kept.insert(0, "run", run)
+    kept.insert(1, "protocol", protocol)
+    return kept
+
+
+def _joined(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    columns = list(dict.fromkeys(name for frame in frames for name in frame.columns))
+    joined = pd.concat(frames, ignore_index=True)[columns]
+    for name in joined.columns:
+        if joined[name].dtype.kind == "f" and name in ("episode", "environment", "steps", "step"):
+            joined[name] = joined[name].astype("Int64")
+    return joined
+
+
+def _tracks(run: RunRecord, evaluation: Evaluation) -> list[pd.DataFrame]:
+    """Return the stored trajectories of an evaluation in whole milliseconds and millimetres.
+
+    Raises:
+        ReportError: They are damaged.
+    """
+    if not has_paths(evaluation):
+        return []
+    found = []
+    for condition in dict.fromkeys(evaluation.episodes["condition"]):
+        try:
+            for episode, _, position, time in paths(run.id, evaluation, condition, EPISODES_KEPT):
+                x, y, z = np.rint(1e3 * position).astype(np.int32).T
+                found.append(
+                    pd.DataFrame(
+                        {
+                            "run": run.id,
+                            "protocol": evaluation.protocol,
+                            "condition": condition,
+                            "episode": np.int32(episode),
+                            "t_ms": np.rint(1e3 * time).astype(np.int32),
+                            "x_mm": x,
+                            "y_mm": y,
+                            "z_mm": z,
+                        }
+                    )
+                )
+        except Damage as damage:
+            raise ReportError(f"{run.directory}: {short(damage)}") from damage
+    return found

@@ -1,0 +1,166 @@
+"""Published studies: damaged and hostile Parquet files are named, and no row of them enters a table."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+from pyarrow import parquet as files
+
+from auvbench import cli
+from auvbench.analysis import archive
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.load import load
+from auvbench.errors import ReportError
+from auvbench.untrusted import parquet
+from tests.synthetic import write_experiment
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    protocols = {"test": ("nominal",)}
+    write_experiment(
+        tmp_path / "outputs/grid",
+        algorithms=("pid", "ppo"),
+        seeds=(0, 1),
+        protocols=protocols,
+        train_episodes=5,
+    )
+    assert cli.main(["publish", "outputs/grid", "--to", "study", "--pictures", "failures"]) == 0
+    return tmp_path / "study"
+
+
+def change(study: Path, name: str, edit) -> None:  # type: ignore[no-untyped-def]
+    """Edit a table and make the digests fit, as an attacker would."""
+    tables = {each: (study / each).read_bytes() for each in (archive.EPISODES, archive.TRAJECTORIES)}
+    runs, _ = parquet.read(study / archive.RUNS)
+    if name == archive.RUNS:
+        runs = edit(runs.astype(object))
+    else:
+        frame, _ = parquet.read(study / name)
+        tables[name] = parquet.written(edit(frame), {})
+        (study / name).write_bytes(tables[name])
+    (study / archive.RUNS).write_bytes(parquet.written(runs, archive.note(runs, tables)))
+
+
+def test_pandas_opens_it(study: Path) -> None:
+    rows = pd.read_parquet(study / "episodes.parquet")
+    success = (
+        rows[rows["protocol"] == "test"].groupby("run")["outcome"].apply(lambda o: (o == "success").mean())
+    )
+    (runs, _) = load([study])
+    assert {run.id: float(success[run.id]) for run in runs} == {
+        run.id: run.evaluations["test"].summary["conditions"][0]["success_rate"] for run in runs
+    }
+
+
+@pytest.mark.parametrize("name", [archive.RUNS, archive.EPISODES])
+@pytest.mark.parametrize("fault", ["cut", "empty", "link", "pipe"])
+def test_a_damaged_file_is_named(study: Path, name: str, fault: str) -> None:
+    file = study / name
+    data = file.read_bytes()
+    file.unlink()
+    if fault == "cut":
+        file.write_bytes(data[: len(data) // 2])
+    elif fault == "empty":
+        file.write_bytes(b"")
+    elif fault == "link":
+        file.symlink_to(study / "table.csv")
+    else:
+        os.mkfifo(file)
+    try:
+        runs, problems = load([study])
+    except ReportError:
+        return
+    assert not any(run.evaluations for run in runs)
+    assert any("parquet" in problem.message for problem in problems)
+
+
+@pytest.mark.parametrize("name", [archive.RUNS, archive.EPISODES])
+def test_a_flipped_bit_is_named_or_changes_nothing(study: Path, name: str) -> None:
+    file = study / name
+    data = file.read_bytes()
+    sound = contents(study)
+    for position in range(0, len(data), len(data) // 40):
+        file.write_bytes(data[:position] + bytes([data[position] ^ 4]) + data[position + 1 :])
+        try:
+            found = contents(study)
+        except Damage:
+            continue
+        assert found == sound, position
+
+
+def contents(study: Path) -> list[str]:
+    found = archive.Archive(study)
+    texts = [json.dumps(found.document(run, "manifest")) for run in found.ids()]
+    return texts + [found.episodes(run, "test").to_csv() for run in found.ids()]
+
+
+def test_rows_that_contradict_the_summary_enter_no_table(study: Path) -> None:
+    def flip(frame: pd.DataFrame) -> pd.DataFrame:
+        rows = frame.index[(frame["protocol"] == "test") & (frame["outcome"] == "success")]
+        frame.loc[rows[0], "outcome"] = "timeout"
+        return frame
+
+    change(study, archive.EPISODES, flip)
+    runs, problems = load([study])
+    assert sum(not run.evaluations for run in runs) == 1
+    assert any("summary.json says" in problem.message for problem in problems)
+
+
+@pytest.mark.parametrize("column", ["config", "manifest", "evaluations"])
+@pytest.mark.parametrize("value", ["", "null", "[]", "[" * 100_000, json.dumps({"id": "x"}), "\udcff"])
+def test_a_run_with_foreign_json_is_named(study: Path, column: str, value: str) -> None:
+    def edit(frame: pd.DataFrame) -> pd.DataFrame:
+        frame.loc[0, column] = value.encode("utf-8", "replace").decode()
+        return frame
+
+    change(study, archive.RUNS, edit)
+    runs, problems = load([study])
+    assert len([run for run in runs if run.evaluations]) == 2
+    assert problems
+
+
+def test_a_file_that_expands_without_end_is_refused(tmp_path: Path) -> None:
+    texts = pa.DictionaryArray.from_arrays(pa.array([0] * 1000), pa.array(["x" * 10**6]))
+    table = pa.table({"run": texts})
+    wide = pa.table({f"c{i}": np.zeros(200_001) for i in range(1001)})
+    files.write_table(table, tmp_path / "small.parquet", store_schema=False)
+    files.write_table(wide, tmp_path / "wide.parquet", compression="zstd")
+    frame, _ = parquet.read(tmp_path / "small.parquet")
+    assert isinstance(frame["run"].dtype, pd.CategoricalDtype)
+    with pytest.raises(ValueError, match="values"):
+        parquet.read(tmp_path / "wide.parquet")
+
+
+def test_nested_columns_are_refused(tmp_path: Path) -> None:
+    files.write_table(pa.table({"run": [["a"], ["b"]]}), tmp_path / "nested.parquet")
+    with pytest.raises(ValueError, match="type"):
+        parquet.read(tmp_path / "nested.parquet")
+
+
+def test_trajectories_are_read_back_to_a_millimetre(study: Path) -> None:
+    from auvbench.analysis.paths import paths
+
+    plain, _ = load(["outputs/grid"])
+    published, _ = load([study])
+    for before, after in zip(plain, published, strict=True):
+        one = list(paths(before.id, before.evaluations["test"], "nominal", 3))
+        other = list(paths(after.id, after.evaluations["test"], "nominal", 3))
+        assert [path[0] for path in one] == [path[0] for path in other]
+        for (_, waypoint, position, time), (_, same, near, at) in zip(one, other, strict=True):
+            assert waypoint == pytest.approx(same, abs=1e-3)
+            assert np.abs(position - near).max() <= 6e-4
+            assert np.abs(time - at).max() <= 6e-4
+
+
+def test_rows_in_disorder_are_refused(study: Path) -> None:
+    change(study, archive.EPISODES, lambda frame: frame.sample(frac=1.0, random_state=1))
+    with pytest.raises(Damage):
+        archive.Archive(study).episodes("any", "test")
