@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -49,7 +49,7 @@ class Note:
     """digest of the table's names and texts"""
     files: dict[str, integrity.FileEntry]
     """the other Parquet files"""
-    schema_version: Literal[1] = 1
+    schema_version: Annotated[int, typed_json.Range(1, 1)] = 1
 
 
 def is_archive(folder: Path) -> bool:

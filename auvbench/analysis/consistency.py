@@ -88,15 +88,6 @@ def renewed(summary: Mapping[str, Any], frame: pd.DataFrame) -> dict[str, Any]:
     return {**summary, "conditions": conditions}
 
 
-def without_means(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """A summary whose rows alone say the means."""
-    conditions = [
-        {key: value for key, value in condition.items() if not key.startswith("mean_")}
-        for condition in summary["conditions"]
-    ]
-    return {**summary, "conditions": conditions}
-
-
 def _found(
     summary: Mapping[str, Any], frame: pd.DataFrame
 ) -> Iterator[tuple[Mapping[str, Any], NDArray[np.bool_], dict[str, float]]]:
