@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,11 @@ FAILED = 5.0
 """logits by which a training that failed is worse: 19 % of the scenarios instead of 94 %"""
 LIMIT = 1000.0
 """steps of an episode at most"""
+
+
+@cache
+def _hermite() -> tuple[FloatArray, FloatArray]:
+    return np.polynomial.hermite_e.hermegauss(80)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +64,7 @@ class World:
 
     def _nodes(self) -> tuple[FloatArray, FloatArray]:
         """Weights and logits of a quadrature over seeds and scenarios."""
-        nodes, weights = np.polynomial.hermite_e.hermegauss(80)
+        nodes, weights = _hermite()
         weights = np.outer([1 - self.failing, self.failing], weights / weights.sum()).ravel()
         nodes = np.hypot(self.seed_sd, self.scenario_sd) * nodes
         return weights, self.level + np.concatenate([nodes, nodes - FAILED])

@@ -28,7 +28,9 @@ def of(test, run: dict) -> str:
     return fingerprint(test, circumstances(test, run))
 
 
-BASE = of(protocol(), config())
+@pytest.fixture(scope="module")
+def base() -> str:
+    return of(protocol(), config())
 
 
 @pytest.mark.parametrize(
@@ -46,16 +48,16 @@ BASE = of(protocol(), config())
         "disturbance=severe",
     ],
 )
-def test_agents_meet_the_same_scenarios_whatever_they_are(override):
-    assert of(protocol(), config(override)) == BASE
+def test_agents_meet_the_same_scenarios_whatever_they_are(override, base):
+    assert of(protocol(), config(override)) == base
 
 
 @pytest.mark.parametrize(
     "override",
     ["vehicle=bluerov2_wu2018", "vehicle.rigid_body.mass.value=16", "simulator.max_step=0.005"],
 )
-def test_other_vehicles_are_other_scenarios(override):
-    assert of(protocol(), config(override)) != BASE
+def test_other_vehicles_are_other_scenarios(override, base):
+    assert of(protocol(), config(override)) != base
 
 
 @pytest.mark.parametrize(
@@ -69,13 +71,13 @@ def test_other_vehicles_are_other_scenarios(override):
         'protocol.overrides=["task.goal_radius=2"]',
     ],
 )
-def test_other_tests_are_other_scenarios(override):
-    assert of(protocol(override), config()) != BASE
+def test_other_tests_are_other_scenarios(override, base):
+    assert of(protocol(override), config()) != base
 
 
 @pytest.mark.parametrize("override", ["protocol.batch=3", "protocol.trajectories=1"])
-def test_how_a_test_is_carried_out_does_not_matter(override):
-    assert of(protocol(override), config()) == BASE
+def test_how_a_test_is_carried_out_does_not_matter(override, base):
+    assert of(protocol(override), config()) == base
 
 
 def test_native_uses_each_agents_own_frequency_and_compares_across_them():
@@ -107,13 +109,13 @@ def test_robustness_has_levels_and_one_factor_at_a_time():
             assert changed.noise == nominal.noise, name
 
 
-def test_long_is_test_with_more_steps_whatever_a_run_was_trained_with():
+def test_long_is_test_with_more_steps_whatever_a_run_was_trained_with(base):
     (longer,) = circumstances(protocol("protocol=long"), config("vehicle=lrauv"))
     (usual,) = circumstances(protocol(), config("vehicle=lrauv", "task.max_steps=5000"))
     assert (usual.config.task.max_steps, longer.config.task.max_steps) == (1000, 5000)
     assert dataclasses.replace(longer.config.task, max_steps=1000) == usual.config.task
     assert longer.config.noise == usual.config.noise
-    assert of(protocol("protocol=long"), config()) != BASE
+    assert of(protocol("protocol=long"), config()) != base
     remarks = " ".join(load("lrauv").remarks)
     assert "protocol=long" in remarks
 

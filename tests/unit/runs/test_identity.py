@@ -19,7 +19,9 @@ def plain(*overrides: str) -> dict:
     return configs.plain(*overrides)
 
 
-BASE = identity.run_id(plain())
+@pytest.fixture(scope="module")
+def base() -> str:
+    return identity.run_id(plain())
 
 
 @pytest.mark.parametrize(
@@ -35,8 +37,8 @@ BASE = identity.run_id(plain())
         "+vehicle.rigid_body.mass.source=wu2018",
     ],
 )
-def test_what_cannot_change_the_result_is_not_part_of_the_id(override):
-    assert identity.run_id(plain(override.removeprefix("+"))) == BASE
+def test_what_cannot_change_the_result_is_not_part_of_the_id(override, base):
+    assert identity.run_id(plain(override.removeprefix("+"))) == base
 
 
 @pytest.mark.parametrize(
@@ -53,8 +55,8 @@ def test_what_cannot_change_the_result_is_not_part_of_the_id(override):
         "task.max_steps=999",
     ],
 )
-def test_what_changes_the_result_changes_the_id(override):
-    assert identity.run_id(plain(override)) != BASE
+def test_what_changes_the_result_changes_the_id(override, base):
+    assert identity.run_id(plain(override)) != base
 
 
 def test_an_id_is_readable():
@@ -62,10 +64,10 @@ def test_an_id_is_readable():
     assert identity.run_id(config).startswith("sac-k40-f55-s7-")
 
 
-def test_an_id_names_a_vehicle_that_is_not_the_default_one():
+def test_an_id_names_a_vehicle_that_is_not_the_default_one(base):
     config = plain("vehicle=rexrov", "reward.k=40", "seed=7")
     assert identity.run_id(config) == f"ppo-rexrov-k40-f10-s7-{identity.digest(config)}"
-    assert identity.run_id(plain("vehicle=bluerov2")) == BASE
+    assert identity.run_id(plain("vehicle=bluerov2")) == base
     assert (
         plain()["vehicle"]["name"] == identity.DEFAULT_VEHICLE
     )  # or ids would say less than the configuration
