@@ -139,7 +139,6 @@ def conditions():
 def test_the_first_table_quotes_conditions_rightly():
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith("| from [the leaderboard]"))
-    assert "in 1 m/s of current | other hydrodynamics |" in lines[start]
     table, found = conditions(), 0
     for line in lines[start + 2 : lines.index("", start)]:
         _, agent, _, _, *cells, _ = (cell.strip(" *") for cell in line.split("|"))
@@ -182,13 +181,12 @@ def test_conditions_are_quoted_rightly():
 
 
 REAL, EARLY, LATE = "bluerov2", *SIMULATED
-WEAKER = (REAL, "ppo_thesis", "positive", "1000000")
 AS_IN_THE_THESIS = [  # vehicle, algorithm and, where they tell agents apart, sign of the noise and steps: the table's rows
     (REAL, "ppo", "both", "200000"),
     (REAL, "ppo", "positive", "200000"),
     (REAL, "ppo", "both", "1000000"),
     (REAL, "ppo_thesis", "both", "1000000"),
-    WEAKER,
+    (REAL, "ppo_thesis", "positive", "1000000"),
     (EARLY, "ppo", "", ""),
     (LATE, "ppo", "", ""),
     (EARLY, "ppo_thesis", "", ""),
@@ -205,7 +203,6 @@ def test_what_differs_from_the_thesis_is_quoted_rightly():
     lines = (study / "README.md").read_text(encoding="utf-8").splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith("| what is as in the thesis |"))
     quoted = lines[start + 2 : lines.index("", start)]
-    others, weaker = [], []
     for line, key in zip(quoted, AS_IN_THE_THESIS, strict=True):
         _, _, trainings, cell, _ = (part.strip() for part in line.split("|"))
         row = table[key]
@@ -215,7 +212,3 @@ def test_what_differs_from_the_thesis_is_quoted_rightly():
         expected = [100 * float(row[f"success_rate{end}"]) for end in ("", "_low", "_high")]
         numbers = [float(n) for n in re.findall(r"[\d.]+", cell)]
         assert numbers == pytest.approx(expected if "[" in cell else found, abs=0.051), line
-        (weaker if key == WEAKER else others).extend(found)
-    text = " ".join(" ".join(lines[:start]).split())
-    assert f"{len(others)} of {len(others) + len(weaker)} trainings reach at least {min(others):g} %" in text
-    assert " and ".join(f"{rate:.1f}" for rate in weaker) in text

@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -20,6 +19,8 @@ from auvbench.errors import ConfigError, RunError
 from auvbench.runs import lock, provenance
 from auvbench.tuning import folder, outcome, runs
 from auvbench.tuning.folder import StudyFolder
+from tests.conftest import Once
+from tests.waiting import until
 
 PID = [
     "algo=pid",
@@ -51,13 +52,18 @@ def tune(folder: Path, *arguments: str) -> int:
 
 
 @pytest.fixture(scope="module")
-def pid(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A finished study of PID; tests leave it as it is."""
+def pid(once: Once, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished study of PID, of this process alone; tests leave it as it is."""
+
+    def make(folder: Path) -> None:
+        assert tune(folder, *PID) == 0
+
     output = tmp_path_factory.mktemp("pid")
-    assert tune(output, *PID) == 0
+    shutil.copytree(once("pid-study", make), output, dirs_exist_ok=True)
     return output
 
 
+@pytest.mark.slow
 def test_pid_is_tuned_and_its_preset_can_be_used(
     pid: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -89,6 +95,7 @@ def outcome_of(run: Path) -> dict[str, object]:
     return tuned
 
 
+@pytest.mark.slow
 def test_a_report_on_the_scenarios_of_the_search_says_that_it_is_no_ranking(
     pid: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -188,10 +195,15 @@ def test_no_protocol_of_a_test_is_accepted(
 ) -> None:
     assert tune(tmp_path, *PID, f"protocol={protocol}") == 2
     assert "which no test shares" in capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_no_scenarios_of_a_test_are_accepted(tmp_path: Path) -> None:
     assert tune(tmp_path, *PID, "protocol.scenarios=test") == 2
     assert not list(tmp_path.rglob("*.json"))
 
 
+@pytest.mark.slow
 def test_nothing_of_tuning_ever_draws_a_test_scenario(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -259,10 +271,12 @@ def test_after_three_kills_nothing_is_lost_or_trained_twice(tmp_path: Path) -> N
     before: dict[Path, int] = {}
     for operations in (15, 40, 60):
         process = begin()
-        while process.poll() is None and not (
-            study.journal.exists() and study.journal.read_bytes().count(b"\n") >= operations
-        ):
-            time.sleep(0.02)
+
+        def reached(process: subprocess.Popen[bytes] = process, operations: int = operations) -> bool:
+            journal = study.journal.read_bytes() if study.journal.exists() else b""
+            return process.poll() is not None or journal.count(b"\n") >= operations
+
+        until(reached, f"operation {operations}")
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL, log.read_text()
         before = complete(study) | before
@@ -286,6 +300,7 @@ def test_after_three_kills_nothing_is_lost_or_trained_twice(tmp_path: Path) -> N
     assert (run / "model" / "policy.pt").read_bytes() == (promoted / "model" / "policy.pt").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_trial_that_cannot_be_is_a_result_and_no_failure_of_the_study(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -313,6 +328,7 @@ def test_a_trial_that_cannot_be_is_a_result_and_no_failure_of_the_study(
     assert f"{len(failed)} failed" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_edited_or_removed_line_of_a_journal_is_named(
     pid: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -34,14 +34,7 @@ def test_every_command_has_a_row_in_the_readme() -> None:
     assert sorted(re.findall(r"^\| `auvbench ([\w-]+)", text, re.M)) == sorted(COMMANDS)
 
 
-def test_what_thesis_small_cannot_answer_is_said() -> None:
-    for file in ("README.md", "conf/experiment/thesis_small.yaml"):
-        text = " ".join((ROOT / file).read_text(encoding="utf-8").replace("#", " ").split())
-        assert "can answer the 7th and refute the 3rd, 4th and 6th" in text, file
-        assert "the 1st, 2nd and 5th stay open" in text, file
-
-
-def test_it_is_true() -> None:
+def test_thesis_small_can_answer_the_7th_claim_and_not_the_1st_2nd_and_5th() -> None:
     # 1: no SAC at 55 Hz, and too few steps to say that a run does not converge. 5: the same.
     assert thesis.HIGH_FREQUENCY not in values("sac", "step.frequency")
     assert float(grid("sac")["train.total_steps"]) < thesis.STEPS
