@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from auvbench.analysis.effects import learns
+from auvbench.analysis.grouping import frequency_fixed
 from auvbench.analysis.labels import labels
 from auvbench.analysis.model import Agent
 from auvbench.analysis.optional_columns import draws, of_conditions
@@ -71,7 +72,8 @@ def across(
     firsts = [next(agent for agent in row if agent is not None) for row in members]
     names = list(dict.fromkeys(name for agent in firsts for name in agent.key))
     keys = [{name: agent.key.get(name) for name in names} for agent in firsts]
-    shown = labels(keys, [learns(agent) for agent in firsts])
+    tested = (a.metrics["frequency_hz"] for a in firsts if "frequency_hz" in a.metrics)
+    shown = labels(keys, [learns(agent) for agent in firsts], frequency_fixed(tested))
     scores = [[None if a is None else of_conditions(a, protocol) for a in row] for row in members]
     tasks = sum(
         max((x.shape[1] for x in column if x is not None), default=0) for column in zip(*scores, strict=True)

@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 
 from auvbench.analysis.effects import run_learns
-from auvbench.analysis.grouping_keys import differing, level, refined, trained
-from auvbench.analysis.labels import labels, part, sort_key
+from auvbench.analysis.formatting import listed
+from auvbench.analysis.grouping_keys import differing, level, matters, only_fixed, refined, trained
+from auvbench.analysis.labels import label_of, labels, sort_key
 from auvbench.analysis.measures import OF_THE_SCENARIO
 from auvbench.analysis.model import NO_POLICY, Agent, Evaluation, Problem, RunRecord
 from auvbench.analysis.timing import in_seconds
@@ -55,29 +56,47 @@ def agents(
     counted = [run for run in runs if run.id in rows or run.id in failed]
     fingerprint = next(run.evaluations[protocol].fingerprint for run in counted if run.id in rows)
     pooled = {_resolve(name, runs) for name in DEFAULT_GROUPING if name in _known(runs)} - set(keys.values())
-    finer = refined(_cells(counted, keys), keys, pooled)
-    groups = sorted(_cells(counted, finer), key=lambda group: sort_key(_key(group[0], finer)))
-    names = labels([_key(group[0], finer) for group in groups], [trained(group[0]) for group in groups])
+    fixed = frequency_fixed(
+        frame["frequency_hz"].to_numpy() for frame in rows.values() if "frequency_hz" in frame
+    )
+    finer = refined(_cells(counted, keys, fixed), keys, pooled, fixed)
+    groups = sorted(_cells(counted, finer, fixed), key=lambda group: sort_key(_key(group[0], finer)))
+    names = labels(
+        [_key(group[0], finer) for group in groups], [trained(group[0]) for group in groups], fixed
+    )
     result = []
     for label, group in zip(names, groups, strict=True):
         group.sort(key=lambda run: (run.seed, run.id))
-        problems += _pooled(label, group, set(finer.values()))
+        problems += [*_pooled(label, group, set(finer.values()), fixed), *_same_in_test(label, group, fixed)]
         result.append(_agent(label, _key(group[0], finer), group, rows, fingerprint, protocol, condition))
-    return result, problems + _missing(runs, keys, finer)
+    return result, problems + _missing(runs, keys, finer, fixed)
 
 
-def _cells(runs: Iterable[RunRecord], keys: Mapping[str, str]) -> list[list[RunRecord]]:
-    """The runs put together by the values of the keys."""
+def frequency_fixed(tested: Iterable[np.ndarray[Any, Any]]) -> bool:
+    """Return whether all test episodes had one step frequency, whatever the runs were trained at."""
+    return (
+        len({float(f) for frequencies in tested for f in np.unique(frequencies[np.isfinite(frequencies)])})
+        <= 1
+    )
+
+
+def _cells(runs: Iterable[RunRecord], keys: Mapping[str, str], fixed: bool = False) -> list[list[RunRecord]]:
+    """Return the runs put together by the values of the keys that matter to them."""
     cells: dict[tuple[str, ...], list[RunRecord]] = {}
     for run in runs:
-        cells.setdefault(_cell(run, keys), []).append(run)
+        values = (
+            str(level(run.config.get(key))) if matters(key, run, fixed) else "" for key in keys.values()
+        )
+        cells.setdefault(tuple(values), []).append(run)
     return list(cells.values())
 
 
-def _missing(runs: Sequence[RunRecord], keys: Mapping[str, str], finer: Mapping[str, str]) -> list[Problem]:
-    """What is missing in the grid of `keys`, of each combination of what varied beside it."""
+def _missing(
+    runs: Sequence[RunRecord], keys: Mapping[str, str], finer: Mapping[str, str], fixed: bool
+) -> list[Problem]:
+    """Return what is missing in the grid of `keys`, for each combination of the other keys that varied."""
     more = {short: key for short, key in finer.items() if short not in keys}
-    return [problem for part in _cells(runs, more) for problem in _missing_cells(part, keys, more)]
+    return [problem for part in _cells(runs, more) for problem in _missing_cells(part, keys, more, fixed)]
 
 
 def _known(runs: Iterable[RunRecord]) -> set[str]:
@@ -99,10 +118,6 @@ def _resolve(name: str, runs: Sequence[RunRecord]) -> str:
 
 def _key(run: RunRecord, keys: Mapping[str, str]) -> dict[str, Any]:
     return {short: level(run.config.get(key)) for short, key in keys.items()}
-
-
-def _cell(run: RunRecord, keys: Mapping[str, str]) -> tuple[str, ...]:
-    return tuple(str(value) for value in _key(run, keys).values())
 
 
 def _rows(
@@ -215,9 +230,23 @@ def _step_limit(evaluation: Evaluation, condition: str) -> float | None:
     return None
 
 
-def _pooled(label: str, group: Sequence[RunRecord], grouped: set[str]) -> list[Problem]:
-    """Names the keys in which runs of one row differ because pooling over them was asked for."""
-    found = differing(group, grouped)
+def _same_in_test(label: str, group: Sequence[RunRecord], fixed: bool) -> list[Problem]:
+    """Name the keys in which runs of a controller differ and that the test fixes: they are one row."""
+    found = differing(group, (), fixed, only_fixed)
+    if not found:
+        return []
+    groups = [key.removesuffix(".name") for key in found if key.endswith(".name")]
+    names = [*groups, *(key for key in found if key.partition(".")[0] not in groups)]
+    message = (
+        f"{len(group)} runs differ only in {listed(names, 3)}, which the test fixes: they are one row; auvbench evaluate "
+        "protocol=own tests each in its own"
+    )
+    return [Problem(label, "alike", message)]
+
+
+def _pooled(label: str, group: Sequence[RunRecord], grouped: set[str], fixed: bool) -> list[Problem]:
+    """Name the keys in which runs of one row differ because pooling over them was asked for."""
+    found = differing(group, grouped, fixed)
     if not found:
         return []
     shown = [f"{key} ({', '.join(values)})" for key, values in found.items()]
@@ -228,11 +257,15 @@ def _pooled(label: str, group: Sequence[RunRecord], grouped: set[str]) -> list[P
 
 
 def _missing_cells(
-    runs: Sequence[RunRecord], keys: Mapping[str, str], more: Mapping[str, str]
+    runs: Sequence[RunRecord], keys: Mapping[str, str], more: Mapping[str, str], fixed: bool
 ) -> list[Problem]:
-    """Cells of each algorithm's grid, and seeds of its cells, that exist elsewhere in the grid and not here.
+    """Return cells of each algorithm's grid, and seeds of its cells, that exist elsewhere in the grid and not here.
 
-    `more` are the keys that all of the runs share and that belong to a name beside those of the grid.
+    Args:
+        runs: all of one value of each key in `more`.
+        keys: of the grid.
+        more: further keys that a name shows.
+        fixed: whether the test has one step frequency for all.
     """
     by_algo: dict[str, list[RunRecord]] = {}
     for run in runs:
@@ -259,7 +292,7 @@ def _missing_cells(
                 varying = {n: v for n, v, all_ in zip(others, cell, levels, strict=True) if len(all_) > 1}
                 rest = {short: level(runs[0].config.get(key)) for short, key in more.items()}
                 key = ({"algo": algo} if "algo" in keys else {}) | varying | rest
-                name = " ".join(part(n, v) for n, v in key.items())
+                name = label_of(key, list(key), fixed)
                 every = (
                     "no run" if absent == seeds else f"no run with seed {', '.join(map(str, sorted(absent)))}"
                 )

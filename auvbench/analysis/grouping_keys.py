@@ -1,11 +1,16 @@
-"""What varied among runs becomes part of the agent: runs that were trained differently are no seeds of one another."""
+"""Keys that tell agents apart: what varied among runs becomes part of the agent.
+
+Runs of one table met the same test, so the task, noise and disturbances of their configurations only say what they were
+trained with. A controller that learns nothing has no use for them: its runs that differ in nothing else are one agent.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from auvbench.analysis.effects import run_learns
+from auvbench.analysis.fixed_keys import is_fixed
 from auvbench.analysis.model import RunRecord
 from auvbench.analysis.training import has_training
 from auvbench.runs.identity import NEUTRAL
@@ -16,14 +21,17 @@ SEEDS = ("seed", "train.evaluate_every", *NEUTRAL)
 DESCRIPTIVE = ("source", "sources", "unit", "title", "remarks", "comment")
 """last parts of the keys of a vehicle sheet that only describe its numbers"""
 
-OF_LEARNING = ("train.", "reward.", "noise.", "disturbance.")
-"""beginnings of keys that mean nothing to a controller that learns nothing: a protocol brings its own of these"""
+OF_LEARNING = ("train.", "reward.")
+"""beginnings of keys that mean nothing to a controller that learns nothing"""
 
 
 def refined(
-    groups: Iterable[Sequence[RunRecord]], keys: Mapping[str, str], pooled: Iterable[str] = ()
+    groups: Iterable[Sequence[RunRecord]],
+    keys: Mapping[str, str],
+    pooled: Iterable[str] = (),
+    frequency_fixed: bool = True,
 ) -> dict[str, str]:
-    """The keys of a grouping, by their short names, and as many more as tell apart what varied within its groups.
+    """Return the keys of a grouping, and as many more as tell apart what varied within its groups, by short name.
 
     A folder of choices counts as one (`disturbance` for all that differs in `disturbance.*`) where its name differs.
 
@@ -31,11 +39,12 @@ def refined(
         groups: the runs that `keys` put together.
         keys: configuration keys by short name.
         pooled: keys that may differ because pooling over them was asked for.
+        frequency_fixed: whether the test has one step frequency for all.
     """
     excused = {*keys.values(), *pooled}
     found = dict(keys)
     parts = [list(group) for group in groups]
-    while varying := _varying(parts, excused):
+    while varying := _varying(parts, excused, frequency_fixed):
         key = min(varying, key=lambda k: (not k.endswith(".name"), -varying[k], k))
         found[key.removesuffix(".name")] = key
         excused.add(key)
@@ -43,8 +52,21 @@ def refined(
     return found
 
 
-def differing(group: Sequence[RunRecord], excused: Iterable[str] = ()) -> dict[str, list[str]]:
-    """Values by key of everything in which runs of a group differ and that changes what is learned."""
+def differing(
+    group: Sequence[RunRecord],
+    excused: Iterable[str] = (),
+    frequency_fixed: bool = True,
+    matter: Callable[[str, RunRecord, bool], bool] | None = None,
+) -> dict[str, list[str]]:
+    """Return the values by key of everything in which runs of a group differ and that matters to them.
+
+    Args:
+        group: the runs.
+        excused: keys that may differ.
+        frequency_fixed: whether the test has one step frequency for all.
+        matter: another judgement of a key; by default `matters`.
+    """
+    matter = matter or matters
     if len(group) < 2:
         return {}
     first, excused = group[0].config, set(excused)
@@ -56,17 +78,19 @@ def differing(group: Sequence[RunRecord], excused: Iterable[str] = ()) -> dict[s
     }
     found = {}
     for key in sorted(suspects):
-        values = {str(run.config.get(key)) for run in group if _matters(key, run)}
+        values = {str(run.config.get(key)) for run in group if matter(key, run, frequency_fixed)}
         if len(values) > 1:
             found[key] = sorted(values)
     return found
 
 
-def _varying(groups: Iterable[Sequence[RunRecord]], excused: set[str]) -> dict[str, int]:
-    """In how many of the groups each key varies."""
+def _varying(
+    groups: Iterable[Sequence[RunRecord]], excused: set[str], frequency_fixed: bool
+) -> dict[str, int]:
+    """Return in how many of the groups each key varies."""
     found: dict[str, int] = {}
     for group in groups:
-        for key in differing(group, excused):
+        for key in differing(group, excused, frequency_fixed):
             found[key] = found.get(key, 0) + 1
     return found
 
@@ -78,12 +102,18 @@ def _split(group: Sequence[RunRecord], key: str) -> list[list[RunRecord]]:
     return list(parts.values())
 
 
-def _matters(key: str, run: RunRecord) -> bool:
+def matters(key: str, run: RunRecord, frequency_fixed: bool = True) -> bool:
+    """Return whether a key changes what the run's agent does in the test."""
     if any(key == seed or key.startswith(f"{seed}.") for seed in SEEDS):
         return False
-    if key.startswith(OF_LEARNING) and not trained(run):
+    if not trained(run) and (key.startswith(OF_LEARNING) or is_fixed(key, frequency_fixed)):
         return False
     return not (key.startswith("vehicle.") and key.rpartition(".")[2] in DESCRIPTIVE)
+
+
+def only_fixed(key: str, run: RunRecord, frequency_fixed: bool = True) -> bool:
+    """Return whether a key of a controller is one that the test fixes."""
+    return not trained(run) and is_fixed(key, frequency_fixed)
 
 
 def trained(run: RunRecord) -> bool:

@@ -1,4 +1,4 @@
-"""Names of agents, as short as the grouping allows: 'PPO K=1 25 Hz', or 'PPO' where K and f are all the same."""
+"""Names of agents, as short as the grouping allows: 'PPO K=1', or 'PPO' where K is the same for all."""
 
 from __future__ import annotations
 
@@ -7,10 +7,15 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from auvbench.analysis.fixed_keys import FREQUENCY, is_fixed
+from auvbench.config.agents import AGENTS
 from auvbench.untrusted.text import plain
 
 LONGEST = 60
 """characters of a value in a label"""
+
+BY = {FREQUENCY: "at", "simulator": "in"}
+"""words before a value that an agent was trained with; any other has its name"""
 
 Key = Mapping[str, Any]
 
@@ -18,14 +23,13 @@ Key = Mapping[str, Any]
 def part(name: str, value: Any) -> str:
     """One value of the grouping as it stands in a label.
 
-    >>> part("algo", "ppo"), part("reward.k", 1.0), part("step.frequency", 25.0), part("algo.n_envs", 32)
-    ('PPO', 'K=1', '25 Hz', 'n_envs=32')
+    >>> part("algo", "crossq"), part("reward.k", 1.0), part("step.frequency", 25.0), part("algo.n_envs", 32)
+    ('CrossQ', 'K=1', '25 Hz', 'n_envs=32')
     >>> part("vehicle", "rexrov"), part("disturbance", "none"), part("train.total_steps", 300_000)
     ('rexrov', 'disturbance=none', '300k steps')
     """
     if name == "algo":
-        text = str(value)
-        return text.upper() if len(text) <= 4 else text
+        return title(str(value))
     shown = f"{value:g}" if isinstance(value, float) else "unset" if value is None else plain(str(value))
     if len(shown) > LONGEST:  # a list, say: its beginning and what tells it from others
         shown = f"{shown[:LONGEST]}… ({hashlib.sha256(shown.encode()).hexdigest()[:6]})"
@@ -40,6 +44,19 @@ def part(name: str, value: Any) -> str:
     if name == "seed":
         return f"seed {shown}"
     return f"{name.rpartition('.')[2]}={shown}"
+
+
+def title(algorithm: str) -> str:
+    """Return the name of an algorithm or preset in tables: the registry's title, and what the preset adds to it.
+
+    >>> title("mpc_tuned"), title("ppo_residual"), title("ppo_tuned_60k"), title("my_agent")
+    ('MPC, tuned', 'PPO added to PID', 'PPO, tuned 60k', 'my_agent')
+    """
+    base = max((n for n in AGENTS if f"{algorithm}_".startswith(f"{n}_")), key=len, default="")
+    if not base:
+        return plain(algorithm)
+    more = algorithm[len(base) + 1 :].replace("_", " ")
+    return f"{AGENTS[base].title}, {more}" if more else AGENTS[base].title
 
 
 def in_short(number: float) -> str:
@@ -63,11 +80,16 @@ def factor_name(name: str) -> str:
     return {"algo": "algorithm", "reward.k": "K"}.get(name, name.rpartition(".")[2])
 
 
-def labels(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:
-    """A unique label per key.
+def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool = True) -> list[str]:
+    """Return a unique label per key.
 
-    A value is left out where it is the same for all learners; a classical controller shows only what varies
-    among the agents of its own algorithm (K means nothing to a PID).
+    A value is left out where it is the same for all learners; a classical controller shows only what varies among the
+    agents of its own algorithm. What the test fixes for all stands behind "trained with".
+
+    Args:
+        keys: values by short name of a configuration key.
+        learners: whether each agent learns.
+        frequency_fixed: whether the test has one step frequency for all.
     """
     if not keys:
         return []
@@ -79,14 +101,24 @@ def labels(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:
             for k, is_learner in zip(keys, learners, strict=True)
             if (learner and is_learner) or k.get("algo") == key.get("algo")
         ]
-        parts = [
-            part(n, key[n])
+        shown = [
+            n
             for n in names
             if n == "algo" or (len({str(k[n]) for k in peers}) > 1 and not _foreign(n, key, keys))
         ]
-        short.append(" ".join(parts) or "all runs")
-    full = [" ".join(part(n, v) for n, v in key.items()) or "all runs" for key in keys]
+        short.append(label_of(key, shown, frequency_fixed))
+    full = [label_of(key, list(key), frequency_fixed) for key in keys]
     return [s if short.count(s) == 1 else f for s, f in zip(short, full, strict=True)]
+
+
+def label_of(key: Key, names: Sequence[str], frequency_fixed: bool) -> str:
+    """Return a label of some values: 'PPO K=1, trained at 25 Hz in gazebo with disturbance=severe'."""
+    fixed = [n for n in names if is_fixed(n, frequency_fixed)]
+    own = " ".join(part(n, key[n]) for n in names if n not in fixed) or "all runs"
+    words = [f"{BY[n]} {part(n, key[n])}" for n in BY if n in fixed]
+    having = " ".join(part(n, key[n]) for n in fixed if n not in BY)
+    words += [f"with {having}"] if having else []
+    return f"{own}, trained {' '.join(words)}" if words else own
 
 
 def _foreign(name: str, key: Key, keys: Sequence[Key]) -> bool:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from auvbench.analysis.fixed_keys import FREQUENCY, OWN, is_fixed
 from auvbench.analysis.grouping_keys import DESCRIPTIVE
+from auvbench.analysis.labels import part
 from auvbench.analysis.model import Problem, RunRecord
 
 OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
@@ -45,7 +47,28 @@ def sections(runs: Sequence[RunRecord], protocol: str) -> list[Section]:
     for run in runs:
         if protocol not in run.evaluations:
             members[home.get(vehicle_of(run), order[0])].append(run)
-    return [_section(cell, home[cell[0]], found, members[cell], protocol) for cell in order]
+    own = _own_words(found) if protocol == OWN else {}
+    return [
+        _section(cell, home[cell[0]], found, members[cell], protocol, own.get(cell, "")) for cell in order
+    ]
+
+
+def _own_words(found: Mapping[tuple[str, str], Sequence[RunRecord]]) -> dict[tuple[str, str], str]:
+    """Return by section what its runs share and others' have not, of the keys that make a test of their own."""
+    known = {key for runs in found.values() for run in runs for key in run.config}
+    made = sorted(key for key in known if key == FREQUENCY or is_fixed(key, False))
+    values = {
+        cell: {key: {str(run.config.get(key)) for run in runs} for key in made}
+        for cell, runs in found.items()
+    }
+    varied = [key for key in made if len({frozenset(of[key]) for of in values.values()}) > 1]
+    # A folder of choices is told by its name.
+    names = [key for key in varied if key.endswith(".name")]
+    told = names + [key for key in varied if not any(key.startswith(n.removesuffix("name")) for n in names)]
+    return {
+        cell: " ".join(part(key.removesuffix(".name"), runs[0].config.get(key)) for key in told[:3])
+        for cell, runs in found.items()
+    }
 
 
 def vehicle_of(run: RunRecord) -> str:
@@ -67,12 +90,14 @@ def _section(
     found: dict[tuple[str, str], list[RunRecord]],
     members: Sequence[RunRecord],
     protocol: str,
+    own: str,
 ) -> Section:
     vehicle, fingerprint = cell
     alone = [other for other in found if other[0] == vehicle] == [cell]
-    title = f"vehicle {vehicle}" if alone else f"vehicle {vehicle}, scenarios {fingerprint[:8]}"
+    title = f"vehicle {vehicle}" if alone else f"vehicle {vehicle}, {own or f'scenarios {fingerprint[:8]}'}"
     folder = re.sub(r"[^\w.-]+", "_", vehicle if alone else f"{vehicle}-{fingerprint[:8]}").lstrip(".") or "_"
-    problems = () if cell == home else (_other_scenarios(cell, home, found, protocol),)
+    expected = cell == home or protocol == OWN
+    problems = () if expected else (_other_scenarios(cell, home, found, protocol),)
     return Section(title, folder, vehicle, fingerprint, tuple(sorted(members, key=lambda r: r.id)), problems)
 
 

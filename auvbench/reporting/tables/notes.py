@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from auvbench.analysis import limit
+from auvbench.analysis.fixed_keys import OWN
 from auvbench.analysis.formatting import listed, name, size
 from auvbench.analysis.measures import measure
 from auvbench.analysis.model import Primary, Problem, Ranking
@@ -18,8 +19,15 @@ KINDS = {
     "foreign": "not comparable",
     "duplicate": "given twice",
     "mixed": "pooled although different",
+    "alike": "the same in this test",
 }
 """titles of the kinds of problems, in the order of a list"""
+
+SAME_TEST = (
+    "The test fixes task, noise, disturbances and simulator for all agents, whatever they were trained with; protocol=own "
+    "tests a run in its own."
+)
+OWN_TEST = "Each run was tested in its own task, noise and disturbances, at its own frequency."
 
 NEAR_AN_END = 0.1
 """a rate so close to 0 or 1, or closer: seeds that differ strongly are skewed there"""
@@ -32,7 +40,8 @@ def notes(ranking: Ranking) -> list[str]:
     episodes = " to ".join(str(c) for c in dict.fromkeys((counts[0], counts[-1]))) if counts else "0"
     lines = [
         f"Protocol {ranking.protocol}, condition {ranking.condition}, scenarios {ranking.fingerprint}: "
-        f"{episodes} episodes per training seed, the same for every agent. Training seeds: {_seeds(ranking)}."
+        f"{episodes} episodes per training seed, the same for every agent. Training seeds: {_seeds(ranking)}.",
+        OWN_TEST if ranking.protocol == OWN else SAME_TEST,
     ]
     if ranking.primary is not None:
         lines += explained(ranking.primary)

@@ -40,7 +40,10 @@ def test_a_disturbance_that_varied_is_part_of_the_agent(tmp_path: Path) -> None:
             config["disturbance"] |= {"name": "moderate", "current": 0.3, "delay": 0.1}
 
     found, problems = made(tmp_path, disturb, algorithms=("ppo",), seeds=(0, 1, 2, 3))
-    assert seeds(found) == {"PPO disturbance=moderate": [2, 3], "PPO disturbance=none": [0, 1]}
+    assert seeds(found) == {
+        "PPO, trained with disturbance=moderate": [2, 3],
+        "PPO, trained with disturbance=none": [0, 1],
+    }
     assert found[0].key["disturbance"] == "moderate"
     assert problems == []
 
@@ -94,10 +97,11 @@ def test_what_another_choice_has_is_not_said_to_be_unset() -> None:
         {"algo": "ppo", "simulator": simulator, "simulator.hydrodynamics": hydrodynamics}
         for simulator, hydrodynamics in (("fossen", None), ("gazebo", "corrected"), ("gazebo", "published"))
     ]
-    said = ["PPO fossen", "PPO gazebo hydrodynamics=corrected", "PPO gazebo hydrodynamics=published"]
+    trained = "PPO, trained in gazebo with hydrodynamics"
+    said = ["PPO, trained in fossen", f"{trained}=corrected", f"{trained}=published"]
     assert labels(keys, [True] * 3) == said
     keys[1]["simulator.hydrodynamics"] = None  # of the same choice, one without
-    assert labels(keys, [True] * 3)[1] == "PPO gazebo hydrodynamics=unset"
+    assert labels(keys, [True] * 3)[1] == f"{trained}=unset"
 
 
 def test_a_seed_that_is_missing_under_one_disturbance_is_named(tmp_path: Path) -> None:
@@ -107,6 +111,60 @@ def test_a_seed_that_is_missing_under_one_disturbance_is_named(tmp_path: Path) -
 
     _, problems = made(tmp_path, disturb, algorithms=("ppo",), reward_k=(1, 40), seeds=(0, 1, 2))
     assert [(p.where, p.kind, p.message) for p in problems] == [
-        ("PPO K=40 disturbance=none", "missing", "no run with seed 1"),
-        ("PPO K=1 disturbance=moderate", "missing", "no run with seed 1"),
+        ("PPO K=40, trained with disturbance=none", "missing", "no run with seed 1"),
+        ("PPO K=1, trained with disturbance=moderate", "missing", "no run with seed 1"),
     ]
+
+
+def test_what_the_test_fixes_is_what_an_agent_was_trained_with(tmp_path: Path) -> None:
+    def change(config: Config, place: int) -> None:
+        config["task"]["goal_radius"] = (3.0, 0.5)[place % 2]
+
+    found, _ = made(tmp_path, change, algorithms=("ppo",), seeds=(0, 1), frequencies=(10, 25))
+    assert {agent.label for agent in found} == {
+        f"PPO, trained at {f} Hz with goal_radius={r}" for f in (10, 25) for r in (3, 0.5)
+    }
+
+
+def test_a_frequency_that_each_run_was_tested_at_is_no_training_s(tmp_path: Path) -> None:
+    keys = [{"algo": "ppo", "step.frequency": f} for f in (10.0, 25.0)]
+    assert labels(keys, [True] * 2, frequency_fixed=False) == ["PPO 10 Hz", "PPO 25 Hz"]
+    assert labels(keys, [True] * 2) == ["PPO, trained at 10 Hz", "PPO, trained at 25 Hz"]
+
+
+def test_runs_of_a_controller_that_the_test_makes_alike_are_one_row_and_named(tmp_path: Path) -> None:
+    def change(config: Config, place: int) -> None:
+        config["task"]["goal_radius"] = (3.0, 0.5)[place % 2]
+        config["disturbance"] |= {"name": ("none", "severe")[place // 2], "delay": 0.1 * (place // 2)}
+
+    # Four folders of one PID, which `change` makes four runs.
+    folder = tmp_path / "grid"
+    for place in range(4):
+        for run in write_experiment(folder / str(place), algorithms=("pid",), episodes=12):
+            config = yaml.safe_load((run / "config.yaml").read_text())
+            change(config, place)
+            (run / "config.yaml").write_text(yaml.safe_dump(config))
+            reconfigure(run)
+    runs, _ = load([folder])
+    assert len(runs) == 4
+    found, problems = agents(runs)
+    assert [(agent.label, len(agent.runs)) for agent in found] == [("PID", 4)]
+    (problem,) = problems
+    assert problem.kind == "alike"
+    assert "4 runs differ only in disturbance and task.goal_radius" in problem.message
+    assert "protocol=own" in problem.message
+
+
+@pytest.mark.parametrize(
+    ("name", "title"),
+    [
+        ("mpc_tuned", "MPC, tuned"),
+        ("recurrent_ppo_tuned", "RecurrentPPO, tuned"),
+        ("sac_residual_tuned", "SAC added to PID, tuned"),
+        ("crossq", "CrossQ"),
+        ("ppo2", "ppo2"),
+        ("mine", "mine"),
+    ],
+)
+def test_an_agent_has_its_registry_s_title(name: str, title: str) -> None:
+    assert labels([{"algo": name}], [True]) == [title]

@@ -45,8 +45,8 @@ def test_a_sound_grid_has_no_problems(grid: list[Path]) -> None:
     assert [run.id for run in runs] == sorted(path.name for path in grid)
     assert [a.label for a in found] == [
         "PID",
-        *(f"PPO K={k} {f} Hz" for k in (1, 100) for f in (10, 25)),
-        *(f"SAC K={k} {f} Hz" for k in (1, 100) for f in (10, 25)),
+        *(f"PPO K={k}, trained at {f} Hz" for k in (1, 100) for f in (10, 25)),
+        *(f"SAC K={k}, trained at {f} Hz" for k in (1, 100) for f in (10, 25)),
     ]
     assert found[1].key == {"algo": "ppo", "reward.k": 1.0, "step.frequency": 10.0}
 
@@ -57,7 +57,7 @@ def test_metrics_are_the_csv_paired_by_episode(grid: list[Path]) -> None:
     written.sample(frac=1, random_state=1).to_csv(path, index=False)  # the order of rows must not matter
     seal(path.with_name("summary.json"))
     runs, _ = load([grid[0].parent])
-    agent = next(a for a in agents(runs)[0] if a.label == "PPO K=1 10 Hz")
+    agent = next(a for a in agents(runs)[0] if a.label == "PPO K=1, trained at 10 Hz")
     assert [run.seed for run in agent.runs] == [0, 1]
     assert np.array_equal(agent.metrics["steps"][1], written["steps"])
     assert agent.metrics["return"][1] == pytest.approx(written["return"].to_numpy(), rel=1e-15)
@@ -109,7 +109,7 @@ def test_a_damaged_evaluation_is_left_out_and_named(
     runs, problems = load([grid[0].parent])
     assert kinds(problems) == {grid[0].name: kind}
     assert re.search(message, problems[0].message)
-    agent = next(a for a in agents(runs)[0] if a.label == "PPO K=1 10 Hz")
+    agent = next(a for a in agents(runs)[0] if a.label == "PPO K=1, trained at 10 Hz")
     assert [run.seed for run in agent.runs] == [1]
 
 
@@ -246,14 +246,14 @@ def test_failed_and_unfinished_runs_are_named_and_leave_the_table(grid: list[Pat
     assert kinds(problems) == {grid[0].name: "failed", grid[1].name: "unfinished"}
     assert "failed at step 1,000: loss is nan" in problems[0].message
     found, more = agents(runs, failed_trainings="omit")
-    assert "PPO K=1 10 Hz" not in [a.label for a in found]
+    assert "PPO K=1, trained at 10 Hz" not in [a.label for a in found]
     assert more == []  # the cells are there, they are not missing
 
 
 def test_a_failed_training_is_a_seed_without_success(grid: list[Path]) -> None:
     set_state([grid[0]], "failed", "loss is nan")
     runs, _ = load([grid[0].parent])
-    agent = next(a for a in agents(runs)[0] if a.label == "PPO K=1 10 Hz")
+    agent = next(a for a in agents(runs)[0] if a.label == "PPO K=1, trained at 10 Hz")
     assert [run.seed for run in agent.runs] == [0, 1]
     assert (agent.outcome[0] == NO_POLICY).all()
     assert agent.success[0].sum() == 0
@@ -267,7 +267,7 @@ def test_a_failed_training_is_a_seed_without_success(grid: list[Path]) -> None:
     assert success == pytest.approx(agent.success[1].mean() / 2)
     alone = np.where(agent.outcome[1] == 0, agent.metrics["steps"][1], 1000)
     assert steps == pytest.approx((1000 + alone.mean()) / 2)
-    assert "PPO K=1 10 Hz: 1 of 2 trainings failed (seed 0) and count as success 0" in " ".join(
+    assert "PPO K=1, trained at 10 Hz: 1 of 2 trainings failed (seed 0) and count as success 0" in " ".join(
         remarks(ranking)
     )
 
@@ -278,7 +278,7 @@ def test_an_agent_all_of_whose_trainings_failed_is_in_the_table(grid: list[Path]
     runs, _ = load([grid[0].parent])
     row = rank(agents(runs)[0]).rows[-1]
     assert (row.label, row.failed_seeds, row.estimates["success_rate"].value) == (
-        "PPO K=1 10 Hz",
+        "PPO K=1, trained at 10 Hz",
         (0, 1),
         0.0,
     )
@@ -344,8 +344,8 @@ def test_a_hole_in_the_grid_is_named(grid: list[Path]) -> None:
     runs, _ = load([grid[1].parent])
     _, problems = agents(runs)
     assert [(p.where, p.kind, p.message) for p in problems] == [
-        ("PPO K=1 10 Hz", "missing", "no run with seed 0"),
-        ("PPO K=1 25 Hz", "missing", "no run"),
+        ("PPO K=1, trained at 10 Hz", "missing", "no run with seed 0"),
+        ("PPO K=1, trained at 25 Hz", "missing", "no run"),
     ]
 
 

@@ -59,3 +59,18 @@ def test_other_scenarios_because_of_another_sheet_name_what_differs(tmp_path: Pa
     reconfigure(written[0], vehicle__mass=16.0)
     (problem,) = sections(load([tmp_path])[0], "test")[1].problems
     assert problem.message.endswith("they differ in vehicle.mass")
+
+
+def test_runs_tested_in_their_own_task_have_a_section_each_and_no_complaint(tmp_path: Path) -> None:
+    one, other = write_experiment(
+        tmp_path / "grid", algorithms=("ppo",), seeds=(0, 1), episodes=12, protocols={"own": ("nominal",)}
+    )
+    write_evaluation(one, "own", ("nominal",), 10)  # another fingerprint
+    reconfigure(one, task__goal_radius=0.5)
+    found = sections(load([tmp_path], "own")[0], "own")
+    assert {part.title for part in found} == {
+        "vehicle bluerov2, goal_radius=0.5",
+        "vehicle bluerov2, goal_radius=3",
+    }
+    assert [part.problems for part in found] == [(), ()]
+    assert other.name in {run.id for part in found for run in part.runs}

@@ -87,6 +87,18 @@ def test_native_uses_each_agents_own_frequency_and_compares_across_them():
     assert of(test, config("step.frequency=55")) == of(test, config("step.frequency=10"))
 
 
+@pytest.mark.parametrize("override", ["task.goal_radius=0.5", "noise=none", "disturbance=severe"])
+def test_own_tests_a_run_in_what_it_was_trained_with(override):
+    test = protocol("protocol=own")
+    run = config(override, "step.frequency=25")
+    (condition,) = circumstances(test, run)
+    assert condition.config.step.frequency == 25
+    group = override.partition("=")[0].partition(".")[0]
+    assert dataclasses.asdict(getattr(condition.config, group)) == run[group]
+    assert of(test, run) != of(test, config())
+    assert of(test, config("reward.k=100")) == of(test, config())
+
+
 def test_robustness_has_levels_and_one_factor_at_a_time():
     found = {c.name: c.config for c in circumstances(protocol("protocol=robustness"), config())}
     nominal = found["nominal"]
