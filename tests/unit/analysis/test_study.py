@@ -262,7 +262,9 @@ def kept(folder, one, gone, reward_k=None):
         np.savez(directory / "trajectories.npz", **arrays)
         summary = {"schema_version": 1, "conditions": [{"name": "nominal", "episodes": 4}]}
         (directory / "summary.json").write_text(json.dumps(summary))
-        evaluation = SimpleNamespace(fingerprint=one.fingerprint, directory=directory, summary=summary)
+        evaluation = SimpleNamespace(
+            fingerprint=one.fingerprint, directory=directory, summary=summary, archive=None
+        )
         runs.append(replace(run, evaluations={"test": evaluation}))
     return replace(one, runs=tuple(runs))
 
