@@ -105,11 +105,12 @@ def _text(error: BaseException) -> str:
 
 
 def _save(error: BaseException, arguments: Sequence[str]) -> Path | None:
-    """Writes versions, command and traceback into a new file; None where no folder takes it."""
+    """Write versions, command and traceback into a new file; return None where no folder takes it."""
+    from auvbench.runs.ownership import state_folder
+
     content = _details(error, arguments)
     name = f"error-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}-{uuid.uuid4().hex[:6]}.txt"
-    state = os.environ.get("XDG_STATE_HOME") or os.path.join(os.path.expanduser("~"), ".local", "state")
-    for folder in (Path(state, "auvbench"), Path(tempfile.gettempdir())):
+    for folder in (state_folder(), Path(tempfile.gettempdir())):
         path = folder / name
         try:
             folder.mkdir(parents=True, exist_ok=True)

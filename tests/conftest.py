@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,15 @@ if TYPE_CHECKING:
 
 Once = Callable[[str, Callable[[Path], object]], Path]
 Trained = Callable[[str], "RunDirectory"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """One state directory for all processes of the session: its key signs the runs that they share."""
+    root = tmp_path_factory.getbasetemp()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(root.parent if "PYTEST_XDIST_WORKER" in os.environ else root))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -133,7 +133,7 @@ def candidates(words: Sequence[str]) -> list[str]:
     parser = _parser(command)
     offered = [name for name in parser.flags() if word.startswith("-")] if parser is not None else []
     if command == "evaluate" and word.startswith("-"):
-        offered = [WHERE, "--cfg", "--help"]
+        offered = [WHERE, "--cfg", "--trust", "--help"]
     if command == "bound" and word.startswith("-"):
         offered = ["--check", "--help"]
     flag = before[-1] if before else ""

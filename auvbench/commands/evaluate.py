@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from auvbench.commands import trust
 from auvbench.errors import AuvbenchError, RunError, UserError
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ policy and frozen statistics. What is tested already is skipped, what is not com
                   controller (mpc) are shared (default: one per core)
   --where TERMS   only runs of these values; all words with a = that follow are terms, so it comes last:
                   --where vehicle=rexrov reward.k=1,40 algo!=random
+  --trust         test runs that another person made with an installed agent or simulator; asked once for each
   --cfg job       print the configuration of the test and stop
 
 Exit code 0 when every complete run is tested; 1 when a test failed or another process works on a run; 2 when there is
@@ -45,7 +47,7 @@ examples:
   auvbench evaluate outputs/default protocol=thesis
 """
 
-FLAGS = ("--where", "--cfg", "--help")
+FLAGS = ("--where", "--cfg", "--trust", "--help")
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -57,7 +59,8 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.config.validate import evaluate_config
     from auvbench.runs import run_filter
 
-    rest, terms = take_where(arguments)
+    words, trusted = trust.take(arguments)
+    rest, terms = take_where(words)
     shows = _take_cfg(rest)
     _refuse_flags(rest)
     paths = [word for word in rest if "=" not in word or Path(word).exists()]
@@ -77,7 +80,9 @@ def main(arguments: Sequence[str]) -> int:
     wanted = run_filter.parse(terms)
     _refuse_own(terms)
     runs = find_runs(paths)
-    return _evaluate_all(run_filter.select(runs, wanted, run_filter.facts) if wanted else runs, config)
+    runs = run_filter.select(runs, wanted, run_filter.facts) if wanted else runs
+    trust.require_runs(runs, trusted, "evaluate", packages=True)
+    return _evaluate_all(runs, config)
 
 
 def _take_cfg(words: list[str]) -> bool:

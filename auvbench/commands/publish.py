@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands import export, publish_readme
+from auvbench.commands import export, publish_readme, trust
 from auvbench.commands.publish_readme import Study
 from auvbench.commands.report_options import Options, read
 from auvbench.commands.report_options import parser as report_parser
@@ -54,6 +54,7 @@ def parser() -> Parser:
     )
     add("--digits", type=int, metavar="N", help="significant digits of measured numbers; default all")
     add("--policies", action="store_true", help="each agent's best run as an ONNX file with its card")
+    add(trust.FLAG, action="store_true", help=trust.HELP)
     return parser
 
 
@@ -84,7 +85,7 @@ def main(argv: Sequence[str]) -> int:
     publish_readme.check(study, options)
     publish_readme.rehearse(paths, study, options)
     with storage(f"cannot write {study.folder}"):
-        runs, left_out = _ship(paths, options, study)
+        runs, left_out = _ship(paths, options, study, own["trust"])
         count, without = publish_readme.write(study, options, {run.id: run for run in runs})
     _close(study.folder, count)
     return 1 if left_out or without else 0
@@ -146,7 +147,9 @@ def _close(folder: Path, runs: int) -> None:
         print(f"auvbench: more than {LARGEST / 1e6:.0f} MB; --digits 4 makes it smaller", file=sys.stderr)
 
 
-def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[RunRecord], int]:
+def _ship(
+    paths: Sequence[Path], options: Options, study: Study, trusted: bool
+) -> tuple[list[RunRecord], int]:
     """Write the runs; return them as found, and the number of things left out, each of which is named.
 
     Raises:
@@ -157,6 +160,7 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
     from auvbench.analysis.load import load, require
     from auvbench.reporting import archive
     from auvbench.runs import lock
+    from auvbench.runs.directory import RunDirectory
 
     folder = study.folder
     protocols = (options.protocol, *study.also)
@@ -165,6 +169,9 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
     for run in runs:
         if run.archive is None and folder.resolve() in run.directory.resolve().parents:
             raise ReportError(f"--to {folder}: {run.directory} lies there; name a folder without runs")
+    if study.policies:
+        made = [RunDirectory(run.directory) for run in runs if run.archive is None]
+        trust.require_runs(made, trusted, "publish", packages=True)
     held = {run.id: holder for run in runs if (holder := _holder(run)) is not None}
     chosen = [run for run in runs if (run.evaluations or failed_training(run)) and run.id not in held]
     if not any(options.protocol in run.evaluations for run in chosen):

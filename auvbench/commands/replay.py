@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from auvbench.commands import trust
 from auvbench.commands.grammar import Parser
 from auvbench.errors import RunError
 
@@ -34,6 +35,7 @@ def parser() -> Parser:
         const=Path(),
         help="a film as well: FILE.mp4 (needs ffmpeg) or FILE.gif (default: a GIF beside the figure)",
     )
+    parser.add_argument(trust.FLAG, action="store_true", help=trust.HELP)
     return parser
 
 
@@ -59,6 +61,7 @@ def main(arguments: Sequence[str]) -> int:
     runs = find_runs([options.run])
     if len(runs) != 1:
         raise RunError(f"{options.run}: holds {len(runs)} runs; name one of them, e.g. {runs[0].path}")
+    trust.require_runs(runs, options.trust, "replay", packages=True)
     protocol = evaluate_config(compose("evaluate", [f"protocol={options.protocol}"])).protocol
     condition = options.condition or protocol.conditions[0].name
     episode = replay(runs[0], protocol, condition, options.episode)

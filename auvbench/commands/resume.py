@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from auvbench.commands import trust
 from auvbench.commands.grammar import Parser
 from auvbench.errors import AuvbenchError, ConfigError, RunError
 from auvbench.runs.identity import OPERATIONAL
@@ -42,6 +43,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.runs.directory import find_runs
 
     runs = find_runs(paths)
+    trust.require_runs(runs, given.trust, "resume")
     if operational:
         _renew(runs, operational, write=total is None)
     if total is not None:
@@ -64,6 +66,7 @@ def parser() -> Parser:
         help=f"run directories or folders; {BUDGET}=N extends; KEY=VALUE for {', '.join(OPERATIONAL)}",
     )
     parser.add_argument("--workers", type=int, default=0, help="runs at once (default: as many as cores)")
+    parser.add_argument(trust.FLAG, action="store_true", help=trust.HELP)
     return parser
 
 

@@ -21,6 +21,9 @@ from auvbench.errors import TrainingError
 
 _BLOCK = 1 << 20
 
+READABLE = 0o644
+"""mode of files that others may read"""
+
 _REASONS = {
     errno.ENOSPC: "the disk is full; free some space",
     errno.EDQUOT: "the disk quota is used up; free some space",
@@ -113,9 +116,9 @@ def write_atomic(path: Path, data: bytes, *, sync_folder: bool = True) -> None:
         fsync_directory(path.parent)
 
 
-def create_atomic(path: Path, data: bytes) -> bool:
+def create_atomic(path: Path, data: bytes, mode: int = READABLE) -> bool:
     """Make a file unless it exists; return whether this call made it."""
-    staged = _stage(path, data)
+    staged = _stage(path, data, mode)
     try:
         os.link(staged, path)
     except FileExistsError:
@@ -128,7 +131,7 @@ def create_atomic(path: Path, data: bytes) -> bool:
     return True
 
 
-def _stage(path: Path, data: bytes) -> Path:
+def _stage(path: Path, data: bytes, mode: int = READABLE) -> Path:
     make_folder(path.parent)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
@@ -136,8 +139,7 @@ def _stage(path: Path, data: bytes) -> Path:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp makes files private; runs are to be read by others.
-        os.chmod(name, 0o644)
+        os.chmod(name, mode)  # mkstemp makes files private
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise

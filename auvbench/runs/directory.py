@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from auvbench.errors import RunError
-from auvbench.runs import declared, identity, integrity, interpolations, schemas
+from auvbench.runs import declared, identity, integrity, interpolations, ownership, schemas
 from auvbench.runs.atomic_io import (
     FAULTS,
     as_json,
@@ -217,6 +217,7 @@ def freeze(
     try:
         make_folder(run.path)
         run.write_config(config)
+        ownership.sign(run.config_path)
         # Of two sweeps that begin at once, the slower must not undo what the faster's worker has written by now.
         create_atomic(
             run.manifest_path, as_json(integrity.sealed(_fresh_manifest(run, config, command, analysis)))
@@ -247,6 +248,7 @@ def renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
         return
     try:
         run.write_config(config)
+        ownership.sign(run.config_path)
     except OSError as error:
         raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
 

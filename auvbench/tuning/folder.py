@@ -13,7 +13,7 @@ from auvbench.config.agents import learns
 from auvbench.config.tuning import Tune, refuse_test
 from auvbench.config.validate import check, evaluate_protocol
 from auvbench.errors import AuvbenchError, ConfigError, RunError
-from auvbench.runs import identity, lock
+from auvbench.runs import identity, lock, ownership
 from auvbench.runs.atomic_io import make_folder, storage, write_json
 from auvbench.runs.directory import damaged
 from auvbench.tuning import space
@@ -99,6 +99,7 @@ class StudyFolder:
         """Write the plan; a study that goes on takes the trials and fresh seeds that were typed."""
         with storage(f"cannot write {self.plan_path}"):
             write_json(self.plan_path, asdict(plan))
+        ownership.sign(self.plan_path)
 
     def read(self) -> Plan:
         """Return the plan of the study.
