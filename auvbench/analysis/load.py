@@ -29,7 +29,7 @@ from auvbench.config import answers
 from auvbench.errors import ReportError, closest
 from auvbench.runs import run_filter as filters
 from auvbench.runs import schemas
-from auvbench.untrusted import documents, reading
+from auvbench.untrusted import documents, path_safety, reading
 from auvbench.untrusted.text import short
 
 __all__ = ["agents", "available_protocols", "load", "require"]
@@ -195,7 +195,7 @@ def _run(directory: Path) -> RunRecord:
 
 
 def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Archive | None) -> RunRecord:
-    if not is_name(manifest["id"]):
+    if not is_name(manifest["id"]) or not path_safety.is_plain(manifest["id"]):
         raise Damage(f"manifest.json has the id {_brief(manifest['id'])}, which is no name")
     if archive is not None and manifest["id"] != directory.name:
         raise Damage(f"manifest.json is of the run {_brief(manifest['id'])}", "foreign")

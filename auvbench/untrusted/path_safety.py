@@ -38,12 +38,22 @@ def child(folder: Path | str, name: object) -> Path:
     """
     path = Path(folder)
     for part in name.split("/") if isinstance(name, str) else [""]:
-        if part in ("", ".", "..") or not part.isprintable() or len(part.encode()) > LONGEST:
-            raise ValueError(f"{short(repr(name), 60)} is no name of a file below {Path(folder).name}")
+        if not is_plain(part):
+            raise ValueError(f"{short(repr(name), 60)} is no name of a file below {path.name or 'it'}")
         path /= part
         if path.is_symlink():
             raise ValueError(_link(path))
     return path
+
+
+def is_plain(name: str) -> bool:
+    """Return whether a name is that of one file or folder, and nothing on a terminal but its characters."""
+    return (
+        name not in ("", ".", "..")
+        and "/" not in name
+        and name.isprintable()
+        and len(name.encode()) <= LONGEST
+    )
 
 
 def check(run: Path | str) -> None:

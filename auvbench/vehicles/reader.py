@@ -12,6 +12,7 @@ import yaml
 from auvbench.config import answers
 from auvbench.errors import VehicleError, closest
 from auvbench.untrusted import documents, reading
+from auvbench.untrusted.path_safety import is_plain
 from auvbench.vehicles.document import Document, Keys
 
 
@@ -101,7 +102,7 @@ def _compose(entry: Traversable, label: str, folder: Path | None, heirs: tuple[s
 
 def _parent(name: str, folder: Path | None, heir: Document, heirs: tuple[str, ...]) -> Document:
     """The sheet `name` that `heir` inherits from, out of `folder` if it lies there."""
-    if folder is not None and (folder / f"{name}.yaml").is_file():
+    if folder is not None and is_plain(name) and (folder / f"{name}.yaml").is_file():
         entry: Traversable = folder / f"{name}.yaml"
         label = str(entry)
     else:
