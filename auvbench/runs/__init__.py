@@ -1,1 +1,1 @@
-"""What a run is and where it lies: identity, directory, durable files, records, provenance, locks, status."""
+"""A run on disk: identity, directory, files that are whole or absent, digests, ownership, locks and status."""

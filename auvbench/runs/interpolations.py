@@ -1,7 +1,7 @@
-"""Interpolations in a configuration that is to be frozen, or was.
+"""Interpolations such as `${oc.env:SCRATCH}` in the configuration of a run.
 
-Who makes a run resolves `${oc.env:SCRATCH}` once and stores what it stood for. In a run from a stranger such a text
-would read the environment of whoever resumes or tests it, and store that in turn.
+They are resolved when a run is made. In a run from another person such a text would read the environment of the user who
+resumes or tests it, and store the value.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from auvbench.untrusted.text import short
 
 
 def first(config: Mapping[str, Any]) -> str:
-    """The first text that would be resolved, as `key is text`; empty where there is none."""
+    """Return the first text that would be resolved, as `key is text`; empty without one."""
     waiting: list[tuple[str, Any]] = [("", config)]
     while waiting:
         path, node = waiting.pop()

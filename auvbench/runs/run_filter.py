@@ -1,10 +1,9 @@
-"""Which runs: the filter of `auvbench report`, `runs` and `evaluate`, in the grammar of overrides.
+"""The filter `--where` of `auvbench report`, `runs`, `evaluate` and `export`, in the grammar of overrides.
 
     --where vehicle=rexrov reward.k=1,40 algo!=random
 
-keeps the runs for which every term holds: one of the values after `=`, none of those after `!=`. Keys are those of the
-configuration; `algo` stands for `algo.name`, as it does when runs are typed, and `state`, `id` and `experiment` may be
-asked for as well. Text may hold `*` and `?`.
+keeps the runs for which every term holds: one of the values after `=`, none of the values after `!=`. Keys are those of the
+configuration, and `state`, `id` and `experiment`; `algo` stands for `algo.name`. Text may hold `*` and `?`.
 """
 
 from __future__ import annotations
@@ -34,12 +33,12 @@ class Term:
     text: str
 
     def holds(self, value: Any) -> bool:
-        """Whether a run with this value of the key is kept."""
+        """Return whether a run with this value of the key is kept."""
         return any(_equal(value, wanted) for wanted in self.values) is not self.negated
 
 
 def parse(terms: Iterable[str]) -> tuple[Term, ...]:
-    """The terms that are typed after `--where`.
+    """Return the terms typed after `--where`.
 
     Raises:
         UserError: one is not KEY=VALUE,... or KEY!=VALUE,...
@@ -58,22 +57,22 @@ def parse(terms: Iterable[str]) -> tuple[Term, ...]:
 
 
 def _split(text: str) -> list[str]:
-    """At commas, but not inside the brackets of a list."""
+    """Split at commas outside of brackets."""
     return re.split(r",(?![^\[]*\])", text)
 
 
 def select(
     items: Sequence[Item], terms: Sequence[Term], facts: Callable[[Item], Mapping[str, Any]]
 ) -> list[Item]:
-    """The items for which all terms hold, in their order.
+    """Return the items for which all terms hold, in their order.
 
     Args:
-        items: runs, in whatever form.
+        items: runs, in any form.
         terms: as `parse` returns them.
-        facts: what is known of an item, by dotted key (see `flat`).
+        facts: returns the values of an item by dotted key (see `flat`).
 
     Raises:
-        UserError: no item has a key, no item has a value that is asked for, or none is left.
+        UserError: no item has a key or a value, or no item is left.
     """
     known = [dict(facts(item)) for item in items]
     kept = list(range(len(items)))
@@ -95,7 +94,7 @@ def _resolve(term: Term, known: Sequence[Mapping[str, Any]]) -> str:
     for candidate in (term.key, f"{term.key}.name"):
         if candidate in there:
             return candidate
-    # Hundreds of keys, most of them of the vehicle's sheet: only near ones are of help.
+    # Most of the hundreds of keys are of the vehicle's sheet: only near ones help.
     short = {key.rpartition(".")[2]: key for key in sorted(there, reverse=True)}
     near = short.get(term.key) or next(iter(difflib.get_close_matches(term.key, there, n=1)), None)
     hint = f"did you mean {near}?" if near else "auvbench runs --json shows the keys there are"
@@ -103,7 +102,7 @@ def _resolve(term: Term, known: Sequence[Mapping[str, Any]]) -> str:
 
 
 def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """A nested configuration by dotted keys; lists stay whole.
+    """Return a nested configuration by dotted keys; lists stay whole.
 
     >>> flat({"reward": {"k": 1}, "seed": 2})
     {'reward.k': 1, 'seed': 2}
@@ -118,19 +117,19 @@ def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def facts(run: RunDirectory) -> dict[str, Any]:
-    """What a run directory can be asked for; empty where its configuration cannot be read."""
+    """Return the values of a run directory by key; empty where its configuration cannot be read."""
     from auvbench.runs import status
 
     try:
         known = flat(run.config())
         known["state"] = str(status.of(run).state)
     except (RunError, RecursionError):
-        return {}  # whoever works on it says what is wrong with it
+        return {}  # the command names the damage when it uses the run
     return known | {"id": run.id, "experiment": run.path.absolute().parent.name}
 
 
 def text(value: Any) -> str:
-    """A value as it is typed: 1.0 is 1, True is true, None is null.
+    """Return a value as it is typed: 1.0 is 1, True is true, None is null.
 
     >>> text(1.0), text(None), text([0.0, 1.5])
     ('1', 'null', '[0,1.5]')

@@ -1,7 +1,6 @@
-"""Where a run stands: what its manifest says, corrected by whether somebody still works on it.
+"""The status of a run: the state in its manifest, corrected by whether a process still works on it.
 
-A process that is killed cannot write that into its manifest, so `running` is believed only while the run's
-lock has a living holder.
+A killed process cannot write its end into the manifest, so `running` counts only while the run's lock is held.
 """
 
 from __future__ import annotations
@@ -26,13 +25,15 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RunStatus:
-    """A run as it is now."""
+    """A run, its state and its manifest."""
 
     run: RunDirectory
     state: State
     manifest: dict[str, Any]
-    holder: lock.Holder | None = None  # who works on it, while it is running
-    lost: str = ""  # which file of its model is not what its manifest says, where that says complete
+    holder: lock.Holder | None = None
+    """the process that works on it"""
+    lost: str = ""
+    """of a complete run: which file of its model is missing or damaged"""
 
     @property
     def name(self) -> str:
@@ -60,7 +61,7 @@ def of(run: RunDirectory, *, deep: bool = False) -> RunStatus:
 
 
 def finished(run: RunDirectory, manifest: dict[str, Any] | None = None) -> bool:
-    """Whether nothing is left to do: complete, and its model as it was written."""
+    """Return whether a run is complete and its model is as it was written."""
     manifest = run.manifest() if manifest is None else manifest
     return manifest["state"] == "complete" and not lost_model(run, manifest)
 

@@ -1,6 +1,5 @@
-"""Reading what anybody may have written: run folders, sheets and configurations from a stranger, or a damaged disk.
+"""Reading files that another person may have written: run folders, sheets, configurations; or a damaged disk.
 
-Everything here is bounded (bytes, nesting, what an alias or an archive expands to) and raises a `ValueError` with
-one line that says what is wrong; nothing runs code, and nothing follows a link out of a run. What is trusted and
-what is not: SECURITY.md.
+Every reader is bounded (bytes, nesting, what an alias or an archive expands to) and raises a `ValueError` of one line.
+No reader runs code or follows a link out of a run. SECURITY.md says what is trusted.
 """

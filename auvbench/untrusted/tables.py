@@ -1,4 +1,4 @@
-"""Tables of comma-separated values from elsewhere."""
+"""Tables of comma-separated values that another person may have written."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MISSING = ("", "nan", "NaN", "NA", "N/A", "null", "NULL", "None")
-"""What stands where there is no number; in a column of words it is a word."""
+"""texts for a missing number; in a column of words they are words"""
 
 
 def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str] = ()) -> pd.DataFrame:
-    """The table, or those of the columns `only` that are there; what stands in the columns `words` as it is written.
+    """Return a table, or its columns `only`; the columns `words` stay text.
 
     Raises:
         ValueError: it is no table.
@@ -36,7 +36,7 @@ def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str]
 
 
 def text(rows: Iterable[Mapping[str, str]], columns: Collection[str]) -> bytes:
-    r"""Rows as such a table, of these columns alone.
+    r"""Return rows as a table of these columns.
 
     >>> text([{"step": "3", "outcome": "success"}], ["outcome", "step"])
     b'outcome,step\nsuccess,3\n'

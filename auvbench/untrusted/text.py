@@ -1,4 +1,4 @@
-"""Text from elsewhere on its way to a terminal, a table or a figure."""
+"""Text of other people on its way to a terminal, a table or a figure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ LONGEST = 200
 
 
 def plain(text: object) -> str:
-    r"""One line in which every character can be seen: no escape sequences, no line breaks, no turned direction.
+    r"""Return one line of visible characters: no escape sequences, line breaks or marks of direction.
 
     >>> print(plain("a\x1b[31mb\nc\u202e"))
     a\x1b[31mb\nc\u202e
@@ -19,7 +19,7 @@ def plain(text: object) -> str:
 
 
 def short(text: object, limit: int = LONGEST) -> str:
-    """`plain`, with the middle left out of what is longer than `limit`."""
+    """Return `plain` text, cut at `limit` characters."""
     shown = plain(str(text)[: 2 * limit] if len(str(text)) > 2 * limit else text)
     if len(shown) <= limit:
         return shown
@@ -27,7 +27,7 @@ def short(text: object, limit: int = LONGEST) -> str:
 
 
 def first_line(error: object) -> str:
-    r"""What an error says, without what follows its first line; its type where it says nothing.
+    r"""Return the first line of an error, or its type where it has no text.
 
     >>> first_line(ValueError("no number\nin line 3")), first_line(ValueError())
     ('no number', 'ValueError')
@@ -36,10 +36,10 @@ def first_line(error: object) -> str:
 
 
 def cell(value: object) -> object:
-    r"""A value for a CSV file that a spreadsheet takes for what it is: a text that would be a formula gets a '.
+    r"""Return a value for a CSV file: a text that a spreadsheet would take for a formula gets a '.
 
-    Numbers stay numbers, also those that are written as text. A text is one line: a lone carriage return ends a row
-    for some readers and none for Python's writer, which does not quote it.
+    Numbers stay numbers, also those written as text. A text becomes one line: Python's writer does not quote a lone
+    carriage return, which ends a row for some readers.
 
     >>> cell("=1+1"), cell("PPO"), cell(-1.5), cell("-1.5"), cell("a\rb")
     ("'=1+1", 'PPO', -1.5, '-1.5', 'a\\rb')

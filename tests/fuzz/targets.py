@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
+import hashlib
 import json
 import random
 import shutil
+import warnings
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -194,9 +197,13 @@ def every_reader(experiment: Path, *, heavy: bool) -> None:
     )
     for path in run[:1]:
         judge(["evaluate", str(path), "workers=1"])
-        judge(["resume", str(path)])
+        judge(["resume", str(path), "--trust"])
         if heavy:
             judge(["replay", str(path)])
+    if heavy:
+        study = experiment.with_name("published")
+        shutil.rmtree(study, ignore_errors=True)
+        judge(["publish", str(experiment), "--to", str(study), "--pictures", ""])
 
 
 def _dump(path: Path, value: Any, seal: int) -> None:
@@ -270,6 +277,70 @@ def configuration(folder: Path, where: int, value: Any, how: int, seed: int) -> 
     every_reader(experiment, heavy=seed % 4 == 0)
 
 
+DEEP = ("- " * 100_000, "[" * 100_000, "{a: " * 100_000, "? " * 100_000)
+BEFORE = ("", "x:\r", "x:\x85", "x:\u2028", "\ufeffx:\r\n", "x:\n ")
+
+
+def nested(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
+    """A configuration that PyYAML's loader would fall over, among sound runs."""
+    experiment = fresh(folder)
+    text = BEFORE[where % len(BEFORE)] + DEEP[how % len(DEEP)]
+    path = runs_of(experiment)[0] / "config.yaml"
+    path.write_bytes(text.encode("utf-16" if seed % 4 == 0 else "utf-8"))
+    every_reader(experiment, heavy=seed % 8 == 1)
+
+
+PLACES = (
+    "/",
+    "..",
+    "../",
+    "../../outside",
+    "../outside",
+    "a/../../../outside",
+    "link/outside",
+    "link",
+    "",
+    ".",
+    "\0",
+)
+
+
+def checkpoint(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
+    """The manifest of a checkpoint with a seal that fits: what is copied from it stays inside the two runs."""
+    from auvbench.agents.components import Components
+    from auvbench.errors import RunError, TrainingError
+    from auvbench.training.checkpoint.logs import GrowingLog
+    from auvbench.training.checkpoint.seeding import seed as copy_checkpoint
+    from auvbench.training.checkpoint.store import CheckpointStore
+
+    root = folder / "checkpointed"
+    shutil.rmtree(root, ignore_errors=True)
+    run, outside = root / "x" / "run", root / "outside"
+    (run / "train").mkdir(parents=True)
+    outside.write_text("untouched")
+    (run / "train" / "episodes.csv").write_text("a\n")
+    (run / "link").symlink_to(root)
+    marks = {"train/episodes.csv": GrowingLog(run / "train" / "episodes.csv").mark()}
+    store = CheckpointStore(run)
+    path = store.save(5, Components(values={"counters": {"step": 5}}), logs=marks) / "manifest.json"
+    content = json.loads(path.read_text())
+    if how % 2:
+        name = (*PLACES, str(outside), str(value))[where % (len(PLACES) + 2)]
+        content["logs" if seed % 2 else "files"][name] = {"bytes": 0, "sha256": hashlib.sha256().hexdigest()}
+    else:
+        content = mutated(content, where, value, how // 2)
+    _dump(path, content, 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with contextlib.suppress(RunError, TrainingError):
+            found = store.peek()
+            if found is not None:
+                (run / "link").unlink()
+                copy_checkpoint(run, found, root / "x" / "longer")
+    assert outside.read_text() == "untouched"
+    assert {p.name for p in root.iterdir()} == {"x", "outside"}
+
+
 def _agree(run: Path) -> None:
     from auvbench.runs import identity
 
@@ -332,6 +403,8 @@ FILES: dict[str, Callable[[Path, int, Any, int, int], None]] = {
     "summaries": summary,
     "tables": table,
     "configurations": configuration,
+    "nested configurations": nested,
+    "checkpoints": checkpoint,
     "sheets": sheet,
     "presets": preset,
 }

@@ -115,5 +115,5 @@ def test_replay_refuses_damaged_weights(run: RunDirectory, capsys: pytest.Captur
     flipped("policy.pt")(run)
     assert cli.main(["replay", str(run.path)]) == 2
     error = capsys.readouterr().err
-    assert "policy.pt: differs from its digest" in error
+    assert "policy.pt differs from its digest" in error
     assert error.count("\n") == 1
