@@ -29,7 +29,8 @@ from auvbench.config import answers
 from auvbench.errors import ReportError, closest
 from auvbench.runs import run_filter as filters
 from auvbench.runs import schemas
-from auvbench.untrusted import documents, path_safety, reading
+from auvbench.untrusted import documents, reading
+from auvbench.untrusted.path_safety import child, is_plain
 from auvbench.untrusted.text import short
 
 __all__ = ["agents", "available_protocols", "load", "require"]
@@ -183,9 +184,10 @@ def _read_study(folder: Path) -> list[_Read]:
             manifest = checked(archive.document(name, "manifest"), schemas.Manifest, RUNS)
             config = archive.document(name, "config")
             archive.summaries(name)
-            found.append((_record(folder / name, manifest, config, archive), []))
-        except Damage as damage:
-            found.append((None, [Problem(f"{folder}: {name}", damage.kind, str(damage))]))
+            found.append((_record(child(folder, name), manifest, config, archive), []))
+        except (Damage, ValueError) as damage:
+            kind = getattr(damage, "kind", "damaged")
+            found.append((None, [Problem(f"{folder}: {name}", kind, str(damage))]))
     return found
 
 
@@ -195,7 +197,7 @@ def _run(directory: Path) -> RunRecord:
 
 
 def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Archive | None) -> RunRecord:
-    if not is_name(manifest["id"]) or not path_safety.is_plain(manifest["id"]):
+    if not is_name(manifest["id"]) or not is_plain(manifest["id"]):
         raise Damage(f"manifest.json has the id {_brief(manifest['id'])}, which is no name")
     if archive is not None and manifest["id"] != directory.name:
         raise Damage(f"manifest.json is of the run {_brief(manifest['id'])}", "foreign")

@@ -37,19 +37,14 @@ CHECKED = "checked by path_safety.is_plain, or by a pattern, where it is read"
 LISTED = "found in the folder itself"
 
 KNOWN = {
-    ("analysis/load.py", "run.directory / 'evaluations' / name"): CHECKED,
-    ("commands/publish.py", "folder / copies.RUNS / name"): LISTED,
+    ("analysis/archive.py", "self.folder / name"): OWN,
     ("commands/tune.py", "Path(output) / 'tune' / name"): TYPED,
     ("config/restricted_yaml.py", "f.path / name"): TYPED,
     ("config/restricted_yaml.py", "os.path.join(os.path.basename(self.path), name)"): TYPED,
     ("config/restricted_yaml.py", "os.path.join(self.path, name)"): TYPED,
     ("evaluation/bounds/files.py", "folder / name"): OWN,
     ("evaluation/bounds/files.py", "root / f'{protocol}-{vehicle}'"): TYPED,
-    ("reporting/best_policies.py", "there / f'{run}.onnx'"): CHECKED,
-    ("reporting/copies.py", "folder / scenarios.FOLDER / scenarios.name_of(digest)"): OWN,
-    ("reporting/copies.py", "runs / _name(former)"): LISTED,
-    ("reporting/shipped.py", "folder / copies.RUNS / run.id"): CHECKED,
-    ("reporting/shipped.py", "staged / 'evaluations' / folder.name"): LISTED,
+    ("reporting/archive.py", "folder / name"): OWN,
     ("runs/directory.py", "Path(config['output']) / config['name']"): TYPED,
     ("runs/directory.py", "folder / name"): TYPED,
     ("runs/directory.py", "self.model / name"): OWN,
