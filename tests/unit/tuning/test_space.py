@@ -115,6 +115,7 @@ def test_a_search_that_is_not_there_is_not_passed_over(tmp_path, monkeypatch, ca
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_one_command_gives_every_shipped_space_the_same_budget(monkeypatch):
     from auvbench.commands import tune
     from auvbench.config import answers

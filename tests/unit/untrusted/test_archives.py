@@ -37,6 +37,7 @@ def test_arrays_and_weights_come_back() -> None:
     assert archives.weights(stream.getvalue())["w"].tolist() == [1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_a_compressed_bomb_is_not_unpacked() -> None:
     data = bomb("a.npy", 2**31)
     assert len(data) < 4 * 2**20

@@ -34,6 +34,9 @@ LINKS = (
 )
 
 
+QUICK = ("checkpoints", "model/policy.pt", "train/log.txt", "config.yaml")
+
+
 def content(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
@@ -48,7 +51,9 @@ def photographs(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", LINKS)
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in LINKS]
+)
 @pytest.mark.parametrize("state", ["interrupted", "complete"])
 def test_no_command_follows_a_link_out_of_a_run(
     name: str, state: str, photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

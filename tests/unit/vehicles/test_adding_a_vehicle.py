@@ -25,6 +25,7 @@ def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("_folder")
+@pytest.mark.slow
 def test_the_commands_of_the_page(capsys: pytest.CaptureFixture[str]) -> None:
     lines = [line.removeprefix("$ ") for block in blocks("console") for line in block.splitlines()]
     typed = [shlex.split(line)[1:] for line in lines if line.startswith("auvbench ") and ">" not in line]
