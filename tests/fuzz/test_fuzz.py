@@ -1,8 +1,7 @@
-"""A few seconds of each target; `make fuzz` runs them for long."""
+"""A few examples of each target, the same ones each time; `make fuzz` runs them for long."""
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,17 @@ from hypothesis import HealthCheck, given, settings
 from tests.fuzz import targets
 from tests.fuzz.harness import nothing_long
 
-SECONDS = 2.5  # per target
-SETTINGS = settings(
-    max_examples=200, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
-)
+COUNTS = [4, pytest.param(12, marks=pytest.mark.slow)]
+
+
+def examples(count: int) -> settings:
+    return settings(
+        max_examples=count,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -23,30 +29,28 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("fuzz")
 
 
-def test_command_lines(folder: Path) -> None:
+@pytest.mark.parametrize("count", COUNTS)
+def test_command_lines(count: int, folder: Path) -> None:
     targets.keys()
-    until = time.monotonic() + SECONDS
 
-    @SETTINGS
+    @examples(count)
     @given(targets.overrides(), targets.wholes())
     def one(words: list[str], choice: int) -> None:
-        if time.monotonic() < until:
-            targets.command_line(folder, words, choice)
+        targets.command_line(folder, words, choice)
 
     with nothing_long(folder):
         one()
 
 
 @pytest.mark.parametrize("name", targets.FILES)
-def test_files(name: str, folder: Path) -> None:
+@pytest.mark.parametrize("count", COUNTS)
+def test_files(count: int, name: str, folder: Path) -> None:
     targets.fresh(folder)
-    until = time.monotonic() + SECONDS
 
-    @SETTINGS
+    @examples(count)
     @given(targets.wholes(), targets.values(), targets.wholes(), targets.wholes())
     def one(where: int, value: Any, how: int, seed: int) -> None:
-        if time.monotonic() < until:
-            targets.FILES[name](folder, where, value, how, seed)
+        targets.FILES[name](folder, where, value, how, seed)
 
     with nothing_long(folder):
         one()

@@ -19,6 +19,7 @@ from auvbench.ros2.mission import Logbook, Mission
 from auvbench.ros2.observation import observe
 from auvbench.ros2.thrust import SheetThrust
 from auvbench.tasks.kernels import F_WAYPOINT
+from tests.waiting import LIMIT
 
 
 def flown(frame, vehicle, max_steps, seed):
@@ -136,6 +137,6 @@ print(sorted({name.partition(".")[0] for name in sys.modules} & set(sys.argv[1].
         [sys.executable, "-c", "import sys; sys.argv[0] = 'auvbench'\n" + code, heavy, str(policy)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=LIMIT,
     )
     assert done.stdout.strip() == "[]", done.stdout + done.stderr

@@ -20,6 +20,7 @@ import pytest
 
 from auvbench.errors import AuvbenchError, RunError
 from auvbench.runs import lock, processes
+from tests.waiting import LIMIT
 
 HOLD = """
 import os, sys, time
@@ -120,11 +121,11 @@ def test_a_requeued_job_waits_for_its_own_earlier_life_alone(
         monkeypatch.setattr(fcntl, "flock", noted)
         heir = threading.Thread(target=lambda: taken.append(lock.acquire(tmp_path, job="slurm:17")))
         heir.start()
-        assert waits.wait(60)
+        assert waits.wait(LIMIT)
     finally:
         process.kill()  # the file server notices the death of the node
         process.wait()
-    heir.join(60)
+    heir.join(LIMIT)
     assert lock.living_holder(tmp_path) == taken[0].holder
     taken[0].release()
 

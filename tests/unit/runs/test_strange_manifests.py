@@ -15,6 +15,7 @@ from auvbench import cli
 from auvbench.runs import integrity
 from tests import fake_training
 from tests.unit.runs.test_damage import frozen
+from tests.waiting import LIMIT
 
 FIELDS: list[tuple[str, Any]] = [
     ("success_rate", "x"),
@@ -109,6 +110,6 @@ def test_a_configuration_without_end_costs_no_other_run(tmp_path: Path) -> None:
     bad.config_path.write_bytes(b"x:\r" + b"- " * 100_000)
     code = "import sys; from auvbench import cli; sys.exit(cli.main(sys.argv[1:]))"
     command = [sys.executable, "-c", code, "runs", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT)
     assert done.returncode in (0, 1)
     assert good.id in done.stdout

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from auvbench.untrusted import documents, reading
+from tests.waiting import LIMIT
 
 LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12)
@@ -39,7 +40,7 @@ def test_deep_yaml_is_refused(data: bytes) -> None:
     # In a process of its own: PyYAML's C loader would end this one.
     code = "from auvbench.untrusted import documents as d\ntry: d.yaml_value(open(0,'rb').read())\nexcept ValueError as e: print(e)"
     done = subprocess.run(
-        [sys.executable, "-c", code], input=data, capture_output=True, timeout=60, check=True
+        [sys.executable, "-c", code], input=data, capture_output=True, timeout=LIMIT, check=True
     )
     assert b"nested" in done.stdout
 
