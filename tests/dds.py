@@ -44,6 +44,17 @@ _claims: list[socket.socket] = []
 """of the domains in use; servers inherit them, so that a domain is taken while any process of a test lives in it"""
 
 
+def occupied(number: int) -> bool:
+    """Return whether a process that claims no domain, such as a server left over, listens on this domain's ports."""
+    for participant in range(20):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7410 + 250 * number + 2 * participant))  # DDSI-RTPS 2.5, section 9.6.2.3
+            except OSError:
+                return True
+    return False
+
+
 @contextlib.contextmanager
 def domain() -> Iterator[int]:
     """Use a ROS domain that no other test in this network namespace has."""
@@ -56,6 +67,9 @@ def domain() -> Iterator[int]:
         try:
             claim.bind(f"\0auvbench-test-domain-{number}")  # exclusive, and gone with its last holder
         except OSError:
+            claim.close()
+            continue
+        if occupied(number):
             claim.close()
             continue
         _claims.append(claim)

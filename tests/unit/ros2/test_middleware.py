@@ -44,3 +44,12 @@ def test_it_is_what_the_documentation_says(tag, value):
     assert value is None or found.text == value
     if value is None:
         assert [part.text for part in found] == ["1", "0"]
+
+
+def test_a_domain_in_which_any_process_lives_is_occupied():
+    with dds.domain() as number:
+        assert not dds.occupied(number)
+        session = middleware.Session()
+        session.node("lodger")
+        assert dds.occupied(number)
+        session.close()
