@@ -1,4 +1,4 @@
-"""How often the verdicts on the thesis's claims are wrong.
+"""How often the verdicts on the original study's claims are wrong.
 
 Studies are drawn in worlds in which it is known what is true, at the very edge between a claim and its contrary where
 there is one, and judged by the claims' own functions (`auvbench.analysis.study`).
@@ -65,6 +65,16 @@ WORLDS: tuple[World, ...] = (
     World("half of them at 70, half at 90 %", generalising([0.7, 0.9], 0.5, 0.0), {"5a": (FAILS,)}),
     World("a converged run is better in 75 %", generalising([0.6], 0.75, 1.0), {"5b": (HOLDS,)}),
     World("a converged run is better in 50 %", generalising([0.6], 0.5, 1.0), {"5b": (FAILS,)}),
+    World(
+        "a converged run is better in 75 %, cells differ",
+        generalising([0.6], 0.75, 1.0, 1.3),
+        {"5b": (HOLDS,)},
+    ),
+    World(
+        "a converged run is better in 50 %, cells differ",
+        generalising([0.6], 0.5, 1.0, 1.3),
+        {"5b": (FAILS,)},
+    ),
     World("rho 0.5, 9 agents", points(0.5, 9), {"6": (HOLDS,)}),
     World("rho 0, 9 agents", points(0.0, 9), {"6": (FAILS,)}),
     World("rho 0.5, 27 agents", points(0.5, 27), {"6": (HOLDS,)}),

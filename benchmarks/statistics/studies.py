@@ -1,4 +1,4 @@
-"""Studies of the thesis that were never carried out: trainings and tests drawn from worlds in which it is known what is true."""
+"""Simulated studies: trainings and tests drawn from worlds of which the truth is known."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from auvbench.analysis.model import Agent, RunRecord
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence
-from auvbench.analysis.study.learning import Learning
+from auvbench.analysis.study.learning import Episodes, Learning
 from auvbench.statistics.power import Rates
 from benchmarks.statistics.worlds import FloatArray
 
@@ -27,7 +27,7 @@ Draw = Callable[[int, np.random.Generator], "Simulated"]
 
 @dataclass(eq=False)
 class Simulated(Evidence):
-    """Evidence that was drawn: training records and paid paths are handed over instead of read."""
+    """Evidence that was drawn: training records and paid paths are given instead of read; every limit is attainable."""
 
     records: Mapping[str, list[Learning]] = field(default_factory=dict)
     paid: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -38,6 +38,25 @@ class Simulated(Evidence):
 
     def collected(self, agent: Agent, k: float) -> FloatArray | None:
         return self.paid.get(agent.label)
+
+    def failing_top_by_k(self, agent: Agent, ks: Sequence[float]) -> dict[float, float] | None:
+        return dict.fromkeys(ks, 0.5)
+
+    def attainable(self, limit: float) -> bool:
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn(Learning):
+    """Training records of which only the date of convergence is drawn."""
+
+    at: float = np.inf
+
+    def converged_at(self, limit: float) -> float:
+        return self.at
+
+
+NO_EPISODES = Episodes(np.zeros(0), np.zeros(0, dtype=np.bool_), np.zeros(0))
 
 
 def run_of(algo: str, cell: Cell, seed: int, steps: int = thesis.STEPS) -> RunRecord:
@@ -78,7 +97,7 @@ def agents_of(
 
 def record_of(cell: Cell, seed: int, at: float = np.inf, top: float = 0.0) -> Learning:
     """Training records of a SAC run that converged at a step, of whose best-rewarded episodes a share fails."""
-    return Learning(run_of("sac", cell, seed), thesis.STEPS, 1000.0, at, top)
+    return Drawn(run_of("sac", cell, seed), thesis.STEPS, NO_EPISODES, top, at)
 
 
 def cells(value: float, **at: float) -> dict[Cell, float]:
@@ -161,11 +180,12 @@ def third(gain: float, more: float, top: float) -> Draw:
     return draw
 
 
-def generalising(rates: Sequence[float], superiority: float, noise: float) -> Draw:
-    """SAC runs of which every other cell's converged.
+def generalising(rates: Sequence[float], superiority: float, noise: float, shared: float = 0.0) -> Draw:
+    """SAC runs of which half, drawn at random, converged.
 
     Those that did not have one of these rates, drawn for each, with normal noise on its logit; those that did have a
-    logit about one of them that is larger with the probability `superiority`, where the noise is 1.
+    logit about one of them that is larger with the probability `superiority`, where the noise is 1. The runs of a cell
+    share a normal effect with the standard deviation `shared`.
     """
 
     def draw(S: int, rng: np.random.Generator) -> Simulated:
@@ -173,17 +193,17 @@ def generalising(rates: Sequence[float], superiority: float, noise: float) -> Dr
 
         found: list[Agent] = []
         records = []
-        for i, cell in enumerate(GRID):
+        for cell in GRID:
             (agent,) = agents_of("sac", {cell: 0.5}, S, rng)
-            converged = i % 2 == 0
-            level = logit(rng.choice(rates, size=S))
-            if converged:
-                level = level + np.sqrt(2) * ndtri(superiority) + rng.normal(size=S)
-            else:
-                level = level + noise * rng.normal(size=S)
+            converged = rng.random(S) < 0.5
+            spread = np.where(converged, 1.0, noise)
+            gain = np.where(converged, np.sqrt(2) * ndtri(superiority), 0.0)
+            level = (
+                logit(rng.choice(rates, size=S)) + gain + spread * rng.normal(size=S) + shared * rng.normal()
+            )
             success = rng.random((S, EPISODES)) < expit(level)[:, None]
             found.append(replace(agent, outcome=np.where(success, 0, 2).astype(np.int8)))
-            records += [record_of(cell, s, 5e5 if converged else np.inf) for s in range(S)]
+            records += [record_of(cell, s, 5e5 if converged[s] else np.inf) for s in range(S)]
         return evidence(found, records)
 
     return draw

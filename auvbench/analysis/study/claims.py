@@ -1,15 +1,18 @@
-"""The seven claims of the thesis, each a test fixed here and in docs/claims.md before any data are seen."""
+"""The seven claims of the original study, each a test fixed here and in docs/claims.md."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from auvbench.analysis.model import ClaimVerdict
+from auvbench.analysis.formatting import listed
+from auvbench.analysis.model import ClaimVerdict, RunRecord
 from auvbench.analysis.study import testing_claims as testing
 from auvbench.analysis.study import training_claims as training
 from auvbench.analysis.study.evidence import Evidence
+from auvbench.analysis.study.straightness import straightness_and_steps
 from auvbench.analysis.study.verdict import Part, together
+from auvbench.analysis.timing import budget_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +23,26 @@ class Claim:
     parts: Callable[[Evidence], list[Part]]
 
     def __call__(self, evidence: Evidence) -> ClaimVerdict:
-        return together(self.text, self.parts(evidence))
+        verdict = together(self.text, self.parts(evidence))
+        return replace(
+            verdict, statistic=" ".join(filter(None, [verdict.statistic, _basis(evidence, verdict)]))
+        )
+
+
+def _basis(evidence: Evidence, verdict: ClaimVerdict) -> str:
+    """Return presets, budget and seeds of a verdict's runs as a sentence; empty without runs."""
+    known = {run.id: run for run in [*evidence.runs, *(run for a in evidence.agents for run in a.runs)]}
+    by_preset: dict[str, list[RunRecord]] = {}
+    for run in (known[i] for i in verdict.run_ids if i in known):
+        by_preset.setdefault(str(run.config.get("algo.name")), []).append(run)
+    parts = []
+    for preset, runs in by_preset.items():
+        budgets = [f"{steps:,}" for steps in sorted({budget_of(run) for run in runs})]
+        seeds = sorted({run.seed for run in runs})
+        parts.append(
+            f"{preset}, {listed(budgets)} steps, {'seed' if len(seeds) == 1 else 'seeds'} {listed([str(s) for s in seeds], 10)}"
+        )
+    return f"Runs: {'; '.join(parts)}." if parts else ""
 
 
 CLAIMS = (
@@ -44,7 +66,7 @@ CLAIMS = (
         "Agents that did not converge in training can generalise: convergence does not predict test success (SAC).",
         training.convergence_does_not_predict,
     ),
-    Claim("Path straightness and step count do not correlate.", testing.straightness_and_steps),
+    Claim("Path straightness and step count do not correlate.", straightness_and_steps),
     Claim(
         "SAC is more robust than PPO to a high frequency; PPO at 10 Hz beats SAC at 10 Hz, PPO at 25 Hz fails.",
         testing.sac_is_more_robust_to_frequency,

@@ -1,13 +1,13 @@
-"""What an agent collects where K is set equal: its kept test paths, paid once more.
+"""What an agent collects at another K: its kept test paths, paid once more.
 
-The return of an episode is paid with the K that the agent was trained with: of two agents that move alike the one with
-K = 100 collects more than the one with K = 1, and "a larger K raises the reward" would be true by definition. Here both
-are paid with the same K.
+The return of an episode is paid with the K of the agent's training. Of two agents that move alike, the one with K = 100
+collects more than the one with K = 1, so "a larger K raises the reward" would hold by definition. Here both are paid
+with the same K.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,11 +23,34 @@ EPISODES = 1000
 
 
 def collected(agent: Agent, k: float) -> FloatArray | None:
-    """Returns (seeds, kept episodes) of the agent's test paths, paid with K = k; None where paths are missing.
+    """Return (seeds, kept episodes) of the agent's test paths, paid with K = k; None where paths are missing.
 
-    Eq. 2.1 of the thesis (docs/task.md) on the positions as kept (float32), with the coefficients of the first run but
-    for K; all runs must have kept the same episodes.
+    Equation 2.1 of the original study (docs/task.md) on the positions as kept (float32), with each run's coefficients
+    but for K. All runs must have kept the same episodes.
     """
+    found = _collected(agent, k)
+    return None if found is None else found[1]
+
+
+def failing_top_by_k(agent: Agent, ks: Sequence[float]) -> dict[float, float] | None:
+    """Return, by K, the failing share of the tenth of kept test episodes that K pays best; None without paths.
+
+    The policy is the same for every K, so what changes with K follows from the reward alone.
+    """
+    shares = {}
+    for k in ks:
+        found = _collected(agent, k)
+        if found is None:
+            return None
+        episodes, paid = found
+        fails = (agent.success[:, episodes] == 0).ravel()
+        best = np.argsort(-paid.ravel(), kind="stable")[: max(paid.size // 10, 1)]
+        shares[k] = float(fails[best].mean())
+    return shares
+
+
+def _collected(agent: Agent, k: float) -> tuple[list[int], FloatArray] | None:
+    """Return the kept episodes and what they pay, (seeds, episodes)."""
     rows: list[FloatArray] = []
     episodes: list[int] | None = None
     for run in agent.runs:
@@ -36,7 +59,7 @@ def collected(agent: Agent, k: float) -> FloatArray | None:
             return None
         episodes = found[0]
         rows.append(found[1])
-    return np.array(rows) if rows and episodes else None
+    return (episodes, np.array(rows)) if rows and episodes else None
 
 
 def _paid(run: RunRecord, fingerprint: str, k: float) -> tuple[list[int], FloatArray] | None:
@@ -57,7 +80,7 @@ def _paid(run: RunRecord, fingerprint: str, k: float) -> tuple[list[int], FloatA
 
 
 def pay(position: FloatArray, waypoint: FloatArray, config: Mapping[str, Any], k: float) -> float:
-    """Return of a path (T + 1, 3) m to a waypoint (3,) m with K = k, by the reward of a flattened configuration."""
+    """Return the episode return of a path (T + 1, 3) m to a waypoint (3,) m with K = k and a flattened configuration."""
     distance = np.linalg.norm(position - waypoint, axis=1)
     z = position[:, 2]
     low, high = float(config.get("task.depth_low", -60.0)), float(config.get("task.depth_high", -1.0))

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from auvbench.analysis.model import Agent, RunRecord
-from auvbench.analysis.study.collected import collected
-from auvbench.analysis.study.learning import Learning, learning
+from auvbench.analysis.study.collected import collected, failing_top_by_k
+from auvbench.analysis.study.learning import Episodes, Learning, learning
 from auvbench.statistics.intervals import FloatArray
 
 FACTORS = {"algo": "algo.name", "reward.k": "reward.k", "step.frequency": "step.frequency"}
@@ -16,7 +18,7 @@ FACTORS = {"algo": "algo.name", "reward.k": "reward.k", "step.frequency": "step.
 
 @dataclass(eq=False)
 class Evidence:
-    """Runs and agents of a report, as the claims look at them."""
+    """Runs and agents of a report, as the claims use them."""
 
     runs: Sequence[RunRecord]
     agents: Sequence[Agent]
@@ -24,9 +26,10 @@ class Evidence:
     seed: int
     _trained: dict[str, list[Learning]] = field(default_factory=dict)
     """by algorithm; reading the records of a long training takes a while, so each is read once"""
+    _tests: list[Episodes] | None = None
 
     def __post_init__(self) -> None:
-        """Gives every agent a key with the factors of the grid, from its runs where they were not grouped by."""
+        """Complete every agent's key with the factors of the grid, read from its runs."""
         self.agents = [_with_factors(agent) for agent in self.agents]
 
     def of(self, family: str) -> list[Agent]:
@@ -48,8 +51,30 @@ class Evidence:
         return self._trained[name]
 
     def collected(self, agent: Agent, k: float) -> FloatArray | None:
-        """Returns (seeds, episodes) of the agent's kept test paths, paid with K = k; None where there are none."""
+        """Return (seeds, episodes) of the agent's kept test paths, paid with K = k; None without paths."""
         return collected(agent, k)
+
+    def failing_top_by_k(self, agent: Agent, ks: Sequence[float]) -> dict[float, float] | None:
+        """Return, by K, the failing share of the frozen agent's best-paid kept test episodes; None without paths."""
+        return failing_top_by_k(agent, ks)
+
+    def attainable(self, limit: float) -> bool:
+        """Return whether a control meets the criterion of convergence within a time limit in s.
+
+        The controls are all evaluated policies of the report, controllers included: none of them learns during its
+        test. Where no control converges, "did not converge" says nothing about learning.
+        """
+        return any(np.isfinite(control.converged_at(limit)) for control in self._controls())
+
+    def _controls(self) -> list[Episodes]:
+        if self._tests is None:
+            self._tests = [
+                Episodes(seconds, success, np.zeros(len(seconds)))
+                for agent in self.agents
+                if "duration_s" in agent.metrics
+                for seconds, success in zip(agent.metrics["duration_s"], agent.success > 0, strict=True)
+            ]
+        return self._tests
 
 
 def _with_factors(agent: Agent) -> Agent:

@@ -1,4 +1,4 @@
-"""The claims of the thesis that training records decide: 1, 2 and 5. Each function returns the claim's parts."""
+"""The claims of the original study that training records decide: 1, 2 and 5. Each function returns the claim's parts."""
 
 from __future__ import annotations
 
@@ -19,27 +19,30 @@ from auvbench.analysis.timing import by_frequency, differs, limit_s
 from auvbench.statistics.estimate import Estimate
 
 KS = (1.0, 40.0, 100.0)
-"""the thesis's values of K"""
+"""the original study's values of K"""
 GENERALISES = 0.8
 """claim 5: success rate whose lower limit makes a training one that generalises"""
 PREDICTS = 0.75
 """claim 5: the probability that a converged run tests better, below which convergence does not predict"""
+Cell = tuple[float, float]
+"""K and frequency in Hz"""
 FEW = 3
-"""claim 5: runs of either kind that are needed"""
+"""claim 5: pairs of runs that are needed, one of either kind and both of one cell"""
 
 
 def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
-    """1: for every K, fewer than half of the SAC trainings at 55 Hz converge within the thesis's 1,000,000 steps.
+    """1: for every K, fewer than half of the SAC trainings at 55 Hz converge within 1,000,000 steps.
 
-    The thesis saw one training of each K. What it says of K is said here of the probability that a training converges:
-    it holds if for each K the upper limit is below one half, it fails if for some K, or over all of them, more than
-    half do; each with an error of 1 - confidence (exact binomial limits; the four tests of "fails" by Bonferroni).
+    The original study saw one training of each K. Here the claim is about the probability that a training converges: it
+    holds if for each K the upper limit is below one half, and fails if for some K, or over all of them, more than half
+    converge (exact binomial limits, error 1 - confidence each; the four tests of "fails" by Bonferroni). It cannot hold
+    where no control converges within the time limit of an episode.
     """
     alpha = 1 - e.confidence
     here = [run for run in e.learnings("sac") if cell_of_run(run.run)[1] == thesis.HIGH_FREQUENCY]
     if not here:
         return [Part(OPEN, missing="training records of SAC at 55 Hz")]
-    # One that converged counts whatever its length; one that did not only if it had as long as the thesis's.
+    # One that converged counts whatever its length; one that did not only if it had the original study's budget.
     known = [run for run in here if run.converged or run.steps >= thesis.STEPS]
     # Of a mixture of lengths the short ones could only be counted where they converged: then none of them is.
     if any(run.steps < thesis.STEPS and not run.converged for run in here):
@@ -49,7 +52,7 @@ def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
     for k in sorted({cell_of_run(run.run)[0] for run in known}):
         mine = [run.converged for run in known if cell_of_run(run.run)[0] == k]
         counts[k] = (sum(mine), len(mine))
-    missing = []
+    missing = _unattainable(e, here)
     if short := len(here) - len(known):
         missing.append(f"{thesis.STEPS:,} training steps in {counted(short, 'run')} of fewer")
     if not known:
@@ -66,47 +69,66 @@ def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
         return [Part(HOLDS, statistic, run_ids=ids)]
     if few := [k for k, limit in upper.items() if limit >= 0.5]:
         missing.append(
-            f"more training seeds with K={listed([f'{k:g}' for k in few])} (five of which none converges would do)"
+            f"more training seeds with K={listed([f'{k:g}' for k in few])} (five that do not converge are enough)"
         )
     return [Part(OPEN, statistic, "; ".join(missing), ids)]
+
+
+def _unattainable(e: Evidence, runs: Sequence[Learning]) -> list[str]:
+    """Return what is missing where no control converges within the runs' time limits."""
+    found = sorted({run.limit for run in runs if not e.attainable(run.limit)})
+    if not found:
+        return []
+    times = listed([f"{limit:.3g}" for limit in found])
+    return [f"a time limit within which a control converges (no evaluated policy does within {times} s)"]
 
 
 def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
     """2: at equal K, of two SAC runs the one of the lower frequency converges in fewer steps; permutation test.
 
-    Of a K at which no run converged nothing is said.
+    At each K all runs are judged by the same time limit in seconds, the shortest that some control meets; frequencies
+    of a shorter limit are left out, and so is a K without a converged run. A policy that learns nothing ties with
+    itself at every frequency.
     """
     runs = e.learnings("sac")
+    judged = [run for run in runs if e.attainable(run.limit)]
     strata: dict[float, list[Learning]] = {}
-    for run in runs:
+    for run in judged:
         strata.setdefault(cell_of_run(run.run)[0], []).append(run)
     points: list[Point] = []
     for k, members in strata.items():
         # Equal budgets: what converged after the shortest training of the stratum ended counts as not converged.
         budget = min(run.steps for run in members)
-        when = [run.converged_at if run.converged_at <= budget else np.inf for run in members]
+        limit = min(run.limit for run in members)
+        dates = [run.converged_at(limit) for run in members]
+        when = [date if date <= budget else np.inf for date in dates]
         if np.isfinite(when).any():
             points += [
                 (f"{k:g}", -cell_of_run(run.run)[1], -at) for run, at in zip(members, when, strict=True)
             ]
-    ids = tuple(run.run.id for run in runs)
+    ids = tuple(run.run.id for run in judged)
     found = trend(points, e.confidence, e.seed)
+    excluded = [run for run in runs if run not in judged]
     if found is None:
-        alone = "SAC runs that differ in frequency at equal K"
+        missing = ["SAC runs that differ in frequency at equal K"]
         if runs and not points and trend(_levels(strata), e.confidence, e.seed) is not None:
             return [Part(OPEN, "no run converged", "runs that converge", ids)]
-        return [Part(OPEN, missing=alone, run_ids=ids)]
+        return [Part(OPEN, missing="; ".join([*missing, *_unattainable(e, runs)]), run_ids=ids)]
     part = by_trend(found, "the lower frequency converges sooner in", Levels.of(e.confidence, 1), ids)
-    return [replace(part, statistic=f"{part.statistic}{_other_times(runs)}")]
+    left = ""
+    if excluded:
+        at = listed([f"{f:g}" for f in sorted({cell_of_run(run.run)[1] for run in excluded})])
+        left = f"; left out: {counted(len(excluded), 'run')} at {at} Hz, whose time limit no evaluated policy meets"
+    return [replace(part, statistic=f"{part.statistic}{_other_times(judged)}{left}")]
 
 
 def _other_times(runs: Sequence[Learning]) -> str:
-    """What else changes with the frequency, where an episode lasts so many steps as in the thesis; '' where nothing does."""
+    """Return what else changes with the frequency, where episodes differ in seconds; '' elsewhere."""
     times = by_frequency([run.run for run in runs], limit_s)
     if not differs(times):
         return ""
     shown = [f"{' or '.join(f'{s:g}' for s in found)} s at {f:g} Hz" for f, found in times.items() if found]
-    return f"; the time for an episode goes with the frequency ({listed(shown)}) and may be the cause"
+    return f"; trained with {listed(shown)} per episode, which may be the cause, and judged by the shortest of them"
 
 
 def _levels(strata: dict[float, list[Learning]]) -> list[Point]:
@@ -114,19 +136,34 @@ def _levels(strata: dict[float, list[Learning]]) -> list[Point]:
 
 
 def convergence_does_not_predict(e: Evidence) -> list[Part]:
-    """5: some run that did not converge tests well, and a converged run is hardly more likely to test better."""
+    """5: some run that did not converge tests well, and a converged run is hardly more likely to test better.
+
+    "Did not converge" counts after 1,000,000 steps, and where some control converges within the run's time limit.
+    """
     tested = {
         run.id: (float(agent.success[i].mean()), agent.outcome.shape[1])
         for agent in e.of("sac")
         for i, run in enumerate(agent.runs)
     }
     runs = [run for run in e.learnings("sac") if run.run.id in tested]
-    yes = [tested[run.run.id] for run in runs if run.converged]
-    no = [tested[run.run.id] for run in runs if not run.converged and run.steps >= thesis.STEPS]
+    yes = [run for run in runs if run.converged]
+    full = [run for run in runs if not run.converged and run.steps >= thesis.STEPS]
+    no = [run for run in full if e.attainable(run.limit)]
     ids = tuple(run.run.id for run in runs)
     levels = Levels.of(e.confidence, 2)
-    better = [x for x, _ in yes], [x for x, _ in no]
-    return [_some_generalises(no, levels, ids), _prediction(*better, levels, ids)]
+    by_cell: dict[Cell, tuple[list[float], list[float]]] = {}
+    for kind, members in enumerate((yes, no)):
+        for run in members:
+            by_cell.setdefault(cell_of_run(run.run), ([], []))[kind].append(tested[run.run.id][0])
+    parts = [
+        _some_generalises([tested[run.run.id] for run in no], levels, ids),
+        _prediction(list(by_cell.values()), levels, ids),
+    ]
+    why = _unattainable(e, full)
+    return [
+        replace(part, missing="; ".join([part.missing, *why])) if part.verdict == OPEN else part
+        for part in parts
+    ]
 
 
 def _some_generalises(no: Sequence[tuple[float, int]], levels: Levels, ids: tuple[str, ...]) -> Part:
@@ -149,19 +186,26 @@ def _some_generalises(no: Sequence[tuple[float, int]], levels: Levels, ids: tupl
     return Part(verdict, statistic, "" if verdict != OPEN else f"more {missing}", ids)
 
 
-def _prediction(yes: Sequence[float], no: Sequence[float], levels: Levels, ids: tuple[str, ...]) -> Part:
-    """How likely a converged run tests better than one that did not.
+def _prediction(
+    by_cell: Sequence[tuple[Sequence[float], Sequence[float]]], levels: Levels, ids: tuple[str, ...]
+) -> Part:
+    """Judge how likely a converged run tests better than one of the same K and frequency that did not converge.
 
-    The variance of that share is at most p (1 - p) over the smaller number of runs, whatever their distributions (van
-    Dantzig 1951; Birnbaum & Klose 1957, Ann. Math. Stat. 28:933): the limits are those of so many binomial trials.
+    Runs of one cell share what K and frequency do, so only runs of the same cell are compared. The variance of a
+    cell's share is at most p (1 - p) over the smaller number of its runs, whatever their distributions (van Dantzig 1951;
+    Birnbaum & Klose 1957, Ann. Math. Stat. 28:933). Weighted by these numbers, the mean has the limits of as many
+    binomial trials as their sum.
     """
-    if min(len(yes), len(no)) < FEW:
+    both = [(np.array(yes), np.array(no)) for yes, no in by_cell if yes and no]
+    fewer = np.array([min(len(yes), len(no)) for yes, no in both])
+    n = int(fewer.sum())
+    if n < FEW:
         return Part(
             OPEN,
-            missing=f"{FEW} evaluated runs that converged (here {len(yes)}) and {FEW} that did not ({len(no)})",
+            missing=f"{FEW} pairs of evaluated runs of the same K and frequency, one converged and one not (here {n})",
+            run_ids=ids,
         )
-    n = min(len(yes), len(no))
-    value = superiority(np.array(yes), np.array(no))
+    value = float(fewer @ [superiority(yes, no) for yes, no in both]) / n
 
     def at(confidence: float) -> Estimate:
         low, high = limits(value * n, n, (1 - confidence) / 2)
@@ -170,6 +214,7 @@ def _prediction(yes: Sequence[float], no: Sequence[float], levels: Levels, ids: 
     yes_at, no_at = at(levels.holds), at(levels.fails)
     verdict = FAILS if no_at.low > 0.5 else HOLDS if yes_at.high < PREDICTS else OPEN
     statistic = (
-        f"a converged run tests better than one that did not with {amount(yes_at, measure('success_rate'))}"
+        "a converged run tests better than one of the same K and frequency that did not with "
+        f"{amount(yes_at, measure('success_rate'))}, in {counted(len(both), 'cell')}"
     )
     return Part(verdict, statistic, "" if verdict != OPEN else "more runs of either kind", ids)

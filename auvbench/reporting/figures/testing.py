@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from auvbench.analysis.model import Agent
-from auvbench.analysis.study.testing_claims import FEWEST_AGENTS, rank_correlation
 from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import (
@@ -108,16 +107,14 @@ def steps_deviation(scene: Scene) -> Drawing | None:
         if agent.label in known:
             look = scene.looks[agent.label]
             _crosses(ax, [known[agent.label]], color=look.colour, marker=look.marker, markersize=7)
-    points = [(x.value, y.value) for x, y in known.values()]
     ax.set_xlabel("mean steps per episode")
     ax.set_ylabel("mean deviation from the straight line (m)")
     style.legend(figure, scene.looks_of(named), lines=False)
     percent = f"{100 * scene.ranking.confidence:g} %"
-    correlation = _correlation(np.array(points), scene.ranking.confidence)
     others = f" In grey: the other {len(rest)} agents." if rest else ""
     caption = (
         f"Mean steps against mean deviation from the straight line, one point per agent, with {percent} "
-        f"intervals; lower left is better.{correlation}{others}"
+        f"intervals; lower left is better.{others}"
     )
     return Drawing(figure, "Test: steps against deviation", caption)
 
@@ -140,16 +137,6 @@ def _crosses(ax: Axes, points: Sequence[tuple[Estimate, Estimate]], **style_: An
         capsize=2,
         alpha=0.95,
         **style_,
-    )
-
-
-def _correlation(points: FloatArray, confidence: float) -> str:
-    """Spearman's rho with its interval, of so many agents that it can say something."""
-    if len(points) < FEWEST_AGENTS or np.ptp(points, axis=0).min() == 0:
-        return ""
-    rho = rank_correlation(points[:, 0], points[:, 1], confidence)
-    return (
-        f" Rank correlation over the {len(points)} agents: {rho.value:.2f} [{rho.low:.2f}, {rho.high:.2f}]."
     )
 
 

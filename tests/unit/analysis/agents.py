@@ -46,6 +46,7 @@ def agent(
     )
     metrics = {
         "steps": np.round(np.minimum(taken, 1000)),
+        "duration_s": np.round(np.minimum(taken, 1000)) / 10,
         "return": 500.0 * success + k * taken * 0.4,
         "deviation_mean_m": rng.gamma(4, 0.6, success.shape),
         "final_distance_m": np.where(success, 2.8, 12.0),

@@ -1,4 +1,4 @@
-"""The thesis's claims: each verdict from data made to deserve it, and the machinery behind them."""
+"""The original study's claims: each verdict from data made to deserve it, and the functions behind them."""
 
 import json
 from dataclasses import replace
@@ -14,7 +14,7 @@ from auvbench.analysis.model import RunRecord
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence
 from auvbench.analysis.study.learning import learning
-from auvbench.analysis.study.testing_claims import rank_correlation, thesis_points
+from auvbench.analysis.study.straightness import independent, partial_rank_correlation, study_points
 from auvbench.analysis.study.trend import trend
 from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Levels, Part, by_interval, together
 from auvbench.errors import ReportError
@@ -49,6 +49,12 @@ def trained(folder, algo, k, f, seed, frame, steps=1_000_000) -> RunRecord:
     return RunRecord(run.id, directory, run.state, run.seed, run.config, run.manifest)
 
 
+SWIFT = agent("pid", level=8, steps=80)
+"""a control that converges within 18.2 s"""
+SLOW = agent("pid", level=8, steps=220)
+"""a control that converges within 40 s and not within 18.2 s"""
+
+
 def claim(number, runs=(), agents=()):
     return study.answer(runs, agents)[number - 1]
 
@@ -64,11 +70,12 @@ def with_runs(one, runs):
 
 def test_convergence_is_dated_by_the_first_window_of_short_successes(tmp_path):
     found = learning(trained(tmp_path, "sac", 1, 25, 0, training(when=100_000)))
-    # 100 episodes of 1000 steps, then 200-step successes: half of the window are successes after 50 of them, and
-    # its mean length is then 600.
+    # 100 episodes of 1000 steps (40 s), then successes of 200: half of the window that begins after 50 episodes are
+    # successes, and its mean is 24 s.
     assert found.converged
-    assert found.converged_at == 100_000 + 50 * 200
-    assert found.length == 200
+    assert found.converged_at(40.0) == 50_000
+    assert found.converged_at(30.0) == 60_000, "0.8 of the limit needs more short episodes"
+    assert found.converged_at(7.9) == np.inf, "no success within the limit"
 
 
 @pytest.mark.parametrize(
@@ -123,7 +130,7 @@ def test_trend_in_strata_agrees_with_all_permutations():
 
 
 def test_single_runs_cannot_resolve_a_trend():
-    """The thesis's own evidence for its second claim: two pairs of runs."""
+    """The original study's own evidence for its second claim: two pairs of runs."""
     found = trend([("K=1", -25.0, -5.0), ("K=1", -10.0, -3.0), ("K=40", -25.0, -6.0), ("K=40", -10.0, -4.0)])
     assert found.estimate.value == 1
     assert found.p_up == pytest.approx(0.25, abs=0.02)
@@ -179,19 +186,24 @@ def test_nothing_there_means_nothing_said():
 
 def test_claim_1(tmp_path):
     runs = [trained(tmp_path, "sac", k, 55.0, s, training()) for k in (1.0, 40.0, 100.0) for s in range(5)]
-    told = claim(1, runs)
+    told = claim(1, runs, [SWIFT])
     assert told.verdict == HOLDS
     assert "K=1: 0 of 5 (at most 45 %)" in told.statistic
-    few = claim(1, [run for run in runs if run.seed < 4])
+    assert told.statistic.endswith("Runs: sac, 1,000,000 steps, seeds 0, 1, 2, 3 and 4.")
+    for controls in ([], [SLOW]):
+        told = claim(1, runs, controls)
+        assert told.verdict == OPEN, "no control converges within 18.2 s"
+        assert "18.2 s" in told.missing
+    few = claim(1, [run for run in runs if run.seed < 4], [SWIFT])
     assert few.verdict == OPEN, "none of four: it may still be half"
     assert "ore training seeds with K=1, 40 and 100" in few.missing
     short = [
         RunRecord(r.id, r.directory, r.state, r.seed, r.config, {**r.manifest, "steps": 60_000}) for r in runs
     ]
-    told = claim(1, short)
+    told = claim(1, short, [SWIFT])
     assert told.verdict == OPEN
     assert "1,000,000 training steps in 15 runs" in told.missing
-    assert "K=100" in claim(1, runs[:10]).missing
+    assert "K=100" in claim(1, runs[:10], [SWIFT]).missing
 
 
 def test_claim_1_fails_where_most_trainings_converge(tmp_path):
@@ -212,37 +224,63 @@ def test_claim_1_does_not_choose_the_short_runs_that_converged(tmp_path):
 
 
 def test_claim_2(tmp_path):
-    when = {10.0: 50_000, 25.0: 120_000, 55.0: None}
-    runs = [
-        trained(tmp_path, "sac", k, f, s, training(when[f], episodes=900))
-        for k in (1.0, 40.0)
-        for f in when
-        for s in range(3)
-    ]
-    assert claim(2, runs).verdict == HOLDS
-    other_times = (
-        "the time for an episode goes with the frequency (100 s at 10 Hz, 40 s at 25 Hz and 18.2 s at 55 Hz)"
-    )
-    assert other_times in claim(2, runs).statistic
+    def grid(folder, when):
+        return [
+            trained(tmp_path / folder, "sac", k, f, s, training(when[f], episodes=900))
+            for k in (1.0, 40.0)
+            for f in when
+            for s in range(3)
+        ]
+
+    runs = grid("sooner", {10.0: 50_000, 25.0: 120_000, 55.0: None})
+    told = claim(2, runs, [SLOW])
+    assert told.verdict == HOLDS
+    assert "100 s at 10 Hz and 40 s at 25 Hz" in told.statistic
+    assert "6 runs at 55 Hz" in told.statistic, "no control converges within 18.2 s"
+    assert claim(2, runs).verdict == OPEN
     equal = [replace(run, config={**run.config, "task.time_limit": 100.0}) for run in runs]
-    assert "the time for an episode" not in claim(2, equal).statistic
-    turned = {10.0: None, 25.0: 120_000, 55.0: 50_000}
-    other = [
-        trained(tmp_path / "turned", "sac", k, f, s, training(turned[f], episodes=900))
-        for k in (1.0, 40.0)
-        for f in when
-        for s in range(3)
-    ]
-    assert claim(2, other).verdict == FAILS
-    assert claim(2, runs[:1]).verdict == OPEN
+    told = claim(2, equal, [SLOW])
+    assert told.verdict == HOLDS
+    assert "per episode" not in told.statistic
+    assert "left out" not in told.statistic
+    assert claim(2, grid("turned", {10.0: None, 25.0: 120_000, 55.0: 50_000}), [SLOW]).verdict == FAILS
+    assert claim(2, runs[:1], [SLOW]).verdict == OPEN
 
 
 def test_claim_2_compares_equal_budgets(tmp_path):
     """A run that converged after the shorter one ended has not converged sooner than it."""
     late = trained(tmp_path, "sac", 1.0, 10.0, 0, training(700_000, episodes=2000), steps=1_000_000)
     brief = trained(tmp_path, "sac", 1.0, 25.0, 0, training(episodes=300), steps=300_000)
-    told = claim(2, [late, brief])
+    told = claim(2, [late, brief], [SLOW])
     assert (told.verdict, told.missing) == (OPEN, "Runs that converge.")
+
+
+@pytest.mark.parametrize("level", [8.0, 1.0], ids=["a controller", "a frozen policy"])
+@pytest.mark.parametrize("time_limit", [None, 100.0], ids=["1000 steps", "100 s"])
+def test_no_claim_holds_for_policies_that_learn_nothing(tmp_path, level, time_limit):
+    """One policy in every cell, its test episodes as training records: what it shows is no effect of learning."""
+    policy = agent("sac", level=level, steps=220, seeds=5, episodes=400)
+    seconds, reached = policy.metrics["duration_s"], policy.outcome == 0
+    runs, agents = [], [SLOW]
+    for algo in ("sac", "ppo"):
+        for k, f in GRID:
+            limit = time_limit or 1000 / f
+            mine = []
+            for s in range(5):
+                success = reached[s] & (seconds[s] <= limit)
+                steps = np.round(np.minimum(np.where(success, seconds[s], limit), limit) * f)
+                outcome = np.where(success, "success", "timeout")
+                columns = {"step": np.cumsum(steps), "steps": steps, "outcome": outcome}
+                frame = pd.DataFrame({**columns, "return": 500.0 * success + 0.4 * k * steps})
+                frame["final_distance_m"] = 2.0
+                run = trained(tmp_path, algo, k, f, s, frame)
+                mine.append(replace(run, config={**run.config, "task.time_limit": time_limit}))
+            runs += mine
+            key = {"algo": algo, "reward.k": k, "step.frequency": f}
+            agents.append(replace(policy, label=f"{algo} {k:g} {f:g}", key=key, runs=tuple(mine)))
+    for number, told in enumerate(study.answer(runs, agents), start=1):
+        assert told.verdict != HOLDS, (number, told.statistic)
+        assert ": holds" not in told.statistic, (number, told.statistic)
 
 
 def kept(folder, one, gone, reward_k=None):
@@ -255,9 +293,14 @@ def kept(folder, one, gone, reward_k=None):
         directory.mkdir(parents=True)
         arrays = {}
         for e in range(4):
-            x = np.linspace(0, gone + 0.2 * run.seed + 0.1 * e, 60)
+            far, n = (
+                (gone(e), 60 if e % 2 == 0 else 600)
+                if callable(gone)
+                else (gone + 0.2 * run.seed + 0.1 * e, 60)
+            )
+            x = np.linspace(0, far, n)
             arrays[f"position_nominal_{e}"] = np.stack([x, 0 * x, 0 * x - 20.0], axis=1).astype(np.float32)
-            arrays[f"time_nominal_{e}"] = np.arange(60, dtype=np.float32) / 10
+            arrays[f"time_nominal_{e}"] = np.arange(n, dtype=np.float32) / 10
             arrays[f"waypoint_nominal_{e}"] = np.array([30.0, 0.0, -20.0], dtype=np.float32)
         np.savez(directory / "trajectories.npz", **arrays)
         summary = {"schema_version": 1, "conditions": [{"name": "nominal", "episodes": 4}]}
@@ -290,6 +333,23 @@ def test_claim_3(tmp_path):
     without = [agent("sac", k, f, level=3, seed_sd=0.1, episodes=500) for k, f in GRID]
     assert "no kept paths of all its test runs" in claim(3, runs, without).missing
     assert "(c) training records of SAC that differ in K at equal frequency" in claim(3, (), alike).missing
+
+
+def test_claim_3c_needs_more_than_the_reward_alone_does(tmp_path):
+    """Failures are long: K = 100 pays them most, whoever acts."""
+    runs = [
+        trained(tmp_path, "sac", k, f, s, training(0, top_fails=k / 100)) for k, f in GRID for s in range(3)
+    ]
+    agents = []
+    for k, f in GRID:
+        one = agent("sac", k, f, level=1, seed_sd=0.1)
+        outcome = one.outcome.copy()
+        outcome[:, :4] = [0, 2, 0, 2]
+        agents.append(kept(tmp_path, replace(one, outcome=outcome), (lambda e: 29.0 if e % 2 == 0 else 20.0)))
+    told = claim(3, runs, agents)
+    part = told.statistic.partition("(c) ")[2]
+    assert "frozen policies" in part
+    assert ": cannot be said" in part
 
 
 def test_a_path_is_paid_as_the_task_pays_it():
@@ -338,51 +398,90 @@ def test_claim_4():
 def test_claim_5(tmp_path):
     def world(level_when_not, folder):
         agents, runs = [], []
-        for i, (k, f) in enumerate(GRID):
-            converges = i % 2 == 0
-            one = agent("sac", k, f, level=3.0 if converges else level_when_not, seed_sd=0.3)
+        for k, f in GRID:
+            both = [agent("sac", k, f, level=x, seed_sd=0.3, seeds=6) for x in (3.0, level_when_not)]
+            outcome = np.where(np.arange(6)[:, None] < 3, both[0].outcome, both[1].outcome)
             mine = [
-                trained(tmp_path / folder, "sac", k, f, s, training(50_000 if converges else None))
-                for s in range(3)
+                trained(tmp_path / folder, "sac", k, f, s, training(50_000 if s < 3 else None))
+                for s in range(6)
             ]
-            agents.append(with_runs(one, mine))
+            agents.append(with_runs(replace(both[0], outcome=outcome), mine))
             runs += mine
-        return runs, agents
+        return runs, [*agents, SWIFT]
 
-    told = claim(5, *world(3.0, "same"))
+    runs, agents = world(3.0, "same")
+    told = claim(5, runs, agents)
     assert told.verdict in (HOLDS, OPEN)
-    assert "(a) the best of 12 runs that did not converge succeeds in" in told.statistic
-    assert "12 of them above 80 %" in told.statistic
-    assert "holds; (b)" in told.statistic
+    assert "(a) the best of 27 runs that did not converge succeeds in" in told.statistic
+    assert "27 of them above 80 %" in told.statistic
+    assert "in 9 cells" in told.statistic
+    slow = claim(5, runs, [*(replace(a, metrics={}) for a in agents[:-1]), SLOW])
+    assert "the best of 18 runs" in slow.statistic, "no control converges at 55 Hz"
     told = claim(5, *world(-2.0, "worse"))
     assert told.verdict == FAILS
     assert "0 of them above 80 %" in told.statistic
+
+
+def test_claim_5_compares_runs_of_the_same_cell(tmp_path):
+    """All runs of one cell converged and none of the other: the cells may differ in anything."""
+    agents, runs = [SWIFT], []
+    for f, level in ((10.0, 3.0), (25.0, -2.0)):
+        mine = [
+            trained(tmp_path, "sac", 1.0, f, s, training(50_000 if f == 10.0 else None)) for s in range(6)
+        ]
+        agents.append(with_runs(agent("sac", 1.0, f, level=level, seeds=6), mine))
+        runs += mine
+    told = claim(5, runs, agents)
+    assert "(b) a converged" not in told.statistic
+    assert "(here 0)" in told.missing
+
+
+def with_means(agents, deviation, steps, failing):
+    found = []
+    for one, d, s, share in zip(agents, deviation, steps, failing, strict=True):
+        zero = 0 * one.metrics["steps"]
+        outcome = np.where(np.arange(zero.shape[1]) < round(share * zero.shape[1]), 2, 0)
+        metrics = {"steps": zero + s, "deviation_mean_m": zero + d}
+        found.append(replace(one, metrics=metrics, outcome=np.tile(outcome, (len(zero), 1)).astype(np.int8)))
+    return found
 
 
 def test_claim_6():
     rng = np.random.default_rng(2)
     told = claim(6, (), [agent("sac", k, f) for k, f in GRID])
     assert told.verdict == OPEN
-    assert "on the thesis's own ten agents 0.35 [-0.38, 0.81]" in told.statistic
+    assert "on the original study's own ten agents" in told.statistic
 
-    def made(spread, n):
-        agents = []
-        for i in range(n):
-            one = agent("sac", float(i), 25.0)
-            steps = float(rng.permutation(n)[0]) if spread else float(i)
-            agents.append(
-                replace(
-                    one,
-                    metrics={
-                        "steps": 0 * one.metrics["steps"] + steps,
-                        "deviation_mean_m": 0 * one.metrics["steps"] + i,
-                    },
-                )
-            )
-        return agents
+    def made(n, spread):
+        order = np.arange(n)
+        steps = rng.permutation(n) if spread else order
+        agents = [agent("sac", float(i), 25.0) for i in range(n)]
+        return with_means(agents, order, steps, 0.4 * rng.random(n))
 
-    assert claim(6, (), made(False, 9)).verdict == FAILS
-    assert claim(6, (), made(True, 200)).verdict == HOLDS
+    assert claim(6, (), made(9, False)).verdict == FAILS
+    assert claim(6, (), made(200, True)).verdict == HOLDS
+
+
+def test_claim_6_is_judged_given_failures():
+    """Long and crooked episodes are failures: both measures follow the failure rate and nothing else."""
+    rng = np.random.default_rng(4)
+    n = 60
+    failing = np.linspace(0, 0.6, n)
+    deviation, steps = (failing + 0.1 * rng.normal(size=n) for _ in range(2))
+    agents = with_means([agent("sac", float(i), 25.0) for i in range(n)], deviation, steps, failing)
+    assert stats.spearmanr(deviation, steps).statistic > 0.5
+    assert claim(6, (), agents).verdict != FAILS
+
+
+def test_cells_of_a_crossed_grid_are_not_independent_agents():
+    crossed = [agent(algo, k, f) for algo in ("sac", "ppo", "ddpg") for k, f in GRID]
+    assert independent(crossed) == 7
+    assert independent([agent("sac", float(i), 25.0) for i in range(9)]) == 9
+    rng = np.random.default_rng(0)
+    order = np.arange(27.0)
+    told = claim(6, (), with_means(crossed, order, order + 8 * rng.normal(size=27), 0.4 * rng.random(27)))
+    assert told.verdict == OPEN
+    assert "27 agents that count as 7" in told.statistic
 
 
 def test_claim_7():
@@ -495,12 +594,17 @@ def test_the_thesis_table_agrees_with_itself():
     assert [a for row in thesis.TABLE.values() for a, x in row.items() if x.mark == "r"].count("SAC3") == 2
 
 
-def test_rank_correlation_of_the_thesis():
-    deviation, steps = thesis_points()
+def test_partial_rank_correlation_of_the_original_study():
+    deviation, steps, failing = study_points()
     assert len(deviation) == 10
-    found = rank_correlation(deviation, steps, 0.95)
-    assert found.value == pytest.approx(stats.spearmanr(deviation, steps).statistic)
-    assert found.low < 0 < found.high
+    xy, xz, yz = (
+        stats.spearmanr(a, b).statistic
+        for a, b in ((deviation, steps), (deviation, failing), (steps, failing))
+    )
+    found = partial_rank_correlation(deviation, steps, failing, 10, 0.95)
+    assert found.value == pytest.approx((xy - xz * yz) / np.sqrt((1 - xz**2) * (1 - yz**2)))
+    constant = np.zeros(10)
+    assert partial_rank_correlation(deviation, steps, constant, 10, 0.95).value == pytest.approx(xy)
 
 
 def test_the_interval_of_a_rank_correlation_covers_its_truth():
@@ -508,8 +612,9 @@ def test_the_interval_of_a_rank_correlation_covers_its_truth():
     r = 0.5
     truth = 6 / np.pi * np.arcsin(r / 2)  # Spearman's rho of a bivariate normal
     for _ in range(n):
-        x = rng.normal(size=15)
-        estimate = rank_correlation(x, r * x + np.sqrt(1 - r**2) * rng.normal(size=15), 0.95)
+        x, given = rng.normal(size=(2, 15))
+        y = r * x + np.sqrt(1 - r**2) * rng.normal(size=15)
+        estimate = partial_rank_correlation(x, y, given, 15, 0.95)
         hits += estimate.low <= truth <= estimate.high
     assert hits / n > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / n)
 
