@@ -82,7 +82,11 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
         return "its fingerprint does not cover what computes outcomes"
     if there.get("scenarios") != here["scenarios"]:
         return "its scenarios are others: the protocol, the vehicle or what draws them has changed since"
-    if there.get("outcomes") != here["outcomes"]:
+    # Evaluations of earlier versions have no `ends`.
+    if any(
+        there.get(part, "" if part == "outcomes" else here[part]) != here[part]
+        for part in ("outcomes", "ends")
+    ):
         return "the same commands have other outcomes now: the simulator or the task has changed since"
     return ""
 

@@ -100,19 +100,26 @@ def fingerprint(protocol: schema.Protocol, circumstances: list[Circumstance]) ->
     and names do not enter: the first 200 episodes of `test` are the 200 of `thesis`, but 500 and 200 episodes are
     not the same test.
     """
-    return digest_of(fingerprint_parts(protocol, circumstances), 16)
+    parts = fingerprint_parts(protocol, circumstances)
+    return digest_of({name: parts[name] for name in ("scenarios", "outcomes")}, 16)
 
 
 def fingerprint_parts(protocol: schema.Protocol, circumstances: list[Circumstance]) -> dict[str, str]:
-    """What the fingerprint is made of, 16 digits each: the scenarios, and their outcomes by today's code."""
+    """Return what the fingerprint is made of, 16 digits each: the scenarios, and their outcomes by today's code.
+
+    `ends`, how episodes end, is compared before an evaluation is reused. It is no part of the fingerprint itself, which
+    published results have without it.
+    """
+    played = [_reference(c) for c in circumstances]
     return {
         "scenarios": digest_of([_condition_fingerprint(protocol, c) for c in circumstances], 16),
-        "outcomes": digest_of([_reference(c) for c in circumstances], 16),
+        "outcomes": digest_of([outcomes for outcomes, _ in played], 16),
+        "ends": digest_of([ends for _, ends in played], 16),
     }
 
 
-def _reference(circumstance: Circumstance) -> str:
-    """Of what is played in this condition; conditions and runs that play the same share it."""
+def _reference(circumstance: Circumstance) -> tuple[str, str]:
+    """Return both digests of what is played in this condition; conditions and runs that play the same share them."""
     config = circumstance.config
     frequency = config.step.frequency if circumstance.fixed_frequency else None
     key = digest_of(
@@ -127,7 +134,7 @@ def _reference(circumstance: Circumstance) -> str:
         64,
     )
     if key not in _played:
-        _played[key] = reference.digest(config, frequency)
+        _played[key] = reference.digest(config, frequency), reference.ends(config, frequency)
     return _played[key]
 
 
@@ -186,7 +193,7 @@ def _task(task: schema.Task) -> dict[str, Any]:
 
 # A thousand runs of one grid meet the same scenarios: they are drawn once.
 _drawn: dict[str, str] = {}
-_played: dict[str, str] = {}
+_played: dict[str, tuple[str, str]] = {}
 
 
 def _plain(value: Any) -> Any:

@@ -7,7 +7,7 @@ sign in the reward or another precedence of outcomes does not.
 
 Two machines may differ in the last bits of a sine. Numbers are therefore rounded to `DIGITS` digits of the largest of
 their kind, and the time is short enough that such differences do not grow to that. What changes nothing beyond those
-digits, in `STEPS` steps, goes unnoticed.
+digits, in `STEPS` steps, goes unnoticed. A second digest, `ends`, covers the ends of episodes later than that.
 """
 
 from __future__ import annotations
@@ -43,6 +43,15 @@ PLACES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.5])
 VELOCITY = np.array([0.5, -0.25, 0.125, 0.125, -0.25, 0.25])
 """m/s and rad/s, so that damping and Coriolis forces act from the first step on"""
 
+ENDS_AT = (2, 36)
+"""steps of the second play before which vehicles are put near a place where an episode ends: early, and later than `STEPS`"""
+
+ENDS_STEPS = 40
+"""steps of the second play, and its step limit"""
+
+MARGIN = 0.125
+"""m from such a place, to either side"""
+
 _REWARD = schema.Reward(name="thesis", k=40.0, length=20.0, success=500.0, collision=-550.0, regress=-10.0)
 """Rewards are the agent's affair, but their code computes a column of every row."""
 
@@ -65,6 +74,50 @@ def digest(config: schema.TrainConfig, frequency: float | None) -> str:
     return sha.hexdigest()[:16]
 
 
+def ends(config: schema.TrainConfig, frequency: float | None) -> str:
+    """Return 16 hexadecimal digits of how and when episodes end at both depth limits, the goal and the step limit.
+
+    Vehicles without thrust are put to either side of each, early and late in an episode. Whole numbers are compared, so
+    the digest does not depend on last bits. `digest` came first and is part of the fingerprint of published results;
+    this one covers what it does not see.
+
+    Args:
+        config, frequency: as of `digest`.
+
+    Raises:
+        TrainingError: the simulation leaves the finite numbers.
+    """
+    places = [(step, place) for step in ENDS_AT for place in range(6)]
+    n = len(places)
+    batch = Batch(_standard(config, frequency, ENDS_STEPS), n, seed=0, test=True, autoreset=False)
+    batch.task.assign(np.arange(n))
+    batch.reset()
+    found = np.full((n, 2), -1, dtype=np.int64)
+    idle = np.zeros((n, len(batch.vehicle.actuators)))
+    for step in range(ENDS_STEPS):
+        for row, (when, place) in enumerate(places):
+            if step == when:
+                _put_near_an_end(batch, row, place)
+        result = batch.step(idle)
+        for row, record in zip(result.ended.tolist(), result.records, strict=True):
+            if found[row, 0] < 0:
+                found[row] = OUTCOMES.index(str(record["outcome"])), int(record["steps"])
+    return hashlib.sha256(found.tobytes()).hexdigest()[:16]
+
+
+def _put_near_an_end(batch: Batch, row: int, place: int) -> None:
+    """Put a vehicle just inside or outside the upper depth limit, the lower one, or the goal."""
+    pose, task = batch.simulator.pose, batch.config.task
+    side = MARGIN if place % 2 else -MARGIN
+    batch.simulator.velocity[row] = 0.0
+    if place < 4:
+        pose[row, 2] = (task.depth_high if place < 2 else task.depth_low) + side
+        return
+    waypoint = batch.task.F[row, F_WAYPOINT : F_WAYPOINT + 3]
+    back = pose[row, :3] - waypoint
+    pose[row, :3] = waypoint + back / np.linalg.norm(back) * (task.goal_radius + side)
+
+
 def rounded(values: Floats) -> NDArray[np.int64]:
     """Numbers as whole multiples of 10^-DIGITS of the power of ten below the largest of them.
 
@@ -77,7 +130,7 @@ def rounded(values: Floats) -> NDArray[np.int64]:
 
 
 def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tuple[str, Floats]]:
-    """Name and values of each kind of number."""
+    """Yield name and values of each kind of number."""
     n = len(PLACES)
     batch = Batch(_standard(config, frequency), n, seed=0, test=True, autoreset=False)
     batch.task.assign(np.arange(n))
@@ -108,9 +161,11 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
         yield column, np.array(numbers, dtype=np.float64)
 
 
-def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.TrainConfig:
-    """The condition without what is the agent's own, and with episodes that end in time."""
-    task = replace(config.task, position_frame="world", time_limit=None, max_steps=STEPS // 2)
+def _standard(
+    config: schema.TrainConfig, frequency: float | None, steps: int = STEPS // 2
+) -> schema.TrainConfig:
+    """Return the condition without what is the agent's own, with episodes of at most `steps`."""
+    task = replace(config.task, position_frame="world", time_limit=None, max_steps=steps)
     simulator = config.simulator
     if not isinstance(simulator, Fossen):
         simulator = Fossen(name="fossen", max_step=0.01, threads=1)
@@ -119,7 +174,7 @@ def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.Tra
 
 
 def _set_out(batch: Batch) -> None:
-    """Puts the vehicles on their way: one is about to arrive, one about to leave the water."""
+    """Put the vehicles on their way: one is about to arrive, one about to leave the water."""
     pose, velocity = batch.simulator.pose, batch.simulator.velocity
     waypoint = batch.task.F[:, F_WAYPOINT : F_WAYPOINT + 3]
     pose[:, :3] += PLACES[:, None] * (waypoint - pose[:, :3])

@@ -86,40 +86,56 @@ def _unattainable(e: Evidence, runs: Sequence[Learning]) -> list[str]:
 def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
     """2: at equal K, of two SAC runs the one of the lower frequency converges in fewer steps; permutation test.
 
-    At each K all runs are judged by the same time limit in seconds, the shortest that some control meets; frequencies
-    of a shorter limit are left out, and so is a K without a converged run. A policy that learns nothing ties with
-    itself at every frequency.
+    Runs whose time limit no control meets are left out, and so is a K without a converged run. Where episodes may last
+    more seconds at one frequency than at another, the answer needs two tests that agree: each run within its own time
+    limit, and all runs of a K within the shortest of theirs. The first favours the longer limit, the second the
+    shorter one, for which its run was trained. A policy that learns nothing ties with itself in the second.
     """
     runs = e.learnings("sac")
     judged = [run for run in runs if e.attainable(run.limit)]
+    ids = tuple(run.run.id for run in judged)
+    points = {own: _dates(judged, own) for own in (False, True)}
+    found = {own: trend(points[own], e.confidence, e.seed) for own in points}
+    shortest, own_limit = found[False], found[True]
+    if shortest is None or own_limit is None:
+        pairs = [(f"{k:g}", f, 0.0) for k, f in (cell_of_run(run.run) for run in judged)]
+        if trend(pairs, e.confidence, e.seed) is not None:
+            return [Part(OPEN, "no run converged", "runs that converge", ids)]
+        missing = ["SAC runs that differ in frequency at equal K", *_unattainable(e, runs)]
+        return [Part(OPEN, missing="; ".join(missing), run_ids=ids)]
+    what = "the lower frequency converges sooner in"
+    levels = Levels.of(e.confidence, 1)
+    part = by_trend(shortest, what, levels, ids)
+    if times := _other_times(judged):
+        other = by_trend(own_limit, f"{what.removesuffix(' in')} within its own limit in", levels, ids)
+        part = replace(part, statistic=f"{part.statistic}; {other.statistic}; {times}")
+        if other.verdict != part.verdict:
+            why = "training episodes of as many seconds at every frequency: the two limits do not agree"
+            part = replace(part, verdict=OPEN, missing=why)
+    if excluded := [run for run in runs if run not in judged]:
+        at = listed([f"{f:g}" for f in sorted({cell_of_run(run.run)[1] for run in excluded})])
+        left = f"left out: {counted(len(excluded), 'run')} at {at} Hz, whose time limit no evaluated policy meets"
+        part = replace(part, statistic=f"{part.statistic}; {left}")
+    return [part]
+
+
+def _dates(runs: Sequence[Learning], own: bool) -> list[Point]:
+    """Return (K, -frequency, -steps to convergence) per run, within its own time limit or the shortest of its K."""
     strata: dict[float, list[Learning]] = {}
-    for run in judged:
+    for run in runs:
         strata.setdefault(cell_of_run(run.run)[0], []).append(run)
     points: list[Point] = []
     for k, members in strata.items():
         # Equal budgets: what converged after the shortest training of the stratum ended counts as not converged.
         budget = min(run.steps for run in members)
         limit = min(run.limit for run in members)
-        dates = [run.converged_at(limit) for run in members]
+        dates = [run.converged_at(run.limit if own else limit) for run in members]
         when = [date if date <= budget else np.inf for date in dates]
         if np.isfinite(when).any():
             points += [
                 (f"{k:g}", -cell_of_run(run.run)[1], -at) for run, at in zip(members, when, strict=True)
             ]
-    ids = tuple(run.run.id for run in judged)
-    found = trend(points, e.confidence, e.seed)
-    excluded = [run for run in runs if run not in judged]
-    if found is None:
-        missing = ["SAC runs that differ in frequency at equal K"]
-        if runs and not points and trend(_levels(strata), e.confidence, e.seed) is not None:
-            return [Part(OPEN, "no run converged", "runs that converge", ids)]
-        return [Part(OPEN, missing="; ".join([*missing, *_unattainable(e, runs)]), run_ids=ids)]
-    part = by_trend(found, "the lower frequency converges sooner in", Levels.of(e.confidence, 1), ids)
-    left = ""
-    if excluded:
-        at = listed([f"{f:g}" for f in sorted({cell_of_run(run.run)[1] for run in excluded})])
-        left = f"; left out: {counted(len(excluded), 'run')} at {at} Hz, whose time limit no evaluated policy meets"
-    return [replace(part, statistic=f"{part.statistic}{_other_times(judged)}{left}")]
+    return points
 
 
 def _other_times(runs: Sequence[Learning]) -> str:
@@ -128,11 +144,7 @@ def _other_times(runs: Sequence[Learning]) -> str:
     if not differs(times):
         return ""
     shown = [f"{' or '.join(f'{s:g}' for s in found)} s at {f:g} Hz" for f, found in times.items() if found]
-    return f"; trained with {listed(shown)} per episode, which may be the cause, and judged by the shortest of them"
-
-
-def _levels(strata: dict[float, list[Learning]]) -> list[Point]:
-    return [(f"{k:g}", -cell_of_run(run.run)[1], 0.0) for k, members in strata.items() for run in members]
+    return f"trained with {listed(shown)} per episode, which may be the cause"
 
 
 def convergence_does_not_predict(e: Evidence) -> list[Part]:

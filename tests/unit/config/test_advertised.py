@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from auvbench.analysis.study import thesis
-from auvbench.analysis.study.testing_claims import WEAK, rank_correlation
+from auvbench.analysis.study.straightness import WEAK, partial_rank_correlation
 from auvbench.analysis.study.trend import trend
 from auvbench.commands import COMMANDS
 
@@ -47,7 +47,8 @@ def test_thesis_small_can_answer_the_7th_claim_and_not_the_1st_2nd_and_5th() -> 
     # 4: most of the thesis's cells are absent. 6: with so few agents even a correlation of 0 is not within the margin.
     assert len(points) < len(thesis.CELLS)
     agents = len(points) + 9
-    none = rank_correlation(np.arange(agents, dtype=float), _uncorrelated(agents), 0.95)
+    order, constant = np.arange(agents, dtype=float), np.zeros(agents)
+    none = partial_rank_correlation(order, _uncorrelated(agents), constant, agents, 0.95)
     assert none.value == pytest.approx(0.0, abs=0.05)
     assert none.high > WEAK
     # 7: its three parts have their cells.

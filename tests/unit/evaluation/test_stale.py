@@ -55,6 +55,13 @@ def emptied(run: RunDirectory) -> None:
     (run.evaluation("test") / "episodes.csv").write_bytes(b"")
 
 
+def parts_of(run: RunDirectory) -> dict[str, str]:
+    parts: dict[str, str] = json.loads((run.evaluation("test") / "summary.json").read_text())[
+        "fingerprint_parts"
+    ]
+    return parts
+
+
 HARMS = [
     (flipped("episodes.csv"), "episodes.csv differs from its digest"),
     (flipped("trajectories.npz"), "trajectories.npz differs from its digest"),
@@ -65,6 +72,7 @@ HARMS = [
     (lambda run: resealed(run, run="random-k1-f10-s7-01234567"), "of the run random-k1-f10-s7-01234567"),
     (lambda run: resealed(run, model={"model/policy.pt": "0"}), "the run's model is another one"),
     (lambda run: resealed(run, fingerprint_parts=None), "does not cover what computes outcomes"),
+    (lambda run: resealed(run, fingerprint_parts=parts_of(run) | {"ends": "0"}), "have other outcomes now"),
 ]
 
 
