@@ -1,7 +1,5 @@
 """The files that `auvbench vehicles NAME --sdf` writes, in a Gazebo that knows nothing of auvbench."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -9,6 +7,7 @@ from auvbench.cli import main
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.simulators.gazebo import bindings
 from auvbench.vehicles.sheet import load
+from tests.waiting import until
 
 absent = bindings.missing()
 pytestmark = [
@@ -45,20 +44,30 @@ def test_thruster_messages_move_it_as_the_embedded_simulator(tmp_path, hydrodyna
     fixture.on_post_update(after)
     fixture.finalize()
     node = gazebo.transport.Node()
-    publishers = [node.advertise(f"/bluerov2/thruster{i + 1}/cmd", Double) for i in range(6)]
+    topics = [f"/bluerov2/thruster{i + 1}/cmd" for i in range(6)]
+    publishers = [node.advertise(topic, Double) for topic in topics]
+    until(
+        lambda: all(publisher.has_connections() for publisher in publishers), "the thrusters' subscriptions"
+    )
+    commands = {topic: [] for topic in topics}
+    for topic in topics:
+        node.subscribe(Double, topic, commands[topic].append)
     for publisher, newtons in zip(publishers, NEWTONS, strict=True):
         publisher.publish(Double(data=newtons))
+    until(lambda: all(commands.values()), "the commands")
     heard = {"/model/bluerov2/pose": [], "/model/bluerov2/odometry": []}
     node.subscribe(Pose, "/model/bluerov2/pose", heard["/model/bluerov2/pose"].append)
     node.subscribe(Odometry, "/model/bluerov2/odometry", heard["/model/bluerov2/odometry"].append)
-    time.sleep(1.0)  # messages come by threads of their own
     fixture.server().run(True, 6000, False)
-    time.sleep(1.0)
-    last = heard["/model/bluerov2/pose"][-1]
-    assert last.name == "bluerov2"
-    at = heard["/model/bluerov2/odometry"][-1].pose.position
-    for position in (last.position, at):
-        assert np.linalg.norm(np.array([position.x, position.y, position.z]) - seen[0]) < 0.05
+
+    def arrived():  # messages come by threads of their own
+        if not all(heard.values()):
+            return False
+        at = heard["/model/bluerov2/pose"][-1].position, heard["/model/bluerov2/odometry"][-1].pose.position
+        return all(np.linalg.norm(np.array([p.x, p.y, p.z]) - seen[0]) < 0.05 for p in at)
+
+    until(arrived, "the last pose and odometry at the vehicle's place")
+    assert heard["/model/bluerov2/pose"][-1].name == "bluerov2"
 
     vehicle = load("bluerov2")
     simulator = FossenSimulator(vehicle, 1, max_step=0.001)
