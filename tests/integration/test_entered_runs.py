@@ -44,37 +44,31 @@ def test_they_stand_in_the_table_beside_the_others(site: Site) -> None:
 
 
 @pytest.mark.parametrize(
-    ("act", "message"),
+    ("act", "found"),
     [
-        ("return np.zeros((len(observation), 2))", "actions of shape (1, 2); it must be (1, 6)"),
-        (
-            "return np.full((len(observation), self.n_u), np.nan)",
-            "gets the action nan; actions must be in [-1, 1]",
-        ),
-        (
-            "return np.full((len(observation), self.n_u), 1.5)",
-            "gets the action 1.5; actions must be in [-1, 1]",
-        ),
-        ("return [[0.0] * self.n_u]", "act gives a list; it must give a numpy array"),
-        ("return np.full((len(observation), self.n_u), 'x')", "actions of type <U1; they must be numbers"),
-        ("return observation.nothing", "act fails: AttributeError"),
+        ("return np.zeros((len(observation), 2))", "(1, 2)"),
+        ("return np.full((len(observation), self.n_u), np.nan)", "nan"),
+        ("return np.full((len(observation), self.n_u), 1.5)", "1.5"),
+        ("return [[0.0] * self.n_u]", "a list"),
+        ("return np.full((len(observation), self.n_u), 'x')", "<U1"),
+        ("return observation.nothing", "AttributeError"),
     ],
 )
 def test_one_that_gives_no_actions_is_a_failed_run_and_the_others_go_on(
-    site: Site, capsys: pytest.CaptureFixture[str], act: str, message: str
+    site: Site, capsys: pytest.CaptureFixture[str], act: str, found: str
 ) -> None:
     steering(site, act)
     assert cli.main(["train", "algo=mine"]) == 1
-    error = capsys.readouterr().err
-    assert f"mine of mine-package==1.0: {message}" in error.replace("actuator 0 of episode 0 ", "").replace(
-        "act gives actions", "actions"
-    ).replace("act gives a list", "act gives a list")
+    _, package, what = capsys.readouterr().err.partition("mine of mine-package==1.0: ")
+    assert package
+    assert found in what
     manifest = runs()["mine"].manifest()
     assert manifest["state"] == "failed"
     assert manifest["error"]["type"] == "AgentError"
     assert "mine of mine-package==1.0" in manifest["error"]["message"]
 
 
+@pytest.mark.slow
 def test_a_grid_goes_on_without_it(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     steering(site, "return np.full((len(observation), self.n_u), np.nan)")
     assert cli.main(["train", "-m", "algo=mine,pid,random", "launcher.workers=1"]) == 1
@@ -93,7 +87,7 @@ def test_one_that_fails_in_a_test_is_a_line_and_the_others_are_tested(
     said = capsys.readouterr()
     lines = [line for line in said.err.splitlines() if "mine-package==1.0" in line]
     assert len(lines) == 1
-    assert "gets the action 2; actions must be in [-1, 1]" in lines[0]
+    assert "the action 2" in lines[0]
     assert said.out.count(": success ") == 1
     assert "Traceback" not in said.err
 

@@ -98,11 +98,11 @@ def test_every_algorithm_trains_and_is_evaluated(outputs, folder):
 def test_from_nothing_to_a_ranked_table(folder, capsys):
     for algo in ("ppo", "pid", "random"):
         assert auvbench("train", f"algo={algo}", *SMALL[algo], *SHORT) == 0
-    assert auvbench("evaluate", "outputs", "protocol.episodes=20") == 0
-    assert "already" not in capsys.readouterr().out
-    assert auvbench("evaluate", "outputs", "protocol.episodes=20") == 0
-    assert "3 runs are tested already" in capsys.readouterr().out
-    assert auvbench("report", "outputs") == 0
+    assert auvbench("evaluate", "outputs", "protocol.episodes=20", "workers=1") == 0
+    assert capsys.readouterr().out.count(": success ") == 3
+    assert auvbench("evaluate", "outputs", "protocol.episodes=20", "workers=1") == 0
+    assert ": success " not in capsys.readouterr().out
+    assert auvbench("report", "outputs", "--no-figures") == 0
     printed = capsys.readouterr().out
     assert printed.lower().index("pid") < printed.lower().index("random"), "PID ranks before random"
     for suffix in ("md", "tex", "csv"):
@@ -173,9 +173,9 @@ def test_a_failed_run_keeps_its_error(folder, monkeypatch, capsys):
     ("arguments", "message"),
     [
         (["trian"], "unknown command 'trian'; did you mean 'train'?"),
-        (["train", "algo=dqn"], "algo=dqn: no such option"),
-        (["train", "reward.k=-1"], "reward.k=-1: must be at least 0"),
-        (["train", "seed=abc"], "seed: 'abc' is not a whole number"),
+        (["train", "algo=dqn"], "algo=dqn"),
+        (["train", "reward.k=-1"], "reward.k=-1"),
+        (["train", "seed=abc"], "'abc'"),
         (["train", "--experimental-rerun", "x"], "would unpickle"),
         (["evaluate", "nowhere"], "nowhere: no such file or directory"),
         (["evaluate", "."], "this is no run directory"),

@@ -208,5 +208,5 @@ def test_a_single_run_goes_where_the_launcher_says(
     monkeypatch.chdir(folder)
     monkeypatch.setenv("PATH", str(folder))
     assert main(["train", "algo=pid", "launcher=slurm"]) == 2
-    assert "launcher=slurm: there is no sbatch on this machine" in capsys.readouterr().err
+    assert "sbatch" in capsys.readouterr().err
     assert not list((folder / "outputs").glob("*/*/model"))
