@@ -63,7 +63,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     ax.grid(axis="y", visible=False)
     words = "points" if m.rate else unit(m).strip()
     better = "right" if m.higher_is_better else "left"
-    ax.set_xlabel(f"{name(m)}, difference from {primary.baseline} ({words}); {better} is better")
+    ax.set_xlabel(f"{name(m)}: difference ({words})\n{better} is better")
     handles = [
         Line2D([], [], color=look.colour, marker=look.marker, markerfacecolor=_face(look), label=verdict)
         for verdict, look in LOOKS.items()

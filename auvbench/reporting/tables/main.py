@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import isfinite
 
 from auvbench.analysis.formatting import unit
 from auvbench.analysis.labels import in_short
@@ -20,6 +21,9 @@ SYMBOLS = {AHEAD: "▲", EQUIVALENT: "■", BEHIND: "▼", OPEN: "○"}
 BASELINE = "baseline"
 USUAL = {"success_rate": 1, "mean_energy_J": 3, "action_ms": 4}
 """metrics behind the primary one, with their weight where there is no room for all"""
+
+LONGEST = 16
+"""characters of a baseline that a heading names"""
 
 _Column = tuple[Heading, Callable[[Row], Cell]]
 
@@ -92,11 +96,9 @@ def _against(ranking: Ranking) -> list[_Column]:
 
     def difference(row: Row) -> Cell:
         against = primary.of(row.label)
-        return (
-            estimate_cell(against.difference, 100.0 if m.rate else 1.0, signed=True)
-            if against
-            else Cell(NOTHING)
-        )
+        if against is None or not isfinite(against.difference.low):  # one training: not compared
+            return Cell(NOTHING)
+        return estimate_cell(against.difference, 100.0 if m.rate else 1.0, signed=True)
 
     def verdict(row: Row) -> Cell:
         against = primary.of(row.label)
@@ -106,7 +108,8 @@ def _against(ranking: Ranking) -> list[_Column]:
         return Cell(f"{SYMBOLS[against.verdict]} {against.verdict}", needed_text(against.needed), order)
 
     points = "points" if m.rate else unit(m).strip()
+    title = f"from {primary.baseline}" if len(primary.baseline) <= LONGEST else "difference"
     return [
-        (Heading(f"from {primary.baseline}", points), difference),
+        (Heading(title, points), difference),
         (Heading("result", words=True), verdict),
     ]
