@@ -102,6 +102,23 @@ def test_the_baseline_has_no_difference_and_controllers_no_budget(ranking: Ranki
     }
 
 
+def test_a_heading_names_no_long_baseline(ranking: Ranking) -> None:
+    titles = [h.title for h in main_table(relabelled(ranking, ", trained at 25 Hz with sign=both")).headings]
+    assert "difference" in titles
+    assert not any("trained at" in title for title in titles)
+
+
+def test_one_training_has_no_difference(grouped: list[Agent]) -> None:
+    def one(agent: Agent) -> Agent:
+        metrics = {name: values[:1] for name, values in agent.metrics.items()}
+        return replace(agent, runs=agent.runs[:1], outcome=agent.outcome[:1], metrics=metrics)
+
+    shown = cells(rank([one(agent) if agent.label == "SAC" else agent for agent in grouped]))
+    assert shown["SAC †"]["from PID"] == "–"
+    assert shown["SAC †"]["result"] == "○ open"
+    assert shown["PPO"]["from PID"] != "–"
+
+
 def test_what_decides_an_open_comparison() -> None:
     assert needed_text(None) == ""
     assert needed_text(Needed("seeds", 5, 12)) == "(12 seeds)"
