@@ -1,8 +1,8 @@
-"""Agents beside what is possible at all: time to goal over the limit of the scenario (`auvbench bound`).
+"""Time to goal over the best known time of the scenario (`auvbench bound`).
 
-The limit is a time in which the vehicle was made to arrive in the simulator by somebody who knew everything. So the true
-optimum is no longer, and the ratio says how many times the optimum an agent takes, or more. It is over successes, as a
-geometric mean: a ratio's mean that does not depend on what is divided by what (Fleming and Wallace 1986, CACM 29:218).
+The best known time is that of a trajectory which arrives in the simulator: one found by optimal control, or that of the
+quickest agent. The true optimum is no longer, so an agent takes at least this many times the optimum. The ratio is
+over successes, as a geometric mean, which does not depend on the denominator (Fleming and Wallace 1986, CACM 29:218).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from auvbench.statistics import crossed
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray
 
-COLUMN = "time_over_optimum"
+COLUMN = "time_over_best_known"
 """name of the estimate, and of the column on request"""
 
 
@@ -59,7 +59,7 @@ def beside(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
 
 
 def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
-    """Geometric mean of time to goal over the limit (n,) s, over successes; None where there are none."""
+    """Return the geometric mean of time to goal over the best known (n,) s, over successes; None without successes."""
     times = agent.metrics.get("time_to_goal_s")
     if times is None:
         return None
@@ -138,10 +138,9 @@ def _none(ranking: Ranking, vehicle: str, limits: files.Limits | None, said: Seq
 def sentences(limit: Limit) -> list[str]:
     """What stands below a table: the limit itself, which is no contestant, and what it says and does not say."""
     found = [
-        f"Limit: {limit.seconds:.2f} s on average ({limit.steps:.1f} steps), the shortest times found for these "
-        f"{limit.episodes} scenarios by optimal control that knows everything, without noise, checked in the simulator; no "
-        f"contestant, so no rank. Proven: no less than {limit.proven_seconds:.2f} s on average; the limit is "
-        f"{limit.gap:.2f} times what is proven (median)."
+        f"Best known: {limit.seconds:.2f} s on average ({limit.steps:.1f} steps) over {limit.episodes} scenarios, by optimal "
+        "control that knows the state, without noise, replayed in the simulator; it has no rank. Proven lower bound: "
+        f"{limit.proven_seconds:.2f} s on average; best known is {limit.gap:.2f} times the lower bound (median)."
     ]
     if limit.beaten:
         parts = [
@@ -149,8 +148,8 @@ def sentences(limit: Limit) -> list[str]:
             for label, count, seconds in sorted(limit.beaten, key=lambda agent: -agent[1])
         ]
         found.append(
-            f"Some arrived sooner than what was computed: {listed(parts, len(parts))}; there the limit is the time of the "
-            "soonest agent."
+            f"Sooner than the computed trajectory: {listed(parts, len(parts))}; there the best known time is that of the "
+            "quickest agent."
         )
     return found
 
@@ -158,6 +157,6 @@ def sentences(limit: Limit) -> list[str]:
 def explained() -> str:
     """What the column is."""
     return (
-        "Time over optimum: time to goal over the limit of the scenario, geometric mean over successes; read it beside the "
-        "success rate. The true optimum is at most the limit, so against it agents take this many times as long, or more."
+        "Time over best known: time to goal over the best known time of the scenario, geometric mean over successes; read "
+        "it with the success rate. The optimum is at most the best known time, so the ratio to it is at least this one."
     )

@@ -18,7 +18,7 @@ usage: auvbench bound [protocol=NAME] [vehicle=NAME] [KEY=VALUE ...] [--check]
 
 Computes the limit of each scenario of a protocol: the fewest steps in which the vehicle could be inside the goal,
 knowing everything, without noise, by optimal control and checked in the simulator; and a number of steps below which
-it is proven that none arrives. auvbench report sets agents in relation to it (time over optimum). docs/bound.md
+it is proven that none arrives. auvbench report sets agents in relation to it (time over best known). docs/bound.md
 
   protocol=NAME   test (default), or another that fixes the frequency
   vehicle=NAME    bluerov2 (default), or another vehicle that has thrusters alone

@@ -53,7 +53,7 @@ FURTHER = (
     "auc_steps",
     "auc_wall_time",
     "auc_simulated_time",
-    "time_over_optimum",
+    "time_over_best_known",
     "action_ms",
     "action_p95_ms",
     "training_cpu_s",

@@ -3,5 +3,5 @@
 Agents are simulated whose true values are known (`worlds`); what a report would say of them is computed by the code
 that reports use, and beside it by what else was considered (`alternatives`); whole studies are drawn and the claims of
 the thesis judged by them (`studies`, `claims`). `python -m benchmarks.statistics` writes the tables into
-docs/statistics.md, docs/claims.md and docs/planning.md, each between its two markers.
+docs/statistics.md, docs/claims-measured.md and docs/planning.md, each between its two markers.
 """

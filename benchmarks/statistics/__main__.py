@@ -172,7 +172,7 @@ SECTIONS: dict[str, Callable[[int], str]] = {
     "looks": looks,
     "claims": claims,
 }
-PAGES = {"looks": "planning.md", "claims": "claims.md"}
+PAGES = {"looks": "planning.md", "claims": "claims-measured.md"}
 """of docs/, where it is not statistics.md"""
 
 

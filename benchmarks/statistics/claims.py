@@ -86,9 +86,9 @@ WORLDS: tuple[World, ...] = (
         sac_and_ppo(cells(0.85), cells(0.85, _4=0.5)),
         {"7c": EITHER, "7": EITHER},
     ),
-    World("nobody learned anything", sac_alone(cells(0.03)), dict.fromkeys(("3", "4b", "6"), EITHER)),
+    World("no agent learned anything", sac_alone(cells(0.03)), dict.fromkeys(("3", "4b", "6"), EITHER)),
     World(
-        "nobody learned anything, 20,000 steps",
+        "no agent learned anything, 20,000 steps",
         sac_and_ppo(cells(0.03), cells(0.03), steps=20_000),
         {"7": EITHER},
     ),

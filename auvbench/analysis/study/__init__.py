@@ -1,6 +1,6 @@
 """Studies: claims that a report answers from whatever runs are there. `--study thesis` is the one there is.
 
-docs/claims.md states each claim's test; `thesis` holds the thesis's numbers, `claims` the tests.
+docs/claims.md states each claim's test; `thesis` holds the original study's numbers, `claims` the tests.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Of every claim, "holds" and "does not hold" are wrong with at most (1 - confidence)/2 each (claim 1: 1 - confidence),
 where the sample is as its test supposes: a claim holds if *all* of its m parts do, so each part is tested at that level
 (an intersection-union test: Berger 1982, Technometrics 24:295), and it fails if *one* part does, so each is tested at
-that level over m. docs/claims.md has the rates measured.
+that level over m. docs/claims-measured.md has the measured rates.
 """
 
 from __future__ import annotations

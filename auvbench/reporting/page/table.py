@@ -32,7 +32,7 @@ DEFINITIONS = {
     "par2_time_s": "simulated time of an episode; a failure counts as twice the time limit (PAR-2)",
     "mean_steps": "agent steps of an episode, however it ended",
     "mean_time_to_goal_s": "simulated time of the successful episodes",
-    limit.COLUMN: "time to goal over the limit of the scenario, geometric mean over successes: no agent is below 1",
+    limit.COLUMN: "time to goal over the best known time of the scenario, geometric mean over successes: no agent is below 1",
     "mean_duration_s": "simulated time of an episode",
     "mean_return": "sum of the rewards of an episode",
     "mean_final_distance_m": "distance to the waypoint when the episode ends",

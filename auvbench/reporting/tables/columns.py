@@ -52,7 +52,7 @@ _USUAL = (
     Column("action_ms", "computing time", "ms"),
     Column("action_p95_ms", "computing time, 95th percentile", "ms"),
     Column("training_cpu_s", "a training, cores", "s"),
-    Column(limit.COLUMN, "time over optimum"),
+    Column(limit.COLUMN, "time over best known"),
 )
 COLUMNS = {column.metric: column for column in _USUAL}
 """by metric"""

@@ -1,4 +1,4 @@
-"""Agents beside the limit: time over optimum, who was quicker than what was computed, and where there is no limit."""
+"""Agents beside the limit: time over best known, who was quicker than what was computed, and where there is no limit."""
 
 from __future__ import annotations
 
@@ -103,11 +103,11 @@ def test_a_table_has_the_column_where_it_is_asked_for_and_the_csv_always(tmp_pat
     write(tmp_path)
     agents = [timed("sac", tmp_path, 1.5)]
     ranking = ranked(agents)
-    assert "time over optimum" not in tables.markdown(ranking)
-    assert "time_over_optimum,time_over_optimum_low" in tables.csv(ranking)
+    assert "time over best known" not in tables.markdown(ranking)
+    assert "time_over_best_known,time_over_best_known_low" in tables.csv(ranking)
     text = tables.markdown(with_columns(ranking, agents, [limit.COLUMN]))
-    assert "time over optimum" in text
-    assert "no contestant, so no rank" in text
+    assert "time over best known" in text
+    assert "Best known: " in text
     assert len(tables.limit_csv(ranking).splitlines()) == EPISODES + 1
     assert [row.label for row in ranking.rows] == [agents[0].label], "the limit has no row"
 
@@ -123,7 +123,7 @@ def test_who_was_quicker_than_what_was_computed_sets_the_limit_and_is_named(tmp_
     assert count == int((np.nanmin(np.where(np.isnan(quicker), np.inf, quicker), axis=0) < best() / 10).sum())
     assert seconds > 0
     assert all(row.estimates[limit.COLUMN].value >= 1.0 for row in ranking.rows)
-    assert any("arrived sooner than what was computed" in line for line in limit.sentences(ranking.limit))
+    assert any("quickest agent" in line for line in limit.sentences(ranking.limit))
 
 
 def test_limits_of_other_scenarios_are_not_used_and_the_command_is_named(tmp_path: Path) -> None:
@@ -162,8 +162,7 @@ def test_agents_that_were_quicker_stand_in_one_sentence_the_most_frequent_first(
     ranking = ranked(agents)
     assert ranking.limit is not None
     counts = {label: count for label, count, _ in ranking.limit.beaten}
-    (said,) = [line for line in limit.sentences(ranking.limit) if "sooner" in line]
+    (said,) = [line for line in limit.sentences(ranking.limit) if "quickest" in line]
     places = [said.index(label) for label in sorted(counts, key=lambda label: -counts[label])]
     assert len(places) == 2
     assert places == sorted(places)
-    assert said.endswith("there the limit is the time of the soonest agent.")
