@@ -73,7 +73,7 @@ class Dimension:
         count = round((found.high - found.low) / found.step) + 1 if found.step and not found.log else 0
         if not 0 < count <= LONGEST_AXIS:
             raise ConfigError(
-                f"{self.key}={self.text}: a grid needs at most {LONGEST_AXIS:,} values: {self.key}=choice(A,B) or "
+                f"{self.key}={self.text}: a grid needs a list of at most {LONGEST_AXIS:,} values: {self.key}=choice(A,B) or "
                 "range(FROM,TO,STEP)"
             )
         return [found.low + i * (found.step or 1) for i in range(count)]
