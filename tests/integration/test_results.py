@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from auvbench.analysis.labels import title
 from auvbench.cli import main
 from tests.numbers import assert_same_numbers
 
@@ -97,31 +98,21 @@ def test_the_transfer_to_gazebo_is_quoted_rightly():
                 assert abs(float(number) - float(row[f"par1_change{end}"])) <= 0.51 * last, line
 
 
-NAMES = {
-    "SMC, tuned": "smc_tuned",
-    "LQR, tuned": "lqr_tuned",
-    "PID, tuned": "pid_tuned",
-    "PPO, tuned": "ppo_tuned",
-    "MPC, tuned": "mpc_tuned",
-    "PPO added to PID": "ppo_residual",
-    "SAC added to PID": "sac_residual",
-}
-"""what the pages call agents of the leaderboard"""
-
-
 @pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
 def test_the_leaderboard_is_quoted_rightly(page):
-    table = {row["agent"]: row for row in rows(ROOT / "results" / "leaderboard" / "table.csv")}
+    table = {title(row["agent"]): row for row in rows(ROOT / "results" / "leaderboard" / "table.csv")}
     found = 0
     for line in (ROOT / page).read_text(encoding="utf-8").splitlines():
         if (
             not (
-                match := re.search(r"\| ([\w ,]+?)(?:, 5 seeds)? \| ([\d.]+) \[([\d.]+), ([\d.]+)\] \|", line)
+                match := re.search(
+                    r"\| ([\w ,]+?)(?:, 5 seeds of 200k steps)? \| ([\d.]+) \[([\d.]+), ([\d.]+)\] \|", line
+                )
             )
             or match[1].isdecimal()
         ):  # of the table of conditions
             continue
-        row = table[NAMES.get(match[1], match[1])]
+        row = table[match[1]]
         for value, key in zip(match.groups()[1:], ("", "_low", "_high"), strict=True):
             assert float(value) == pytest.approx(float(row[f"par1_steps{key}"]), abs=0.051), line
         found += 1
@@ -133,7 +124,7 @@ def conditions():
     shipped = [
         rows(ROOT / "results/leaderboard" / name / "conditions.csv") for name in ("robustness", "transfer")
     ]
-    return {(row["agent"], row["condition"]): row for file in shipped for row in file}
+    return {(title(row["agent"]), row["condition"]): row for file in shipped for row in file}
 
 
 def test_the_first_table_quotes_conditions_rightly():
@@ -142,9 +133,9 @@ def test_the_first_table_quotes_conditions_rightly():
     table, found = conditions(), 0
     for line in lines[start + 2 : lines.index("", start)]:
         _, agent, _, _, *cells, _ = (cell.strip(" *") for cell in line.split("|"))
-        agent = agent.removesuffix(", 5 seeds")
+        agent = agent.removesuffix(", 5 seeds of 200k steps")
         for cell, condition in zip(cells, ("current=1", "vehicle=bluerov2-wu2018"), strict=True):
-            rate = 100 * float(table[NAMES.get(agent, agent), condition]["success_rate"])
+            rate = 100 * float(table[agent, condition]["success_rate"])
             assert abs(float(cell) - rate) <= 0.51, line
             found += 1
     assert found >= 10
@@ -163,7 +154,7 @@ def test_conditions_are_quoted_rightly():
     table = conditions()
     lines = (ROOT / "docs/results.md").read_text(encoding="utf-8").splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith("| | MPC |"))
-    agents = [NAMES.get(cell.strip(), cell.strip()) for cell in lines[start].split("|")[2:-1]]
+    agents = [cell.strip() for cell in lines[start].split("|")[2:-1]]
     found = 0
     for line in lines[start + 2 : start + 2 + len(quoted_as)]:
         _, condition, *cells, _ = (cell.strip(" *") for cell in line.split("|"))
