@@ -40,7 +40,8 @@ def declaration(
     if before == len(runs):
         text = f"The analysis was declared before the first run ({declared.digest})."
     else:
-        text = f"The analysis ({declared.digest}) was declared after {len(runs) - before} of {counted(len(runs), 'run')} were made."
+        after = f"{len(runs) - before} of {counted(len(runs), 'run')}"
+        text = f"The analysis ({declared.digest}) was declared after {after} were made."
     return f"{text} {planned}" if (planned := _planned(declared, agents)) else text
 
 

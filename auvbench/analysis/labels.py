@@ -71,15 +71,6 @@ def in_short(number: float) -> str:
     return f"{number:.6g}"
 
 
-def factor_name(name: str) -> str:
-    """A key of the grouping as it stands in a sentence.
-
-    >>> factor_name("algo"), factor_name("reward.k"), factor_name("step.frequency"), factor_name("algo.n_envs")
-    ('algorithm', 'K', 'frequency', 'n_envs')
-    """
-    return {"algo": "algorithm", "reward.k": "K"}.get(name, name.rpartition(".")[2])
-
-
 def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool = True) -> list[str]:
     """Return a unique label per key.
 

@@ -52,26 +52,6 @@ def minus(sentence: str) -> str:
     return re.sub(r"(?<![\w.)\]-])-(?=\.?\d)", MINUS, sentence)
 
 
-def probability(p: float) -> str:
-    """Two decimals, and never 0 or 1 for what is only close to them.
-
-    >>> probability(0.834), probability(0.001), probability(0.9999)
-    ('0.83', '< 0.01', '> 0.99')
-    """
-    if not math.isfinite(p):
-        return NOTHING
-    if p < 0.005:
-        return "< 0.01"
-    return "> 0.99" if p > 0.995 else f"{p:.2f}"
-
-
-def p_value(p: float) -> str:
-    """Three decimals, with a floor: '< 0.001'."""
-    if not math.isfinite(p):
-        return NOTHING
-    return "< 0.001" if p < 0.001 else f"{p:.3f}"
-
-
 def duration(seconds: float | None) -> str:
     """A length of time as one says it.
 
