@@ -27,7 +27,11 @@ from tests.conftest import Trained
 from tests.soak.bits import bits
 from tests.soak.campaign import frozen
 
-CASES = ("ppo-8", *(pytest.param(case, marks=pytest.mark.slow) for case in ("sac-8", "ppo_residual-8")))
+CASES = ("ppo-8", pytest.param("sac-8", marks=pytest.mark.slow))
+WITH_RESIDUAL = pytest.mark.parametrize(
+    "case", [*CASES, pytest.param("ppo_residual-8", marks=pytest.mark.slow)], indirect=True
+)
+"""for what depends on the algorithm; the rest does not tell PPO with a residual from PPO"""
 EVERY = "train.checkpoint.steps=200"
 
 
@@ -72,6 +76,7 @@ def strike(monkeypatch: pytest.MonkeyPatch) -> Strike:
     return arm
 
 
+@WITH_RESIDUAL
 def test_cadence_does_not_change_a_bit(whole: dict[str, str], run: RunDirectory) -> None:
     execute(run)
     assert len(CheckpointStore(run.path).steps()) == 2
@@ -95,6 +100,7 @@ def test_nothing_in_a_run_needs_unpickling(run: RunDirectory) -> None:
     assert {".pt", ".npz", ".json", ".yaml", ".csv"} <= kinds
 
 
+@pytest.mark.slow
 def test_a_checkpoint_by_the_clock_does_not_change_a_bit(
     case: str, whole: dict[str, str], tmp_path: Path
 ) -> None:
@@ -104,6 +110,7 @@ def test_a_checkpoint_by_the_clock_does_not_change_a_bit(
     assert bits(run.path) == whole
 
 
+@WITH_RESIDUAL
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signals_save_and_leave(
     whole: dict[str, str], run: RunDirectory, strike: Strike, number: signal.Signals, code: int
@@ -126,6 +133,7 @@ def test_signals_save_and_leave(
     assert after["setup_s"] > before["setup_s"]
 
 
+@pytest.mark.slow
 def test_the_processor_time_of_half_a_training_is_not_said(run: RunDirectory, strike: Strike) -> None:
     """An auvbench of before it was measured began the run."""
     strike(600, lambda _: os.kill(os.getpid(), signal.SIGTERM))
@@ -138,6 +146,8 @@ def test_the_processor_time_of_half_a_training_is_not_said(run: RunDirectory, st
     assert "cpu_time_s" not in run.manifest()
 
 
+@WITH_RESIDUAL
+@pytest.mark.slow
 def test_a_run_without_normalisation_resumes_as_well(case: str, tmp_path: Path, strike: Strike) -> None:
     plain = ["train.normalise_observations=false", "train.normalise_rewards=false"]
     whole = frozen(tmp_path, "whole", case, plain)
@@ -150,6 +160,7 @@ def test_a_run_without_normalisation_resumes_as_well(case: str, tmp_path: Path, 
     assert bits(run.path) == bits(whole.path)
 
 
+@pytest.mark.slow
 def test_without_time_to_save_the_last_checkpoint_counts(
     case: str, whole: dict[str, str], run: RunDirectory, strike: Strike, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -181,6 +192,7 @@ def test_a_nan_in_the_physics_stops_the_run(whole: dict[str, str], run: RunDirec
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.slow
 def test_weights_that_are_no_numbers_stop_the_run(
     whole: dict[str, str], run: RunDirectory, strike: Strike, value: float
 ) -> None:
@@ -232,6 +244,7 @@ def test_a_damaged_checkpoint_is_named(run: RunDirectory, strike: Strike) -> Non
         execute(run)
 
 
+@pytest.mark.slow
 def test_clocks_that_jump_backwards_do_not_matter(
     whole: dict[str, str], run: RunDirectory, strike: Strike, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -245,6 +258,7 @@ def test_clocks_that_jump_backwards_do_not_matter(
     assert bits(run.path) == whole
 
 
+@pytest.mark.slow
 def test_the_manifest_knows_the_last_checkpoint_while_the_run_goes_on(
     run: RunDirectory, strike: Strike
 ) -> None:
@@ -322,6 +336,7 @@ def test_a_full_disk_is_named_and_costs_nothing(
     assert bits(run.path) == whole
 
 
+@pytest.mark.slow
 def test_outputs_that_become_read_only_are_named_and_cost_nothing(
     case: str, whole: dict[str, str], small_disk: Path, strike: Strike
 ) -> None:
@@ -346,6 +361,7 @@ def protect(disk: Path, recorder: Follower) -> None:
 TOTALS = {"ppo-8": (1000, 2000), "sac-8": (500, 1000), "ppo_residual-8": (1000, 2000)}
 
 
+@WITH_RESIDUAL
 def test_an_extended_run_is_the_longer_run(case: str, whole: dict[str, str], tmp_path: Path) -> None:
     small, large = TOTALS[case]
     run = frozen(tmp_path, "tried", case, [f"train.total_steps={small}"])
