@@ -1,13 +1,13 @@
 """The table once more from the CSV files, with pandas and scipy alone: nothing here imports auvbench.
 
-Formulas as docs/statistics.md states them, loop by loop and without regard to speed: what the report prints must agree
+Formulas as docs/statistics-appendix.md states them, loop by loop and without regard to speed: what the report prints must agree
 with this to 1e-12.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from math import log, sqrt
 from pathlib import Path
@@ -59,6 +59,10 @@ def read(folder: Path) -> list[Plain]:
     return agents
 
 
+RATIO_OF_RATES, RATIO_OF_MEANS, PRIOR_DF = 0.13, 0.2, 3.0
+"""the prior of docs/statistics-appendix.md"""
+
+
 @dataclass
 class Pieces:
     """The variance of a mean: between seeds A with its degrees of freedom, between scenarios B - R."""
@@ -69,6 +73,20 @@ class Pieces:
     b: float
     r: float
     columns: np.ndarray
+    seeds: int
+    rate: bool
+
+
+def squeezed(p: Pieces) -> Pieces:
+    """A towards the prior: a share of the variance of an episode, with three degrees of freedom."""
+    if p.seeds == 1 or p.r == 0:
+        return p
+    ratio = RATIO_OF_RATES if p.rate else RATIO_OF_MEANS
+    of_a_seed = p.a * p.seeds
+    prior = ratio**2 * p.r * p.seeds * len(p.columns)
+    between = (PRIOR_DF * prior + p.df * of_a_seed) / (PRIOR_DF + p.df)
+    df = p.df + 1 / (1 / PRIOR_DF + 1 / p.df)
+    return replace(p, a=max(between, of_a_seed) / p.seeds, df=df)
 
 
 def pieces(x: pd.DataFrame, rate: bool) -> Pieces:
@@ -84,7 +102,7 @@ def pieces(x: pd.DataFrame, rate: bool) -> Pieces:
             a = shrunk * (1 - shrunk) / (S * E)
         else:
             b = shrunk * (1 - shrunk) / E
-    return Pieces(mean, a, S - 1 if S > 1 else np.inf, b, r, scenarios.to_numpy())
+    return Pieces(mean, a, S - 1 if S > 1 else np.inf, b, r, scenarios.to_numpy(), S, rate)
 
 
 def half_width(a: float, df: float, c: float, dfc: float, tail: float) -> float:
@@ -118,68 +136,50 @@ def mean_interval(x: pd.DataFrame, confidence: float, least: float, most: float)
     return max(p.mean - half, least), min(p.mean + half, most)
 
 
-def pooled(table: list[Pieces], seeds: list[int], assumed: tuple[bool, ...] = ()) -> list[Pieces]:
-    """A no smaller than the average variance of a seed over the agents with several, divided by the seeds.
-
-    An A that is `assumed`, for no failure or no success was seen, has all degrees of freedom, too.
-    """
-    several = [i for i, S in enumerate(seeds) if S > 1]
-    if not several:
-        return table
-    freedom = sum(seeds[i] - 1 for i in several)
-    average = sum((seeds[i] - 1) * seeds[i] * table[i].a for i in several) / freedom
-    found = []
-    for p, S, stand_in in zip(table, seeds, assumed or (False,) * len(seeds), strict=True):
-        raised = S > 1 and p.a < average / S
-        if raised or (stand_in and S > 1):
-            p = Pieces(p.mean, average / S if raised else p.a, freedom, p.b, p.r, p.columns)
-        found.append(p)
-    return found
-
-
-def p_value(first: Pieces, second: Pieces, slopes: tuple[float, float], values: tuple[float, float]) -> float:
-    """Where the interval of the difference of `values` would just touch zero."""
-    one, other = slopes
-    a = one**2 * first.a + other**2 * second.a
-    squares = sum(
-        (s**2 * p.a) ** 2 / p.df for s, p in ((one, first), (other, second)) if np.isfinite(p.df) and p.a > 0
-    )
-    df = a**2 / squares if a > 0 else np.inf
-    E = len(first.columns)
-    shared = float(np.cov(first.columns, second.columns)[0, 1]) / E
-    noise = one**2 * first.r + other**2 * second.r
-    c = max(one**2 * first.b + other**2 * second.b - 2 * one * other * shared - noise, 0.0)
-    difference = abs(values[0] - values[1])
+def p_value(first: Pieces, second: Pieces) -> float:
+    """Where the interval of the difference would just touch zero."""
+    a, df, c, dfc = spread_of(first, second)
+    difference = abs(first.mean - second.mean)
     if difference == 0:
         return 1.0
 
     def excess(log_p: float) -> float:
-        return half_width(a, df, c, E - 1, np.exp(log_p) / 2) - difference
+        return half_width(a, df, c, dfc, np.exp(log_p) / 2) - difference
 
     return float(np.exp(brentq(excess, -600, np.log(1 - 1e-15), xtol=1e-15, rtol=1e-15)))
+
+
+def on_log_odds(x: pd.DataFrame, p: Pieces, least: float, most: float) -> Pieces:
+    """The pieces on log(f / (1 - f)), with what the seeds' own log-odds and the skew of their mean add."""
+    S, E = x.shape
+    n, span = S * E, most - least
+    f = ((p.mean - least) / span * n + 0.5) / (n + 1)
+    s = 1 / (f * (1 - f)) / span
+    each = [((m - least) / span * E + 0.5) / (E + 1) for m in x.mean(axis=1)]
+    a = s**2 * p.a if S == 1 else max(s**2 * p.a, np.var([log(g / (1 - g)) for g in each], ddof=1) / S)
+    found = squeezed(
+        replace(p, mean=log(f / (1 - f)), a=a, b=s**2 * p.b, r=s**2 * p.r, columns=s * p.columns)
+    )
+    if S == 1:
+        return found
+    if p.mean in (least, most):
+        return replace(found, df=np.inf)
+    return replace(found, a=found.a + (1 - 2 * f) ** 2 * (found.a * S) ** 2 / (2 * found.df))
 
 
 def resolution(agents: list[Plain], measure: str, least: float, most: float) -> dict[tuple[str, str], float]:
     """P-values of all pairs on the measure's own scale and on that of the log-odds: the larger one."""
     rate = measure == "success"
     seeds = [agent.seeds for agent in agents]
-    plain = [pieces(getattr(agent, measure), rate) for agent in agents]
-    own = pooled(plain, seeds)
-    shares = []
-    for agent, p in zip(agents, plain, strict=True):
-        n = agent.success.size
-        shares.append(((p.mean - least) / (most - least) * n + 0.5) / (n + 1))
-    slope = [1 / (f * (1 - f)) / (most - least) for f in shares]
-    on_odds = [
-        Pieces(log(f / (1 - f)), s**2 * p.a, p.df, s**2 * p.b, s**2 * p.r, s * p.columns)
-        for f, s, p in zip(shares, slope, plain, strict=True)
-    ]
-    odds = pooled(on_odds, seeds, tuple(p.mean in (least, most) for p in plain))
+    data = [getattr(agent, measure) for agent in agents]
+    plain = [pieces(x, rate) for x in data]
+    own = [squeezed(p) for p in plain]
+    odds = [on_log_odds(x, p, least, most) for x, p in zip(data, plain, strict=True)]
     found = {}
     for i, j in combinations(range(len(agents)), 2):
-        p = p_value(own[i], own[j], (1.0, 1.0), (own[i].mean, own[j].mean))
+        p = p_value(own[i], own[j])
         if max(seeds[i], seeds[j]) > 1:
-            p = max(p, p_value(odds[i], odds[j], (1.0, 1.0), (odds[i].mean, odds[j].mean)))
+            p = max(p, p_value(odds[i], odds[j]))
         elif rate:
             p = mcnemar(agents[i].success.iloc[0], agents[j].success.iloc[0])
         found[agents[i].name, agents[j].name] = p
@@ -204,11 +204,11 @@ def wilson(p: float, n: float, z: float) -> tuple[float, float]:
 def differences(
     agents: list[Plain], measure: str, confidence: float, least: float, most: float
 ) -> dict[tuple[str, str], tuple[float, float]]:
-    """Intervals of all differences, each pair by itself, variances between seeds pooled upwards."""
+    """Intervals of all differences, each pair by itself, variances between seeds squeezed."""
     rate, tail = measure == "success", (1 - confidence) / 2
     seeds = [agent.seeds for agent in agents]
     own = [pieces(getattr(agent, measure), rate) for agent in agents]
-    raised = pooled(own, seeds)
+    raised = [squeezed(p) for p in own]
     found = {}
     for i, j in combinations(range(len(agents)), 2):
         d = own[i].mean - own[j].mean

@@ -13,7 +13,7 @@ from auvbench.analysis.labels import part, sort_key
 from auvbench.analysis.measures import Measure
 from auvbench.analysis.model import Agent, RunRecord
 from auvbench.config.agents import learns as is_learner
-from auvbench.statistics import contrast, pooled, resolution
+from auvbench.statistics import contrast, resolution
 from auvbench.statistics.estimate import Estimate
 
 
@@ -65,19 +65,19 @@ def _says(agent: Agent, factor: str) -> bool:
 def mean_difference(
     pairs: Sequence[tuple[Agent, Agent]], m: Measure, confidence: float
 ) -> tuple[Estimate, float]:
-    """Mean over the pairs of first - second, with its interval, and the p-value of none.
+    """Return the mean over the pairs of first - second, with its interval, and the p-value of none.
 
-    The pairs are taken as they are (the cells of this grid); what varies is seeds and scenarios. Variances between
-    seeds are pooled upwards as in the tests of pairs, and of one pair the p-value is that of those tests.
+    The pairs are taken as they are (the cells of this grid); what varies is seeds and scenarios. The p-value of one pair
+    is that of `resolution`.
     """
     agents = list({id(agent): agent for pair in pairs for agent in pair}.values())
     weights = np.zeros(len(agents))
     for first, second in pairs:
         weights[_index(agents, first)] += 1 / len(pairs)
         weights[_index(agents, second)] -= 1 / len(pairs)
-    plain = m.table(agents)
-    found = contrast(pooled(plain), weights, confidence)
-    p = float(resolution(plain)[0, 1]) if len(pairs) == 1 else found.p_value
+    table = m.table(agents)
+    found = contrast(table, weights, confidence)
+    p = float(resolution(table)[0, 1]) if len(pairs) == 1 else found.p_value
     return found.estimate, p
 
 

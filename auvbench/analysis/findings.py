@@ -17,7 +17,7 @@ from auvbench.analysis.model import Agent, Finding, Ranking
 from auvbench.analysis.robustness import costliest_condition
 from auvbench.analysis.timing import confounded
 from auvbench.analysis.train_test_gap import train_test_gaps
-from auvbench.statistics import contrast, holm, pooled
+from auvbench.statistics import contrast, holm
 
 SHOWN = 5
 """findings that a report shows at once; the others are one click away"""
@@ -56,7 +56,7 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
     if not richer:
         return None
     rich = min(richer, key=lambda a: float(a.success.mean()))
-    table = pooled(measure("success_rate").table([rich, good]))
+    table = measure("success_rate").table([rich, good])
     level = (1 - confidence) / len(richer)
     less = contrast(table, np.array([1.0, -1.0]), 1 - level).estimate
     if not (less.value <= -APART and less.high < 0):

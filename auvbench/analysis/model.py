@@ -127,6 +127,8 @@ class Row:
     """False for one training seed: the row describes one policy, and takes no part in any test"""
     budget: tuple[int, ...] = ()
     """environment steps that its trainings were given: one number, several if runs differ, none for a controller"""
+    succeeded: int = 0
+    """how many of its trainings reach at least half of the test goals"""
     failed_seeds: tuple[int, ...] = ()
     """those of `seeds` whose training failed and counts as success 0"""
 

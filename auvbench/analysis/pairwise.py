@@ -24,10 +24,7 @@ class Tests:
 
     measure: Measure
     confidence: float
-    own: st.Crossed
-    """with each agent's own variance between seeds"""
     table: st.Crossed
-    """with the variances that the tests use"""
     p: FloatArray
     adjusted: FloatArray
     """by Holm over all pairs"""
@@ -47,7 +44,7 @@ class Tests:
         self, agents: Sequence[Agent], listed: Sequence[tuple[int, int]], scores: Sequence[FloatArray]
     ) -> tuple[Comparison, ...]:
         """Return the listed pairs as a reader sees them; `scores` (S, E) of each agent, higher is better."""
-        intervals = st.pairs(self.table, self.confidence, self.own)
+        intervals = st.pairs(self.table, self.confidence)
         return tuple(
             Comparison(
                 first=agents[i].label,
@@ -72,12 +69,10 @@ def all_pairs(agents: Sequence[Agent], m: Measure, compared: BoolArray, confiden
         compared: (n,) False for an agent with one training seed.
         confidence: of the table: all verdicts hold together with it.
     """
-    own = m.table(agents)
-    # Only agents with several seeds lend their variance: one policy shows none.
-    table = st.pooled(own)
+    table = m.table(agents)
     among = np.outer(compared, compared) & ~np.eye(len(agents), dtype=bool)
-    p = np.where(among, _p_values(agents, m, own), np.nan)
-    return Tests(m, confidence, own, table, p, _holm(p))
+    p = np.where(among, _p_values(agents, m, table), np.nan)
+    return Tests(m, confidence, table, p, _holm(p))
 
 
 def _p_values(agents: Sequence[Agent], m: Measure, table: st.Crossed) -> FloatArray:

@@ -16,6 +16,7 @@ from auvbench.errors import ReportError
 from auvbench.statistics import power as st
 from auvbench.statistics.differences import pair_spread
 from auvbench.statistics.intervals import quantile
+from auvbench.statistics.moderation import seed_variance
 
 LEAST, MOST = 0.005, 0.995
 """rates that are planned for"""
@@ -175,9 +176,10 @@ def needed(
         quantiles = float(quantile(1 - level, episodes - 1) + quantile(2 * POWER - 1))
         enough = math.ceil(episodes * fixed * (quantiles / max(goals)) ** 2)
         return Needed("episodes", episodes, enough if enough <= MOST_EPISODES else None)
-    per_seed = float((table.between_seeds * table.seeds)[learning].sum())
-    sharing = max(int((table.seeds > 1).sum()), 1)
+    per_seed = float((seed_variance(table)[0] * table.seeds)[learning].sum())
     have = max(int(table.seeds[j]) for j in learning)
-    found = [st.seeds_by_formula(distance, per_seed, fixed, level, POWER, sharing) for distance in goals]
+    found = [
+        st.seeds_by_formula(distance, per_seed, fixed, level, POWER, len(learning)) for distance in goals
+    ]
     count = min((n for n in found if n is not None), default=None)
     return Needed("seeds", have, None if count is None else max(count, have + 1))

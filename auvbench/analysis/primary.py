@@ -62,7 +62,7 @@ def primary_analysis(
     margin = default_margin(m, float(tests.table.mean[b])) if margin is None else margin
     family = [i for i in range(len(agents)) if i != b and compared[i] and compared[b]]
     level = (1 - confidence) / max(len(family), 1)
-    intervals = st.pairs(tests.table, 1 - level, tests.own)
+    intervals = st.pairs(tests.table, 1 - level)
     found = []
     for i, agent in enumerate(agents):
         if i == b:

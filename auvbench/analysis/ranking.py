@@ -92,6 +92,7 @@ def rank(
             trained=learns(agent),
             compared=bool(compared[i]),
             budget=budgets_of(agent),
+            succeeded=st.succeeded(agent.success),
             failed_seeds=tuple(
                 run.seed
                 for run, outcome in zip(agent.runs, agent.outcome, strict=True)

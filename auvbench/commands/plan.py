@@ -36,7 +36,7 @@ def main(argv: Sequence[str]) -> int:
         return 0
     found = list(_needs(options, basis, agents, episodes))
     if options.json:
-        print(json.dumps(plan_text.plain(found, basis)))
+        print(json.dumps(plan_text.plain(found, basis, options.confidence)))
     else:
         print(plan_text.table(found, basis, agents, m, options))
     return 0

@@ -1,9 +1,11 @@
-"""Statistics: pure functions on arrays (seeds, episodes); docs/statistics.md says why these.
+"""Pure functions on arrays (seeds, episodes); docs/statistics-appendix.md has the reasons and the measurements.
 
-`intervals` has Wilson's interval, `crossed` means over seeds and scenarios, `differences` those of agents, `resolution` tests
-of all pairs, `equivalence` whether differences are small, `bootstrap` the resampling, `paired` tests and effect sizes between agents, `groups` the letters.
+`crossed` has means over seeds and scenarios, `differences` those of agents, `moderation` the variance between seeds that
+every verdict uses, `resolution` tests of all pairs, `intervals` and `binomial` intervals of rates, `bootstrap` the
+resampling, `paired` tests and effect sizes between agents, `groups` the letters.
 """
 
+from auvbench.statistics.binomial import limits, p_more_than_half, succeeded, trials_that_bound
 from auvbench.statistics.bootstrap import (
     bca,
     hierarchical,
@@ -24,7 +26,6 @@ from auvbench.statistics.crossed import (
     means,
 )
 from auvbench.statistics.differences import Contrast, Pairs, contrast, pairs
-from auvbench.statistics.equivalence import equivalence
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.groups import letter, letters, shared
 from auvbench.statistics.intervals import quantile, score_interval, wilson
@@ -40,7 +41,7 @@ from auvbench.statistics.paired import (
     score,
     wins,
 )
-from auvbench.statistics.resolution import pooled, resolution
+from auvbench.statistics.resolution import resolution
 
 __all__ = [
     "EPISODES_ONLY",
@@ -55,7 +56,6 @@ __all__ = [
     "contrast",
     "crossed",
     "discordant",
-    "equivalence",
     "hierarchical",
     "holm",
     "improvement",
@@ -63,16 +63,17 @@ __all__ = [
     "iqm",
     "letter",
     "letters",
+    "limits",
     "mcnemar",
     "mean",
     "means",
     "median",
     "multiplicities",
+    "p_more_than_half",
     "paired_means",
     "pairs",
     "percentile",
     "performance_profile",
-    "pooled",
     "probability_of_improvement",
     "quantile",
     "resolution",
@@ -80,6 +81,8 @@ __all__ = [
     "score_interval",
     "seed_weights",
     "shared",
+    "succeeded",
+    "trials_that_bound",
     "wilson",
     "wins",
 ]

@@ -40,7 +40,7 @@ def stratified(
     """An aggregate of all scores with its stratified bootstrap interval: seeds are drawn stratum by stratum.
 
     Percentiles, as rliable's (Agarwal et al. 2021); of S seeds S - 1 are drawn (Rao & Wu 1988), without which the
-    interval is a third too short at three. With few seeds it still holds less often than it says (docs/statistics.md).
+    interval is a third too short at three. With few seeds it still holds less often than it says (docs/statistics-appendix.md).
 
     Args:
         strata: scores (seeds, tasks) of each group of trainings that were trained for the same, such as a vehicle. The

@@ -21,7 +21,7 @@ Each source has its own quantile of Student's t, and the squares add up (Howe 19
 
 with S - 1 degrees of freedom for the seeds of one agent, Welch's for those of several, and E - 1 for scenarios.
 One quantile with Satterthwaite's degrees of freedom for the sum was tried and covers too little with 2 or 3 seeds,
-as does every bootstrap (docs/statistics.md). With one seed A and R are 0: the interval is conditional on that seed
+as does every bootstrap (docs/statistics-appendix.md). With one seed A and R are 0: the interval is conditional on that seed
 and covers test episodes only. An interval ends where the range of possible values does.
 """
 
@@ -64,6 +64,9 @@ class Crossed:
     rate: bool
     least: FloatArray  # (n,) smallest and
     most: FloatArray  # (n,) largest value that a mean can have; infinite where there is no limit
+    between_odds: (
+        FloatArray  # (n,) A of the seeds' log-odds between least and most; 0 with one seed or no limits
+    )
 
     @property
     def variance(self) -> FloatArray:
@@ -98,13 +101,19 @@ def crossed(
     n, E = len(data), data[0].shape[1]
     columns = np.full((n, E), np.nan)
     mean, between, residual = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
-    seeds, values = np.zeros(n), np.zeros(n)
+    seeds, values, odds = np.zeros(n), np.zeros(n), np.zeros(n)
+    least, most = (
+        np.broadcast_to(np.asarray(end, dtype=np.float64), (n,)) for end in ((0, 1) if rate else bounds)
+    )
     for i, x in enumerate(data):
         there = np.isfinite(x)
         x, there = x[there.any(axis=1)], there[there.any(axis=1)]
         seeds[i], values[i] = len(x), there.sum()
         if len(x):
             mean[i], columns[i], between[i], residual[i] = _layout(x, there)
+            count = there.sum(axis=1)
+            rows = np.where(there, x, 0.0).sum(axis=1) / count
+            odds[i] = float(between_odds(rows, count, float(least[i]), float(most[i])))
     covariance, episodes = _covariance(columns, paired)
     if rate:
         # Of one scenario the variance between scenarios is unknown; `limits` counts it as one trial instead.
@@ -119,10 +128,22 @@ def crossed(
             else:
                 covariance[i, i] = variance
     seeds_df = np.where(seeds > 1, seeds - 1, np.inf)
-    least, most = (
-        np.broadcast_to(np.asarray(end, dtype=np.float64), (n,)) for end in ((0, 1) if rate else bounds)
+    return Crossed(
+        mean, seeds, between, residual, covariance, episodes, values, seeds_df, rate, least, most, odds
     )
-    return Crossed(mean, seeds, between, residual, covariance, episodes, values, seeds_df, rate, least, most)
+
+
+def between_odds(rows: FloatArray, count: ArrayLike, least: float, most: float) -> FloatArray:
+    """Return A of the log-odds of the seeds' means `rows` (..., S), each over `count` episodes; 0 without limits.
+
+    Empirical log-odds, (x + 1/2) / (n - x + 1/2), as `resolution.log_odds` takes them.
+    """
+    S = rows.shape[-1]
+    if S < 2 or not 0 < most - least < np.inf:
+        return np.zeros(rows.shape[:-1])
+    n = np.asarray(count, dtype=np.float64)
+    share = (np.clip((rows - least) / (most - least), 0.0, 1.0) * n + 0.5) / (n + 1)
+    return np.asarray(np.log(share / (1 - share)).var(axis=-1, ddof=1) / S)
 
 
 def _layout(
@@ -165,11 +186,6 @@ def _covariance(columns: FloatArray, paired: bool) -> tuple[FloatArray, FloatArr
     return covariance, episodes
 
 
-def squares(table: Crossed) -> FloatArray:
-    """(n,) A² / its degrees of freedom; 0 with one seed."""
-    return np.asarray(table.between_seeds**2 / table.seeds_df, dtype=np.float64)
-
-
 def within(
     low: ArrayLike, value: ArrayLike, high: ArrayLike, least: ArrayLike, most: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
@@ -201,8 +217,9 @@ def means(table: Crossed, confidence: float = 0.95) -> list[Estimate]:
     the module's formula, for a rate as Wilson's interval with the effective number of trials p (1 - p) / variance.
     An interval that cannot be computed (a mean of one episode) is NaN.
     """
+    squares = table.between_seeds**2 / table.seeds_df
     spread = Spread(
-        table.between_seeds, welch(table.between_seeds, squares(table)), table.scenarios, table.episodes - 1
+        table.between_seeds, welch(table.between_seeds, squares), table.scenarios, table.episodes - 1
     )
     q = spread.quantile(confidence)
     if table.rate:

@@ -16,6 +16,7 @@ from scipy.special import expit, logit, ndtr, ndtri
 
 from auvbench.statistics.crossed import crossed
 from auvbench.statistics.intervals import FloatArray
+from auvbench.statistics.moderation import freedom
 from auvbench.statistics.paired import holm
 from auvbench.statistics.resolution import resolution
 
@@ -272,9 +273,9 @@ def seeds_by_formula(
     fixed: float,
     alpha: float = 0.05,
     target: float = 0.8,
-    sharing: int = 2,
+    learners: int = 2,
 ) -> int | None:
-    """Seeds of each agent that resolve a difference, by the t-test's approximate power; None beyond `MOST_SEEDS`.
+    """Return the seeds of each agent that resolve a difference, by the t-test's approximate power.
 
     Args:
         difference: between the two agents.
@@ -282,15 +283,16 @@ def seeds_by_formula(
         fixed: variance that stays however many seeds there are, that of the scenarios.
         alpha: two-sided level, after whatever correction.
         target: power.
-        sharing: agents whose seeds tell the variance together.
+        learners: of the two agents, 1 or 2.
 
-    A difference is resolved with that power where it is t(1 - alpha/2) + t(power) standard errors long, t with
-    `sharing` (S - 1) degrees of freedom.
+    Returns:
+        the number, or None beyond `MOST_SEEDS`. A difference is resolved with that power where it is
+        t(1 - alpha/2) + t(power) standard errors long, t with the degrees of freedom of the learners together.
     """
     from scipy.special import stdtrit
 
     for S in range(2, MOST_SEEDS + 1):
-        df = sharing * (S - 1)
+        df = learners * float(freedom(np.array(S - 1.0)))
         need = float(stdtrit(df, 1 - alpha / 2) + stdtrit(df, target))
         if abs(difference) >= need * np.sqrt(per_seed / S + fixed):
             return S

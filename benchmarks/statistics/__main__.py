@@ -10,19 +10,26 @@ from pathlib import Path
 
 import numpy as np
 
+from auvbench.analysis.measures import measure
 from benchmarks.statistics import aggregates, letters, reports, stopping
-from benchmarks.statistics.alternatives import ALTERNATIVES
+from benchmarks.statistics.alternatives import ALTERNATIVES, USED
 from benchmarks.statistics.claims import VERDICTS
 from benchmarks.statistics.claims import WORLDS as STUDIES
 from benchmarks.statistics.claims import shares as verdicts
-from benchmarks.statistics.coverage import METHODS, WORLDS, coverage, of_pairs
-from benchmarks.statistics.worlds import World
+from benchmarks.statistics.coverage import WORLDS, coverage, of_pairs
+from benchmarks.statistics.shipped import MEASURES, PROTOCOLS, shipped, spread_of_trainings
+from benchmarks.statistics.worlds import of_rate, shifted
 
 DOCS = Path(__file__).parents[2] / "docs"
 SEEDS = {5: 1.0, 10: 0.5}
 """training seeds a cell of the simulated studies, and the share of the studies that such large ones get"""
 WITH_TEN = ("1", "2")
 """the claims whose studies are simulated with ten seeds, too: their tests are exact, and say little with five"""
+PAR1 = "par1_steps"
+HARDEST = (1, 3, 4, 6, 8)
+"""places in `letters.equal` of the designs by which the rules are compared"""
+MAIN = "leaderboard, test, bluerov2"
+"""the shipped table by which the rules are compared"""
 
 
 def _percent(value: float) -> str:
@@ -34,44 +41,104 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
-def false_letters(n: int) -> str:
-    """By design and rate, the tables with a false letter (%)."""
+def rules(n: int) -> str:
+    """Compare the rules for the variance between seeds."""
+    names = tuple(ALTERNATIVES)
+    false = [
+        (S, letters.false_letters(letters.equal(rate, S)[place], n // 2, names))
+        for S in letters.SEEDS
+        for rate in letters.RATES
+        for place in HARDEST
+    ]
+    close = letters.power(letters.close(), 2 * n, names)
+    far = [letters.power(design, n // 2, names) for design in letters.spread(12, 5)]
+    table = next(table for table in shipped() if table.name == MAIN)
     rows = []
-    for rate in letters.RATES:
-        for design in letters.equal(rate):
-            found = letters.false_letters(design, n)
-            shown = (_percent(found.get(x, np.nan)) for x in ALTERNATIVES)
-            rows.append((design.name, design.seeds, f"{100 * rate:.0f} %", *shown))
-    return _table(("agents, all equal", "seeds", "rate", *ALTERNATIVES), rows)
+    for name, test in ALTERNATIVES.items():
+        worst = [max(found[name] for S, found in false if (S > 3) == more) for more in (False, True)]
+        shares = (*worst, close[name], float(np.mean([found[name] for found in far])))
+        rows.append((name, *map(_percent, shares), *table.lost(measure(PAR1), test)))
+    head = ("variance of a training", "false, 3 seeds", "false, 5 or 10", "90 against 95 %")
+    return _table((*head, "20 points, 5 seeds", "leaderboard", "lost"), rows)
+
+
+def false_letters(n: int) -> str:
+    """By design, the tables with a false letter (%), the highest of the rates."""
+    names = [design.name for design in letters.equal(0.9, 3)]
+    rows = []
+    for prefix, steps, places in (("", False, range(len(names))), ("PAR-1: ", True, (0, 1, len(names) - 1))):
+        for place in places:
+            shares = [
+                max(
+                    letters.false_letters(letters.equal(rate, S)[place], n, steps=steps)[USED]
+                    for rate in letters.RATES
+                )
+                for S in letters.SEEDS
+            ]
+            rows.append((prefix + names[place], *map(_percent, shares)))
+    return _table(("agents, all equal", "3 seeds", "5 seeds", "10 seeds"), rows)
+
+
+def failing(n: int) -> str:
+    """False letters (%) where a share of all trainings fails."""
+    rows = []
+    for share in (0.05, 0.1):
+        columns = [
+            [letters.false_letters(design, n)[USED] for design in letters.failing(0.98, share, S)]
+            for S in letters.SEEDS
+        ]
+        for design, *shares in zip(letters.failing(0.98, share, 3), *columns, strict=True):
+            rows.append((f"{100 * share:.0f} % fail, {design.name}", *map(_percent, shares)))
+    return _table(("trainings", "3 seeds", "5 seeds", "10 seeds"), rows)
 
 
 def power(n: int) -> str:
     """By design, the differences over 20 points that are found (%)."""
     rows = []
-    for design in letters.spread():
-        found = letters.power(design, n)
-        rows.append((design.name, design.seeds, *(_percent(found.get(x, np.nan)) for x in ALTERNATIVES)))
-    return _table(("rates 40 to 97 %", "seeds", *ALTERNATIVES), rows)
+    for agents in (6, 12):
+        columns = [
+            [letters.power(design, n // 2)[USED] for design in letters.spread(agents, S)]
+            for S in letters.SEEDS
+        ]
+        for design, *shares in zip(letters.spread(agents, 3), *columns, strict=True):
+            rows.append((f"{agents} agents, {design.name}", *map(_percent, shares)))
+    close = [letters.power(letters.close(S), 2 * n)[USED] for S in letters.SEEDS]
+    return _table(
+        ("agents", "3 seeds", "5 seeds", "10 seeds"), [*rows, ("90 against 95 %", *map(_percent, close))]
+    )
 
 
-def steps(n: int) -> str:
-    """False letters of PAR-1 of the steps (%), where all agents are of one world."""
-    designs = [d for rate in letters.RATES for d in letters.equal(rate) if len(set(d.worlds)) == 1]
-    found = [letters.false_letters_of_steps(design, n) for design in designs]
-    rates = [
-        f"{100 * rate:.0f} %" for rate in letters.RATES for _ in range(len(designs) // len(letters.RATES))
-    ]
+def without_a_row(n: int) -> str:
+    """Of the shipped tables, verdicts in PAR-1 that are lost when any row is dropped."""
+    del n  # nothing is simulated
     rows = [
-        (d.name, d.seeds, rate, *map(_percent, f.values()))
-        for d, rate, f in zip(designs, rates, found, strict=True)
+        (table.name, len(table.agents), *table.lost(measure(PAR1), ALTERNATIVES[USED]))
+        for table in shipped(PROTOCOLS[:2])
     ]
-    return _table(("agents, all equal", "seeds", "rate", "own variances", "used"), rows)
+    return _table(("study, protocol, vehicle", "agents", "resolved pairs", "lost"), rows)
 
 
-def one_seed(n: int) -> str:
-    """Tables of equal configurations with a false letter (%)."""
-    rows = [(name, *map(_percent, shares)) for name, shares in reports.one_seed(n).items()]
-    return _table(("8 equal configurations, sd 0.5, rate 90 %", "as policies (before)", "used"), rows)
+def prior(n: int) -> str:
+    """How trainings of one configuration differ, over all shipped studies."""
+    del n  # nothing is simulated
+    rows = []
+    for name in MEASURES:
+        ratio, df, agents = spread_of_trainings(name)
+        rows.append((name, agents, f"{ratio:.2f}", f"{df:.1f}"))
+    return _table(("measure", "agents", "ratio", "degrees of freedom"), rows)
+
+
+def baseline(n: int) -> str:
+    """Verdicts against a baseline (%), in tables of five learners and a controller."""
+    rows = []
+    for sd in (0.3, 1.0):
+        same, fixed = of_rate(0.95, sd), of_rate(0.95, 0.0)
+        for S in (5, 10):
+            alike = reports.against_baseline([fixed, *[same] * 5], S, n // 2)
+            apart = reports.against_baseline([fixed, *[shifted(same, 0.05)] * 5], S, n // 2)
+            shares = alike["ahead"] + alike["behind"], apart["equivalent"], alike["equivalent"]
+            rows.append((f"sd {sd:g}, {S} seeds", *map(_percent, shares)))
+    return _table(("95 %, margin 5 points", "false ahead or behind", "false equivalent", "equivalent"), rows)
 
 
 def looks(n: int) -> str:
@@ -80,62 +147,36 @@ def looks(n: int) -> str:
     return _table(("looks after", "found"), [(name, _percent(share)) for name, share in found.items()])
 
 
-def best(n: int) -> str:
-    """The bootstrap's probability of being best, and the rank interval."""
-    head = ("sd", "seeds", '"> 99 %" is said', "and is right", "the best's rank interval begins at 1")
-    return _table(head, [(sd, S, *map(_percent, shares)) for sd, S, *shares in reports.best(n)])
-
-
-def equivalence(n: int) -> str:
-    """Verdicts "equivalent" with a margin of 5 points (%)."""
-    head = ("two agents", "seeds", "false: 5 points or more apart", "true: equal")
-    return _table(head, [(name, S, *map(_percent, shares)) for name, S, *shares in reports.equivalence(n)])
-
-
 def intervals(n: int) -> str:
-    """Intervals that hold the truth (%)."""
+    """Intervals of a rate, and of a difference of rates, that hold the truth (%)."""
     rows = []
     for name, world in WORLDS:
-        # One seed: only where seeds do not differ is there something that its interval promises to hold.
-        for S in (1, 2, 3, 5, 10) if world.seed_sd == 0 else (2, 3, 5, 10):
-            used = coverage(world, S, 200, replications=2 * n, resamples=0)[METHODS[0]]
-            rows.append((name, f"{100 * _rate(world):.0f} %", S, *map(_percent, used)))
-    head = ("seeds differ by", "true rate", "seeds", "rate", "mean steps", "difference of rates", "of steps")
+        found = [coverage(world, S, 200, replications=2 * n) for S in letters.SEEDS]
+        rate = f"{100 * world.rate():.0f} %"
+        rows.append((name, rate, *(_percent(x[0]) for x in found), *(_percent(x[2]) for x in found)))
+    head = ("seeds differ by", "rate", "3 seeds", "5", "10", "difference: 3", "5", "10")
     return _table(head, rows)
 
 
 def pair_intervals(n: int) -> str:
-    """Intervals of differences of rates in tables of several agents: how many hold (%), and their width in points."""
-    few = [(f"{100 * rate:.0f} %", d) for rate in letters.RATES for d in letters.equal(rate) if d.seeds < 10]
-    apart = [("", d) for d in letters.spread() if d.seeds < 10 and len(d.worlds) < 12]
+    """Intervals of differences of rates in tables of several agents that hold (%), the lowest of the rates."""
     rows = []
-    for rate, design in (*few, *apart):
-        found = of_pairs(design, n // 2).values()
-        rows.append((design.name, design.seeds, rate, *(_percent(x) for both in found for x in both)))
-    head = ("agents", "seeds", "rate", "own variances", "width", "used", "width")
-    return _table(head, rows)
-
-
-def bootstraps(n: int) -> str:
-    """The same of the hierarchical bootstraps, for rate and mean steps."""
-    rows = []
-    for sd in (0.5, 1.0):
-        for S in (3, 5, 10):
-            found = coverage(World(0.5, sd), S, 200, replications=n, resamples=300)
-            rows.append((sd, S, *(_percent(v) for method in METHODS for v in found[method][:2])))
-    head = ("seeds differ by", "seeds", "used here: rate", "mean steps", "bootstrap: rate", "mean steps")
-    return _table((*head, "rescaled bootstrap: rate", "mean steps"), rows)
+    for place in (0, 3, 5):
+        shares = [
+            min(of_pairs(letters.equal(rate, S)[place], n // 5) for rate in letters.RATES)
+            for S in letters.SEEDS
+        ]
+        rows.append((letters.equal(0.9, 3)[place].name, *map(_percent, shares)))
+    return _table(("agents", "3 seeds", "5 seeds", "10 seeds"), rows)
 
 
 def over_tasks(n: int) -> str:
-    """Intervals of aggregates over conditions and vehicles that hold the truth (%)."""
+    """Intervals of interquartile means over conditions and vehicles that hold the truth (%)."""
     rows = []
     for name, (vehicles, conditions) in aggregates.DESIGNS.items():
-        for S in (3, 5, 10):
-            found = aggregates.coverage(vehicles, conditions, S, n).values()
-            rows.append((name, S, *(_percent(x) for both in found for x in both)))
-    head = ("tasks", "seeds", "IQM (used)", "IQM, score by score", "gap (used)", "gap, score by score")
-    return _table(head, rows)
+        found = [aggregates.coverage(vehicles, conditions, S, n)["IQM"][0] for S in letters.SEEDS]
+        rows.append((name, *map(_percent, found)))
+    return _table(("tasks", "3 seeds", "5 seeds", "10 seeds"), rows)
 
 
 def claims(n: int) -> str:
@@ -154,26 +195,22 @@ def claims(n: int) -> str:
     return _table(("claim", "what is true", "seeds a cell", *VERDICTS), [cells for _, cells in ordered])
 
 
-def _rate(world: World) -> float:
-    return world.truth()[0]
-
-
 SECTIONS: dict[str, Callable[[int], str]] = {
+    "rules": rules,
     "false letters": false_letters,
+    "failing": failing,
     "power": power,
-    "steps": steps,
-    "one seed": one_seed,
-    "best": best,
-    "equivalence": equivalence,
+    "without a row": without_a_row,
+    "prior": prior,
+    "baseline": baseline,
     "intervals": intervals,
     "pair intervals": pair_intervals,
-    "bootstraps": bootstraps,
     "aggregates": over_tasks,
     "looks": looks,
     "claims": claims,
 }
 PAGES = {"looks": "planning.md", "claims": "claims-measured.md"}
-"""of docs/, where it is not statistics.md"""
+"""of docs/, where it is not statistics-appendix.md"""
 
 
 def replaced(page: str, name: str, table: str) -> str:
@@ -202,7 +239,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     for name in options.sections or SECTIONS:
         began = time.perf_counter()
         table = SECTIONS[name](options.studies if name == "claims" else options.replications)
-        page = DOCS / PAGES.get(name, "statistics.md")
+        page = DOCS / PAGES.get(name, "statistics-appendix.md")
         page.write_text(replaced(page.read_text(encoding="utf-8"), name, table), encoding="utf-8")
         print(f"{name}: {time.perf_counter() - began:.0f} s\n{table}\n", flush=True)
 

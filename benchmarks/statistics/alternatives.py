@@ -1,43 +1,108 @@
-"""Tests of all pairs that were considered, the one in use among them: p-values (tables, pairs)."""
+"""Rules for the variance between seeds that were considered: p-values (tables, n, n) of tables of agents.
+
+Each rule is applied on the two scales of `statistics.resolution`, and the larger p counts.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
+from scipy.special import digamma, polygamma
+from scipy.stats import chi2
+from scipy.stats import f as fisher
 
 from auvbench.statistics.crossed import Crossed
 from auvbench.statistics.differences import pair_spread
-from auvbench.statistics.resolution import log_odds, pooled, resolution
-from benchmarks.statistics.moderation import moderated
-from benchmarks.statistics.tables import upper
+from auvbench.statistics.resolution import log_odds, resolution
 from benchmarks.statistics.worlds import FloatArray
 
-Test = Callable[[Crossed, FloatArray], FloatArray]
-"""f(tables, seeds' means (tables, n, S)) -> p (tables, pairs)"""
+Rule = Callable[[Crossed], tuple[FloatArray, FloatArray]]
+"""f(tables) -> variance of each mean that seeds make, and its degrees of freedom, (tables, n) each"""
+Test = Callable[[Crossed], FloatArray]
 
 
-def t_type(table: Crossed) -> FloatArray:
-    """The t-type test of every pair."""
-    i, j = np.triu_indices(table.mean.shape[-1], 1)
-    difference = table.mean[..., :, None] - table.mean[..., None, :]
-    return pair_spread(table).take((..., i, j)).p_value(difference[..., i, j])
+def own(table: Crossed) -> tuple[FloatArray, FloatArray]:
+    """Each agent's own variance."""
+    return table.between_seeds, table.seeds_df
 
 
-def arcsine(table: Crossed) -> Crossed:
-    """The table on the scale 2 arcsin sqrt(rate), by the delta method as `log_odds` is."""
-    share = (table.mean * table.values + 0.5) / (table.values + 1)
-    slope = 1 / np.sqrt(share * (1 - share))
-    return replace(
-        table,
-        mean=2 * np.arcsin(np.sqrt(share)),
-        between_seeds=table.between_seeds * slope**2,
-        residual=table.residual * slope**2,
-        between_scenarios=table.between_scenarios * slope[..., :, None] * slope[..., None, :],
-        rate=False,
+def mean_of_table(table: Crossed) -> tuple[FloatArray, FloatArray]:
+    """At least the arithmetic mean over the table, with all degrees of freedom: what reports used before."""
+    several, variance, df = _seeds(table)
+    total = df.sum(axis=-1, keepdims=True)
+    average = (df * variance).sum(axis=-1, keepdims=True) / np.maximum(total, 1)
+    return _raised(table, several & (variance < average), average, total)
+
+
+def median_of_table(table: Crossed) -> tuple[FloatArray, FloatArray]:
+    """At least the median over the table, corrected by the chi-squared median, with half of all degrees of freedom."""
+    several, variance, df = _seeds(table)
+    safe = np.where(several, df, 1.0)
+    corrected = np.where(several, variance * safe / chi2.ppf(0.5, safe), np.nan)
+    middle = np.nanmedian(corrected, axis=-1, keepdims=True)
+    return _raised(table, several & (variance < middle), middle, df.sum(axis=-1, keepdims=True) / 2)
+
+
+def robust_prior(table: Crossed) -> tuple[FloatArray, FloatArray]:
+    """Squeezed towards a prior that median and MAD of the table's log variances give; outliers keep their own.
+
+    Smyth (2004), section 6.2, with robust moments in the spirit of Phipson et al. (2016).
+    """
+    several, variance, df = _seeds(table)
+    d = np.where(several, df, 1.0)
+    with np.errstate(divide="ignore"):
+        e = np.where(several & (variance > 0), np.log(variance), np.nan) - digamma(d / 2) + np.log(d / 2)
+    centre = np.nanmedian(e, axis=-1, keepdims=True)
+    spread = (1.4826 * np.nanmedian(np.abs(e - centre), axis=-1, keepdims=True)) ** 2
+    noise = np.nanmean(np.where(several, polygamma(1, d / 2), np.nan), axis=-1, keepdims=True)
+    d0 = 2 * inverse_trigamma(np.maximum(spread - noise, 1e-2))
+    prior = np.exp(centre + digamma(d0 / 2) - np.log(d0 / 2))
+    outlier = variance / prior > fisher.ppf(0.95, d, d0)
+    use = several & ~outlier
+    squeezed = (d0 * prior + d * variance) / (d0 + d) / np.maximum(table.seeds, 1)
+    return np.where(use, squeezed, table.between_seeds), np.where(use, d + d0, table.seeds_df)
+
+
+def inverse_trigamma(y: FloatArray) -> FloatArray:
+    """Newton's method of Smyth (2004, appendix)."""
+    x = 0.5 + 1 / y
+    for _ in range(10):
+        value = polygamma(1, x)
+        x = x + value * (1 - value / y) / polygamma(2, x)
+    return np.asarray(x)
+
+
+def _seeds(table: Crossed) -> tuple[np.ndarray, FloatArray, FloatArray]:
+    """Who has several seeds, the variance of one seed, and its degrees of freedom; 0 for the others."""
+    several = table.seeds > 1
+    return several, table.between_seeds * table.seeds, np.where(several, table.seeds_df, 0.0)
+
+
+def _raised(
+    table: Crossed, use: np.ndarray, variance: FloatArray, df: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    return (
+        np.where(use, variance / table.seeds, table.between_seeds),
+        np.where(use, df, table.seeds_df),
     )
+
+
+def on_two_scales(rule: Rule) -> Test:
+    """Return the test with a rule on the measure's own scale and on that of the log-odds by the delta method."""
+
+    def test(table: Crossed) -> FloatArray:
+        odds = log_odds(replace(table, between_odds=np.zeros_like(table.mean)))
+        return np.asarray(np.fmax(*(t_type(t, rule(t)) for t in (table, odds))))
+
+    return test
+
+
+def t_type(table: Crossed, seeds: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """P-values (tables, n, n) with the given part of the seeds."""
+    difference = table.mean[..., :, None] - table.mean[..., None, :]
+    return pair_spread(table, seeds).p_value(difference)
 
 
 def one_by_one(table: Crossed) -> list[Crossed]:
@@ -50,35 +115,11 @@ def one_by_one(table: Crossed) -> list[Crossed]:
     return [replace(table, **{k: v[t] for k, v in fields.items()}) for t in range(len(table.mean))]
 
 
-def each_moderated(table: Crossed) -> Crossed:
-    """The tables, each with variances moderated among its own agents."""
-    found = [moderated(one) for one in one_by_one(table)]
-    between, df = np.array([t.between_seeds for t in found]), np.array([t.seeds_df for t in found])
-    return replace(table, between_seeds=between, seeds_df=df)
-
-
-def permutation(table: Crossed, seeds: FloatArray) -> FloatArray:
-    """Exact permutation test of the seeds' means, pair by pair: all ways to part 2 S seeds into two halves."""
-    i, j = np.triu_indices(seeds.shape[1], 1)
-    S = seeds.shape[2]
-    both = np.concatenate([seeds[:, i], seeds[:, j]], axis=2)
-    halves = np.zeros((2 * S, 0))
-    for chosen in combinations(range(2 * S), S):
-        sign = -np.ones((2 * S, 1))
-        sign[list(chosen)] = 1
-        halves = np.hstack([halves, sign])
-    difference = np.abs(both @ halves)
-    seen = np.abs(seeds[:, i].sum(axis=2) - seeds[:, j].sum(axis=2))
-    return np.asarray((difference >= seen[..., None] - 1e-12).mean(axis=2))
-
-
 ALTERNATIVES: dict[str, Test] = {
-    "own variances": lambda table, seeds: t_type(table),
-    "moderated (before)": lambda table, seeds: t_type(each_moderated(table)),
-    "permutation": permutation,
-    "log-odds, own": lambda table, seeds: t_type(log_odds(table)),
-    "rates, pooled": lambda table, seeds: t_type(pooled(table)),
-    "arcsine, pooled": lambda table, seeds: t_type(pooled(arcsine(table))),
-    "log-odds, pooled": lambda table, seeds: t_type(pooled(log_odds(table))),
-    "used": lambda table, seeds: upper(resolution(table)),
+    "own variances": on_two_scales(own),
+    "table's mean (before)": on_two_scales(mean_of_table),
+    "table's median": on_two_scales(median_of_table),
+    "table's robust prior": on_two_scales(robust_prior),
+    "fixed prior (used)": resolution,
 }
+USED = "fixed prior (used)"

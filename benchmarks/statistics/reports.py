@@ -11,8 +11,8 @@ from auvbench.analysis.measures import measure
 from auvbench.analysis.model import Agent, RunRecord
 from auvbench.analysis.pairwise import Tests, all_pairs
 from auvbench.analysis.policies import one_policy
-from auvbench.statistics.bootstrap import multiplicities, paired_means, seed_weights
-from benchmarks.statistics.worlds import FloatArray, World, of_rate, shifted
+from auvbench.analysis.primary import VERDICTS, primary_analysis
+from benchmarks.statistics.worlds import FloatArray, World, of_rate
 
 
 def agent(label: str, success: FloatArray) -> Agent:
@@ -40,10 +40,10 @@ def tables(
     return found
 
 
-def decided(agents: Sequence[Agent], *, policies: bool = False, margin: float | None = None) -> Tests:
+def decided(agents: Sequence[Agent], *, policies: bool = False) -> Tests:
     """The tests of a table on success, as `analysis.ranking.rank` makes them."""
     compared = np.array([policies or not one_policy(a) for a in agents])
-    return all_pairs(agents, measure("success_rate"), compared, 0.95, margin)
+    return all_pairs(agents, measure("success_rate"), compared, 0.95)
 
 
 def one_seed(replications: int, seed: int = 0) -> dict[str, tuple[float, float]]:
@@ -57,55 +57,18 @@ def one_seed(replications: int, seed: int = 0) -> dict[str, tuple[float, float]]
     return found
 
 
-def best(
-    replications: int, resamples: int = 400, seed: int = 0
-) -> list[tuple[str, int, float, float, float]]:
-    """Rows of: seeds' sd, seeds, share of tables whose bootstrap is "> 99 %" sure of the first place, share of those
-    in which it is right, and share of all tables in which the truly best has a rank interval that begins at 1.
+def against_baseline(
+    worlds: Sequence[World], S: int, replications: int, margin: float = 0.05, seed: int = 0
+) -> dict[str, float]:
+    """By verdict of the primary analysis, the share of tables in which some agent gets it.
+
+    The first world is the baseline, a controller with one run; the others have S seeds each.
     """
-    rng = np.random.default_rng(seed)
-    rows = []
-    for sd in (0.5, 1.0):
-        for S in (3, 5):
-            worlds = [World(2.2, sd), World(2.0, sd)]
-            sure = right = open_ = 0
-            for agents in tables(worlds, [S] * 2, 200, replications, seed):
-                drawn = multiplicities(200, resamples, rng)
-                weights = [seed_weights(S, resamples, rng) for _ in agents]
-                means = paired_means([a.success for a in agents], drawn, weights)
-                first = np.bincount(means.argmax(axis=1), minlength=2) / resamples
-                if first.max() > 0.99:
-                    sure += 1
-                    right += int(first.argmax()) == 0
-                tests = decided(agents)
-                open_ += not (tests.resolved[0] & (tests.pairs.difference[0] < 0)).any()
-            rows.append((f"{sd:g}", S, sure / replications, right / max(sure, 1), open_ / replications))
-    return rows
-
-
-def equivalence(
-    replications: int, margin: float = 0.05, seed: int = 0
-) -> list[tuple[str, int, float, float]]:
-    """Rows of: world, seeds, share of "equivalent" where the true difference is the margin, and where it is none.
-
-    The last world: trainings of both work alike, but three of ten of the second fail, so that 23 points part them.
-    """
-    rows = []
-    for rate, sd in ((0.9, 0.1), (0.9, 0.3), (0.98, 0.3)):
-        world = of_rate(rate, sd)
-        for S in (3, 5, 10):
-            shares = []
-            for other in (shifted(world, margin), world):
-                drawn = tables([world, other], [S, S], 500, replications, seed)
-                verdicts = [decided(agents, margin=margin).verdict(0, 1) for agents in drawn]
-                shares.append(float(np.mean([verdict == "equivalent" for verdict in verdicts])))
-            rows.append((f"rate {100 * rate:.0f} %, sd {sd:g}", S, *shares))
-    works = of_rate(0.95, 0.1)
-    fails = World(works.level, works.seed_sd, failing=0.3)
-    for S in (3, 5, 10):
-        drawn = tables([works, fails], [S, S], 500, replications, seed)
-        verdicts = [decided(agents, margin=margin).verdict(0, 1) for agents in drawn]
-        rows.append(
-            ("3 of 10 of one fail", S, float(np.mean([v == "equivalent" for v in verdicts])), float("nan"))
-        )
-    return rows
+    found = dict.fromkeys(VERDICTS, 0)
+    for agents in tables(worlds, [1, *[S] * (len(worlds) - 1)], 500, replications, seed):
+        compared = np.ones(len(agents), dtype=bool)
+        primary = primary_analysis(agents, decided(agents, policies=True), compared, agents[0], margin)
+        assert primary is not None
+        for verdict in {against.verdict for against in primary.comparisons}:
+            found[verdict] += 1
+    return {verdict: count / replications for verdict, count in found.items()}

@@ -27,9 +27,10 @@ def found(replications: int, seed: int = 0, E: int = 500) -> dict[str, float]:
     counts = dict.fromkeys(LOOKS, 0)
     for start in range(0, replications, BATCH):
         scenarios = rng.normal(size=(min(BATCH, replications - start), E))
-        data = successes([world] * 2, max(map(max, LOOKS.values())), scenarios, rng)
+        data = successes([world] * 2, [max(map(max, LOOKS.values()))] * 2, scenarios, rng)
         p = {
-            S: resolution(crossed(data[:, :, :S], rate=True))[:, 0, 1] for S in LOOKS["3, 4, 5, ... 15 seeds"]
+            S: resolution(crossed([x[:, :S] for x in data], rate=True))[:, 0, 1]
+            for S in LOOKS["3, 4, 5, ... 15 seeds"]
         }
         for name, looks in LOOKS.items():
             counts[name] += int((np.array([p[S] for S in looks]).min(axis=0) < ALPHA).sum())

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import expit
 from scipy.stats import gamma
+from scipy.stats import t as student
 
 FloatArray = NDArray[np.float64]
 
@@ -37,73 +38,100 @@ class World:
     """standard deviation of a scenario's logit"""
     failing: float = 0.0
     """share of the trainings that fail: their logit is lower by `FAILED`"""
+    tails: int = 0
+    """seeds are Student's t with so many degrees of freedom, scaled to `seed_sd`; 0 for the normal"""
 
     def draw(
         self, S: int, E: int, scenarios: FloatArray, rng: np.random.Generator
     ) -> tuple[FloatArray, FloatArray]:
-        """Success (S, E) in {0, 1} and steps (S, E) of an agent on scenarios (E,) of standard normal difficulty."""
-        success, steps = drawn([self], S, scenarios[None, :], rng)
-        return success[0, 0], steps[0, 0]
+        """Return success (S, E) in {0, 1} and steps (S, E) on scenarios (E,) of standard normal difficulty."""
+        success, steps = drawn([self], [S], scenarios[None, :], rng)
+        return success[0][0], steps[0][0]
+
+    def seeds(self, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
+        """Return logits of training seeds."""
+        z = rng.standard_t(self.tails, shape) / self._scale if self.tails else rng.normal(size=shape)
+        failed = FAILED * (rng.random(shape) < self.failing) if self.failing else 0.0
+        return np.asarray(self.level + self.seed_sd * z - failed)
+
+    @property
+    def _scale(self) -> float:
+        """Standard deviation of Student's t."""
+        return float(np.sqrt(self.tails / (self.tails - 2)))
+
+    def rate(self) -> float:
+        """Return the success rate over all seeds and scenarios there could be."""
+        weights, logit = self._nodes()
+        return float(weights @ expit(logit))
 
     def truth(self) -> tuple[float, float]:
-        """The rate and the mean number of steps over all seeds and scenarios there could be."""
+        """Return the rate and the mean number of steps over all seeds and scenarios there could be."""
         weights, logit = self._nodes()
-        scale = 100.0 * np.exp(-0.3 * logit)
-        cut = LIMIT / scale
-        # E[min(G, c)] of a gamma variable of shape 2: 2 F_3(c) + c (1 - F_2(c))
-        steps = scale * (2 * gamma.cdf(cut, 3) + cut * gamma.sf(cut, 2))
-        return float(weights @ expit(logit)), float(weights @ steps)
+        return self.rate(), float(weights @ _mean_steps(logit))
 
     def penalised(self) -> float:
-        """The true PAR-1 of the steps: a failure, independent of the steps given the logit, counts as the limit."""
+        """Return the true PAR-1 of the steps: a failure, independent of the steps given the logit, counts as the limit."""
         weights, logit = self._nodes()
-        scale = 100.0 * np.exp(-0.3 * logit)
-        cut = LIMIT / scale
-        steps = scale * (2 * gamma.cdf(cut, 3) + cut * gamma.sf(cut, 2))
-        return float(weights @ (expit(logit) * steps + (1 - expit(logit)) * LIMIT))
+        return float(weights @ (expit(logit) * _mean_steps(logit) + (1 - expit(logit)) * LIMIT))
 
     def _nodes(self) -> tuple[FloatArray, FloatArray]:
-        """Weights and logits of a quadrature over seeds and scenarios."""
+        """Return weights and logits of a quadrature over seeds and scenarios."""
         nodes, weights = _hermite()
-        weights = np.outer([1 - self.failing, self.failing], weights / weights.sum()).ravel()
-        nodes = np.hypot(self.seed_sd, self.scenario_sd) * nodes
+        weights = weights / weights.sum()
+        if self.tails:
+            seeds = student.ppf((np.arange(500) + 0.5) / 500, self.tails) / self._scale
+            nodes = np.add.outer(self.seed_sd * seeds, self.scenario_sd * nodes).ravel()
+            weights = np.tile(weights / len(seeds), len(seeds))
+        else:
+            nodes = np.hypot(self.seed_sd, self.scenario_sd) * nodes
+        weights = np.outer([1 - self.failing, self.failing], weights).ravel()
         return weights, self.level + np.concatenate([nodes, nodes - FAILED])
 
 
-def of_rate(rate: float, seed_sd: float, failing: float = 0.0) -> World:
-    """The world of that true success rate; with `failing`, the rate is that of the trainings that do not fail."""
-    level = brentq(lambda x: World(x, seed_sd).truth()[0] - rate, -40, 60)
-    return World(float(level), seed_sd, failing=failing)
+def _mean_steps(logit: FloatArray) -> FloatArray:
+    """E[min(G, c)] of a gamma variable of shape 2, whose scale the logit gives: 2 F_3(c) + c (1 - F_2(c))."""
+    scale = 100.0 * np.exp(-0.3 * logit)
+    cut = LIMIT / scale
+    return np.asarray(scale * (2 * gamma.cdf(cut, 3) + cut * gamma.sf(cut, 2)))
+
+
+@cache
+def of_rate(rate: float, seed_sd: float, failing: float = 0.0, tails: int = 0) -> World:
+    """Return the world of that true success rate; with `failing`, the rate is that of the trainings that do not fail."""
+    whole = World(0.0, seed_sd, tails=tails)
+    level = brentq(lambda x: replace(whole, level=x).rate() - rate, -40, 60)
+    return replace(whole, level=float(level), failing=failing)
 
 
 def drawn(
-    worlds: Sequence[World], S: int, scenarios: FloatArray, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Success and steps (tables, agents, S, E), an agent per world; `scenarios` (tables, E) are shared by them."""
-    shape = (len(scenarios), len(worlds), S)
-    level, sd, failing = (np.array([getattr(w, k) for w in worlds]) for k in ("level", "seed_sd", "failing"))
-    seeds = level[:, None] + sd[:, None] * rng.normal(size=shape)
-    if failing.any():
-        seeds -= FAILED * (rng.random(shape) < failing[:, None])
-    scale = np.array([w.scenario_sd for w in worlds])[None, :, None, None]
-    logit = seeds[..., None] + scale * scenarios[:, None, None, :]
-    success = (rng.random(logit.shape) < expit(logit)).astype(np.float64)
-    return success, np.minimum(rng.gamma(2.0, 100.0 * np.exp(-0.3 * logit)), LIMIT)
+    worlds: Sequence[World],
+    seeds: Sequence[int],
+    scenarios: FloatArray,
+    rng: np.random.Generator,
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return success and steps (tables, S_i, E) of an agent per world; `scenarios` (tables, E) are shared by them."""
+    success, steps = [], []
+    for world, S in zip(worlds, seeds, strict=True):
+        logit = world.seeds((len(scenarios), S, 1), rng) + world.scenario_sd * scenarios[:, None, :]
+        success.append((rng.random(logit.shape) < expit(logit)).astype(np.float64))
+        steps.append(np.minimum(rng.gamma(2.0, 100.0 * np.exp(-0.3 * logit)), LIMIT))
+    return success, steps
 
 
-def successes(worlds: Sequence[World], S: int, scenarios: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Success alone, as `drawn` has it, in half the time."""
-    shape = (len(scenarios), len(worlds), S)
-    level, sd, failing = (np.array([getattr(w, k) for w in worlds]) for k in ("level", "seed_sd", "failing"))
-    seeds = level[:, None] + sd[:, None] * rng.normal(size=shape)
-    if failing.any():
-        seeds -= FAILED * (rng.random(shape) < failing[:, None])
-    logit = (seeds[..., None] + scenarios[:, None, None, :]).astype(np.float32)
-    return (rng.random(logit.shape, dtype=np.float32) < expit(logit)).astype(np.float64)
+def successes(
+    worlds: Sequence[World], seeds: Sequence[int], scenarios: FloatArray, rng: np.random.Generator
+) -> list[FloatArray]:
+    """Return success alone, as `drawn` has it, in half the time."""
+    found = []
+    for world, S in zip(worlds, seeds, strict=True):
+        logit = world.seeds((len(scenarios), S, 1), rng) + world.scenario_sd * scenarios[:, None, :]
+        logit = logit.astype(np.float32)
+        found.append((rng.random(logit.shape, dtype=np.float32) < expit(logit)).astype(np.float64))
+    return found
 
 
 def shifted(world: World, points: float) -> World:
-    """The same world with a true rate that is lower by so much (0.02 is two points)."""
-    wanted = world.truth()[0] - points
-    level = brentq(lambda x: replace(world, level=x).truth()[0] - wanted, -40, 60)
+    """Return the same world with a true rate that is lower by so much (0.02 is two points)."""
+    wanted = world.rate() - points
+    level = brentq(lambda x: replace(world, level=x).rate() - wanted, -40, 60)
     return replace(world, level=float(level))

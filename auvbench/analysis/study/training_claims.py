@@ -12,10 +12,10 @@ from auvbench.analysis.measures import measure
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence, cell_of_run
 from auvbench.analysis.study.learning import Learning
-from auvbench.analysis.study.shares import limits, p_more_than_half, superiority
 from auvbench.analysis.study.trend import Point, trend
 from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Levels, Part, by_trend
 from auvbench.analysis.timing import by_frequency, differs, limit_s
+from auvbench.statistics import limits, p_more_than_half, probability_of_improvement
 from auvbench.statistics.estimate import Estimate
 
 KS = (1.0, 40.0, 100.0)
@@ -217,7 +217,7 @@ def _prediction(
             missing=f"{FEW} pairs of evaluated runs of the same K and frequency, one converged and one not (here {n})",
             run_ids=ids,
         )
-    value = float(fewer @ [superiority(yes, no) for yes, no in both]) / n
+    value = float(fewer @ [probability_of_improvement(yes, no) for yes, no in both]) / n
 
     def at(confidence: float) -> Estimate:
         low, high = limits(value * n, n, (1 - confidence) / 2)

@@ -18,7 +18,17 @@ def csv(ranking: Ranking) -> str:
     header = ["agent", "budget", "baseline", "margin"]
     header += ["difference", "difference_low", "difference_high", "verdict", "needed", "needed_unit"]
     header += ["rank", "rank_low", "rank_high", "group", "compared", *keys]
-    header += ["seeds", "runs", "episodes", "protocol", "condition", "fingerprint", "confidence", "covers"]
+    header += [
+        "seeds",
+        "succeeded",
+        "runs",
+        "episodes",
+        "protocol",
+        "condition",
+        "fingerprint",
+        "confidence",
+        "covers",
+    ]
     header += [name for metric in metrics for name in (metric, f"{metric}_low", f"{metric}_high")]
     rows = []
     for row in ranking.rows:
@@ -26,7 +36,8 @@ def csv(ranking: Ranking) -> str:
         line += [row.rank, *row.rank_interval, row.group, int(row.compared)]
         line += [row.key.get(key) for key in keys]
         covers = "; ".join(dict.fromkeys(estimate.covers for estimate in row.estimates.values()))
-        line += [" ".join(map(str, row.seeds)), " ".join(row.run_ids), row.episodes, ranking.protocol]
+        line += [" ".join(map(str, row.seeds)), row.succeeded if row.trained else None]
+        line += [" ".join(row.run_ids), row.episodes, ranking.protocol]
         line += [ranking.condition, ranking.fingerprint, ranking.confidence, covers]
         for metric in metrics:
             estimate = row.estimates.get(metric)

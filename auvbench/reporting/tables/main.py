@@ -14,6 +14,7 @@ from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
 from auvbench.analysis.rounding import NOTHING
 from auvbench.reporting.tables.columns import DAGGER, column_of
 from auvbench.reporting.tables.model import Cell, Heading, Line, Table, estimate_cell, heading_of
+from auvbench.statistics.intervals import wilson
 from auvbench.statistics.power import MOST_SEEDS
 
 SYMBOLS = {AHEAD: "▲", EQUIVALENT: "■", BEHIND: "▼", OPEN: "○"}
@@ -65,7 +66,8 @@ def _lead(ranking: Ranking) -> list[_Column]:
     columns: list[_Column] = [(Heading("agent", words=True), lambda row: Cell(label_of(row)))]
     if any(row.trained for row in ranking.rows):
         columns.append((Heading("budget", "steps", weight=1), _budget))
-        columns.append((Heading("trainings", weight=2), _trainings))
+        heading = Heading("trainings that succeeded", weight=2)
+        columns.append((heading, lambda row: _trainings(row, ranking.confidence)))
     return columns
 
 
@@ -76,9 +78,13 @@ def _budget(row: Row) -> Cell:
     return Cell(" to ".join(ends), sort=float(row.budget[-1]))
 
 
-def _trainings(row: Row) -> Cell:
+def _trainings(row: Row, confidence: float) -> Cell:
+    """Return "5 of 5 [57, 100]": Wilson's interval of the share of trainings that succeed."""
+    if not row.trained:
+        return Cell(NOTHING)
     n = len(row.seeds)
-    return Cell(str(n), sort=float(n)) if row.trained else Cell(NOTHING)
+    low, high = (f"{100 * float(end):.0f}" for end in wilson(row.succeeded, n, confidence))
+    return Cell(f"{row.succeeded} of {n}", f"[{low}, {high}]", row.succeeded / n)
 
 
 def _metric(ranking: Ranking, metric: str, weight: int = 0) -> list[_Column]:

@@ -10,6 +10,7 @@ from auvbench.analysis.model import Primary, Problem, Ranking
 from auvbench.analysis.primary import OPEN
 from auvbench.reporting.tables.appendix import readable_letters
 from auvbench.reporting.tables.columns import DAGGER
+from auvbench.statistics.binomial import SUCCEEDED
 
 KINDS = {
     "failed": "failed",
@@ -81,7 +82,26 @@ def remarks(ranking: Ranking) -> list[str]:
         found.append(one_training(ranking))
     if len({row.budget for row in ranking.rows if row.budget}) > 1:
         found.append("Budgets differ: an agent with more steps may be ahead for that alone.")
+    if any(row.trained and row.compared for row in ranking.rows):
+        found.append(
+            f"A training succeeded if it reaches at least {100 * SUCCEEDED:.0f} % of the test goals; brackets are of the share of "
+            "all trainings that do."
+        )
+    if _against_a_controller(ranking):
+        found.append(
+            "Results of a learner against a controller are for trainings like these: failures that no seed shows are not "
+            "in them."
+        )
     return [*found, *failed_trainings(ranking), *cautions(ranking)]
+
+
+def _against_a_controller(ranking: Ranking) -> bool:
+    """Return whether a verdict of the primary analysis sets a learner against a controller."""
+    if ranking.primary is None:
+        return False
+    trained = {row.label: row.trained for row in ranking.rows if row.compared}
+    baseline = trained.get(ranking.primary.baseline)
+    return baseline is not None and (not baseline) in trained.values()
 
 
 def of_columns(ranking: Ranking) -> list[str]:

@@ -51,7 +51,7 @@ def test_each_verdict() -> None:
 
     middle = one("pid", 1, seeds=1)
     ahead, alike, behind = one("sac", 4), one("ppo", 1), one("ddpg", -2)
-    found = primary(rank([ahead, alike, behind, middle], margin=0.1))
+    found = primary(rank([ahead, alike, behind, middle], margin=0.15))
     verdicts = {ahead.label: "ahead", alike.label: "equivalent", behind.label: "behind"}
     assert {c.agent: c.verdict for c in found.comparisons} == verdicts
     assert [c.agent for c in found.having("behind")] == [behind.label]

@@ -32,6 +32,7 @@ def test_a_typed_spread(capsys: pytest.CaptureFixture[str]) -> None:
     (need,) = found["needs"]
     assert found["values"] == [0.8, 0.95]
     assert 2 <= need["alone"]["0.8"] <= need["alone"]["0.95"] <= 12
+    assert found["seeds_that_bound_failures"] == {"0.1": 29, "0.05": 59}
     wide = planned(capsys, "--sd", "1.5", "--rates", "80,95", "--episodes", "200")["needs"][0]
     assert wide["alone"]["0.8"] > need["alone"]["0.8"]
 

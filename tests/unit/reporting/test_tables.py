@@ -74,12 +74,20 @@ def cells(ranking: Ranking) -> dict[str, Mapping[str, str]]:
 
 def test_the_columns_of_the_main_table(ranking: Ranking) -> None:
     titles = [heading.title for heading in main_table(ranking).headings]
-    assert titles == ["agent", "budget", "trainings", "success", "from PID", "result", "energy"]
+    assert titles == [
+        "agent",
+        "budget",
+        "trainings that succeeded",
+        "success",
+        "from PID",
+        "result",
+        "energy",
+    ]
     by_time = [h.title for h in main_table(replace(ranking, rank_by="par1_steps")).headings]
     assert by_time == [
         "agent",
         "budget",
-        "trainings",
+        "trainings that succeeded",
         "PAR-1 steps",
         "from PID",
         "result",
@@ -91,9 +99,11 @@ def test_the_columns_of_the_main_table(ranking: Ranking) -> None:
 def test_the_baseline_has_no_difference_and_controllers_no_budget(ranking: Ranking) -> None:
     shown = cells(ranking)
     assert shown["PID"]["result"] == "baseline"
-    assert shown["PID"]["from PID"] == shown["PID"]["budget"] == shown["PID"]["trainings"] == "–"
+    assert (
+        shown["PID"]["from PID"] == shown["PID"]["budget"] == shown["PID"]["trainings that succeeded"] == "–"
+    )
     assert shown["random"]["result"].startswith("▼ behind")
-    assert shown["SAC"]["trainings"] == "2"
+    assert shown["SAC"]["trainings that succeeded"] == "2 of 2 [34, 100]"
     assert shown["SAC"]["budget"] != "–"
     assert ranking.primary is not None
     assert {line.verdict for line in main_table(ranking).lines} == {
@@ -133,7 +143,7 @@ def test_terminal_fits_and_keeps_what_matters_most(ranking: Ranking, width: int)
         assert row.label in text
     assert "result" in text
     assert "▼ behind" in text
-    assert ("Not shown for want of width" in text) == (width < 80)
+    assert ("Not shown for want of width" in text) == (width < 120)
     assert "failed (9)" in text
     assert "and 3 more" in text
 
@@ -182,7 +192,8 @@ def test_notes_say_what_the_numbers_are(ranking: Ranking) -> None:
     assert "hold together with 95 %; within ±2 points equivalent" in text
     assert "†" not in text
     single = tuple(
-        replace(row, seeds=row.seeds[:1], compared=not row.trained, group="") for row in ranking.rows
+        replace(row, seeds=row.seeds[:1], succeeded=1, compared=not row.trained, group="")
+        for row in ranking.rows
     )
     one = replace(ranking, rows=single, more_seeds="auvbench train -m algo=sac seed=0,1,2,3,4")
     assert "More seeds: auvbench train -m algo=sac seed=0,1,2,3,4" in " ".join(notes(one))
@@ -316,3 +327,21 @@ def test_latex_compiles(ranking: Ranking, tmp_path: Path) -> None:
 def test_latex_fits_an_article(ranking: Ranking, tmp_path: Path) -> None:
     text = tables.latex(relabelled(ranking, " K=100 25 Hz"))
     assert "Overfull" not in compile_article(tmp_path, text)
+
+
+def test_a_learner_against_a_controller_is_for_trainings_like_these(ranking: Ranking) -> None:
+    """The note stands once, and only where a verdict sets one kind against the other."""
+    said = "for trainings like these"
+    assert " ".join(notes(ranking)).count(said) == 1
+    learners = tuple(row for row in ranking.rows if row.trained)
+    assert ranking.primary is not None
+    among = replace(ranking.primary, baseline=learners[0].label)
+    assert said not in " ".join(notes(replace(ranking, rows=learners, primary=among)))
+    controllers = tuple(replace(row, trained=False) for row in ranking.rows)
+    assert said not in " ".join(notes(replace(ranking, rows=controllers)))
+
+
+def test_trainings_that_succeeded_are_counted_with_their_interval(ranking: Ranking) -> None:
+    row = replace(ranking.rows[0], seeds=(0, 1, 2, 3, 4), succeeded=5)
+    shown = cells(replace(ranking, rows=(row, *ranking.rows[1:])))
+    assert shown[row.label]["trainings that succeeded"] == "5 of 5 [57, 100]"
