@@ -1,9 +1,9 @@
-"""What the files of `./conf` may say: values, never code.
+"""Hydra's loader for the files of `./conf`, restricted to values: a configuration names no code.
 
-Hydra makes objects of whatever a configuration's `_target_` names, configures logging by classes that it names,
-sets environment variables and imports packages to search them. A folder from a stranger with a `conf/` in it would
-so run their code for whoever types `auvbench train` there. Nothing of this is of any use here, so it is refused: in
-each file as it is read (`OwnFiles`), and in what all of them compose (`CheckedLoader`), whichever way it got there.
+Hydra instantiates what `_target_` names, configures logging by the classes that a file names, sets environment
+variables and imports packages to search them. A downloaded folder with a `conf/` would run its author's code for the
+user who types `auvbench train` there. So all of this is refused, in each file (`OwnFiles`) and in the composed
+configuration (`CheckedLoader`).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ ALLOWED = (
     "hydra.output_subdir",
     "hydra.job.chdir",
 )
-"""Hydra's own keys that a file may set: the grids of an experiment, and what our own files say."""
+"""Hydra's own keys that a file may set"""
 
 _FIXED = {
     "hydra.run.dir": ".",
@@ -48,7 +48,7 @@ _FIXED = {
     "hydra.output_subdir": None,
     "hydra.job.chdir": False,
 }
-"""Of those, the ones that have one value: Hydra would make folders, and change into them."""
+"""their only valid values: with others Hydra would make folders and change into them"""
 
 _TARGETS = {
     "hydra.launcher": ("hydra_plugins.auvbench_launcher.Compose", "hydra._internal.core_plugins."),
@@ -60,7 +60,7 @@ _NO_LOGGING = {"version": 1, "root": None, "disable_existing_loggers": False}
 
 
 class OwnFiles(FileConfigSource):
-    """Hydra's source of files for `./conf`: bounded, and without anything that names code."""
+    """Hydra's source of files for `./conf`: bounded, and without code."""
 
     def __init__(self, provider: str, path: str) -> None:
         ConfigSource.__init__(self, provider=provider, path=path)
@@ -84,7 +84,7 @@ class OwnFiles(FileConfigSource):
 
 
 class InstalledFiles(OwnFiles):
-    """Hydra's source of files for the folder of an installed package: as `OwnFiles`, and each name once in all of them."""
+    """Hydra's source of files for the folder of an installed package; a file's name must be unique among all packages."""
 
     @staticmethod
     def scheme() -> str:
@@ -105,22 +105,22 @@ class InstalledFiles(OwnFiles):
 
 
 def installed_sources() -> list[tuple[str, str]]:
-    """Provider and path on Hydra's search path of each folder that an installed package brings.
+    """Return provider and path, on Hydra's search path, of the folders of installed packages.
 
     Raises:
-        ConfigError: a folder is not there.
+        ConfigError: a folder does not exist.
     """
     return [(folder.release, f"{INSTALLED}://{folder.path}") for folder in plugins.folders()]
 
 
 def register() -> None:
-    """Makes `conf://FOLDER` and `installed://FOLDER` known to Hydra's search path; other programs' files are read as ever."""
+    """Register `conf://FOLDER` and `installed://FOLDER` with Hydra's search path."""
     SourcesRegistry.instance().register(OwnFiles)
     SourcesRegistry.instance().register(InstalledFiles)
 
 
 def check_file(shown: str, name: str, content: Any, package: str | None) -> None:
-    """Refuses a file that names code, or sets what is Hydra's own.
+    """Refuse a file that names code, or sets a key of Hydra's own.
 
     Args:
         shown: the file, for messages.
@@ -156,7 +156,7 @@ def check_file(shown: str, name: str, content: Any, package: str | None) -> None
 
 
 def check_composed(hydra: Any) -> None:
-    """Refuses a composed `hydra` node with which Hydra would call, import or write what is not ours.
+    """Refuse a composed `hydra` node with which Hydra would call, import or write foreign things.
 
     Raises:
         ConfigError: names the key.
@@ -180,7 +180,7 @@ def check_composed(hydra: Any) -> None:
 
 
 class CheckedLoader(ConfigLoaderImpl):
-    """Hydra's loader of configurations, which looks at what they composed before anybody acts on it."""
+    """Hydra's loader of configurations, which checks the composed configuration."""
 
     def load_configuration(self, *arguments: Any, **named: Any) -> DictConfig:
         config = super().load_configuration(*arguments, **named)
@@ -190,7 +190,7 @@ class CheckedLoader(ConfigLoaderImpl):
 
 @contextmanager
 def checked() -> Iterator[None]:
-    """Hydra's application takes `CheckedLoader` inside; it makes its loader itself and offers no choice."""
+    """Replace the loader of Hydra's application, which offers no choice, by `CheckedLoader`."""
     before = vars(hydra_application)["ConfigLoaderImpl"]
     vars(hydra_application)["ConfigLoaderImpl"] = CheckedLoader
     try:

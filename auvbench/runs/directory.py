@@ -33,12 +33,12 @@ HEADER = (
 
 
 def now() -> str:
-    """UTC, ISO 8601, seconds."""
+    """Return the time in UTC, ISO 8601, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def damaged(path: Path, why: object, what: str = "run") -> RunError:
-    """The error of a file of a run, or of what else has a folder, that cannot be used, with what can be done about it."""
+    """Return the error of a damaged file of a run (or study), with what to do."""
     reason = (why.strerror if isinstance(why, OSError) else None) or first_line(why)
     return RunError(f"{path}: damaged: {reason}; restore it, or remove the {what}'s folder")
 
@@ -70,12 +70,12 @@ class RunDirectory:
 
     @property
     def train(self) -> Path:
-        """Folder of the training records, TensorBoard events and the log."""
+        """Return the folder of the training records, TensorBoard events and the log."""
         return self.path / "train"
 
     @property
     def model(self) -> Path:
-        """Folder of the trained weights and statistics."""
+        """Return the folder of the trained weights and statistics."""
         return self.path / "model"
 
     @property
@@ -83,14 +83,14 @@ class RunDirectory:
         return self.path / "checkpoints"
 
     def evaluation(self, protocol: str) -> Path:
-        """Folder of one protocol's results."""
+        """Return the folder of one protocol's results."""
         return self.path / "evaluations" / protocol
 
     def exists(self) -> bool:
         return self.manifest_path.is_file()
 
     def config(self) -> dict[str, Any]:
-        """The resolved configuration as plain Python.
+        """Return the resolved configuration as plain Python.
 
         Raises:
             RunError: it is missing or no YAML mapping.
@@ -113,7 +113,7 @@ class RunDirectory:
         write_atomic(self.config_path, text.encode())
 
     def manifest(self) -> dict[str, Any]:
-        """manifest.json.
+        """Return the content of manifest.json.
 
         Raises:
             RunError: it is missing, damaged, or of another schema version.
@@ -126,7 +126,7 @@ class RunDirectory:
             raise self._unreadable(self.manifest_path, error) from error
 
     def _unreadable(self, path: Path, why: object) -> RunError:
-        """The error of a file that is missing or damaged, with what can be done about it."""
+        """Return the error of a missing or damaged file, with what to do."""
         if isinstance(why, FileNotFoundError):
             if not self.config_path.is_file() and not self.manifest_path.is_file():
                 return RunError(f"{self.path}: this is no run directory ({path.name} is missing)")
@@ -134,18 +134,16 @@ class RunDirectory:
         return damaged(path, why)
 
     def update_manifest(self, **changes: Any) -> dict[str, Any]:
-        """Writes the manifest with some entries replaced; returns it."""
+        """Write the manifest with some entries replaced; return it."""
         manifest = integrity.sealed(self.manifest() | changes)
         write_json(self.manifest_path, manifest)
         return manifest
 
     def write_model(self, files: Mapping[str, bytes]) -> dict[str, integrity.Entry]:
-        """Writes the model's files, by name, and returns what the manifest is to say of them.
-
-        They are on the disk when this returns, so that the manifest may vouch for them.
+        """Write the model's files, by name, to the disk; return their entries for the manifest.
 
         Raises:
-            OSError: the disk does not take them.
+            OSError: the disk is full, read-only or failing.
         """
         for draft in self.model.glob(
             ".*"
@@ -156,11 +154,10 @@ class RunDirectory:
         return {f"{self.model.name}/{name}": integrity.entry(data) for name, data in files.items()}
 
     def check(self) -> dict[str, Any]:
-        """The configuration, if its hash is the folder's.
+        """Return the configuration, if its hash is the folder's.
 
         Raises:
-            RunError: `config.yaml` was changed since the run was made; the message says which value, as far as
-                the folder's name tells. Or a link in the run leads out of it.
+            RunError: `config.yaml` was changed since the run was made, or a link lies in the run.
         """
         path_safety.check(self.path)
         config = self.config()
@@ -177,7 +174,7 @@ _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
 def place(config: Mapping[str, Any]) -> RunDirectory:
-    """Where the run of a resolved configuration lies; one that was made before ids named vehicles stays there."""
+    """Return the directory of a resolved configuration's run; a run with an id of before ids named vehicles keeps it."""
     folder = Path(config["output"]) / config["name"]
     here, earlier = (
         RunDirectory(folder / name) for name in (identity.run_id(config), identity.earlier_id(config))
@@ -280,7 +277,7 @@ def _fresh_manifest(
 
 
 def _difference(there: Any, here: Any, prefix: str = "") -> str:
-    """The first few keys that differ: "reward.k 1 -> 40", "seed is missing"."""
+    """Return the first keys that differ: "reward.k 1 -> 40", "seed is missing"."""
     found: list[str] = []
 
     def walk(a: Any, b: Any, path: str) -> None:
@@ -300,7 +297,7 @@ def _difference(there: Any, here: Any, prefix: str = "") -> str:
 
 
 def find_runs(paths: Iterable[Path | str]) -> list[RunDirectory]:
-    """All run directories under the given paths, each once, sorted by path.
+    """Return all run directories under the given paths, each once, sorted by path.
 
     Raises:
         RunError: a path does not exist, or holds no run.
@@ -319,7 +316,7 @@ def find_runs(paths: Iterable[Path | str]) -> list[RunDirectory]:
 
 
 def _walk(path: Path) -> list[Path]:
-    """Directories with a manifest beside a config, at most three levels down: root, experiment, run."""
+    """Return directories with a manifest, at most three levels down: root, experiment, run."""
     if path.is_file():
         if path.name not in ("manifest.json", "config.yaml"):
             raise RunError(f"{path}: a file, and no run; name a run directory or a folder that holds some")

@@ -1,6 +1,6 @@
-"""The file of `algo=onnx` on its way into a run: read and checked once, named by its content, copied beside the configuration.
+"""The policy file of `algo=onnx`: read and checked once, named by its content, copied into the run.
 
-A run is its configuration, and where a file lies is no part of that: its SHA-256 is (`algo.sha256`).
+A run's identity holds the file's SHA-256 (`algo.sha256`), not its path.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class _File:
 
 
 def settled(config: DictConfig, typed: schema.TrainConfig, vehicle: VehicleModel) -> DictConfig:
-    """The configuration with digest and name of its policy's file, where it has one; else as it is.
+    """Return the configuration with digest and name of its policy's file, if it has one.
 
     Args:
         config: composed.
@@ -74,7 +74,7 @@ def settled(config: DictConfig, typed: schema.TrainConfig, vehicle: VehicleModel
 
 
 def keep(run: RunDirectory, config: dict[str, Any]) -> None:
-    """Copies the file of a settled configuration, and its card, into a run that lacks it.
+    """Copy the file of a settled configuration, and its card, into a run that lacks it.
 
     Raises:
         PolicyError: it is not the file that the configuration was settled with.
@@ -105,9 +105,9 @@ def _digest_of(path: Path) -> str:
 
 
 def _file(path: Path) -> _File:
-    """A grid names one file a hundred times: it is read once, unless it changes."""
+    """Read a file once, unless it changes: a grid names one file a hundred times."""
     status = []
-    with contextlib.suppress(OSError, ValueError):  # reading it says what is wrong with its name
+    with contextlib.suppress(OSError, ValueError):  # reading it names the error
         for one in (path, cards.card_path(path)):
             found = one.stat()
             status.append((found.st_mtime_ns, found.st_size))
@@ -121,7 +121,7 @@ def _read(path: Path, shown: str, _status: tuple[tuple[int, int], ...]) -> _File
 
 
 def _compare(card: cards.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
-    """What a file from another vehicle, task or clock would be told about without an error, and steer wrongly."""
+    """Refuse a file of another vehicle, frame or frequency, which would steer wrongly without an error."""
     if card.action != vehicle.actuators:
         raise ConfigError(
             f"algo.path={where}: its card is of {card.vehicle}, which has the actuators {', '.join(card.action)}; "
@@ -140,7 +140,7 @@ def _compare(card: cards.Card, where: str, config: schema.TrainConfig, vehicle: 
 
 
 def _label(name: str) -> str:
-    """What names a folder and a row: of a card's or a file's name, the characters that both can hold.
+    """Return the characters of a card's or file's name that the name of a folder can have.
 
     >>> _label("my policy (3).best")
     'my-policy-3-.best'

@@ -1,5 +1,4 @@
-"""Checkpoints that continue a run with the same bits; docs/resume.md says what that means exactly.
+"""Checkpoints from which a run continues with the same bits; docs/resume.md explains this.
 
-`callback.Checkpointer` is what a training loop uses. Nothing is imported here, so that those who only want to
-look at files do not wait for torch.
+A training loop uses `saver.Checkpointer`. Nothing is imported here, so that reading files does not import torch.
 """

@@ -1,4 +1,4 @@
-"""A run with a larger budget that begins where a smaller one ended, bit by bit what it would have been."""
+"""A run with a larger budget that begins where a smaller one ended, with the same bits as one run."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from auvbench.vehicles import sheet
 
 @dataclass(frozen=True, slots=True)
 class Extension:
-    """A run of the same configuration with a larger budget, beside the one it extends, which stays as it is."""
+    """A run of the same configuration with a larger budget; the run that it extends stays as it is."""
 
     run: RunDirectory
     config: dict[str, Any]
     target: RunDirectory
     checkpoint: Checkpoint | None
-    """what `target` begins from; None: it has begun already"""
+    """where `target` begins; None if it has begun already"""
 
     def begin(self, command: str = "") -> RunDirectory:
-        """Makes the directory, with the newest checkpoint; `command` is the command line, for the manifest."""
+        """Make the directory with the newest checkpoint; `command` is the command line for the manifest."""
         if self.checkpoint is not None:
             freeze(self.config, command)
             seed(self.run.path, self.checkpoint, self.target.path)
@@ -39,7 +39,7 @@ class Extension:
 
 
 def prepare(run: RunDirectory, total_steps: int) -> Extension:
-    """Checks whether a run can be extended; writes nothing.
+    """Check whether a run can be extended; write nothing.
 
     Args:
         run: a run that was trained, at least as far as its first checkpoint.
@@ -57,7 +57,7 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
         raise RunError(f"{run.path} is held by {now.holder}; extend it when it has ended")
     larger = copy.deepcopy(config)
     larger["train"]["total_steps"] = total_steps
-    # Beside the run, wherever it was moved to since it was made; neither key is part of its identity.
+    # In the run's folder, which may have been moved; neither key is part of the identity.
     larger["output"], larger["name"] = str(run.path.parent.parent), run.path.parent.name
     typed(OmegaConf.create(larger))
     target = place(larger)
@@ -94,6 +94,6 @@ def _check_schedule(run: RunDirectory, config: dict[str, Any]) -> None:
 
 
 def _resumes_exactly(config: dict[str, Any]) -> bool:
-    """Whether the learner of an installed package goes on with the same bits."""
+    """Return whether the learner of an installed package resumes with the same bits."""
     made = typed(OmegaConf.create(config))
     return learner_of(made, sheet.load(made.vehicle)).exact_resume

@@ -29,7 +29,7 @@ class LogMark:
 
 
 class GrowingLog:
-    """Follows one file and hashes only what is new since the last mark.
+    """Follow one file and hash what is new since the last mark.
 
     Args:
         path: the file; it may not exist yet.
@@ -42,7 +42,7 @@ class GrowingLog:
         self._named = False
 
     def mark(self) -> LogMark:
-        """Fsyncs the file and its name and returns its mark. The writer must have flushed what it holds back."""
+        """Fsync the file and its name and return its mark; the writer must have flushed its buffer."""
         if not self.path.exists():
             return LogMark(0, hashlib.sha256().hexdigest())
         with self.path.open("rb") as file:
@@ -59,7 +59,7 @@ class GrowingLog:
 
 
 def cut(path: Path, length: int) -> None:
-    """Cuts a file to `length` bytes; length 0 removes it. A file that is not there is fine for length 0.
+    """Cut a file to `length` bytes; length 0 removes it, also where it does not exist.
 
     Raises:
         OSError: the file cannot be changed.

@@ -49,7 +49,7 @@ class Segment:
 
 
 class ReplayStore:
-    """Writes and reads the segments in one folder.
+    """Write and read the segments in one folder.
 
     Args:
         folder: `checkpoints/replay` of a run.
@@ -62,7 +62,7 @@ class ReplayStore:
         self._written: dict[tuple[int, int], Segment] = {}
 
     def save(self, buffer: Ring, rows: int) -> list[Segment]:
-        """Writes what is new up to row `rows`; returns all segments that hold the ring's content.
+        """Write what is new up to row `rows`; return all segments of the ring's content.
 
         Raises:
             OSError: the disk is full or read-only; earlier segments are untouched.
@@ -92,10 +92,10 @@ class ReplayStore:
         return segment
 
     def load(self, buffer: Ring, segments: Iterable[Segment], rows: int) -> None:
-        """Fills a fresh buffer with the ring's content at row `rows`, bit by bit.
+        """Fill a fresh buffer with the ring's content at row `rows`, bit by bit.
 
         Raises:
-            OSError, ValueError, KeyError: a segment is not readable; `Segment.holds` was not asked before.
+            OSError, ValueError, KeyError: a segment is not readable; `Segment.holds` tells this before.
         """
         oldest = max(0, rows - buffer.buffer_size)
         length = max(1, self._transitions // buffer.n_envs)

@@ -1,4 +1,4 @@
-"""Saves a run on its way, and brings it back to where it was saved."""
+"""Save and restore a run in training."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CLOCK = "clock"
 
 
 class Stateful(Protocol):
-    """Anything beside the learner that a run carries from step to step: the environments, a recorder."""
+    """State of a run other than the learner's: the environments, a recorder."""
 
     def state_dict(self) -> Mapping[str, NDArray[Any]]: ...
 
@@ -31,7 +31,7 @@ class Stateful(Protocol):
 
 
 class Checkpointer:
-    """Saves a run so that it continues with the same bits.
+    """Save a run so that it continues with the same bits.
 
     Use it in this order:
 
@@ -40,7 +40,7 @@ class Checkpointer:
         ... build environments, learner, writers of the logs ...
         checkpointer.parts = {"environment": batch}
         checkpointer.restore(learner)       # when the learner is about to begin
-        checkpointer.save(learner, steps)   # wherever its state is whole
+        checkpointer.save(learner, steps)   # when its state is complete
 
     Args:
         run: the run's directory.
@@ -50,14 +50,14 @@ class Checkpointer:
         logs: files that only grow, relative to `run`; cut back on resume.
 
     Attributes:
-        parts: carriers of state beside the learner, by name.
-        flush: called before the logs are measured; hands over what their writers still hold back.
-        saved_hook: called after each checkpoint, for those who note elsewhere how far the run is.
-        resumed: the checkpoint that the run goes on from; None for a new run.
+        parts: carriers of state other than the learner, by name.
+        flush: called before the logs are measured; writes what their writers have buffered.
+        saved_hook: called after each checkpoint.
+        resumed: the checkpoint where the run goes on; None for a new run.
         saved: checkpoints written by this process.
         saved_step: environment steps of the newest checkpoint, 0 before the first.
-        spent: s of wall time that writing them took.
-        paused: s of wall time since `restore` that are to count as none of training.
+        spent: s of wall time for writing them.
+        paused: s of wall time since `restore` that do not count as training.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Checkpointer:
         self._began, self._earlier = time.monotonic(), 0.0
 
     def prepare(self) -> Checkpoint | None:
-        """Finds the newest whole checkpoint and cuts the logs back to it; returns it, None for a new run.
+        """Find the newest whole checkpoint and cut the logs back to it; return it, None for a new run.
 
         Raises:
             RunError, TrainingError: see `CheckpointStore.latest_valid`.
@@ -97,7 +97,7 @@ class Checkpointer:
         return self.resumed
 
     def restore(self, learner: Learner) -> int:
-        """Brings the parts and the learner back to the checkpoint; returns its step, 0 for a new run.
+        """Restore the parts and the learner from the checkpoint; return its step, 0 for a new run.
 
         Raises:
             RunError: the checkpoint is of another learner.
@@ -108,7 +108,7 @@ class Checkpointer:
         components, step = self.resumed.components, self.resumed.step
         for name, part in self.parts.items():
             part.load_state_dict(components.arrays[f"part-{name}"])
-        learner.restore(components)  # last: it brings back generators, from which the others might draw
+        learner.restore(components)  # last: it restores generators from which the others may draw
         ring = replay(learner)
         if ring is not None:
             self._replay.load(ring, self.resumed.segments, step // ring.n_envs)
@@ -120,14 +120,14 @@ class Checkpointer:
 
     @property
     def elapsed(self) -> float:
-        """S of wall time that the run has trained, those before a resume included."""
+        """Return s of wall time of training, including those before a resume."""
         return self._earlier + time.monotonic() - self._began - self.paused
 
     def save(self, learner: Learner, step: int) -> None:
-        """Writes a checkpoint of this very moment, unless there is one of this step already.
+        """Write a checkpoint, unless one of this step exists.
 
         Raises:
-            TrainingError: the learner is not fit to be saved, or the disk does not take it.
+            TrainingError: the learner cannot be saved, or the disk is full or failing.
         """
         if step == self.saved_step:
             return
@@ -156,7 +156,7 @@ class Checkpointer:
         self.saved += 1
 
     def is_due(self, step: int) -> bool:
-        """Whether so many steps, or so much time, have passed since the last one."""
+        """Return whether enough steps or time have passed since the last checkpoint."""
         steps = step - self.saved_step
         # The monotonic clock: the wall clock may jump, also backwards.
         return 0 < self._every_steps <= steps or (
@@ -165,4 +165,4 @@ class Checkpointer:
 
 
 def _nothing() -> None:
-    """For those who have nothing to do there."""
+    """Do nothing."""

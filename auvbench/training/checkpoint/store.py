@@ -61,7 +61,7 @@ class Checkpoint:
 
 
 class CheckpointStore:
-    """The folder `checkpoints` of one run. One process at a time: the run's lock sees to that.
+    """The folder `checkpoints` of one run, for the process that holds the run's lock.
 
     Args:
         run: the run's directory.
@@ -77,7 +77,7 @@ class CheckpointStore:
         self.keep = keep
 
     def steps(self) -> list[int]:
-        """The steps of all checkpoints, newest first; nothing is verified."""
+        """Return the steps of all checkpoints, newest first; verify nothing."""
         if not self.folder.is_dir():
             return []
         names = (path.name for path in self.folder.iterdir())
@@ -106,13 +106,13 @@ class CheckpointStore:
         return target
 
     def latest_valid(self) -> Checkpoint | None:
-        """The newest checkpoint whose files, segments and logs all match; None where there is none.
+        """Return the newest checkpoint whose files, segments and logs all match; None without one.
 
-        Leftovers of a crash are removed. A damaged checkpoint is named in a `CheckpointWarning` and removed,
-        since the run writes it again when it gets there.
+        Leftovers of a crash are removed. A damaged checkpoint is named in a `CheckpointWarning` and removed; the run
+        writes it again.
 
         Raises:
-            RunError: only a log that somebody changed keeps the checkpoints from being used.
+            RunError: the checkpoints are whole, but a log was changed.
             TrainingError: the directory cannot be read or cleaned.
         """
         found, damaged = self._find()
@@ -123,11 +123,11 @@ class CheckpointStore:
         return found
 
     def peek(self) -> Checkpoint | None:
-        """As `latest_valid`, but nothing is removed."""
+        """As `latest_valid`, but remove nothing."""
         return self._find()[0]
 
     def _find(self) -> tuple[Checkpoint | None, list[int]]:
-        """The newest whole checkpoint and the steps of newer ones that are damaged; warns of those."""
+        """Return the newest whole checkpoint and the steps of newer, damaged ones; warn of those."""
         damaged: list[tuple[int, ValueError]] = []
         found = None
         for step in self.steps():
@@ -138,7 +138,7 @@ class CheckpointStore:
                 damaged.append((step, error))
         for step, reason in damaged:
             if found is None and isinstance(reason, LogMismatchError):
-                # Starting over would throw away good training for a table that an editor touched.
+                # Starting over would discard good training because of an edited table.
                 raise RunError(
                     f"cannot resume {self.run} at step {step}: {reason}; restore that file, or remove "
                     f"{self.folder} to train from step 0"
@@ -187,7 +187,7 @@ class CheckpointStore:
         return f" (the one of step {steps[0]} is intact)" if steps else ""
 
     def prune(self) -> None:
-        """Deletes what no longer counts. Failing here costs disk space, not the run."""
+        """Delete old checkpoints; a failure costs disk space, not the run."""
         try:
             steps = self.steps()
             for step in steps[self.keep :]:
