@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+MEMBER = 32 * 1024**2
+"""bytes of an array that is read by itself; the positions of an episode have some ten thousand"""
+
 FAULTS = (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error, RuntimeError)
 """errors of reading a damaged archive"""
 
@@ -30,8 +33,13 @@ def arrays(data: bytes) -> dict[str, NDArray[Any]]:
     Raises:
         ValueError: it is damaged, or declares too much.
     """
+    import numpy as np
+
+    declared, limit = sum(_sizes(data)), max(len(data), reading.DATA)
+    if declared > limit:
+        raise ValueError(f"it would unpack to {declared:,} bytes; at most {limit:,} are read")
     try:
-        with opened(data) as archive:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except FAULTS as error:
         raise ValueError(_reason(error)) from error
@@ -46,7 +54,8 @@ def opened(data: bytes) -> Iterator[np.lib.npyio.NpzFile]:
     """
     import numpy as np
 
-    _check(data)
+    if (declared := max(_sizes(data), default=0)) > MEMBER:
+        raise ValueError(f"an array would unpack to {declared:,} bytes; at most {MEMBER:,} are read")
     with np.load(io.BytesIO(data), allow_pickle=False) as archive:
         yield archive
 
@@ -59,7 +68,8 @@ def weights(data: bytes) -> dict[str, Any]:
     """
     import torch
 
-    _check(data)
+    if (declared := sum(_sizes(data))) > len(data):  # torch compresses nothing
+        raise ValueError(f"it would unpack to {declared:,} bytes, more than it has")
     try:
         loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises of all kinds, pickle's among them
@@ -69,20 +79,17 @@ def weights(data: bytes) -> dict[str, Any]:
     return loaded
 
 
-def _check(data: bytes) -> None:
-    """Refuse an archive that unpacks to more than its own size and the limit of data.
+def _sizes(data: bytes) -> list[int]:
+    """Return the unpacked size that the directory of an archive declares for each member.
 
     Raises:
-        ValueError: it does, or it is no archive.
+        ValueError: it is no archive.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            declared = sum(member.file_size for member in archive.infolist())
+            return [member.file_size for member in archive.infolist()]
     except (zipfile.BadZipFile, NotImplementedError, zlib.error) as error:
         raise ValueError(f"it is no archive of arrays ({error})") from error
-    limit = max(len(data), reading.DATA)
-    if declared > limit:
-        raise ValueError(f"it would unpack to {declared:,} bytes; at most {limit:,} are read")
 
 
 def _reason(error: BaseException) -> str:

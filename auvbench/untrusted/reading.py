@@ -31,7 +31,7 @@ def content(path: Path | str, limit: int = DOCUMENT) -> bytes:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         raise ValueError(f"it is {_kind(status.st_mode)}, not a file")
     with open(descriptor, "rb") as file:
-        data = file.read(limit + 1) if status.st_size <= limit else b""
+        data = file.read() if status.st_size <= limit else b""
     if len(data) > limit or status.st_size > limit:
         raise ValueError(f"it has more than {_size(limit)}, the most that is read")
     return data

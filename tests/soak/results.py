@@ -249,8 +249,10 @@ def read(made: Path) -> tuple[dict[str, str], list[str]]:
             with told():
                 found[f"{record.id} training"] = _hash(repr(training(record)))
             with told():
-                drawn = list(paths(record.directory / "evaluations/test/trajectories.npz", "nominal", 2))
-                found[f"{record.id} paths"] = _hash(repr(drawn))
+                for evaluation in record.evaluations.values():
+                    found[f"{record.id} paths"] = _hash(
+                        repr(list(paths(record.id, evaluation, "nominal", 2)))
+                    )
         for run in find_runs([made]):
             with told():
                 import numpy as np

@@ -1,0 +1,46 @@
+"""The trajectories of a test, read within bounds."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.load import load
+from auvbench.analysis.paths import NAME, paths
+from tests.synthetic import write_experiment
+
+
+def drawn(run: Path, **arrays: Any) -> list[Any]:
+    """The paths of a run whose trajectories have other arrays."""
+    file = run / "evaluations" / "test" / NAME
+    with np.load(file) as there:
+        whole = dict(there) | arrays
+    np.savez_compressed(file, **whole)
+    assert file.stat().st_size < 150_000
+    (record,), _ = load([run])
+    tracemalloc.start()
+    try:
+        return list(paths(record.id, record.evaluations["test"], "nominal", 3))
+    finally:
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 100e6
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.float32])
+def test_a_small_file_does_not_fill_the_memory(dtype: type, tmp_path: Path) -> None:
+    (run,) = write_experiment(tmp_path, algorithms=("pid",), seeds=(0,), episodes=5)
+    rows = 60_000_000 // np.dtype(dtype).itemsize
+    with pytest.raises(Damage, match="would unpack"):
+        drawn(run, position_nominal_0=np.zeros((rows // 3, 3), dtype=dtype))
+
+
+def test_paths_are_floating_point_numbers(tmp_path: Path) -> None:
+    (run,) = write_experiment(tmp_path, algorithms=("pid",), seeds=(0,), episodes=5)
+    with pytest.raises(Damage, match="floating-point"):
+        drawn(run, position_nominal_0=np.zeros((50, 3), dtype=np.int8))
