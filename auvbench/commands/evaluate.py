@@ -142,10 +142,12 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     with (
         counting_bar(len(ready), f"protocol {protocol.name}", _each(protocol, ready)) as tell,
         Pool(config.workers, PRELOAD) as pool,
-        immediate(),
+        immediate() as request,
     ):
         try:
             for result in evaluate_all(ready, protocol, pool, force=config.force, report=tell.doing):
+                if result.error and request.signal is not None:
+                    break
                 if result.error:
                     failed += 1
                     held += result.held
@@ -157,8 +159,13 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
                     tested += 1
                     again = [f"{result.run.id}: tested again: {result.why}"] if result.why else []
                     tell.line("\n".join([*again, *_lines(result.run, result.summary)]))
-        except Interrupted as interrupted:
-            raise Interrupted(interrupted.signal, _how_far(tested + there, len(ready))) from None
+                if request.signal is not None:
+                    break
+        except (Interrupted, Exception):  # a solver may make any error of the interruption, or swallow it
+            if request.signal is None:
+                raise
+        if request.signal is not None:
+            raise Interrupted(request.signal, _how_far(tested + there, len(ready))) from None
     if there:
         what = "run is" if there == 1 else "runs are"
         print(f"{there} {what} tested already by protocol {config.protocol.name} (force=true tests again)")

@@ -123,17 +123,18 @@ class Pool:
                 while waiting and len(running) < self.workers:
                     key = waiting.popleft()
                     running[self._submit(function, jobs[key])] = key
-                died = []
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                ended = wait(running, return_when=FIRST_COMPLETED).done
+                if any(isinstance(future.exception(), BrokenProcessPool) for future in ended):
+                    ended = wait(running).done  # a pool that is broken ends all of them
+                again = {}
+                for future in ended:
                     key = running.pop(future)
                     try:
                         yield key, future.result()
                     except BrokenProcessPool:
-                        died.append(key)
-                if died:
-                    died += running.values()
-                    running.clear()
-                    yield from self._again(function, {key: jobs[key] for key in died}, what)
+                        again[key] = jobs[key]
+                if again:
+                    yield from self._again(function, again, what)
         finally:
             for future in running:
                 future.cancel()

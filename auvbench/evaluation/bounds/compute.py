@@ -293,8 +293,12 @@ def _solve(search: Search, job: Job) -> Found:
 def _here(jobs: Mapping[Key, Job], own: Search) -> Iterator[tuple[Key, Found]]:
     for key, job in jobs.items():
         with interruption.immediate() as request:
-            found = _solve(own, job)
-        if request.signal is not None:  # IPOPT swallows the exception
+            try:
+                found = _solve(own, job)
+            except Exception:  # CasADi may make another error of the interruption, and IPOPT swallow it
+                if request.signal is None:
+                    raise
+        if request.signal is not None:
             raise interruption.Interrupted(request.signal)
         yield key, found
 

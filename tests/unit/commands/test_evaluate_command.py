@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from auvbench import cli
+from auvbench.agents.classical.random import RandomAgent
 from auvbench.commands import bars
 from tests import fake_training
+from tests.unit.runs.test_damage import frozen
 
 FEW = "protocol.episodes=2"
 
@@ -80,3 +84,26 @@ def test_the_bar_counts_what_the_policy_can_steer(outputs: Path, monkeypatch: py
     assert cli.main(["evaluate", "outputs", "protocol=transfer", FEW, "workers=1", *where]) == 0
     (summary,) = outputs.glob("*/*/evaluations/transfer/summary.json")
     assert asked == [2 * len(json.loads(summary.read_text())["conditions"])] == [8]
+
+
+@pytest.mark.parametrize("swallows", [True, False])
+def test_an_agent_that_swallows_an_interruption_does_not_hide_it(
+    swallows: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """CasADi makes a NotImplementedError of an exception that a signal raises within a conversion."""
+    act = RandomAgent.act
+
+    def interrupted(self: RandomAgent, observation: Any) -> Any:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            if not swallows:
+                raise NotImplementedError from None
+        return act(self, observation)
+
+    monkeypatch.setattr(RandomAgent, "act", interrupted)
+    for seed in range(2):
+        frozen(tmp_path, "algo=random", f"seed={seed}", "task.max_steps=5")
+    assert cli.main(["evaluate", str(tmp_path), FEW, "workers=1"]) == 128 + signal.SIGINT
+    assert "2 runs tested and kept" in capsys.readouterr().err
+    assert len(list(tmp_path.glob("*/*/evaluations/test"))) == int(swallows)
