@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -18,21 +19,22 @@ from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.load import load
 from auvbench.errors import ReportError
 from auvbench.untrusted import parquet
+from tests.conftest import Once
 from tests.synthetic import write_experiment
 
 
-@pytest.fixture
-def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    protocols = {"test": ("nominal",)}
+def published(folder: Path) -> None:
+    runs = folder / "outputs/grid"
     write_experiment(
-        tmp_path / "outputs/grid",
-        algorithms=("pid", "ppo"),
-        seeds=(0, 1),
-        protocols=protocols,
-        train_episodes=5,
+        runs, algorithms=("pid", "ppo"), seeds=(0, 1), protocols={"test": ("nominal",)}, train_episodes=5
     )
-    assert cli.main(["publish", "outputs/grid", "--to", "study", "--pictures", "failures"]) == 0
+    assert cli.main(["publish", str(runs), "--to", str(folder / "study"), "--pictures", "failures"]) == 0
+
+
+@pytest.fixture
+def study(once: Once, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(once("study", published), tmp_path, dirs_exist_ok=True)
     return tmp_path / "study"
 
 
