@@ -230,7 +230,8 @@ class Batch:
         """Everything up to the observation; returns how many episodes ended."""
         admit(action, self._action)
         task, simulator = self.task, self.simulator
-        if self.disturbances is None and isinstance(simulator, FossenSimulator):
+        # A subclass, of a plug-in for example, may override any method.
+        if self.disturbances is None and type(simulator) is FossenSimulator:
             counts = simulator.each(partial(self._compute_range, simulator))
             failed = [count for count in counts if count < 0]
             return task.checked(max(failed) if failed else sum(counts))  # of several, the first environment

@@ -64,7 +64,6 @@ def test_the_best_of_each_agent_is_exported_and_named(runs, capsys):
     assert there() == [f"{name}.json", f"{name}.onnx"]
     said = capsys.readouterr().out
     assert f"no policy of PID ({runs[2].id}): pid is a controller" in said
-    assert "policies 0.0" in said
     readme = (TO / "README.md").read_text()
     assert f"100.0 | [{name}.onnx](<policies/{name}.onnx>)" in readme
     assert "no file of PID" in readme

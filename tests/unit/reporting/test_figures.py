@@ -310,6 +310,7 @@ def test_a_training_without_one_finished_episode_is_not_damaged(
         table = run / "train" / "episodes.csv"
         if table.is_file():
             table.write_text(table.read_text().splitlines(keepends=True)[0])
+            seal(run / "manifest.json")
     runs, _ = load([folder])
     found, _ = agents(runs)
     drawn, problems = draw_all(runs, found, rank(found), folder / "report")

@@ -23,8 +23,8 @@ NAMES = (
     "-x",
     "@SUM",
     r"$\frac{1}{0}$ $",
-    "[/b][red]",
-    "<script>alert(1)</script>",
+    "[b][red]",
+    "<script>alert(1)<script>",
     "$$$",
 )
 
