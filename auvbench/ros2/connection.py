@@ -24,6 +24,9 @@ Floats = NDArray[np.float64]
 
 CLOCKS = ("lockstep", "clock", "wall")
 
+NEAR = 1.0
+"""m between the pose of a reset and the next odometry: vehicles move on while a client waits"""
+
 
 class Connection:
     """All N vehicles of one server.
@@ -276,6 +279,17 @@ class Connection:
             if not answer.success:
                 raise InterfaceError(f"{service}: refused: {answer.message}")
         self._due = 0.0  # the next step has no predecessor
+
+    def await_poses(self, indices: Sequence[int], poses: Floats) -> None:
+        """Wait until vehicles are heard of near `poses` (k, 7): a reset's answer may overtake its odometry."""
+        which = list(indices)
+        before = self._received[which].copy()
+
+        def near() -> bool:
+            distance = np.linalg.norm(self.pose[which, :3] - poses[:, :3], axis=1)
+            return bool(np.all((distance < NEAR) & (self._received[which] > before)))
+
+        self.session.until(near, self.timeout)
 
     def publish_current(self, current: Floats) -> None:
         """Publish a current (3,) in m/s for all vehicles."""

@@ -226,7 +226,8 @@ class Server:
         if self.session.spin_once(wait) and wait > 0.0:
             return
         now = time.monotonic()
-        if pace > 0.0 and now < self._due:
+        # A client may just have asked for lock-step, or for a pause.
+        if self.lockstep or self.paused or (pace > 0.0 and now < self._due):
             return
         self.advance()
         if pace > 0.0:

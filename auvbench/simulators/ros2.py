@@ -161,6 +161,7 @@ class Ros2Simulator:
             parameters[i] = entries
         self._connection.reset(which, parameters)
         if not self.exact:  # the vehicle moves on while it waits
+            self._connection.await_poses(which, self.pose[which])
             self.pose[indices] = self._connection.pose[indices]
             self.velocity[indices] = self._connection.velocity[indices]
         self.command_force[indices] = 0.0

@@ -44,6 +44,17 @@ def foreign(request):
         node = server.vehicles[0].node
         lockstep = next(s for s in node.services if s.srv_name.endswith("lockstep"))
         node.destroy_service(lockstep)
+        reset, publish = server.reset, server.publish
+
+        def answer_first(indices):
+            """Reset without odometry: it comes after the answer."""
+            server.publish = lambda indices: None
+            try:
+                return reset(indices)
+            finally:
+                server.publish = publish
+
+        server.reset = answer_first
         if request.param == "without a clock":
             node.destroy_publisher(server._clock)
             server._clock = type("Silent", (), {"get_subscription_count": lambda self: 0})()
@@ -88,3 +99,28 @@ def test_a_server_without_lockstep(foreign):
     ros2.leave()
     with pytest.raises(InterfaceError, match=r"/bluerov2/lockstep: .*simulator.clock=lockstep"):
         Ros2Simulator(VEHICLE, 1, Ros2(name="ros2", namespace=None, clock="lockstep", timeout=5.0))
+
+
+@pytest.mark.parametrize(
+    "ask", [lambda server: server.set_lockstep(True), lambda server: server.set_paused(True)]
+)
+def test_a_late_world_makes_no_step_after_lockstep_or_a_pause(ask, monkeypatch):
+    with dds.domain():
+        physical = PhysicalCommands(VEHICLE)
+        inner = make_simulator(
+            Fossen(name="fossen", max_step=0.01, threads=1), VEHICLE, 1, None, physical.model
+        )
+        server = Server(
+            inner,
+            physical,
+            VEHICLE.actuators,
+            physical.neutral,
+            ["bluerov2"],
+            start=START[0].tolist(),
+            step_duration=0.02,
+        )
+        server._due = 0.0
+        monkeypatch.setattr(server.session, "spin_once", lambda seconds: ask(server))
+        server.spin_once()
+        assert server.time == 0
+        server.close()
