@@ -22,7 +22,7 @@ from pathlib import Path
 from auvbench import __version__
 from auvbench.errors import AuvbenchError
 from auvbench.untrusted import streams
-from auvbench.untrusted.text import plain, short
+from auvbench.untrusted.text import message, short
 
 DEFECT = 70
 
@@ -60,7 +60,7 @@ def _carried_out(command: Callable[[], int], arguments: Sequence[str]) -> int:
         return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
     except KeyboardInterrupt as interruption:
         # One of ours says what is saved and which signal it was.
-        streams.say(f"auvbench: {plain(str(interruption) or 'interrupted')}")
+        streams.say(f"auvbench: {message(str(interruption) or 'interrupted')}")
         return int(getattr(interruption, "exit_code", 130))
     except BrokenPipeError:
         streams.silence(sys.stdout)
@@ -71,13 +71,13 @@ def _carried_out(command: Callable[[], int], arguments: Sequence[str]) -> int:
 
 def _failed(error: Exception, arguments: Sequence[str]) -> int:
     if isinstance(error, AuvbenchError):
-        streams.say(f"auvbench: {plain(error)}")
+        streams.say(f"auvbench: {message(error)}")
         return error.exit_code
     if type(error).__module__.partition(".")[0] in ("omegaconf", "hydra"):
         # ${nope} in a value: it is resolved where the value is first asked for, which may be anywhere.
         from auvbench.config.compose import translate
 
-        streams.say(f"auvbench: {plain(translate(error))}")
+        streams.say(f"auvbench: {message(translate(error))}")
         return 2
     if isinstance(error, MemoryError):
         streams.say("auvbench: there is not enough memory for this; nothing that was written before is lost")
@@ -85,7 +85,7 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
     if isinstance(error, OSError) and error.errno in _DISK:
         from auvbench.runs.atomic_io import storage_error
 
-        streams.say(f"auvbench: {plain(storage_error(error, 'cannot go on'))}")
+        streams.say(f"auvbench: {message(storage_error(error, 'cannot go on'))}")
         return 1
     if isinstance(error, OSError) and error.errno in _NAMED:
         streams.say(f"auvbench: {short(error.filename or 'a path')}: {error.strerror}")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 LONGEST = 200
 """characters of a name; ours have a dozen"""
+_LONG_WORD = re.compile(r"\S{500,}")
 
 
 def plain(text: object) -> str:
@@ -24,6 +27,11 @@ def short(text: object, limit: int = LONGEST) -> str:
     if len(shown) <= limit:
         return shown
     return f"{shown[: limit - 1]}…"
+
+
+def message(error: object) -> str:
+    """Return the line that a terminal shows of an error: `plain`, with very long words cut."""
+    return short(_LONG_WORD.sub(lambda word: f"{word[0][:LONGEST]}…", plain(error)), 5000)
 
 
 def first_line(error: object) -> str:

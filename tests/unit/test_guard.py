@@ -12,6 +12,7 @@ import pytest
 
 from auvbench import cli
 from auvbench.commands import runs as runs_command
+from auvbench.untrusted.text import message
 from tests.waiting import LIMIT
 
 FULL = Path("/dev/full")
@@ -151,3 +152,9 @@ def test_a_wrong_flag_is_one_line(arguments: list[str], capsys: pytest.CaptureFi
     captured = capsys.readouterr()
     assert (captured.out, captured.err.count("\n")) == ("", 1)
     assert captured.err.startswith("auvbench: ")
+
+
+def test_a_long_value_is_cut_and_the_hint_after_it_is_kept() -> None:
+    line = message(f"{'x' * 9000}: no such key; did you mean 'reward.k'?")
+    assert len(line) < 300
+    assert line.endswith("did you mean 'reward.k'?")
