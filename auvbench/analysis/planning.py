@@ -86,7 +86,7 @@ class Need:
     alone: dict[float, int | None]
     """by power: the two agents are the whole table"""
     among: dict[float, int | None]
-    """in a table of several, with Holm's correction over all its pairs"""
+    """in a table of several, where each agent is compared with one baseline"""
 
 
 def needs(
@@ -97,7 +97,7 @@ def needs(
     agents: int = 2,
     targets: Sequence[float] = (0.8, 0.95),
     alpha: float = 0.05,
-    replications: int = 500,
+    replications: int = 200,
     seed: int = 0,
     note: Callable[[int, int], object] = lambda episodes, seeds: None,
 ) -> Need:
@@ -107,42 +107,25 @@ def needs(
         model: where trainings come from.
         values: true values of the two agents.
         episodes: test episodes of each training.
-        agents: in the table; its pairs are n (n - 1) / 2.
+        agents: in the table; n - 1 are compared with the baseline, each at alpha / (n - 1).
         targets: powers.
         alpha: of the table.
-        replications: simulated pairs for each number of seeds (error at 80 %: 2 points with 500), and four times
-            as many as there are simulated tables.
+        replications: simulated pairs for each number of seeds (standard error at 80 %: 3 points with 200).
         seed: of the simulation.
         note: called with the episodes and the number of seeds that is tried next.
     """
     tried: dict[int, np.ndarray[tuple[int], np.dtype[np.float64]]] = {}
 
-    def at(S: int, level: float) -> float:
+    def power(S: int, level: float) -> float:
         if S not in tried:
             note(episodes, S)
             tried[S] = st.simulated_p(model, values, S, episodes, replications=replications, seed=seed)
         return float((tried[S] < level).mean())
 
-    found: dict[int, float] = {}
+    def seeds(level: float) -> dict[float, int | None]:
+        return {target: st.seeds_needed(lambda S: power(S, level), target) for target in targets}
 
-    def in_table(S: int) -> float:
-        if S not in found:
-            note(episodes, S)
-            found[S] = st.power(
-                model,
-                values,
-                S,
-                episodes,
-                agents=agents,
-                alpha=alpha,
-                replications=replications // 4,
-                seed=seed,
-            )
-        return found[S]
-
-    alone = {target: st.seeds_needed(lambda S: at(S, alpha), target) for target in targets}
-    among = {target: st.seeds_needed(in_table, target) for target in targets} if agents > 2 else {}
-    return Need(episodes, alone, among)
+    return Need(episodes, seeds(alpha), seeds(alpha / (agents - 1)) if agents > 2 else {})
 
 
 def needed(

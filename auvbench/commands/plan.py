@@ -89,7 +89,7 @@ def parser() -> Parser:
     add("--bounds", metavar="SHAPE", default="pocock", help="of --looks: pocock (default) or obrien-fleming")
     add("--confidence", metavar="P", default="0.95", help="of the table, as of the report")
     add("--protocol", metavar="NAME", default="test", help="the evaluation of PATH that is looked at")
-    add("--replications", metavar="N", default="500", help="simulated experiments for each number of seeds")
+    add("--replications", metavar="N", default="200", help="simulated experiments for each number of seeds")
     add("--json", action="store_true", help="for programs")
     return parser
 
@@ -248,7 +248,7 @@ def _looks(options: Options, basis: Basis, episodes: Sequence[int]) -> dict[str,
 
     looks, alpha = options.looks, 1 - options.confidence
     thresholds = [float(p) for p in levels([S / looks[-1] for S in looks], alpha, options.bounds)]
-    R = max(2 * options.replications, 400)
+    R = max(2 * options.replications, 1000)
     E, same = episodes[0], (basis.values[0], basis.values[0])
     with _progress(3) as note:
         note(0, "no difference, planned")

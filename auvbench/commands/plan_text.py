@@ -57,15 +57,15 @@ def table(found: Sequence[tuple[str, Need]], basis: Basis, agents: int, m: Measu
         else []
     )
     of = f"Training seeds of each agent that resolve {_what(basis, m)}"
-    holm = (
-        f" In the table of {agents} the other agents are worth what the first is, and Holm's correction is over all "
-        f"{agents * (agents - 1) // 2} pairs ({options.replications // 4} tables)."
+    corrected = (
+        f" In a table of {agents}, each of {agents - 1} agents is compared with the baseline, at a confidence of "
+        f"{100 * (1 - (1 - options.confidence) / (agents - 1)):.4g} %."
         if agents > 2
         else ""
     )
     notes = [
         f"Simulated with the report's test at {100 * options.confidence:g} % confidence, {options.replications} "
-        f"experiments for each number of seeds (± 1 seed or a tenth).{holm}",
+        f"experiments for each number of seeds (± 1 seed or a tenth).{corrected}",
         "Fix the number before you look: who looks after each of 3 to 15 seeds and stops when a difference is resolved "
         "finds one where there is none in 14 % of the cases instead of 5 %. auvbench plan --looks 5,10,15 makes a design "
         "that may stop early and keeps its promise.",

@@ -17,7 +17,6 @@ from scipy.special import expit, logit, ndtr, ndtri
 from auvbench.statistics.crossed import crossed
 from auvbench.statistics.intervals import FloatArray
 from auvbench.statistics.moderation import freedom
-from auvbench.statistics.paired import holm
 from auvbench.statistics.resolution import resolution
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(60)
@@ -206,44 +205,11 @@ def p_values(data: Sequence[FloatArray], rate: bool) -> FloatArray:
 
 
 def simulated_p(
-    model: Model, values: tuple[float, float], S: int, E: int, *, replications: int = 500, seed: int = 0
+    model: Model, values: tuple[float, float], S: int, E: int, *, replications: int = 200, seed: int = 0
 ) -> FloatArray:
     """(replications,) P-values of the test of two agents with S seeds and E episodes, of these true values."""
     rng = np.random.default_rng([seed, S, E])
     return np.array([p_values(model.draw(values, S, E, rng), model.rate)[0, 1] for _ in range(replications)])
-
-
-def power(
-    model: Model,
-    values: tuple[float, float],
-    S: int,
-    E: int,
-    *,
-    agents: int,
-    alpha: float = 0.05,
-    replications: int = 100,
-    seed: int = 0,
-) -> float:
-    """Simulated power of the test of two agents in a table of several, with Holm's correction over all its pairs.
-
-    Args:
-        model: where trainings come from.
-        values: true values of the two.
-        S: training seeds of each agent.
-        E: test episodes.
-        agents: in the table; the others are worth what the first is, the hardest case for the correction.
-        alpha: of the table.
-        replications: simulated tables.
-        seed: of the simulation.
-    """
-    rng = np.random.default_rng([seed, S, E, agents])
-    truth = [*values, *[values[0]] * (agents - 2)]
-    upper = np.triu_indices(agents, 1)
-    found = 0
-    for _ in range(replications):
-        p = p_values(model.draw(truth, S, E, rng), model.rate)
-        found += int(holm(p[upper])[0] < alpha)  # the first of the upper triangle is the pair (0, 1)
-    return found / replications
 
 
 def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_SEEDS) -> int | None:

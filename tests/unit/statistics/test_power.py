@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
+from auvbench.analysis.planning import needs
 from auvbench.statistics import power as pw
 
 RNG = np.random.default_rng
@@ -123,10 +124,8 @@ def test_the_formula_agrees_with_the_simulation() -> None:
 
 
 def test_a_table_of_several_needs_more() -> None:
-    model = pw.Rates(0.5)
-    alone = float((pw.simulated_p(model, (0.8, 0.95), 4, 200, replications=200) < 0.05).mean())
-    among = pw.power(model, (0.8, 0.95), 4, 200, agents=6, replications=60)
-    assert among < alone - 0.1
+    need = needs(pw.Rates(0.5), (0.8, 0.95), 200, agents=12, targets=(0.8,), replications=100)
+    assert need.among[0.8] > need.alone[0.8]
 
 
 @pytest.mark.slow
