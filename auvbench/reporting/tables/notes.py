@@ -170,7 +170,7 @@ def cautions(ranking: Ranking) -> list[str]:
     if any(0 < rate < NEAR_AN_END or rate > 1 - NEAR_AN_END for rate in rates):
         found.append(
             "Success beyond 90 % (or below 10 %) with few seeds: where trainings differ strongly, 95 % intervals held in 80 "
-            "to 88 % of simulated experiments."
+            "to 90 % of simulated experiments."
         )
     if ranking.rank_by.startswith("mean_") and ranking.rank_by != "mean_return":
         found.append(

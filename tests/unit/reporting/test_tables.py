@@ -213,7 +213,7 @@ def test_cautions_stand_where_the_numbers_do(ranking: Ranking) -> None:
 
     assert told(rows=rated(0.5)) == ""
     for near in (0.98, 1.0, 0.03):
-        assert "80 to 88 % of simulated experiments" in told(rows=rated(near))
+        assert "80 to 90 % of simulated experiments" in told(rows=rated(near))
     assert told(rows=tuple(replace(row, seeds=tuple(range(20))) for row in rated(0.98))) == ""
     assert "however they ended" in told(rows=rated(0.5), rank_by="mean_energy_J")
     assert told(rows=rated(0.5), rank_by="par1_steps") == ""
