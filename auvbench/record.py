@@ -1,53 +1,28 @@
-"""What is recorded of an episode; apart from the task, so that who only reads records does not load the compiler."""
+"""A record: one row per episode, the same in training and in tests. docs/protocol.md defines the columns."""
 
 from __future__ import annotations
+
+from auvbench.metrics import METRICS, Totals
 
 OUTCOMES = ("success", "collision", "timeout")
 """How an episode ends, in the order of the codes 0, 1, 2 (`SUCCESS`, `COLLISION`, `TIMEOUT` in tasks/kernels.py)."""
 
-RECORD_COLUMNS = (
-    "episode",
-    "environment",
-    "outcome",
-    "steps",
-    "duration_s",
-    "return",
-    "initial_distance_m",
-    "final_distance_m",
-    "deviation_mean_m",
-    "deviation_std_m",
-    "command_norm_mean_N",
-    "command_norm_sum_N",
-    "energy_J",
-    "path_length_m",
-    "path_efficiency",
-    "smoothness_per_s",
-    "depth_margin_m",
-    "waypoint_x_m",
-    "waypoint_y_m",
-    "waypoint_z_m",
-    "start_yaw_rad",
-)
-"""A record: one row per episode, the same in training and in tests. Definitions in docs/protocol.md."""
+Record = dict[str, float | int | str]
 
-SCENARIO_COLUMNS = (
-    "initial_distance_m",
-    "waypoint_x_m",
-    "waypoint_y_m",
-    "waypoint_z_m",
-    "start_yaw_rad",
-)
-"""Columns that say something of the scenario alone, the same for every agent that meets it."""
+_COLUMNS = {metric.name: metric for metric in METRICS if metric.value is not None}
+RECORD_COLUMNS = tuple(_COLUMNS)
+SCENARIO_COLUMNS = tuple(name for name, metric in _COLUMNS.items() if metric.kind == "scenario")
+"""Columns of the scenario alone, the same for every agent that meets it."""
+MEASURED = tuple(name for name, metric in _COLUMNS.items() if metric.kind != "key")
+"""Columns that hold a finite number in every row."""
+
+
+def record_of(totals: Totals) -> Record:
+    """Return the record of an episode, columns RECORD_COLUMNS."""
+    return {name: metric.value(totals) for name, metric in _COLUMNS.items() if metric.value is not None}
 
 
 def measure_names() -> tuple[str, ...]:
     """Return the names of everything that agents can be compared by; `analysis.measures` computes them."""
-    means = [name for name in RECORD_COLUMNS if name not in ("episode", "environment", "outcome")]
-    return (
-        *(f"{outcome}_rate" for outcome in OUTCOMES),
-        *(f"par{penalty}_{of}" for of in ("steps", "time_s") for penalty in (1, 2)),
-        *(f"mean_{name}" for name in (*means, "time_to_goal_s") if name not in SCENARIO_COLUMNS),
-    )
-
-
-Record = dict[str, float | int | str]
+    compared = ("rate", "penalised", "episode", "derived")
+    return tuple(metric.measure for metric in METRICS if metric.kind in compared)

@@ -13,14 +13,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from auvbench.record import OUTCOMES, RECORD_COLUMNS
+from auvbench.record import MEASURED, OUTCOMES
 from auvbench.runs import identity, integrity, schemas
 from auvbench.untrusted.text import short
 
 TOLERANCE = 1e-6
 """relative; the summary's means are those of the very numbers in the rows, up to rounding"""
-
-_MEASURED = tuple(name for name in RECORD_COLUMNS if name not in ("episode", "environment", "outcome"))
 
 
 def of_run(manifest: Mapping[str, Any], config: Mapping[str, Any]) -> str:
@@ -93,7 +91,7 @@ def _found(
 ) -> Iterator[tuple[Mapping[str, Any], NDArray[np.bool_], dict[str, float]]]:
     """Each condition of a summary, which rows are its own, and their rates and means."""
     # Column by column: to bring whole numbers and others into one table takes longer than all the rest.
-    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in _MEASURED if name in frame.columns}
+    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in MEASURED if name in frame.columns}
     outcomes = frame["outcome"].to_numpy(dtype=object)
     alone = len(summary["conditions"]) == 1
     names = None if alone else frame["condition"].to_numpy(dtype=object)

@@ -13,7 +13,7 @@ import pandas as pd
 
 from auvbench.analysis import consistency
 from auvbench.analysis.model import Evaluation, RunRecord
-from auvbench.record import OUTCOMES, RECORD_COLUMNS
+from auvbench.record import MEASURED, OUTCOMES
 from auvbench.runs import integrity, schemas
 from auvbench.untrusted import path_safety, reading, tables
 from auvbench.untrusted.text import LONGEST, plain, short
@@ -34,9 +34,6 @@ CORE_COLUMNS = (
 )
 """without these an evaluation is not reported on; not all of a record's columns, so that an evaluation stays
 readable when a later auvbench measures something more"""
-
-MEASURED = tuple(name for name in RECORD_COLUMNS if name not in ("episode", "environment", "outcome"))
-"""columns that hold a finite number in every row, where they are there"""
 
 LARGEST = 1e30
 """nothing that is measured comes near; the squares of larger numbers would leave what a float holds"""

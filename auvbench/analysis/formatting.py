@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from auvbench.analysis.measures import Measure
+from auvbench.analysis.measures import COLUMNS, UNKNOWN, Measure
 from auvbench.analysis.rounding import rounded, significant
 from auvbench.statistics.estimate import Estimate
-
-_UNITS = {"m": "m", "s": "s", "N": "N", "J": "J", "rad": "rad"}
 
 
 def name(m: Measure) -> str:
@@ -17,14 +15,12 @@ def name(m: Measure) -> str:
 
     >>> from auvbench.analysis.measures import measure
     >>> name(measure("success_rate")), name(measure("mean_deviation_mean_m")), name(measure("mean_smoothness_per_s"))
-    ('success rate', 'deviation mean', 'smoothness')
+    ('success rate', 'deviation', 'smoothness')
     """
     if m.penalty:
         return f"PAR-{m.penalty:.0f} {'steps' if m.column == 'steps' else 'time'}"
-    words = m.name.split("_") if m.rate else m.column.split("_")
-    while len(words) > 1 and (words[-1] in _UNITS or words[-1] == "per"):
-        words.pop()
-    return " ".join(words)
+    known = COLUMNS.get(m.column)
+    return (m.name if m.rate else m.column).replace("_", " ") if known is None else known.title
 
 
 def unit(m: Measure) -> str:
@@ -40,10 +36,8 @@ def unit(m: Measure) -> str:
         return " %"
     if m.column == "steps":
         return " steps"
-    if m.column.endswith("_per_s"):
-        return "/s"
-    last = m.column.rpartition("_")[2]
-    return f" {_UNITS[last]}" if last in _UNITS and "_" in m.column else ""
+    known = COLUMNS.get(m.column, UNKNOWN).unit
+    return "/s" if known == "1/s" else f" {known}" if known else ""
 
 
 def amount(estimate: Estimate, m: Measure) -> str:

@@ -5,44 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from auvbench.analysis.model import Agent
 from auvbench.errors import ReportError, closest
+from auvbench.metrics import METRICS, Metric
 from auvbench.record import OUTCOMES, SCENARIO_COLUMNS
 from auvbench.statistics import Crossed, crossed
 from auvbench.statistics.intervals import FloatArray
 
-
-class Kind(NamedTuple):
-    """What is known of a column of episodes.csv."""
-
-    higher_is_better: bool
-    least: float
-    most: float
-    """the range of possible values: no interval leaves it"""
-
-
-COLUMNS = {
-    "steps": Kind(False, 1, math.inf),
-    "duration_s": Kind(False, 0, math.inf),
-    "time_to_goal_s": Kind(False, 0, math.inf),
-    "return": Kind(True, -math.inf, math.inf),
-    "final_distance_m": Kind(False, 0, math.inf),
-    "deviation_mean_m": Kind(False, 0, math.inf),
-    "deviation_std_m": Kind(False, 0, math.inf),
-    "command_norm_mean_N": Kind(False, 0, math.inf),
-    "command_norm_sum_N": Kind(False, 0, math.inf),
-    "energy_J": Kind(False, 0, math.inf),
-    "path_length_m": Kind(False, 0, math.inf),
-    "path_efficiency": Kind(True, -1, 1),  # no path is shorter than the distance it gains or loses
-    "smoothness_per_s": Kind(False, 0, math.inf),
-    "depth_margin_m": Kind(True, -math.inf, math.inf),
-}
+COLUMNS = {metric.name: metric for metric in METRICS if metric.kind in ("episode", "derived")}
 """The columns of episodes.csv that say something of the agent."""
-UNKNOWN = Kind(True, -math.inf, math.inf)
+UNKNOWN = Metric("unknown", "episode", "", "higher", "", "", low=-math.inf)
 """of a column that auvbench does not know"""
 
 LIMITED_BY_STEPS = ("steps", "duration_s", "time_to_goal_s")
@@ -89,7 +64,7 @@ class Measure:
     def bounds(self, agents: Sequence[Agent]) -> tuple[FloatArray, FloatArray]:
         """Least and most (n,) that the mean of each agent can be, whatever its seeds and scenarios."""
         kind = COLUMNS.get(self.column, UNKNOWN)
-        least, most = np.full(len(agents), kind.least), np.full(len(agents), kind.most)
+        least, most = np.full(len(agents), kind.low), np.full(len(agents), kind.high)
         if self.penalty:
             limits = [np.max(self.penalty * _limit(agent, self.column)) for agent in agents]
             return least, np.nan_to_num(np.array(limits), nan=math.inf)
@@ -120,8 +95,8 @@ PENALISED = tuple(
 """Penalised means: a failure counts as the limit (PAR-1) or twice that (PAR-2), the penalised average runtime of
 algorithm selection (Hutter, Hoos & Leyton-Brown 2011, LION 5; PAR-10 is usual there)."""
 MEASURES = {m.name: m for m in (*RATES, *PENALISED)} | {
-    f"mean_{column}": Measure(f"mean_{column}", column, kind.higher_is_better, False)
-    for column, kind in COLUMNS.items()
+    metric.measure: Measure(metric.measure, column, metric.better == "higher", False)
+    for column, metric in COLUMNS.items()
 }
 RANKED_AS = {
     "mean_steps": "par1_steps",
@@ -195,7 +170,5 @@ def in_unit(margin: float | None, name: str) -> float | None:
 def all_measures(agents: Sequence[Agent]) -> list[Measure]:
     """The measures that at least one agent has, those of columns unknown to auvbench included (never ranked by)."""
     columns = {c: None for agent in agents for c in agent.metrics if c not in OF_THE_SCENARIO}
-    means = [
-        MEASURES.get(f"mean_{c}", Measure(f"mean_{c}", c, UNKNOWN.higher_is_better, False)) for c in columns
-    ]
+    means = [MEASURES.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in columns]
     return [*RATES, *means, *(m for m in PENALISED if m.column in columns)]

@@ -9,20 +9,13 @@ from collections.abc import Callable, Sequence
 
 from auvbench.commands.grammar import WHERE, Parser
 from auvbench.config import answers
+from auvbench.metrics import METRICS
+from auvbench.record import measure_names
 
 STATES = ("pending", "running", "interrupted", "failed", "complete")
 SORTS = ("name", "id", "state", "algo", "seed", "progress", "success", "wall", "created")
 KEYS = ("algo", "vehicle", "reward.k", "step.frequency", "seed", "disturbance", "noise", "train.total_steps")
 """of a configuration, that runs are told apart by"""
-
-
-def measures() -> list[str]:
-    """What agents can be ranked by."""
-    from auvbench.record import OUTCOMES, RECORD_COLUMNS
-
-    first, end = RECORD_COLUMNS.index("steps"), RECORD_COLUMNS.index("waypoint_x_m")
-    columns = [name for name in RECORD_COLUMNS[first:end] if name != "initial_distance_m"]
-    return [f"{outcome}_rate" for outcome in OUTCOMES] + [f"mean_{c}" for c in (*columns, "time_to_goal_s")]
 
 
 def _protocols() -> list[str]:
@@ -45,26 +38,14 @@ def _studies() -> list[str]:
     return list(STUDIES)
 
 
-FURTHER = (
-    "iqm_success",
-    "optimality_gap",
-    "success_over_conditions",
-    "next_training",
-    "auc_steps",
-    "auc_wall_time",
-    "auc_simulated_time",
-    "time_over_best_known",
-    "action_ms",
-    "action_p95_ms",
-    "training_cpu_s",
-)
+FURTHER = tuple(metric.name for metric in METRICS if metric.kind == "agent")
 """of `report --columns`; those of `analysis.optional_columns`, whose import takes too long for a key press"""
 
 VALUES: dict[str, Callable[[], Sequence[str]]] = {
     "--protocol": _protocols,
-    "--rank-by": measures,
-    "--then": measures,
-    "--metric": measures,
+    "--rank-by": measure_names,
+    "--then": measure_names,
+    "--metric": measure_names,
     "--format": _formats,
     "--study": _studies,
     "--group-by": lambda: KEYS,

@@ -29,7 +29,7 @@ from auvbench.evaluation.protocol import (
     fingerprint_parts,
 )
 from auvbench.evaluation.rollout import Rollout, roll_out
-from auvbench.record import OUTCOMES, RECORD_COLUMNS
+from auvbench.record import MEASURED, OUTCOMES, RECORD_COLUMNS, SCENARIO_COLUMNS
 from auvbench.runs import identity, integrity, lock, provenance, schemas
 from auvbench.runs.atomic_io import as_json, make_folder, replace_folder, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, now
@@ -39,8 +39,8 @@ from auvbench.vehicles import sheet
 
 COLUMNS = ("condition", "frequency_hz", *RECORD_COLUMNS)
 
-MEANS = RECORD_COLUMNS[RECORD_COLUMNS.index("steps") : RECORD_COLUMNS.index("waypoint_x_m")]
-"""The columns of a record that are averaged in summary.json: all but the scenario's own."""
+MEANS = tuple(name for name in MEASURED if name not in SCENARIO_COLUMNS)
+"""The columns of a record that are averaged in summary.json."""
 
 
 def read_summary(run: RunDirectory, protocol: str) -> dict[str, Any] | None:

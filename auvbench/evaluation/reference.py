@@ -24,8 +24,9 @@ from auvbench.config import schema
 from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import Batch
 from auvbench.envs.chosen import at_frequency
-from auvbench.record import OUTCOMES, RECORD_COLUMNS
+from auvbench.record import OUTCOMES
 from auvbench.tasks.kernels import F_WAYPOINT
+from auvbench.tasks.waypoint import REFERENCE_COLUMNS
 
 Floats = NDArray[np.float64]
 
@@ -155,7 +156,7 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
     for name, looks in seen.items():
         yield name, np.stack(looks)
     yield "ended", np.array(sorted(records), dtype=np.float64)
-    for column in RECORD_COLUMNS:
+    for column in REFERENCE_COLUMNS:
         values = [records[i][column] for i in sorted(records)]
         numbers = [OUTCOMES.index(str(value)) for value in values] if column == "outcome" else values
         yield column, np.array(numbers, dtype=np.float64)

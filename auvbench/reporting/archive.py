@@ -12,13 +12,13 @@ import numpy as np
 import pandas as pd
 
 from auvbench.analysis import archive, consistency
-from auvbench.analysis.evaluations import CORE_COLUMNS, MEASURED, Damage
+from auvbench.analysis.evaluations import CORE_COLUMNS, Damage
 from auvbench.analysis.model import Evaluation, RunRecord
 from auvbench.analysis.paths import has_paths, paths
 from auvbench.analysis.training import training
 from auvbench.analysis.validation_curve import validation_rows
 from auvbench.errors import ReportError
-from auvbench.record import SCENARIO_COLUMNS
+from auvbench.record import MEASURED, SCENARIO_COLUMNS
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import write_atomic
 from auvbench.runs.directory import RunDirectory

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import RunError
-from auvbench.record import RECORD_COLUMNS, Record
+from auvbench.metrics import Totals
+from auvbench.record import RECORD_COLUMNS, Record, record_of
 from auvbench.ros2.observation import yaw_of
 
 Floats = NDArray[np.float64]
@@ -112,31 +113,28 @@ class Mission:
 
     def record(self, number: int) -> Record:
         """Return the row of an episode, columns RECORD_COLUMNS."""
-        steps = self.steps
-        n = max(steps, 1)
-        mean = self._deviation / n
-        values: tuple[float | int | str, ...] = (
-            number,
-            0,
-            self.outcome or ABORTED,
-            steps,
-            steps * self.duration,
-            math.nan,
-            self.initial,
-            self.distance,
-            mean,
-            max(self._deviation_squared / n - mean * mean, 0.0) ** 0.5,
-            self._norm / n,
-            self._norm,
-            self._energy,
-            self._path,
-            (self.initial - self.distance) / self._path if self._path > 0.0 else 0.0,
-            self._change / (n * self.duration),
-            self._margin,
-            *self.waypoint.tolist(),
-            self.start_yaw,
+        x, y, z = self.waypoint.tolist()
+        return record_of(
+            Totals(
+                episode=number,
+                environment=0,
+                outcome=self.outcome or ABORTED,
+                steps=self.steps,
+                step_s=self.duration,
+                reward=math.nan,
+                initial_distance=self.initial,
+                distance=self.distance,
+                deviation=self._deviation,
+                deviation_squared=self._deviation_squared,
+                command_norm=self._norm,
+                energy=self._energy,
+                path=self._path,
+                change=self._change,
+                depth_margin=self._margin,
+                waypoint=(x, y, z),
+                start_yaw=self.start_yaw,
+            )
         )
-        return dict(zip(RECORD_COLUMNS, values, strict=True))
 
     def trajectory(self) -> dict[str, NDArray[np.float32]]:
         """Return a test's arrays: position (T + 1, 3), yaw, command (T, n_u), waypoint (3,), time."""

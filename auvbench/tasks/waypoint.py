@@ -15,12 +15,39 @@ from auvbench.config import schema
 from auvbench.config.clock import step_limit
 from auvbench.dynamics.random import TEST, VALIDATION
 from auvbench.errors import TrainingError
-from auvbench.record import OUTCOMES, RECORD_COLUMNS, Record
+from auvbench.metrics import Totals
+from auvbench.record import OUTCOMES, Record, record_of
 from auvbench.tasks import kernels as k
 from auvbench.vehicles.model import VehicleModel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+REFERENCE_COLUMNS = (
+    "episode",
+    "environment",
+    "outcome",
+    "steps",
+    "duration_s",
+    "return",
+    "initial_distance_m",
+    "final_distance_m",
+    "deviation_mean_m",
+    "deviation_std_m",
+    "command_norm_mean_N",
+    "command_norm_sum_N",
+    "energy_J",
+    "path_length_m",
+    "path_efficiency",
+    "smoothness_per_s",
+    "depth_margin_m",
+    "waypoint_x_m",
+    "waypoint_y_m",
+    "waypoint_z_m",
+    "start_yaw_rad",
+)
+"""The columns of a record that a fingerprint covers (`evaluation.reference`). A new metric does not enter: fingerprints of
+published results stay valid."""
 
 
 class WaypointTask:
@@ -178,39 +205,30 @@ class WaypointTask:
 
     def records(self, indices: Integers) -> list[Record]:
         """The rows of episodes that just ended, columns RECORD_COLUMNS."""
-        return [self._record(int(i)) for i in indices]
+        return [record_of(self._totals(int(i))) for i in indices]
 
-    def _record(self, i: int) -> Record:
+    def _totals(self, i: int) -> Totals:
         f = self.F[i].tolist()
         steps, episode, environment, outcome = self.C[i, : k.C_OUTCOME + 1].tolist()
-        n = max(steps, 1)
-        mean = f[k.F_DEVIATION] / n
-        path = f[k.F_PATH]
-        gained = f[k.F_INITIAL_DISTANCE] - f[k.F_DISTANCE]
-        values: tuple[float | int | str, ...] = (
-            episode,
-            environment,
-            OUTCOMES[outcome],
-            steps,
-            steps * self.duration,
-            f[k.F_RETURN],
-            f[k.F_INITIAL_DISTANCE],
-            f[k.F_DISTANCE],
-            mean,
-            max(f[k.F_DEVIATION_SQUARED] / n - mean * mean, 0.0) ** 0.5,
-            f[k.F_COMMAND_NORM] / n,
-            f[k.F_COMMAND_NORM],
-            f[k.F_ENERGY],
-            path,
-            gained / path if path > 0.0 else 0.0,
-            f[k.F_CHANGE] / (n * self.duration),
-            f[k.F_DEPTH_MARGIN],
-            f[k.F_WAYPOINT],
-            f[k.F_WAYPOINT + 1],
-            f[k.F_WAYPOINT + 2],
-            f[k.F_START_YAW],
+        return Totals(
+            episode=episode,
+            environment=environment,
+            outcome=OUTCOMES[outcome],
+            steps=steps,
+            step_s=self.duration,
+            reward=f[k.F_RETURN],
+            initial_distance=f[k.F_INITIAL_DISTANCE],
+            distance=f[k.F_DISTANCE],
+            deviation=f[k.F_DEVIATION],
+            deviation_squared=f[k.F_DEVIATION_SQUARED],
+            command_norm=f[k.F_COMMAND_NORM],
+            energy=f[k.F_ENERGY],
+            path=f[k.F_PATH],
+            change=f[k.F_CHANGE],
+            depth_margin=f[k.F_DEPTH_MARGIN],
+            waypoint=(f[k.F_WAYPOINT], f[k.F_WAYPOINT + 1], f[k.F_WAYPOINT + 2]),
+            start_yaw=f[k.F_START_YAW],
         )
-        return dict(zip(RECORD_COLUMNS, values, strict=True))
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that an exact resume needs."""

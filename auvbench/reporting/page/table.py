@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 
-from auvbench.analysis import limit
 from auvbench.analysis.model import Ranking
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.tables.columns import column_of
+from auvbench.reporting.tables.columns import column_of, definition_of, in_order
 from auvbench.reporting.tables.main import label_of
 from auvbench.reporting.tables.model import (
     Cell,
@@ -21,33 +20,6 @@ from auvbench.reporting.tables.model import (
     heading_of,
 )
 from auvbench.reporting.tables.split import split
-
-DEFINITIONS = {
-    "success_rate": "episodes that reach the waypoint",
-    "collision_rate": "episodes that leave the depth limits",
-    "timeout_rate": "episodes that use up their steps",
-    "par1_steps": "agent steps of an episode; a failure counts as the step limit (PAR-1)",
-    "par2_steps": "agent steps of an episode; a failure counts as twice the step limit (PAR-2)",
-    "par1_time_s": "simulated time of an episode; a failure counts as the time limit (PAR-1)",
-    "par2_time_s": "simulated time of an episode; a failure counts as twice the time limit (PAR-2)",
-    "mean_steps": "agent steps of an episode, however it ended",
-    "mean_time_to_goal_s": "simulated time of the successful episodes",
-    limit.COLUMN: "time to goal over the best known time of the scenario, geometric mean over successes: no agent is below 1",
-    "mean_duration_s": "simulated time of an episode",
-    "mean_return": "sum of the rewards of an episode",
-    "mean_final_distance_m": "distance to the waypoint when the episode ends",
-    "mean_deviation_mean_m": "perpendicular distance from the straight line between start and waypoint",
-    "mean_deviation_std_m": "standard deviation over the steps of the distance from the straight line",
-    "mean_command_norm_mean_N": "mean over the steps of the norm of the commands",
-    "mean_command_norm_sum_N": "sum over the steps of the norm of the commands",
-    "mean_energy_J": "electrical energy of an episode by the thrusters' table",
-    "mean_path_length_m": "length of the path travelled",
-    "mean_path_efficiency": "straight line divided by the path travelled",
-    "mean_smoothness_per_s": "mean change of the commands per second",
-    "mean_depth_margin_m": "smallest distance to the depth limits",
-    "action_ms": "median time of a processor core for one action, mean over the runs",
-}
-"""What a metric is, shown with its heading."""
 
 PAGE = 1200.0
 """px that the page is wide at most, without its margins"""
@@ -86,7 +58,7 @@ class ShownTable:
 
     def definition(self, heading: Heading) -> str:
         """Return what a column is, for its tooltip."""
-        return DEFINITIONS.get(heading.metric, "")
+        return definition_of(heading.metric)
 
 
 def printed(table: Table) -> ShownTable:
@@ -124,8 +96,7 @@ def metrics_table(ranking: Ranking, shown: Table) -> Table | None:
     """Return every metric that the main table leaves out; None without any."""
     there = {heading.metric for heading in shown.headings}
     held = dict.fromkeys(metric for row in ranking.rows for metric in row.estimates)
-    order = {metric: place for place, metric in enumerate(DEFINITIONS)}
-    rest = sorted((m for m in held if m not in there), key=lambda m: (order.get(m, len(order)), m))
+    rest = in_order(m for m in held if m not in there)
     if not rest:
         return None
     columns = [column_of(metric) for metric in rest]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from auvbench.analysis import limit
+from auvbench.metrics import METRICS
 
 DAGGER = "†"
 
@@ -26,49 +27,26 @@ class Column:
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
 
-_USUAL = (
-    Column("success_rate", "success", "%", scale=100.0),
-    Column("collision_rate", "collision", "%", scale=100.0),
-    Column("timeout_rate", "timeout", "%", scale=100.0),
-    Column("par1_steps", "PAR-1 steps"),
-    Column("par2_steps", "PAR-2 steps"),
-    Column("par1_time_s", "PAR-1 time", "s"),
-    Column("par2_time_s", "PAR-2 time", "s"),
-    Column("mean_steps", "steps"),
-    Column("mean_time_to_goal_s", "time to goal", "s"),
-    Column("mean_final_distance_m", "final distance", "m"),
-    Column("mean_deviation_mean_m", "deviation", "m", r"mean $d_\delta$"),
-    Column("mean_deviation_std_m", "std of deviation", "m", r"std $d_\delta$"),
-    Column("mean_command_norm_mean_N", "norm u", "N", r"mean $\|u\|$"),
-    Column("mean_command_norm_sum_N", "sum of norm u", "N", r"mean $\sum\|u\|$"),
-    Column("mean_energy_J", "energy", "kJ", scale=1e-3),
-    Column("iqm_success", "IQM of success", "%", scale=100.0),
-    Column("optimality_gap", "optimality gap", "%", scale=100.0),
-    Column("success_over_conditions", "success over conditions", "%", scale=100.0),
-    Column("next_training", "next training", "%", scale=100.0),
-    Column("auc_steps", "AUC over steps", "%", scale=100.0),
-    Column("auc_wall_time", "AUC over wall time", "%", scale=100.0),
-    Column("auc_simulated_time", "AUC over simulated time", "%", scale=100.0),
-    Column("action_ms", "computing time", "ms"),
-    Column("action_p95_ms", "computing time, 95th percentile", "ms"),
-    Column("training_cpu_s", "a training, cores", "s"),
-    Column(limit.COLUMN, "time over best known"),
-)
-COLUMNS = {column.metric: column for column in _USUAL}
-"""by metric"""
+_METRICS = {metric.measure: metric for metric in METRICS}
 
 
 def column_of(metric: str) -> Column:
-    """Return the column of a metric, named after its key where it has none of its own.
+    """Return the column of a metric; one that auvbench does not know is named after its key.
 
     >>> column_of("mean_path_length_m").heading, column_of("success_rate").heading
     ('path length (m)', 'success (%)')
     """
-    if metric in COLUMNS:
-        return COLUMNS[metric]
-    stem, unit = metric.removeprefix("mean_"), ""
-    for suffix, name in (("_per_s", "1/s"), ("_s", "s"), ("_m", "m"), ("_N", "N"), ("_J", "J")):
-        if stem.endswith(suffix):
-            stem, unit = stem.removesuffix(suffix), name
-            break
-    return Column(metric, stem.replace("_", " "), unit)
+    if known := _METRICS.get(metric):
+        return Column(metric, known.title, known.table_unit, known.latex, known.scale)
+    return Column(metric, metric.removeprefix("mean_").replace("_", " "))
+
+
+def definition_of(metric: str) -> str:
+    """Return what a metric is; empty where auvbench does not know it."""
+    return _METRICS[metric].definition if metric in _METRICS else ""
+
+
+def in_order(metrics: Iterable[str]) -> list[str]:
+    """Return metrics in the order of the registry, unknown ones last."""
+    order = {metric: place for place, metric in enumerate(_METRICS)}
+    return sorted(metrics, key=lambda metric: (order.get(metric, len(order)), metric))

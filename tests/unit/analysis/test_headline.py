@@ -47,7 +47,7 @@ def test_nobody_ahead() -> None:
     [
         ("success_rate", 0.1, "A0 reaches 10 points more of the waypoints than PID [-90, 110]."),
         ("par1_time_s", -2.0, "A0 reaches waypoints 2.0 s sooner than PID [1.0, 3.0]."),
-        ("mean_deviation_mean_m", -2.0, "A0 is ahead of PID by 2.0 m in deviation mean [1.0, 3.0]."),
+        ("mean_deviation_mean_m", -2.0, "A0 is ahead of PID by 2.0 m in deviation [1.0, 3.0]."),
     ],
 )
 def test_words_follow_the_measure(rank_by: str, value: float, words: str) -> None:

@@ -103,9 +103,9 @@ def test_what_is_offered_is_what_commands_accept():
     from auvbench.runs.status import State
     from auvbench.scheduling.listing import SORTS
 
-    for name in completing.measures():
+    for name in completing.measure_names():
         measure(name)
-    assert {f"mean_{column}" for column in COLUMNS} <= set(completing.measures())
+    assert {f"mean_{column}" for column in COLUMNS} <= set(completing.measure_names())
     assert list(completing.STATES) == [str(state) for state in State]
     assert set(completing.SORTS) == set(SORTS)
 
