@@ -44,8 +44,8 @@ def beside(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
     if not name or not files.is_name(name) or not files.is_name(ranking.protocol):
         return replace(ranking, no_limit="No limit: the runs do not name one vehicle.")
     limits, said = files.find(ranking.protocol, name, ranking.fingerprint, _roots(agents))
-    held = None if limits is None else limits.condition(ranking.condition)
-    if held is None:
+    held = [] if limits is None else limits.condition(ranking.condition)
+    if not held:
         return replace(ranking, no_limit=_none(ranking, name, limits, said))
     times, beaten = _times(held, agents)
     if times is None:
@@ -75,14 +75,15 @@ def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
 
 
 def _times(
-    held: files.ConditionLimits, agents: Sequence[Agent]
+    held: Sequence[files.Bound], agents: Sequence[Agent]
 ) -> tuple[Times | None, tuple[tuple[str, int, float], ...]]:
     """The times of the agents' episodes, and by agent how often and by how many seconds it was quicker at most."""
     episodes = len(agents[0].outcome[0])
     # Episodes are whole numbers from 0 in the order of the columns; a table refuses others.
-    if held.episodes.tolist() != list(range(episodes)):
+    if [bound.episode for bound in held] != list(range(episodes)):
         return None, ()
-    computed = held.steps / held.frequency
+    steps, least, frequency = np.array([(b.steps, b.least_steps, b.frequency_hz) for b in held]).T
+    computed = steps / frequency
     limit = computed.copy()
     beaten = []
     for agent in agents:
@@ -96,13 +97,13 @@ def _times(
         if ahead.any():
             beaten.append((agent.label, int(ahead.sum()), float(gained[ahead].max())))
         limit = np.minimum(limit, np.where(ahead, quickest, np.inf))
-    return Times(computed, held.least / held.frequency, limit), tuple(beaten)
+    return Times(computed, least / frequency, limit), tuple(beaten)
 
 
-def _limit(held: files.ConditionLimits, times: Times, beaten: tuple[tuple[str, int, float], ...]) -> Limit:
+def _limit(held: Sequence[files.Bound], times: Times, beaten: tuple[tuple[str, int, float], ...]) -> Limit:
     return Limit(
         seconds=float(times.limit.mean()),
-        steps=float(times.limit.mean() * held.frequency),
+        steps=float(times.limit.mean() * held[0].frequency_hz),
         proven_seconds=float(times.proven.mean()),
         gap=float(np.median(times.limit / times.proven)),
         episodes=len(times.limit),

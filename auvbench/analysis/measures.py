@@ -1,4 +1,4 @@
-"""What agents can be ranked by: the measures of an agent, which direction is better, and what is possible."""
+"""The measures by which agents are ranked: values per episode, better direction, possible range."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from auvbench.statistics import Crossed, crossed
 from auvbench.statistics.intervals import FloatArray
 
 COLUMNS = {metric.name: metric for metric in METRICS if metric.kind in ("episode", "derived")}
-"""The columns of episodes.csv that say something of the agent."""
+"""columns that describe the agent"""
 UNKNOWN = Metric("unknown", "episode", "", "higher", "", "", low=-math.inf)
-"""of a column that auvbench does not know"""
+"""a column that is not in the registry"""
 
 LIMITED_BY_STEPS = ("steps", "duration_s", "time_to_goal_s")
-"""These have a most that the task sets: its step limit, the times by the frequency."""
+"""columns bounded by the step limit of the task, times through the frequency"""
 
 SUCCESS, TIMEOUT = OUTCOMES.index("success"), OUTCOMES.index("timeout")
 
 OF_THE_SCENARIO = ("frequency_hz", *SCENARIO_COLUMNS)
-"""Columns that say something of the scenario, the same for every agent: nothing to rank by."""
+"""columns of the scenario, the same for every agent"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +40,10 @@ class Measure:
     higher_is_better: bool
     rate: bool
     penalty: float = 0.0
-    """what a failure counts, in multiples of the step or time limit; 0 where nothing is replaced"""
+    """value of a failure in step or time limits; 0: its own value"""
 
     def values(self, agent: Agent) -> FloatArray:
-        """(seeds, episodes) of the agent; NaN throughout where it has no such column."""
+        """Return the values (seeds, episodes) of an agent; NaN where it lacks the column."""
         if self.rate:
             return np.asarray(
                 agent.outcome == OUTCOMES.index(self.name.removesuffix("_rate")), dtype=np.float64
@@ -62,7 +62,7 @@ class Measure:
         return np.where(failed, self.penalty * limit, measured)
 
     def bounds(self, agents: Sequence[Agent]) -> tuple[FloatArray, FloatArray]:
-        """Least and most (n,) that the mean of each agent can be, whatever its seeds and scenarios."""
+        """Return the least and the largest possible mean (n,) of each agent."""
         kind = COLUMNS.get(self.column, UNKNOWN)
         least, most = np.full(len(agents), kind.low), np.full(len(agents), kind.high)
         if self.penalty:
@@ -76,7 +76,7 @@ class Measure:
         return least, most
 
     def table(self, agents: Sequence[Agent], *, paired: bool = True) -> Crossed:
-        """The agents' means and their variances, with the range of what is possible."""
+        """Return the means of agents, their variances and the possible range."""
         data = [self.values(agent) for agent in agents]
         return crossed(data, rate=self.rate, paired=paired, bounds=self.bounds(agents))
 
@@ -103,20 +103,19 @@ RANKED_AS = {
     "mean_duration_s": "par1_time_s",
     "mean_time_to_goal_s": "par1_time_s",
 }
-"""What ranks in the place of a mean that a quick failure makes good, or that leaves failures out."""
+"""measures that rank in place of a mean that quick failures improve, or that leaves failures out"""
 
 
 def _step_limit(agents: Sequence[Agent]) -> float:
-    """Step limit of the tests, infinite where it is not known."""
+    """Return the largest step limit of the tests; infinite where none is known."""
     known = [limit for agent in agents if math.isfinite(limit := step_limit(agent))]
     return max(known, default=math.inf)
 
 
 def step_limit(agent: Agent) -> float:
-    """Steps after which a test episode of the agent ends; NaN where nothing says so.
+    """Return the step limit of an agent's test; NaN where it is unknown.
 
-    What its evaluation says; else the steps of its episodes that timed out; else what its run was trained with,
-    which a protocol may have changed.
+    From its evaluation, else from an episode that timed out, else from its training.
     """
     if agent.step_limit is not None:
         return agent.step_limit
@@ -128,38 +127,38 @@ def step_limit(agent: Agent) -> float:
 
 
 def _limit(agent: Agent, column: str) -> FloatArray:
-    """(seeds, episodes) Limit of a time or step column, or one number for all."""
+    """Return the limit of a time or step column: (seeds, episodes), or one number for all."""
     limit = np.asarray(step_limit(agent))
     if column == "steps":
         return limit
-    # Seconds: of a seed without a policy the frequency is that of the others, which met the same scenarios.
+    # Seconds. A seed without a policy has the frequency of the others, which met the same scenarios.
     frequency = np.asarray(agent.metrics.get("frequency_hz", np.nan), dtype=np.float64)
     known = frequency[np.isfinite(frequency)]
     return limit / np.where(np.isfinite(frequency), frequency, known.min() if known.size else np.nan)
 
 
 def measure(name: str, option: str = "--rank-by") -> Measure:
-    """The measure of that name.
+    """Return a measure by name.
 
     Raises:
-        ReportError: there is none; names the closest.
+        ReportError: the name is unknown; the error has the closest one.
     """
     if name not in MEASURES:
-        raise ReportError(f"{option} {name!r} is not something to rank by; {closest(name, MEASURES)}")
+        raise ReportError(f"{option} {name!r} is no measure; {closest(name, MEASURES)}")
     return MEASURES[name]
 
 
 def to_rank_by(name: str, option: str = "--rank-by") -> Measure:
-    """The measure that ranks where `name` is asked for: failures count (`RANKED_AS`).
+    """Return the measure that ranks for `name`, so that failures count (`RANKED_AS`).
 
     Raises:
-        ReportError: there is none; names the closest.
+        ReportError: as `measure`.
     """
     return measure(RANKED_AS.get(name, name), option)
 
 
 def in_unit(margin: float | None, name: str) -> float | None:
-    """A margin as a user writes it, in the unit of the tables: percentage points of a rate become a fraction.
+    """Return a margin of the command line as the tables' value: percentage points of a rate become a fraction.
 
     >>> in_unit(2.0, "success_rate"), in_unit(30.0, "mean_steps")
     (0.02, 30.0)
@@ -168,7 +167,7 @@ def in_unit(margin: float | None, name: str) -> float | None:
 
 
 def all_measures(agents: Sequence[Agent]) -> list[Measure]:
-    """The measures that at least one agent has, those of columns unknown to auvbench included (never ranked by)."""
+    """Return the measures that at least one agent has, also of unknown columns, which never rank."""
     columns = {c: None for agent in agents for c in agent.metrics if c not in OF_THE_SCENARIO}
     means = [MEASURES.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in columns]
     return [*RATES, *means, *(m for m in PENALISED if m.column in columns)]

@@ -1,8 +1,7 @@
-"""Numbers rounded by their uncertainty: as many decimals as the interval earns, no more.
+"""Round numbers by their uncertainty.
 
-The rule is the usual one of metrology (JCGM 100:2008, 7.2.6): the uncertainty keeps two significant digits, and the
-value is rounded to the same decimal place. The uncertainty is the longer arm of the interval: the half width of a
-symmetric one, and still that where the other end was cut because a time or a distance is not negative.
+The rule of metrology (JCGM 100:2008, 7.2.6): the uncertainty keeps two significant digits, and the value is rounded to the
+same decimal place. The uncertainty is the longer arm of the interval.
 """
 
 from __future__ import annotations
@@ -12,11 +11,11 @@ import math
 from auvbench.statistics.estimate import Estimate
 
 NOTHING = "–"
-"""stands for a number that does not exist (the time to goal of an agent that never arrived)"""
+"""a number that does not exist (the time to goal of an agent that never arrived)"""
 
 
 def decimals(half_width: float, digits: int = 2) -> int:
-    """Decimal places at which `half_width` keeps its significant digits; negative for tens and hundreds.
+    """Return the decimal places at which `half_width` keeps its significant digits; negative for tens and hundreds.
 
     >>> decimals(1.34), decimals(0.0991), decimals(12.0), decimals(345.0), decimals(0.0996)
     (1, 3, 0, -1, 2)
@@ -27,7 +26,7 @@ def decimals(half_width: float, digits: int = 2) -> int:
 
 
 def fixed(value: float, places: int) -> str:
-    """`value` at some decimal places; tens and hundreds are rounded too, and zero has no sign.
+    """Return `value` at some decimal places; negative places round tens and hundreds, and zero has no sign.
 
     >>> fixed(1234.5, -1), fixed(2.005, 1), fixed(-0.01, 1)
     ('1230', '2.0', '0.0')
@@ -39,7 +38,7 @@ def fixed(value: float, places: int) -> str:
 
 
 def significant(value: float, digits: int = 4) -> str:
-    """`value` to some significant digits, for a number without a usable interval.
+    """Return `value` to some significant digits, for a number without an interval.
 
     >>> significant(3.14159), significant(12345.6), significant(0.0)
     ('3.142', '12350', '0')
@@ -50,14 +49,14 @@ def significant(value: float, digits: int = 4) -> str:
 
 
 def rounded(estimate: Estimate, scale: float = 1.0) -> tuple[str, str, str]:
-    """Value, lower and upper bound as text, rounded alike.
+    """Return value, lower and upper bound as text, rounded to the same place.
 
     Args:
-        estimate: the number and its interval.
-        scale: a factor applied first (100 for a rate in percent, 1e-3 for kJ).
+        estimate: the value and its interval.
+        scale: a factor applied first (100 for percent, 1e-3 for kJ).
 
     Returns:
-        three strings; the bounds are empty where there is no interval (one episode, no spread).
+        three strings; the bounds are empty without an interval (one episode, no spread).
     """
     value, low, high = (scale * x for x in (estimate.value, estimate.low, estimate.high))
     half = max(value - low, high - value)

@@ -1,4 +1,4 @@
-"""`auvbench bound`: how soon a vehicle could reach the waypoints of a protocol at all."""
+"""`auvbench bound`: the shortest time to the waypoints of a protocol, bracketed."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ if TYPE_CHECKING:
 USAGE = """\
 usage: auvbench bound [protocol=NAME] [vehicle=NAME] [KEY=VALUE ...] [--check]
 
-Computes the limit of each scenario of a protocol: the fewest steps in which the vehicle could be inside the goal,
-knowing everything, without noise, by optimal control and checked in the simulator; and a number of steps below which
-it is proven that none arrives. auvbench report sets agents in relation to it (time over best known). docs/bound.md
+Computes two bounds of the shortest time to the goal in each scenario of a protocol: the best trajectory found by optimal
+control, started from PID, MPC and a straight line and replayed in the simulator, and a time that is proven to be too
+short. auvbench report relates agents to the first (time over best known). docs/bound.md
 
   protocol=NAME   test (default), or another that fixes the frequency
   vehicle=NAME    bluerov2 (default), or another vehicle that has thrusters alone
-  workers=N       searches at once (default: one per core); does not change what is found
-  passes=N        1: each scenario by itself; 2 (default): once more from what its neighbours found
-  output=DIR      where the limits are written and looked for (default: outputs/bounds)
-  force=true      compute again what is there already
-  --check         compute nothing: play the commands behind the limits that are there once more in the simulator
+  workers=N       searches at once (default: one per core); changes no result
+  passes=N        1: each scenario by itself; 2 (default): once more from the results of its neighbours
+  output=DIR      folder of bounds (default: outputs/bounds)
+  force=true      search again; a result is no worse than the one that is there
+  --check         compute nothing: replay the stored commands in the simulator
 
-What was found is kept: the same command goes on where it was interrupted. Needs CasADi: pip install 'auvbench[mpc]'.
+The same command continues after an interruption. Needs CasADi: pip install 'auvbench[mpc]'.
 
 examples:
   auvbench bound protocol=test vehicle=bluerov2_heavy
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str]) -> int:
         return _check(settings.protocol, config, root)
     if not settings.force and (there := _there(settings.protocol, config, root)) is not None:
         print(_summary(there))
-        print("These limits are there already (force=true computes them again).")
+        print("These bounds exist already (force=true searches again).")
         return 0
     return _compute(settings.protocol, config, root, settings.workers, passes, force=settings.force)
 
@@ -82,7 +82,7 @@ def _refuse(words: Sequence[str]) -> None:
 
 
 def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str], list[str]]:
-    """Keys of this command, those of a run's configuration, and those of a test's."""
+    """Split the words into keys of this command, of a run's configuration, and of a test."""
     own, run, test = {}, [], []
     for word in words:
         key, _, value = word.partition("=")
@@ -103,9 +103,9 @@ def _passes(text: str) -> int:
 
 def _there(protocol: Protocol, config: dict[str, Any], root: Path) -> Limits | None:
     from auvbench.evaluation.bounds.files import find
-    from auvbench.evaluation.protocol import circumstances, fingerprint
+    from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 
-    wanted = fingerprint(protocol, circumstances(protocol, config))
+    wanted = fingerprint(protocol, resolve_conditions(protocol, config))
     return find(protocol.name, str(config["vehicle"]["name"]), wanted, [root])[0]
 
 
@@ -115,18 +115,18 @@ def _compute(
     from auvbench.commands.bars import counting_bar
     from auvbench.evaluation.bounds.compute import PRELOAD, compute, eligible
     from auvbench.evaluation.bounds.files import folder_of, shipped
-    from auvbench.evaluation.protocol import circumstances
+    from auvbench.evaluation.protocol import resolve_conditions
     from auvbench.runs.interruption import Interrupted
     from auvbench.runs.pool import Pool
     from auvbench.vehicles.symbolic import require
 
     require()
-    good, left_out = eligible(circumstances(protocol, config))
+    good, left_out = eligible(resolve_conditions(protocol, config))
     total = passes * protocol.episodes * len(good)
     done = 0
-    others = [] if force else [*_folders(root), *_folders(shipped())]
+    others = [*_folders(root), *_folders(shipped())]
     with (
-        counting_bar(total, f"limits of protocol {protocol.name}") as tell,
+        counting_bar(total, f"bounds of protocol {protocol.name}") as tell,
         Pool(workers, PRELOAD) as pool,
     ):
         for line in left_out:
@@ -146,12 +146,13 @@ def _compute(
                 pool=pool if pool.workers > 1 else None,
                 passes=passes,
                 others=others,
+                again=force,
                 tell=told,
             )
         except Interrupted as interrupted:
             raise Interrupted(
                 interrupted.signal,
-                f"interrupted: {done} of {total} searches are kept; the same command goes on",
+                f"interrupted: {done} of {total} searches are kept; the same command continues",
             ) from None
     print(_summary(limits))
     print(f"wrote {os.path.relpath(folder_of(root, protocol.name, limits.vehicle))}")
@@ -163,29 +164,29 @@ def _folders(root: Path) -> list[Path]:
 
 
 def _check(protocol: Protocol, config: dict[str, Any], root: Path) -> int:
-    from auvbench.evaluation.bounds.compute import tried
+    from auvbench.evaluation.bounds.compute import wrong_bounds
     from auvbench.evaluation.bounds.files import folder_of, read, shipped
-    from auvbench.evaluation.protocol import circumstances, fingerprint
+    from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 
     vehicle = str(config["vehicle"]["name"])
-    wanted = fingerprint(protocol, circumstances(protocol, config))
+    wanted = fingerprint(protocol, resolve_conditions(protocol, config))
     wrong = checked = 0
     for place in (root, shipped()):
         folder = folder_of(place, protocol.name, vehicle)
-        limits = read(folder, commands=True)
+        limits = read(folder)
         if limits is None:
             continue
         if limits.fingerprint != wanted:
             raise RunError(f"{folder}: of other scenarios ({limits.fingerprint}, not {wanted})")
-        lines = tried(limits, protocol, config)
+        lines = wrong_bounds(limits, protocol, config)
         for line in lines:
             print(f"{folder}: {line}")
-        count = sum(len(c.steps) for c in limits.conditions)
-        print(f"{folder}: {count - len(lines)} of {count} limits arrive in the simulator as they say")
+        count = len(limits.bounds)
+        print(f"{folder}: {count - len(lines)} of {count} trajectories arrive in their steps")
         checked, wrong = checked + 1, wrong + len(lines)
     if not checked:
         raise UserError(
-            f"no limits of protocol {protocol.name} for {vehicle}; auvbench bound protocol={protocol.name} "
+            f"no bounds of protocol {protocol.name} for {vehicle}; auvbench bound protocol={protocol.name} "
             f"vehicle={vehicle} computes them"
         )
     return 1 if wrong else 0
@@ -195,11 +196,13 @@ def _summary(limits: Limits) -> str:
     import numpy as np
 
     lines = []
-    for c in limits.conditions:
-        seconds = c.steps / c.frequency
+    for name in limits.conditions():
+        bounds = limits.condition(name)
+        steps, least = np.array([(b.steps, b.least_steps) for b in bounds]).T
+        frequency = bounds[0].frequency_hz
         lines.append(
-            f"protocol {limits.protocol}, {c.name}, {limits.vehicle}: {len(c.steps)} scenarios, limit {seconds.mean():.2f} s "
-            f"on average ({c.steps.mean():.1f} steps at {c.frequency:g} Hz), proven to be at least "
-            f"{c.least.mean() / c.frequency:.2f} s; median of limit over proven {np.median(c.steps / c.least):.2f}"
+            f"protocol {limits.protocol}, {name}, {limits.vehicle}: {len(bounds)} scenarios, best known "
+            f"{steps.mean() / frequency:.2f} s on average ({steps.mean():.1f} steps at {frequency:g} Hz), proven to be at least "
+            f"{least.mean() / frequency:.2f} s; median of best known over proven {np.median(steps / least):.2f}"
         )
     return "\n".join(lines)

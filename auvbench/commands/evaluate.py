@@ -185,10 +185,10 @@ def _each(protocol: schema.Protocol, runs: Sequence[RunDirectory]) -> int:
     """Episodes of a test; of a single run without those on vehicles that its policy cannot steer."""
     conditions = len(protocol.conditions)
     if len(runs) == 1 and any("vehicle=" in word for one in protocol.conditions for word in one.overrides):
-        from auvbench.evaluation.protocol import circumstances
+        from auvbench.evaluation.protocol import resolve_conditions
 
         with suppress(AuvbenchError):  # the test will name it
-            conditions = len(circumstances(protocol, runs[0].config()))
+            conditions = len(resolve_conditions(protocol, runs[0].config()))
     return protocol.episodes * conditions
 
 

@@ -45,17 +45,16 @@ def main(arguments: Sequence[str]) -> int:
         from auvbench.reporting import film
 
         film.check(options.video)  # before anything is computed
-    from auvbench.evaluation import missions
+    from auvbench.evaluation.replay import is_mission, read_mission, replay
 
-    if missions.is_one(options.run):
+    if is_mission(options.run):
         return _show(
-            missions.replay(options.run, options.episode),
+            read_mission(options.run, options.episode),
             (options.out or options.run / "replays") / f"mission-{options.episode}",
             options.video,
         )
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
-    from auvbench.evaluation.replay import replay
     from auvbench.runs.directory import find_runs
 
     runs = find_runs([options.run])

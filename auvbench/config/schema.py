@@ -222,7 +222,7 @@ class Train:
 
 @dataclass(kw_only=True)
 class Condition:
-    """One circumstance of a test: the scenarios under changed configuration values."""
+    """A condition of a test: the scenarios under changed configuration values."""
 
     # The one place where a default is in code: an entry of a list has no file of its own to hold it.
     name: str = ""

@@ -1,4 +1,4 @@
-"""Applying a protocol to a run: `evaluations/<protocol>/{episodes.csv, summary.json, trajectories.npz}`."""
+"""Test a run by a protocol: `evaluations/<protocol>/{episodes.csv, summary.json, trajectories.npz}`."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from auvbench.envs.chosen import at_frequency
 from auvbench.errors import AgentError, AuvbenchError, AuvbenchWarning, RunError
 from auvbench.evaluation import inference
 from auvbench.evaluation.protocol import (
-    Circumstance,
+    ResolvedCondition,
     as_played,
-    circumstances,
     fingerprint,
     fingerprint_parts,
+    resolve_conditions,
 )
 from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.record import MEASURED, OUTCOMES, RECORD_COLUMNS, SCENARIO_COLUMNS
@@ -52,12 +52,12 @@ def read_summary(run: RunDirectory, protocol: str) -> dict[str, Any] | None:
 
 
 def is_done(run: RunDirectory, protocol: schema.Protocol) -> bool:
-    """Whether the run has this protocol's rows, of these very scenarios, as they were written."""
+    """Return whether the run has undamaged rows of this protocol and its scenarios."""
     return stale(run, protocol) == ""
 
 
 def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
-    """Why an evaluation has to be done again, in words; empty where it is done, None where there is none yet.
+    """Return why an evaluation must be repeated; empty where it is done, None where it is missing.
 
     Raises:
         RunError, ConfigError: as `evaluate`.
@@ -69,19 +69,19 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
     if summary is None:
         return "its summary is damaged"
     if summary.get("run") != run.id:
-        return f"its summary is of the run {summary.get('run')}"
+        return f"its summary belongs to the run {summary.get('run')}"
     if lost := integrity.lacking(folder, summary):
         return lost
     if summary.get("model") != _model(run.manifest()):
-        return "the run's model is another one than was tested"
-    played = as_played(circumstances(protocol, run.check()), summary.get("clocks") or {})
-    with _blaming(run):
+        return "the run's model has changed since the test"
+    played = as_played(resolve_conditions(protocol, run.check()), summary.get("clocks") or {})
+    with _named_packages(run):
         here = fingerprint_parts(protocol, played)
     there = summary.get("fingerprint_parts")
     if not there:
         return "its fingerprint does not cover what computes outcomes"
     if there.get("scenarios") != here["scenarios"]:
-        return "its scenarios are others: the protocol, the vehicle or what draws them has changed since"
+        return "its scenarios differ: the protocol, the vehicle or their draw has changed since"
     # Evaluations of earlier versions have no `ends`.
     if any(
         there.get(part, "" if part == "outcomes" else here[part]) != here[part]
@@ -97,10 +97,7 @@ def _model(manifest: dict[str, Any]) -> dict[str, Any]:
 
 
 def make_agent(run: RunDirectory, frequency: float) -> Agent:
-    """The run's agent for a test; a fresh one each time, nothing leaks from one test into the next.
-
-    It knows the vehicle that it was made for, whatever vehicle it is tested on.
-    """
+    """Return a fresh agent of a run for a test. It knows the vehicle of its run, also when it is tested on another."""
     config = at_frequency(load_config(run), frequency)
     vehicle = sheet.load(config.vehicle)
     agent = agents.make(config, vehicle)
@@ -112,14 +109,14 @@ def make_agent(run: RunDirectory, frequency: float) -> Agent:
 
 
 def _check_model(run: RunDirectory, again: str) -> None:
-    """Compare the files of a run's model with their digests, before they are loaded.
+    """Compare the files of a run's model with their digests before they are loaded.
 
     Args:
-        run: whose.
-        again: what `auvbench resume` does where they are lost; empty where that cannot help.
+        run: of the model.
+        again: what `auvbench resume` does for lost files; empty where it cannot help.
 
     Raises:
-        RunError: one is missing, or is not what was written.
+        RunError: a file is missing or damaged.
     """
     if lost := integrity.lacking(run.path, run.manifest(), "model/"):
         hint = f"auvbench resume {run.path} {again}" if again else "its command, typed again, puts it back"
@@ -127,16 +124,16 @@ def _check_model(run: RunDirectory, again: str) -> None:
 
 
 Report = Callable[[str, int], None]
-"""Told the name of the condition that is tested, and how many of its episodes have just ended (0 where it begins)"""
+"""called with a condition and the number of its episodes that have just ended (0 where it begins)"""
 
-Roll = Callable[[RunDirectory, schema.Protocol, Circumstance, Report], Rollout]
-"""Carries out one condition of a test"""
+Roll = Callable[[RunDirectory, schema.Protocol, ResolvedCondition, Report], Rollout]
+"""rolls out one condition of a test"""
 
 
 def in_process(
-    run: RunDirectory, protocol: schema.Protocol, condition: Circumstance, report: Report
+    run: RunDirectory, protocol: schema.Protocol, condition: ResolvedCondition, report: Report
 ) -> Rollout:
-    """All episodes of a condition, in this process."""
+    """Roll out all episodes of a condition in this process."""
     return roll_out(
         condition.config,
         make_agent(run, condition.config.step.frequency),
@@ -157,16 +154,14 @@ def evaluate(
     unless_done: bool = False,
     roll: Roll = in_process,
 ) -> dict[str, Any] | None:
-    """Tests a complete run and writes its results; returns the summary.
-
-    One process at a time tests a run by a protocol.
+    """Test a complete run and write its results; return the summary. One process at a time tests a run by a protocol.
 
     Args:
         run: a complete run.
         protocol: the test.
-        report: told of conditions that begin and episodes that end.
-        unless_done: do nothing and return None where somebody else has done it by now.
-        roll: carries out each condition; its rows must be those of `in_process`.
+        report: called when a condition begins or episodes end.
+        unless_done: return None where another process has done it in the meantime.
+        roll: rolls out each condition; its rows must be those of `in_process`.
 
     Raises:
         RunError: the run is not complete, its files are damaged, or another process is testing it.
@@ -179,7 +174,7 @@ def evaluate(
     with _locked(run, protocol.name):
         if unless_done and is_done(run, protocol):
             return None
-        with _blaming(run):
+        with _named_packages(run):
             return _evaluate(run, protocol, report, roll)
 
 
@@ -200,8 +195,8 @@ def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
 
 
 def _evaluate(run: RunDirectory, protocol: schema.Protocol, report: Report, roll: Roll) -> dict[str, Any]:
-    conditions = circumstances(protocol, run.check())
-    rollouts: list[tuple[Circumstance, Rollout]] = []
+    conditions = resolve_conditions(protocol, run.check())
+    rollouts: list[tuple[ResolvedCondition, Rollout]] = []
     clocks: dict[str, str] = {}
     for condition in conditions:
         report(condition.name, 0)
@@ -220,17 +215,16 @@ def _evaluate(run: RunDirectory, protocol: schema.Protocol, report: Report, roll
         "model": _model(run.manifest()),
         "seed": protocol.seed,
         "scenarios": protocol.scenarios,
-        # What a step over ROS 2 was counted by: rows of one clock are not those of another.
+        # Rows depend on the clock that counts steps over ROS 2.
         **({"clocks": clocks} if clocks else {}),
         "conditions": [_condition_summary(c, r) for c, r in rollouts],
-        # Of this machine and this hour; nothing compares it.
         "inference": None,
         "created": now(),
         "versions": provenance.versions() | installed.releases(conditions[0].config),
     }
     folder = run.evaluation(protocol.name)
     summary[integrity.FILES] = _write(folder, summary, rollouts)
-    # After the rows, which may have taken hours: nothing that happens from here on loses them.
+    # The rows, which may have taken hours, are on disk before actions are timed.
     summary["inference"] = _time(run, conditions[0].config)
     with storage(f"cannot write {folder}"):
         write_atomic(folder / "summary.json", as_json(integrity.sealed(summary)))
@@ -248,8 +242,8 @@ def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | Non
 
 
 @contextmanager
-def _blaming(run: RunDirectory) -> Iterator[None]:
-    """Names the packages behind a run where what they brought fails.
+def _named_packages(run: RunDirectory) -> Iterator[None]:
+    """Name the packages behind a run where their code fails.
 
     Raises:
         AgentError: an agent or a simulator of an installed package fails.
@@ -267,7 +261,7 @@ def _blaming(run: RunDirectory) -> Iterator[None]:
         raise AgentError(f"{run.id}, with {' and '.join(releases)}: {plugins.told(error)}") from error
 
 
-def _condition_summary(condition: Circumstance, rollout: Rollout) -> dict[str, Any]:
+def _condition_summary(condition: ResolvedCondition, rollout: Rollout) -> dict[str, Any]:
     records = rollout.records
     counts = Counter(record["outcome"] for record in records)
     n = len(records)
@@ -285,7 +279,7 @@ def _condition_summary(condition: Circumstance, rollout: Rollout) -> dict[str, A
 
 
 def _write(
-    folder: Path, summary: dict[str, Any], rollouts: list[tuple[Circumstance, Rollout]]
+    folder: Path, summary: dict[str, Any], rollouts: list[tuple[ResolvedCondition, Rollout]]
 ) -> dict[str, integrity.Entry]:
     """Write the three files of an evaluation; return the digests of the tables.
 
@@ -300,7 +294,7 @@ def _write(
     return table
 
 
-def _rows(rollouts: list[tuple[Circumstance, Rollout]]) -> bytes:
+def _rows(rollouts: list[tuple[ResolvedCondition, Rollout]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -311,7 +305,7 @@ def _rows(rollouts: list[tuple[Circumstance, Rollout]]) -> bytes:
     return text.getvalue().encode()
 
 
-def _trajectories(rollouts: list[tuple[Circumstance, Rollout]]) -> bytes:
+def _trajectories(rollouts: list[tuple[ResolvedCondition, Rollout]]) -> bytes:
     arrays = {
         f"{name}_{condition.name}_{episode}": array
         for condition, rollout in rollouts

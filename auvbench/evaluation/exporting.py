@@ -1,6 +1,6 @@
-"""`auvbench export`: the policy of a trained run as an ONNX file, checked against the run's own actions, and its card.
+"""`auvbench export`: the policy of a trained run as an ONNX file, compared with the run's own actions, and its card.
 
-The format of both is in docs/policies-as-files.md.
+docs/policies-as-files.md defines both files.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from auvbench.config import schema
 from auvbench.config.agents import AGENTS, learns
 from auvbench.config.clock import step_limit
 from auvbench.errors import RunError
-from auvbench.evaluation import observations
 from auvbench.evaluation.evaluate import make_agent, read_summary
+from auvbench.evaluation.policy_check import observe_edges, observe_episodes
 from auvbench.policies import cards, exported
 from auvbench.policies.cards import FORMAT, SCHEMA_VERSION
 from auvbench.policies.exported import NETWORK
@@ -28,43 +28,51 @@ from auvbench.runs.atomic_io import as_lines, sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import load_config
 from auvbench.untrusted import path_safety
+from auvbench.untrusted.onnx_file import Port
 from auvbench.vehicles import sheet
 from auvbench.vehicles.actuators import Actuator
 from auvbench.vehicles.model import VehicleModel
 
 LIMIT = 1e-5
-"""largest difference between an action of the file and the run's own that is let through, unless the last bits of an
-observation change the run's own by much: large weights magnify any rounding"""
-
+"""largest accepted difference of actions, unless the last bits of an observation change the run's own by more: large
+weights magnify rounding"""
 ROUNDINGS = 4.0
-"""times that change: an observation is rounded once, and what is made of it in each of the layers again, in an order of
-summation that is the library's own"""
-
+"""times that change: an observation is rounded once, and its image in each layer again"""
 STEPS = 100
-"""of each of the test episodes whose observations the file is checked on"""
-
-RATES = ("success_rate", "collision_rate", "timeout_rate", "mean_steps", "mean_return")
-"""of a test's conditions, that a card repeats"""
+"""of each test episode whose observations are compared"""
+TESTED = (
+    "name",
+    "frequency_hz",
+    "episodes",
+    "success_rate",
+    "collision_rate",
+    "timeout_rate",
+    "mean_steps",
+    "mean_return",
+)
+"""of a test's conditions, in a card"""
+UNITS = {"fin": "rad", "mass_shifter": "m", "buoyancy_engine": "m3", "drop_weight": "1"}
+"""of the commands of actuators other than thrusters"""
 
 
 class NoNetworkError(RunError):
-    """The run's actions are not those of a trained network, or they are a file already."""
+    """The run's actions do not come from a trained network, or the network is a file already."""
 
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """A policy that was written."""
+    """A written policy."""
 
     run: RunDirectory
     path: Path
     card_path: Path
     observations: int
     difference: float
-    """largest difference of an action from the run's own, on so many observations"""
+    """largest, of an action from the run's own"""
 
 
 def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any] | None = None) -> Export:
-    """Writes `<run id>.onnx` and `<run id>.json`; what was there under these names is replaced.
+    """Write `<run id>.onnx` and `<run id>.json`, replacing files of these names.
 
     Args:
         run: a complete run of an agent that learns.
@@ -72,7 +80,7 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
         more: further entries of the card.
 
     Raises:
-        RunError: the run is not complete, has no network, its files are damaged, or the file's actions are not the run's.
+        RunError: the run is not complete, has no network, its files are damaged, or the file's actions differ.
         MissingExtraError: onnx or onnxruntime is not installed.
         TrainingError: the disk is full, read-only or failing.
     """
@@ -83,12 +91,15 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
         raise RunError(f"{run.path}: {manifest['state']}, not complete; auvbench train finishes it")
     path_safety.check(run.path)
     config = load_config(run)
-    _refuse_others(run, config)
+    if config.algo.agent == "onnx":
+        raise NoNetworkError(f"{run.path}: its policy is an ONNX file already: {run.model / NETWORK}")
+    if why := why_no_network(config.algo.name, config.algo.agent, learns(config.algo)):
+        raise NoNetworkError(f"{run.path}: {why}")
     agent = make_agent(run, config.step.frequency)
     network = getattr(agent, "network", None)
     found = None if network is None else network()
     if found is None:
-        raise NoNetworkError(f"{run.path}: {no_network(config.algo.name)}")
+        raise NoNetworkError(f"{run.path}: {NO_NETWORK.format(name=config.algo.name)}")
     policy, scaling = found
     vehicle = sheet.load(config.vehicle)
     n_u = len(vehicle.actuators)
@@ -101,27 +112,44 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
     target = (folder if folder is not None else run.path / "exports") / f"{run.id}.onnx"
     card = make_card(run, config, vehicle, data, target.name)
     card["check"] = {"observations": count, "largest_difference": difference, "limit": limit}
-    card["versions"] = _versions()
+    packages = ("onnx", "onnxruntime", "onnxscript")
+    card["versions"] = provenance.versions() | {name: metadata.version(name) for name in packages}
     card |= more or {}
-    path_safety.check_output(target.parent, (target.name, cards.card_path(target).name))
+    card_path = cards.card_path(target)
+    path_safety.check_output(target.parent, (target.name, card_path.name))
     with storage(f"cannot write into {target.parent}"):
-        # The card first: it names the file's digest, so that an old file beside it is noticed.
-        write_atomic(cards.card_path(target), as_lines(card))
+        # The card first: it holds the file's digest, so that an old file next to it is noticed.
+        write_atomic(card_path, as_lines(card))
         write_atomic(target, data)
-    return Export(run, target, cards.card_path(target), count, difference)
+    return Export(run, target, card_path, count, difference)
+
+
+NO_NETWORK = "the actions of {name} are not those of a network that answers each observation by itself; it is not exported"
+
+
+def why_no_network(name: str, agent: str, learner: bool) -> str:
+    """Return why an agent (`algo.name`, `algo.agent`) cannot be exported; empty where it can.
+
+    A plug-in's learner decides when it is exported.
+    """
+    if not learner:
+        return f"{name} is a controller that auvbench computes, not a trained network; there is nothing to export"
+    spec = AGENTS.get(agent)
+    return "" if spec is None or spec.exportable else NO_NETWORK.format(name=name)
 
 
 def compare(
     config: schema.TrainConfig, agent: Agent, data: bytes, n_u: int, where: str
 ) -> tuple[int, float, float]:
-    """On how many observations an ONNX file was compared with the agent that it is of, the largest difference, its limit.
+    """Compare an ONNX file with its agent in test episodes and on the edges of the observation space.
 
-    Test episodes of the run's own task, and the edges of its observation space; many rows at once and one by one.
+    Returns:
+        the number of observations, the largest difference of an action, and its limit.
 
     Raises:
-        RunError: it exceeds the limit, or an answer is no action.
+        RunError: the difference exceeds the limit, or an answer is no action.
     """
-    seen = np.concatenate([observations.of_episodes(config, agent, STEPS), observations.of_edges(config)])
+    seen = np.concatenate([observe_episodes(config, agent, STEPS), observe_edges(config)])
     own = np.asarray(agent.act(seen), dtype=np.float64)
     sizes = {"observations": seen.shape[1], "actions": n_u}
     many, one = (exported.Policy(data, f"{where} (exported)", rows=n, **sizes) for n in (exported.ROWS, 1))
@@ -144,7 +172,7 @@ def compare(
 def make_card(
     run: RunDirectory, config: schema.TrainConfig, vehicle: VehicleModel, data: bytes, name: str
 ) -> dict[str, Any]:
-    """The card of a run's policy, but for what the check has found."""
+    """Return the card of a run's policy, without the result of the comparison."""
     task = config.task
     plain = run.config()
     found = exported.check(data, name)
@@ -158,14 +186,8 @@ def make_card(
             "bytes": len(data),
             "sha256": sha256(data),
             "opset": found.file.opset,
-            **{
-                kind: {
-                    "name": port.name,
-                    "type": port.type,
-                    "shape": ["n" if length is None else length for length in port.shape or ()],
-                }
-                for kind, port in (("input", found.input), ("output", found.output))
-            },
+            "input": _port(found.input),
+            "output": _port(found.output),
         },
         "vehicle": {
             "name": vehicle.name,
@@ -199,62 +221,34 @@ def make_card(
     }
 
 
-def _refuse_others(run: RunDirectory, config: schema.TrainConfig) -> None:
-    """What has nothing that a file of weights could hold."""
-    if config.algo.agent == "onnx":
-        raise NoNetworkError(f"{run.path}: its policy is an ONNX file already: {run.model / NETWORK}")
-    if not learns(config.algo):
-        raise NoNetworkError(f"{run.path}: {computed(config.algo.name)}")
-
-
-def answers_by_itself(agent: str) -> bool:
-    """Return whether a learner's policy (`algo.agent`) is one feed-forward network; a plug-in's export decides itself."""
-    spec = AGENTS.get(agent)
-    return spec is None or spec.exportable
-
-
-def no_network(name: str) -> str:
-    """Why a learner has no file of which that is not so."""
-    return f"the actions of {name} are not those of a network that answers each observation by itself; it is not exported"
-
-
-def computed(name: str) -> str:
-    """Why an agent that learns nothing has no file."""
-    return f"{name} is a controller that auvbench computes, not a trained network; there is nothing to export"
+def _port(port: Port) -> dict[str, Any]:
+    shape = ["n" if length is None else length for length in port.shape or ()]
+    return {"name": port.name, "type": port.type, "shape": shape}
 
 
 def _observation(frame: str, vehicle: VehicleModel) -> list[dict[str, str]]:
     axes = "world axes (east, north, up)"
     if frame == "body":
         axes = "levelled body axes (forward, port, up), turned by the yaw reading"
-    entries = [
-        {
-            "name": "yaw_error",
-            "unit": "rad",
-            "meaning": "bearing of the waypoint less yaw, wrapped to [-pi, pi)",
-        }
+    yaw, previous = (
+        "bearing of the waypoint less yaw, wrapped to [-pi, pi)",
+        "action of the last step; 0 at the start",
+    )
+    return [
+        {"name": "yaw_error", "unit": "rad", "meaning": yaw},
+        *(
+            {"name": f"position_error_{axis}", "unit": "m", "meaning": f"waypoint less position, {axes}"}
+            for axis in "xyz"
+        ),
+        *(
+            {"name": f"previous_action_{name}", "unit": "1", "meaning": previous}
+            for name in vehicle.actuators
+        ),
     ]
-    entries += [
-        {"name": f"position_error_{axis}", "unit": "m", "meaning": f"waypoint less position, {axes}"}
-        for axis in "xyz"
-    ]
-    entries += [
-        {
-            "name": f"previous_action_{name}",
-            "unit": "1",
-            "meaning": "what was asked for in the last step, in [-1, 1]; 0 at the start",
-        }
-        for name in vehicle.actuators
-    ]
-    return entries
-
-
-UNITS = {"fin": "rad", "mass_shifter": "m", "buoyancy_engine": "m3", "drop_weight": "1"}
-"""of the commands of actuators that are no thrusters"""
 
 
 def _action(unit: Actuator) -> dict[str, Any]:
-    """What -1 and +1 stand for; between them the curve is as the sheet has it."""
+    """Return what -1, 0 and +1 stand for; the vehicle's sheet has the curve between them."""
     low, high = unit.curve.limits
     return {
         "name": unit.name,
@@ -270,26 +264,14 @@ def _action(unit: Actuator) -> dict[str, Any]:
 
 
 def _tests(run: RunDirectory, manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The tests of this very model that are there and whole, by name."""
+    """Return the undamaged tests of this model, by name."""
     model = integrity.digests(manifest, "model/")
     found = []
     for path in sorted(run.path.glob("evaluations/*/summary.json")):
         summary = read_summary(run, path.parent.name)
         if summary is None or summary.get("run") != run.id or summary.get("model") != model:
             continue
-        found.append(
-            {
-                "protocol": summary.get("protocol"),
-                "fingerprint": summary.get("fingerprint"),
-                "conditions": [
-                    {key: c[key] for key in ("name", "frequency_hz", "episodes", *RATES) if key in c}
-                    for c in summary["conditions"]
-                ],
-            }
-        )
+        conditions = [{key: c[key] for key in TESTED if key in c} for c in summary["conditions"]]
+        test = {key: summary.get(key) for key in ("protocol", "fingerprint")}
+        found.append({**test, "conditions": conditions})
     return found
-
-
-def _versions() -> dict[str, str]:
-    packages = ("onnx", "onnxruntime", "onnxscript")
-    return {**provenance.versions(), **{name: metadata.version(name) for name in packages}}

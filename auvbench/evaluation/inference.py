@@ -40,8 +40,15 @@ def measure(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
         ActionError, RunError: the agent's actions are not valid.
     """
     config = replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
-    _some(agent, config, WARM_UP)
-    times = _some(agent, config, ACTIONS)
+    actions = _times(agent, config)
+    for _ in islice(actions, WARM_UP):
+        pass
+    times: list[float] = []
+    begun = time.perf_counter()
+    for seconds in islice(actions, ACTIONS):
+        times.append(seconds)
+        if time.perf_counter() - begun > SECONDS:
+            break
     ms = 1e3 * np.asarray(times)
     return {
         "actions": len(times),
@@ -53,17 +60,6 @@ def measure(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
         "cores": os.cpu_count(),
         "load": round(os.getloadavg()[0], 2),
     }
-
-
-def _some(agent: Agent, config: schema.TrainConfig, most: int) -> list[float]:
-    """Return the times of up to `most` actions, at least one, that begin within `SECONDS`."""
-    times: list[float] = []
-    begun = time.perf_counter()
-    for seconds in islice(_times(agent, config), most):
-        times.append(seconds)
-        if time.perf_counter() - begun > SECONDS:
-            break
-    return times
 
 
 def _times(agent: Agent, config: schema.TrainConfig) -> Iterator[float]:

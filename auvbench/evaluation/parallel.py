@@ -16,7 +16,7 @@ from auvbench.config import installed, plugins, schema
 from auvbench.config.agents import AGENTS
 from auvbench.errors import AuvbenchError
 from auvbench.evaluation.evaluate import Report, Roll, evaluate, in_process, make_agent, stale
-from auvbench.evaluation.protocol import Circumstance
+from auvbench.evaluation.protocol import ResolvedCondition
 from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.lock import RunHeldError
@@ -136,7 +136,7 @@ def _on_all(pool: Pool) -> Roll:
     """Return a function that rolls out a condition on all workers: an episode is a job."""
 
     def roll(
-        run: RunDirectory, protocol: schema.Protocol, condition: Circumstance, report: Report
+        run: RunDirectory, protocol: schema.Protocol, condition: ResolvedCondition, report: Report
     ) -> Rollout:
         jobs = {episode: (run, protocol, condition, episode) for episode in range(protocol.episodes)}
         parts: dict[int, Rollout] = {}
@@ -154,7 +154,9 @@ _made: tuple[tuple[Path, float], Agent] | None = None
 """Agent of the last episode in this process; building one may take as long as half an episode."""
 
 
-def _episode(run: RunDirectory, protocol: schema.Protocol, condition: Circumstance, episode: int) -> Rollout:
+def _episode(
+    run: RunDirectory, protocol: schema.Protocol, condition: ResolvedCondition, episode: int
+) -> Rollout:
     """Roll out one episode of a condition; the agent is reset before it."""
     global _made
     key = run.path, condition.config.step.frequency

@@ -1,13 +1,12 @@
-"""Reference outcomes: what physics, task and disturbances compute in a few seconds, as a digest.
+"""Digests of reference plays: they notice that physics, task or disturbances have changed.
 
-A fingerprint of scenarios alone does not notice that the code which plays them has changed. So each condition is
-also played for a moment: eight vehicles on their way, with a fixed sequence of commands, and what they see, earn and
-end with is part of the fingerprint. Code that is only written differently gives the same digest; a doubled drag, another
-sign in the reward or another precedence of outcomes does not.
+Each condition is played briefly: eight vehicles, a fixed sequence of commands. Observations, rewards, states and the record
+columns that the task declares enter the digest. Refactored code gives the same digest; doubled drag, another sign in the
+reward or another precedence of outcomes does not.
 
 Two machines may differ in the last bits of a sine. Numbers are therefore rounded to `DIGITS` digits of the largest of
-their kind, and the time is short enough that such differences do not grow to that. What changes nothing beyond those
-digits, in `STEPS` steps, goes unnoticed. A second digest, `ends`, covers the ends of episodes later than that.
+their kind, and the play is too short for such differences to grow. Smaller changes, and later ones than `STEPS` steps, go
+unnoticed. A second digest, `ends`, covers the ends of longer episodes.
 """
 
 from __future__ import annotations
@@ -33,36 +32,35 @@ Floats = NDArray[np.float64]
 DIGITS = 6
 STEPS = 24
 LOOKS = (0, 7, STEPS - 1)
-"""steps after which everything is looked at; few, for each number may lie just where rounding parts two machines"""
+"""steps after which states are compared; few, because any number may lie where two machines round differently"""
 
 FREQUENCY = 10.0
 """Hz, where the protocol leaves the frequency to each agent"""
 
 PLACES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.5])
-"""how far each vehicle is on its way to its waypoint: the last but one arrives"""
+"""share of the way to the waypoint at which each vehicle starts: the last but one arrives"""
 
 VELOCITY = np.array([0.5, -0.25, 0.125, 0.125, -0.25, 0.25])
-"""m/s and rad/s, so that damping and Coriolis forces act from the first step on"""
+"""m/s and rad/s: damping and Coriolis forces act from the first step on"""
 
 ENDS_AT = (2, 36)
-"""steps of the second play before which vehicles are put near a place where an episode ends: early, and later than `STEPS`"""
+"""steps of the second play at which vehicles are put near a limit: early, and later than `STEPS`"""
 
 ENDS_STEPS = 40
 """steps of the second play, and its step limit"""
 
 MARGIN = 0.125
-"""m from such a place, to either side"""
+"""m from a limit, to either side"""
 
 _REWARD = schema.Reward(name="thesis", k=40.0, length=20.0, success=500.0, collision=-550.0, regress=-10.0)
-"""Rewards are the agent's affair, but their code computes a column of every row."""
+"""fixed: rewards belong to the agent, but their code computes a column of every row"""
 
 
 def digest(config: schema.TrainConfig, frequency: float | None) -> str:
-    """16 hexadecimal digits of what the vehicles of a condition do.
+    """Return 16 hexadecimal digits of the reference play of a condition.
 
     Args:
-        config: of the condition. Of a simulator that is not the embedded one, task and disturbances are played
-            with the embedded one: what another program computes is its version's affair.
+        config: of the condition. The embedded simulator plays also where the condition has another one.
         frequency: Hz that the protocol fixes; None where each agent has its own.
 
     Raises:
@@ -78,9 +76,7 @@ def digest(config: schema.TrainConfig, frequency: float | None) -> str:
 def ends(config: schema.TrainConfig, frequency: float | None) -> str:
     """Return 16 hexadecimal digits of how and when episodes end at both depth limits, the goal and the step limit.
 
-    Vehicles without thrust are put to either side of each, early and late in an episode. Whole numbers are compared, so
-    the digest does not depend on last bits. `digest` came first and is part of the fingerprint of published results;
-    this one covers what it does not see.
+    Vehicles without thrust are put to either side of each, early and late in an episode. Only whole numbers enter.
 
     Args:
         config, frequency: as of `digest`.
@@ -120,7 +116,7 @@ def _put_near_an_end(batch: Batch, row: int, place: int) -> None:
 
 
 def rounded(values: Floats) -> NDArray[np.int64]:
-    """Numbers as whole multiples of 10^-DIGITS of the power of ten below the largest of them.
+    """Return numbers as whole multiples of 10^-DIGITS of the power of ten below the largest.
 
     >>> rounded(np.array([1.0, 0.1234567891, -1e-12])).tolist()
     [1000000, 123457, 0]
@@ -165,7 +161,7 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
 def _standard(
     config: schema.TrainConfig, frequency: float | None, steps: int = STEPS // 2
 ) -> schema.TrainConfig:
-    """Return the condition without what is the agent's own, with episodes of at most `steps`."""
+    """Return the condition without the agent's own keys, with episodes of at most `steps`."""
     task = replace(config.task, position_frame="world", time_limit=None, max_steps=steps)
     simulator = config.simulator
     if not isinstance(simulator, Fossen):
@@ -175,7 +171,7 @@ def _standard(
 
 
 def _set_out(batch: Batch) -> None:
-    """Put the vehicles on their way: one is about to arrive, one about to leave the water."""
+    """Put the vehicles on their way: one is about to arrive, one to leave the water."""
     pose, velocity = batch.simulator.pose, batch.simulator.velocity
     waypoint = batch.task.F[:, F_WAYPOINT : F_WAYPOINT + 3]
     pose[:, :3] += PLACES[:, None] * (waypoint - pose[:, :3])

@@ -1,21 +1,29 @@
-"""One episode of a test once more: its row is the same, and its whole path is kept."""
+"""Replay an episode of a test with its whole path, or read a mission that a pilot recorded."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
+from auvbench.config.compose import compose
+from auvbench.config.validate import train_config
 from auvbench.errors import RunError, UserError, closest
 from auvbench.evaluation.evaluate import make_agent
-from auvbench.evaluation.protocol import circumstances
+from auvbench.evaluation.protocol import resolve_conditions
 from auvbench.evaluation.rollout import roll_out
 from auvbench.record import Record
+from auvbench.ros2.mission import CONDITION, FORMAT, SCHEMA_VERSION
 from auvbench.runs.directory import RunDirectory
+from auvbench.untrusted import archives, documents, reading, tables
 
 Floats = NDArray[np.float32]
+
+ARRAYS = ("time", "position", "yaw", "command", "waypoint")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,12 +44,12 @@ class Replay:
 
     @property
     def distance(self) -> Floats:
-        """(T + 1,) m to the waypoint."""
+        """Return the distance (T + 1,) m to the waypoint."""
         return np.asarray(np.linalg.norm(self.position - self.waypoint, axis=1), dtype=np.float32)
 
 
 def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode: int) -> Replay:
-    """Runs one episode of a protocol with a fresh agent.
+    """Run one episode of a protocol with a fresh agent; its record is that of the test.
 
     Raises:
         RunError: the run is not complete.
@@ -54,7 +62,7 @@ def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode
         raise UserError(
             f"--episode {episode}: protocol {protocol.name} has episodes 0 to {protocol.episodes - 1}"
         )
-    found = {c.name: c.config for c in circumstances(protocol, run.check())}
+    found = {c.name: c.config for c in resolve_conditions(protocol, run.check())}
     if condition not in found:
         raise UserError(
             f"--condition {condition}: not in protocol {protocol.name}; {closest(condition, found)}"
@@ -70,7 +78,6 @@ def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode
         trajectories=1,
         scenarios=protocol.scenarios,
     )
-    arrays = result.trajectories[episode].arrays(result.duration)
     return Replay(
         run=run.id,
         protocol=protocol.name,
@@ -78,9 +85,52 @@ def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode
         config=config,
         actuators=result.actuators,
         record=result.records[0],
-        time=arrays["time"],
-        position=arrays["position"],
-        yaw=arrays["yaw"],
-        command=arrays["command"],
-        waypoint=arrays["waypoint"],
+        **result.trajectories[episode].arrays(result.duration),
+    )
+
+
+def is_mission(folder: Path) -> bool:
+    """Return whether a folder holds missions."""
+    return (folder / "mission.json").is_file()
+
+
+def read_mission(folder: Path, number: int) -> Replay:
+    """Return mission `number` of a folder.
+
+    Raises:
+        RunError: its files are damaged, or of another version.
+        UserError: the folder has no such mission.
+    """
+    try:
+        about = documents.json_value(reading.content(folder / "mission.json"))
+        if not isinstance(about, dict) or about.get("format") != FORMAT:
+            raise ValueError("mission.json has another format")
+        if about.get("schema_version") != SCHEMA_VERSION:
+            raise ValueError(f"mission.json has version {about.get('schema_version')}, not {SCHEMA_VERSION}")
+        table = tables.csv(reading.content(folder / "episodes.csv", reading.DATA))
+        if not 0 <= number < len(table):
+            raise UserError(f"--episode {number}: {folder} holds missions 0 to {len(table) - 1}")
+        with archives.opened(reading.content(folder / "trajectories.npz", reading.DATA)) as stored:
+            arrays = {
+                name: np.asarray(stored[f"{name}_{CONDITION}_{number}"], dtype=np.float32) for name in ARRAYS
+            }
+        frequency = float(about["frequency_hz"])
+        limits: dict[str, Any] = {
+            key: float(about[f"{key}_m"]) for key in ("goal_radius", "depth_low", "depth_high")
+        }
+        actuators = tuple(str(name) for name in about["actuators"])
+        controller = str(about["controller"])
+    except (OSError, ValueError, KeyError, TypeError, *archives.FAULTS) as error:
+        raise RunError(f"{folder}: missions cannot be read: {error}") from error
+    config = train_config(compose("train", ["algo=pid"], folder=None))
+    return Replay(
+        run=controller,
+        protocol="mission",
+        condition=CONDITION,
+        config=replace(
+            config, task=replace(config.task, **limits), step=replace(config.step, frequency=frequency)
+        ),
+        actuators=actuators,
+        record={str(key): value for key, value in table.iloc[number].to_dict().items()},
+        **arrays,
     )

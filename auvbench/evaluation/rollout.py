@@ -30,7 +30,7 @@ class Trajectory:
     waypoint: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) m
 
     def arrays(self, duration: float) -> dict[str, NDArray[np.float32]]:
-        """As float32 arrays: position (T + 1, 3), yaw (T + 1,), command (T, n_u), waypoint (3,), time (T + 1,)."""
+        """Return float32 arrays: position (T + 1, 3), yaw (T + 1,), command (T, n_u), waypoint (3,), time (T + 1,)."""
         return {
             "position": np.asarray(self.position, dtype=np.float32),
             "yaw": np.asarray(self.yaw, dtype=np.float32),
@@ -42,17 +42,17 @@ class Trajectory:
 
 @dataclass(slots=True)
 class Rollout:
-    """What a test of one condition gives."""
+    """The result of one condition of a test."""
 
     records: list[Record]  # in the order of the episodes
     trajectories: dict[int, Trajectory]  # by episode
     duration: float  # s of an agent step
     actuators: tuple[str, ...]  # names of the columns of a trajectory's command
-    notes: dict[str, int] = field(default_factory=dict)  # what the agent counted (see `counted`)
+    notes: dict[str, int] = field(default_factory=dict)  # see `counted`
 
     @classmethod
     def joined(cls, parts: Sequence[Rollout]) -> Rollout:
-        """One of all episodes from those of parts of them, in the order of the parts."""
+        """Return the rollout of all episodes from parts, in their order."""
         notes: Counter[str] = Counter()
         for part in parts:
             notes.update(part.notes)
@@ -66,7 +66,7 @@ class Rollout:
 
 
 def counted(agent: Agent) -> dict[str, int]:
-    """What an agent counts while it acts, of its method `notes()` where it has one: solves, failed ones, late ones."""
+    """Return the counters of an agent, from its method `notes()` if it has one: solves, failed and late ones."""
     notes: Callable[[], Mapping[str, int]] | None = getattr(agent, "notes", None)
     return {} if notes is None else {str(name): int(number) for name, number in notes().items()}
 
@@ -82,11 +82,19 @@ def roll_out(
     scenarios: str = "test",
     told: Callable[[int], None] = lambda _: None,
 ) -> Rollout:
-    """Runs an agent through episodes (n,) of a seed, `batch` at a time, each to its end.
+    """Run an agent through episodes (n,) of a seed, each to its end.
 
-    `scenarios` are those of a `test` or of `validation`. Keeps the whole path of the first `trajectories` of them. `told` is called with the number of episodes that have
-    just ended. Episode e is a function of (seed, e): its row is
-    the same at any `batch` and in any company.
+    Episode e is a function of (seed, e): its row does not depend on `batch` or the other episodes.
+
+    Args:
+        config: of the environments.
+        agent: acts on all rows at once.
+        episodes: (n,) numbers.
+        seed: of the scenarios.
+        batch: episodes at a time.
+        trajectories: paths to keep, of the first episodes.
+        scenarios: test or validation.
+        told: called with the number of episodes that have just ended.
     """
     records: list[Record] = []
     paths: dict[int, Trajectory] = {}
@@ -107,7 +115,7 @@ def roll_out(
 
 
 def batch_of(scenarios: str, config: schema.TrainConfig, n: int, seed: int) -> Batch:
-    """N environments of a protocol: they draw from the streams of a `test` or of `validation`, and end for good."""
+    """Return n environments that draw from the streams of test or validation, and end for good."""
     validation = scenarios == "validation"
     return Batch(config, n, seed=seed, test=not validation, validation=validation, autoreset=False)
 
@@ -120,7 +128,7 @@ def _one_batch(
     told: Callable[[int], None],
 ) -> list[Record]:
     observation = environments.reset()
-    # An agent that computes for long may leave out what nobody looks at any more.
+    # A slow agent may skip episodes that have ended.
     spare = getattr(agent, "ended", None)
     rows: dict[int, Record] = {}
     task, simulator = environments.task, environments.simulator
@@ -136,7 +144,7 @@ def _one_batch(
             paths[followed[i]].command.append(simulator.command_force[i].copy())
         before = len(rows)
         for i, record in zip(result.ended.tolist(), result.records, strict=True):
-            # An episode that ended swims on unobserved until the last one has: only its first end counts.
+            # An ended episode goes on until the last one ends: only its first end counts.
             rows.setdefault(i, record)
         if len(rows) > before:
             told(len(rows) - before)

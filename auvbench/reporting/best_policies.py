@@ -95,12 +95,10 @@ def renew(
 
 def _nothing(run: RunRecord) -> str | None:
     """Why there is nothing to export, also of a copy; None of an agent that learns, and of a policy that was a file."""
-    from auvbench.evaluation.exporting import answers_by_itself, computed, no_network
+    from auvbench.evaluation.exporting import why_no_network
 
     agent, name = str(run.config.get("algo.agent")), str(run.config.get("algo.name"))
-    if run_learns(run):
-        return None if answers_by_itself(agent) else no_network(name)
-    return None if agent == "onnx" else computed(name)
+    return None if agent == "onnx" else why_no_network(name, agent, run_learns(run)) or None
 
 
 def _taken(reason: str) -> bool:

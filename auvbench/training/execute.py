@@ -109,13 +109,13 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
     if not isinstance(config.algo, algorithms.ONNX):
         return {}
     from auvbench.agents.policy_file import PolicyFile
-    from auvbench.evaluation.admission import admit
     from auvbench.evaluation.evaluate import make_agent
+    from auvbench.evaluation.policy_check import check_policy
     from auvbench.policies.exported import CARD, NETWORK
 
     agent = make_agent(run, config.step.frequency)
     assert isinstance(agent, PolicyFile)
-    admit(config, agent)
+    check_policy(config, agent)
     kept = [run.model / name for name in (NETWORK, CARD) if (run.model / name).is_file()]
     return {f"{path.parent.name}/{path.name}": integrity.entry_of(path) for path in kept}
 

@@ -23,7 +23,7 @@ from omegaconf import OmegaConf
 
 from auvbench.agents.base import Agent
 from auvbench.config import schema
-from auvbench.evaluation.protocol import circumstances, fingerprint
+from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.evaluation.rollout import roll_out
 from auvbench.record import OUTCOMES, Record
 
@@ -77,7 +77,7 @@ class Validator:
         show: Callable[[dict[str, float], int], object],
     ) -> None:
         self._protocol = protocol()
-        conditions = circumstances(self._protocol, config)
+        conditions = resolve_conditions(self._protocol, config)
         self._config = conditions[0].config
         self._fingerprint = fingerprint(self._protocol, conditions)
         self._frequency = float(config["step"]["frequency"])

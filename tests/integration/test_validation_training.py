@@ -9,7 +9,7 @@ import pytest
 
 from auvbench.agents.learned.sb3 import Follower
 from auvbench.evaluation import evaluate as evaluation
-from auvbench.evaluation.protocol import circumstances, fingerprint
+from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.runs.directory import RunDirectory
 from auvbench.training.execute import execute
 from auvbench.training.validation import COLUMNS
@@ -78,7 +78,7 @@ def test_the_last_row_is_what_evaluate_finds_on_the_validation_scenarios(watched
     last = rows(watched)[-1]
     assert float(last["success_rate"]) == condition["success_rate"]
     assert float(last["mean_steps"]) == condition["mean_steps"]
-    assert last["fingerprint"] == fingerprint(protocol, circumstances(protocol, watched.config()))
+    assert last["fingerprint"] == fingerprint(protocol, resolve_conditions(protocol, watched.config()))
     assert last["fingerprint"] == summary["fingerprint"]
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from auvbench.analysis.ranking import rank
 from auvbench.commands.completing import measure_names
 from auvbench.envs.batch import Batch
-from auvbench.evaluation.protocol import circumstances, fingerprint
+from auvbench.evaluation.protocol import resolve_conditions, fingerprint
 from auvbench.reporting import tables
 from auvbench.reporting.page.table import metrics_table, printed
 from auvbench.reporting.tables.main import main_table
@@ -52,7 +52,7 @@ assert "mean_jerk_m_s3" in measure_names()
 assert "| `jerk_m_s3` | m/s³ | lower | change of acceleration, mean over the steps |" in metrics.definitions()
 
 protocol = configs.protocol("protocol=test")
-assert fingerprint(protocol, circumstances(protocol, configs.plain())) == "cc8e88038a09e4a8"
+assert fingerprint(protocol, resolve_conditions(protocol, configs.plain())) == "cc8e88038a09e4a8"
 """
 
 

@@ -1,5 +1,5 @@
-"""The limit: how soon the vehicle could be inside the goal at all, for each scenario of a protocol.
+"""Bounds of the shortest time to the goal, for each scenario of a protocol. docs/bound.md has the method.
 
-Two numbers bracket the shortest time. Above it, a trajectory that was found by optimal control and then simulated: it
-arrives. Below it, a bound that no trajectory can break, from the energy that the thrusters can give. docs/bound.md.
+The upper bound is a trajectory found by optimal control that arrives in the simulator. The lower bound is a time that no
+trajectory can beat, from the energy that the thrusters can give.
 """

@@ -1,7 +1,7 @@
-"""The limit of each scenario of a protocol, on several workers; what was found is kept, so a killed search goes on.
+"""The bounds of each scenario of a protocol, computed by workers; finished searches survive a kill.
 
-Two passes: each scenario by itself, then each once more from what its neighbours found. What a pass gives for a scenario
-depends on the pass before alone, not on who computes it or when.
+Two passes: each scenario from controllers, then each once more from the results of its neighbours. A result of a pass
+depends on the pass before alone, not on the worker or the order.
 """
 
 from __future__ import annotations
@@ -16,13 +16,23 @@ import numpy as np
 from auvbench.config import schema, simulators
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
-from auvbench.evaluation.bounds.driven import drive
-from auvbench.evaluation.bounds.files import ConditionLimits, Limits, folder_of, known_commands, write
-from auvbench.evaluation.bounds.journal import Journal, Key
-from auvbench.evaluation.bounds.proven import Energy
-from auvbench.evaluation.bounds.search import VERSION, Found, Search
-from auvbench.evaluation.bounds.trial import Commands, Scenario, Trial, scenarios, silent
-from auvbench.evaluation.protocol import Circumstance, circumstances, fingerprint, fingerprint_parts
+from auvbench.evaluation.bounds.command_replay import Commands, Scenario, Trial, scenarios, silent
+from auvbench.evaluation.bounds.files import (
+    Bound,
+    Found,
+    Journal,
+    Key,
+    Limits,
+    folder_of,
+    known_results,
+    packed,
+    place_of,
+    write,
+)
+from auvbench.evaluation.bounds.lower_bound import Energy
+from auvbench.evaluation.bounds.search import VERSION, Search
+from auvbench.evaluation.bounds.warm_starts import WarmStarts
+from auvbench.evaluation.protocol import ResolvedCondition, fingerprint, fingerprint_parts, resolve_conditions
 from auvbench.evaluation.rollout import batch_of
 from auvbench.runs import interruption, lock
 from auvbench.runs.atomic_io import make_folder, storage
@@ -33,27 +43,35 @@ from auvbench.vehicles.symbolic import symbolic
 PRELOAD = ("auvbench.evaluation.bounds.compute", "casadi")
 """Modules that the workers of the pool need."""
 NEIGHBOURS = 2
-"""other scenarios from whose solutions the second pass begins"""
+"""other scenarios from whose results the second pass begins"""
 
 Tell = Callable[[Key, Found], None]
 
 
 @dataclass(frozen=True, slots=True)
+class Place:
+    """What the searches of a condition share."""
+
+    config: schema.TrainConfig
+    seed: int
+    scenarios: str
+
+
+@dataclass(frozen=True, slots=True)
 class Job:
-    """One search."""
+    """One search: from controllers in the first pass, from earlier results in the second."""
 
     key: Key
     scenario: Scenario
-    driven: Commands | None
     known: Found | None
-    others: tuple[tuple[Scenario, Commands], ...]
+    others: tuple[tuple[Scenario, Commands], ...] = ()
 
 
-def eligible(conditions: Sequence[Circumstance]) -> tuple[list[Circumstance], list[str]]:
-    """The conditions that have a limit, and why each of the others has none, a line each.
+def eligible(conditions: Sequence[ResolvedCondition]) -> tuple[list[ResolvedCondition], list[str]]:
+    """Return the conditions that have bounds, and a line for each of the others.
 
     Raises:
-        ConfigError: none has one.
+        ConfigError: no condition has bounds.
     """
     good, refused = [], []
     for condition in conditions:
@@ -62,11 +80,11 @@ def eligible(conditions: Sequence[Circumstance]) -> tuple[list[Circumstance], li
         else:
             good.append(condition)
     if not good:
-        raise ConfigError(f"no condition has a limit: {'; '.join(refused[:3])}")
+        raise ConfigError(f"no condition has a bound: {'; '.join(refused[:3])}")
     return good, refused
 
 
-def _why_not(condition: Circumstance) -> str:
+def _why_not(condition: ResolvedCondition) -> str:
     config = condition.config
     if not isinstance(config.simulator, simulators.Fossen):
         return f"simulator={config.simulator.name} has other equations than those that are solved; simulator=fossen has them"
@@ -74,7 +92,7 @@ def _why_not(condition: Circumstance) -> str:
         return "the protocol leaves the frequency to each agent; protocol.frequency=10 fixes one"
     batch = Batch(silent(config), 1, seed=0, test=True, autoreset=False)
     if batch.disturbances is not None:
-        return f"disturbance={config.disturbance.name}: a limit is for still water and a healthy vehicle"
+        return f"disturbance={config.disturbance.name}: bounds hold in still water and for a healthy vehicle"
     return ""
 
 
@@ -86,215 +104,183 @@ def compute(
     pool: Pool | None = None,
     passes: int = 2,
     others: Sequence[Path] = (),
+    again: bool = False,
     tell: Tell = lambda key, found: None,
 ) -> Limits:
-    """The limits of a protocol for a vehicle, written to `<root>/<protocol>-<vehicle>`.
+    """Compute the bounds of a protocol for a vehicle and write them to `<root>/<protocol>-<vehicle>`.
 
     Args:
         protocol: which scenarios.
         config: a resolved configuration with the vehicle and the simulator.
-        root: folder of limits; the journal of what is found so far lies in it until all is.
+        root: folder of bounds; holds the journal of finished searches until all are.
         pool: workers for the searches; None: this process. The result is the same.
-        passes: 1: each scenario by itself; 2: once more from its neighbours.
-        others: folders of other protocols' limits: what they hold for the same scenarios is taken over after a trial.
+        passes: 1: each scenario from controllers; 2: once more from its neighbours.
+        others: folders of bounds: results for the same scenarios are taken over after a replay.
+        again: search these scenarios too; a result is no worse than that of `others`.
         tell: called with each result, also with those of before.
 
     Raises:
-        ConfigError: no condition has a limit, or the symbolic equations do not cover the vehicle.
+        ConfigError: no condition has bounds, or the symbolic equations do not cover the vehicle.
         MissingExtraError: CasADi is not installed.
         TrainingError: a worker was killed, or the disk is at fault.
-        RunError: somebody else computes it at present.
-        Interrupted: somebody asked to leave; what was found is kept.
+        RunError: another process computes the same.
+        Interrupted: by a signal; finished searches are kept.
     """
-    conditions = circumstances(protocol, config)
+    conditions = resolve_conditions(protocol, config)
     good, left_out = eligible(conditions)
     for condition in good:  # refuses before anything is written
         symbolic(sheet.load(condition.config.vehicle), by_thrust=True)
     parts = fingerprint_parts(protocol, conditions)
     vehicle = str(config["vehicle"]["name"])
-    header = {
-        "schema_version": 1,
-        "search": VERSION,
-        "protocol": protocol.name,
-        "vehicle": vehicle,
-        **{f"fingerprint_{name}": digits for name, digits in parts.items()},
-    }
+    header = {"search": VERSION, "protocol": protocol.name, "vehicle": vehicle, **parts}
     folder = folder_of(root, protocol.name, vehicle)
     place = folder.with_name(f".{folder.name}")
     with storage(f"cannot write {place}"):
         make_folder(place)
     with lock.acquire(place):
         journal = Journal(place / "journal.jsonl", header)
+        bounds: list[Bound] = []
         try:
-            found = [
-                _limits_of(
-                    condition,
-                    _search(condition, protocol, journal, pool=pool, passes=passes, others=others, tell=tell),
-                    protocol,
-                )
-                for condition in good
-            ]
-        except BaseException:
+            for condition in good:
+                search = _Condition(condition, protocol, journal, pool, tell)
+                bounds += _bounds(condition, search.there, search.results(passes, others, again))
+        finally:
             journal.close()
-            raise
         limits = Limits(
             protocol.name,
             vehicle,
             fingerprint(protocol, conditions),
             parts,
-            tuple(found),
+            tuple(bounds),
             tuple(left_out),
             {"version": VERSION, "passes": passes},
         )
         write(folder, limits)
-        journal.remove()
+        journal.path.unlink()
     return limits
 
 
-def _limits_of(condition: Circumstance, found: Sequence[Found], protocol: schema.Protocol) -> ConditionLimits:
-    """What was found, beside what is proven, in the order of the episodes."""
-    there = all_scenarios(condition, protocol)
+def _bounds(
+    condition: ResolvedCondition, there: Sequence[Scenario], found: Sequence[Found]
+) -> Iterator[Bound]:
     frequency = condition.config.step.frequency
     energy = Energy(sheet.load(condition.config.vehicle), condition.config.task.goal_radius)
-    return ConditionLimits(
-        name=condition.name,
-        frequency=frequency,
-        episodes=np.arange(len(there)),
-        steps=np.array([f.steps for f in found]),
-        least=np.array([energy.steps(scenario, frequency) for scenario in there]),
-        places=np.array([[*scenario.waypoint, scenario.yaw] for scenario in there]),
-        start=tuple(f.start for f in found),
-        commands=tuple(f.commands for f in found),
-        least_seconds=np.array([energy.seconds(scenario) for scenario in there]),
-    )
+    for episode, (scenario, result) in enumerate(zip(there, found, strict=True)):
+        yield Bound(
+            condition.name,
+            frequency,
+            episode,
+            result.steps,
+            energy.steps(scenario, frequency),
+            round(energy.seconds(scenario), 6),
+            result.start,
+            place_of(scenario),
+            packed(result.commands),
+        )
 
 
-def tried(limits: Limits, protocol: schema.Protocol, config: dict[str, Any]) -> list[str]:
-    """Plays the commands of limits in the simulator; a line for each that does not arrive as it says.
+def wrong_bounds(limits: Limits, protocol: schema.Protocol, config: dict[str, Any]) -> list[str]:
+    """Replay the commands of bounds in the simulator; return a line for each that does not arrive in its steps.
 
     Raises:
         ConfigError: as `compute`.
+        RunError: commands are damaged.
     """
     wrong = []
-    by_name = {condition.name: condition for condition in circumstances(protocol, config)}
-    for held in limits.conditions:
-        condition = by_name[held.name]
-        trial = Trial(condition.config)
-        there = all_scenarios(condition, protocol)
-        for episode, steps, commands in zip(held.episodes.tolist(), held.steps, held.commands, strict=True):
-            outcome = trial.run(there[episode], commands)
-            if not outcome.arrived or outcome.steps != steps:
-                ends = outcome.record["outcome"] if not outcome.arrived else "success"
+    by_name = {condition.name: condition for condition in resolve_conditions(protocol, config)}
+    for name in limits.conditions():
+        trial = Trial(by_name[name].config)
+        there = all_scenarios(by_name[name], protocol)
+        for bound in limits.condition(name):
+            outcome = trial.run(there[bound.episode], bound.found().commands)
+            if not outcome.arrived or outcome.steps != bound.steps:
                 wrong.append(
-                    f"{held.name}, episode {episode}: {ends} after {outcome.steps} steps, not arrived after {steps}"
+                    f"{name}, episode {bound.episode}: {outcome.record['outcome']} after {outcome.steps} steps, not "
+                    f"arrived after {bound.steps}"
                 )
     return wrong
 
 
-def _search(
-    condition: Circumstance,
-    protocol: schema.Protocol,
-    journal: Journal,
-    *,
-    pool: Pool | None,
-    passes: int,
-    others: Sequence[Path],
-    tell: Tell,
-) -> list[Found]:
-    """What is found for each episode of a condition."""
-    config = condition.config
-    own = Search(config)
-    there = all_scenarios(condition, protocol)
-    driven = drive(config, np.arange(len(there)), protocol.seed, protocol.scenarios)
-    adopted = _adopted(own, there, known_commands(others, own.vehicle.name, config.step.frequency, there))
-    for e, found in adopted.items():
-        for turn in range(1, passes + 1):
-            if (condition.name, turn, e) not in journal.found:
-                journal.add((condition.name, turn, e), found)
-    jobs = [Job((condition.name, 1, e), there[e], driven[e], None, ()) for e in range(len(there))]
-    first = _carry_out(jobs, config, own, journal, pool, tell)
-    if passes < 2:
-        return first
-    near = _neighbours(there)
-    jobs = [
-        Job(
-            (condition.name, 2, e),
-            there[e],
-            None,
-            first[e],
-            tuple((there[other], first[other].commands) for other in near[e]),
-        )
-        for e in range(len(there))
-    ]
-    return _carry_out(jobs, config, own, journal, pool, tell)
-
-
-def _adopted(
-    own: Search, there: Sequence[Scenario], known: Mapping[int, tuple[str, Commands]]
-) -> dict[int, Found]:
-    """By episode, what others found for the same scenario, where it arrives here too."""
-    adopted = {}
-    for e, (start, commands) in known.items():
-        if commands.shape[1:] == (len(own.vehicle.units),):
-            outcome = own.trial.run(there[e], commands)
-            if outcome.arrived:
-                adopted[e] = Found(outcome.steps, commands[: outcome.steps], start)
-    return adopted
-
-
-def all_scenarios(condition: Circumstance, protocol: schema.Protocol) -> list[Scenario]:
-    """Those of the protocol's episodes, in their order."""
+def all_scenarios(condition: ResolvedCondition, protocol: schema.Protocol) -> list[Scenario]:
+    """Return the scenarios of a protocol's episodes, in their order."""
     batch = batch_of(protocol.scenarios, silent(condition.config), protocol.episodes, protocol.seed)
     batch.task.assign(np.arange(protocol.episodes))
     batch.reset()
     return scenarios(batch)
 
 
-def _neighbours(there: Sequence[Scenario]) -> list[list[int]]:
-    """The nearest other scenarios of each, as seen from the start, nearest first."""
-    targets = np.array([scenario.target for scenario in there])
-    found = []
-    for e, target in enumerate(targets):
-        distance = np.linalg.norm(targets - target, axis=1)
-        distance[e] = np.inf
-        order = np.argsort(distance, kind="stable")[: min(NEIGHBOURS, len(there) - 1)]
-        found.append(order.tolist())
-    return found
+class _Condition:
+    """The searches of one condition."""
+
+    def __init__(
+        self,
+        condition: ResolvedCondition,
+        protocol: schema.Protocol,
+        journal: Journal,
+        pool: Pool | None,
+        tell: Tell,
+    ) -> None:
+        self.name = condition.name
+        self.place = Place(condition.config, protocol.seed, protocol.scenarios)
+        self.there = all_scenarios(condition, protocol)
+        self.journal, self.pool, self.tell = journal, pool, tell
+
+    def results(self, passes: int, others: Sequence[Path], again: bool) -> list[Found]:
+        """Return the best result of each episode."""
+        known = self._known(others)
+        for e, found in {} if again else known.items():
+            for turn in range(1, passes + 1):
+                if (self.name, turn, e) not in self.journal.found:
+                    self.journal.add((self.name, turn, e), found)
+        jobs = [Job((self.name, 1, e), scenario, known.get(e)) for e, scenario in enumerate(self.there)]
+        first = self._carry_out(jobs)
+        if passes < 2:
+            return first
+        jobs = []
+        for e, near in enumerate(self._neighbours()):
+            starts = tuple((self.there[other], first[other].commands) for other in near)
+            jobs.append(Job((self.name, 2, e), self.there[e], first[e], starts))
+        return self._carry_out(jobs)
+
+    def _known(self, folders: Sequence[Path]) -> dict[int, Found]:
+        """Return by episode the commands of earlier results that arrive here too."""
+        trial = Trial(self.place.config)
+        known = {}
+        found = known_results(folders, trial.vehicle.name, self.place.config.step.frequency, self.there)
+        for e, result in found.items():
+            if result.commands.shape[1:] == (len(trial.vehicle.units),):
+                outcome = trial.run(self.there[e], result.commands)
+                if outcome.arrived:
+                    known[e] = Found(result.commands[: outcome.steps], result.start)
+        return known
+
+    def _neighbours(self) -> list[list[int]]:
+        """Return the nearest other scenarios of each, as seen from the start, nearest first."""
+        targets = np.array([scenario.target for scenario in self.there])
+        distance = np.linalg.norm(targets[:, None] - targets, axis=2)
+        np.fill_diagonal(distance, np.inf)
+        nearest: list[list[int]] = np.argsort(distance, axis=1, kind="stable").tolist()
+        return [row[: min(NEIGHBOURS, len(row) - 1)] for row in nearest]
+
+    def _carry_out(self, jobs: Sequence[Job]) -> list[Found]:
+        waiting = {}
+        for job in jobs:
+            known = self.journal.found.get(job.key)
+            if known is None:
+                waiting[job.key] = (self.place, job)
+            else:
+                self.tell(job.key, known)
+        for key, found in _here(waiting) if self.pool is None else _apart(waiting, self.pool):
+            self.journal.add(key, found)
+            self.tell(key, found)
+        return [self.journal.found[job.key] for job in jobs]
 
 
-def _carry_out(
-    jobs: Sequence[Job],
-    config: schema.TrainConfig,
-    own: Search,
-    journal: Journal,
-    pool: Pool | None,
-    tell: Tell,
-) -> list[Found]:
-    waiting = {}
-    for job in jobs:
-        known = journal.found.get(job.key)
-        if known is None:
-            waiting[job.key] = job
-        else:
-            tell(job.key, known)
-    for key, found in _here(waiting, own) if pool is None else _apart(waiting, config, pool):
-        journal.add(key, found)
-        tell(key, found)
-    return [journal.found[job.key] for job in jobs]
-
-
-def _solve(search: Search, job: Job) -> Found:
-    if job.driven is not None:
-        return search.first(job.scenario, job.driven)
-    assert job.known is not None
-    return search.again(job.scenario, job.known, job.others)
-
-
-def _here(jobs: Mapping[Key, Job], own: Search) -> Iterator[tuple[Key, Found]]:
-    for key, job in jobs.items():
+def _here(jobs: Mapping[Key, tuple[Place, Job]]) -> Iterator[tuple[Key, Found]]:
+    for key, (place, job) in jobs.items():
         with interruption.immediate() as request:
             try:
-                found = _solve(own, job)
+                found = _solve(place, job)
             except Exception:  # CasADi may make another error of the interruption, and IPOPT swallow it
                 if request.signal is None:
                     raise
@@ -303,21 +289,25 @@ def _here(jobs: Mapping[Key, Job], own: Search) -> Iterator[tuple[Key, Found]]:
         yield key, found
 
 
-def _apart(jobs: Mapping[Key, Job], config: schema.TrainConfig, pool: Pool) -> Iterator[tuple[Key, Found]]:
-    arguments = {key: (config, job) for key, job in jobs.items()}
+def _apart(jobs: Mapping[Key, tuple[Place, Job]], pool: Pool) -> Iterator[tuple[Key, Found]]:
     with interruption.immediate():
-        for key, found in pool.results(_work, arguments, "search"):
+        for key, found in pool.results(_solve, jobs, "search"):
             if isinstance(found, WorkerDiedError):
-                raise WorkerDiedError(f"{found}; what was found is kept: type the command again")
+                raise WorkerDiedError(f"{found}; finished searches are kept: repeat the command to continue")
             yield key, found
 
 
-_own: tuple[schema.TrainConfig, Search] | None = None
-"""Condition and search of the last job in this process; a search takes a second to build."""
+_built: tuple[Place, Search, WarmStarts] | None = None
+"""Search of the last job in this process; one takes a second to build."""
 
 
-def _work(config: schema.TrainConfig, job: Job) -> Found:
-    global _own
-    if _own is None or _own[0] != config:
-        _own = config, Search(config)
-    return _solve(_own[1], job)
+def _solve(place: Place, job: Job) -> Found:
+    global _built
+    if _built is None or _built[0] != place:
+        _built = place, Search(place.config), WarmStarts(place.config, place.seed, place.scenarios)
+    _, search, starts = _built
+    _, turn, episode = job.key
+    if turn == 1:
+        return search.first(job.scenario, starts.commands(episode), job.known)
+    assert job.known is not None
+    return search.again(job.scenario, job.known, job.others)

@@ -1,100 +1,120 @@
-"""The limits of a protocol's scenarios as files, in the package and beside runs.
+"""Bounds of a protocol's scenarios as files, in the package and next to experiments.
 
-    <folder>/<protocol>-<vehicle>/limits.csv     a row per condition and episode
-                                 /commands.npz   the commands that arrive in `steps`, one after the other
-                                 /summary.json   fingerprint, versions, digests of the two
+    <folder>/<protocol>-<vehicle>/bounds.jsonl   a line per condition and episode
+                                 /summary.json   fingerprint, versions, digest of the lines
+    <folder>/.<protocol>-<vehicle>/journal.jsonl  finished searches of a computation under way
 
-The commands are what makes a limit checkable: `tried` plays them once more.
+A line holds the commands that arrive, so that `compute.wrong_bounds` can replay them.
 """
 
 from __future__ import annotations
 
-import csv
-import io
+import base64
+import json
+import os
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import RunError
-from auvbench.evaluation.bounds.trial import Commands, Scenario
+from auvbench.evaluation.bounds.command_replay import Commands, Scenario
 from auvbench.runs import integrity
-from auvbench.runs.atomic_io import as_json, replace_folder, storage
-from auvbench.untrusted import archives, reading, tables, typed_json
+from auvbench.runs.atomic_io import as_json, fsync_directory, make_folder, replace_folder, storage
+from auvbench.untrusted import documents, reading, typed_json
 from auvbench.untrusted.text import short
-from auvbench.untrusted.typed_json import Name
+from auvbench.untrusted.typed_json import Count, Name, Prose, Range, Seconds
 
-SCHEMA_VERSION = 1
-COLUMNS = (
-    "condition",
-    "frequency_hz",
-    "episode",
-    "steps",
-    "time_s",
-    "least_steps",
-    "least_s",
-    "start",
-    "waypoint_x_m",
-    "waypoint_y_m",
-    "waypoint_z_m",
-    "start_yaw_rad",
-)
-PLACES = ("waypoint_x_m", "waypoint_y_m", "waypoint_z_m", "start_yaw_rad")
+SCHEMA_VERSION = 2
+LINES = "bounds.jsonl"
 FOLDER = "bounds"
-"""beside the experiments in the folder of results, and in this package"""
+"""next to the experiments in the folder of results, and in this package"""
+LONGEST = 100_000_000
+"""bytes of commands of one scenario"""
 
 Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
+Place = tuple[float, float, float, float]
+"""waypoint x, y, z in m, start yaw in rad"""
+Key = tuple[str, int, int]
+"""condition, pass (1 or 2), episode"""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ConditionLimits:
-    """The limits under one condition, in the order of the episodes."""
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The fewest steps found so far."""
 
-    name: str
-    frequency: float
-    episodes: Integers
-    """(n,)"""
-    steps: Integers
-    """(n,) fewest steps found: the true optimum needs as many or fewer"""
-    least: Integers
-    """(n,) steps below which it is proven that none arrives"""
-    places: Floats
-    """(n, 4) waypoint in m and yaw in rad: columns PLACES"""
-    start: tuple[str, ...]
-    """(n,) what the search began from"""
-    commands: tuple[Commands, ...] = field(default=(), repr=False)
-    """(n) arrays (steps, n_u); empty where they were not read"""
-    least_seconds: Floats = field(default_factory=lambda: np.zeros(0))
-    """(n,) s, the proven bound before it is rounded up to steps"""
+    commands: Commands
+    """(steps, n_u) that arrive in the simulator"""
+    start: str
+    """what the search began from"""
+
+    @property
+    def steps(self) -> int:
+        return len(self.commands)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """One scenario, a line of bounds.jsonl."""
+
+    condition: Name
+    frequency_hz: Annotated[float, Range(1e-9)]
+    episode: Count
+    steps: Annotated[int, Range(1)]
+    """fewest found: the optimum needs as many or fewer"""
+    least_steps: Annotated[int, Range(1)]
+    """no commands arrive in fewer"""
+    least_s: Seconds
+    """the same before it is rounded up to steps"""
+    start: Name
+    """what the search began from"""
+    place: Place
+    commands: Prose
+    """packed, (steps, n_u)"""
+
+    def found(self) -> Found:
+        """Return the commands.
+
+        Raises:
+            RunError: they are damaged.
+        """
+        try:
+            return Found(_unpacked(self.commands, self.steps), self.start)
+        except ValueError as error:
+            raise RunError(f"bound of {self.condition}, episode {self.episode}: {short(error)}") from error
+
+
+@dataclass(frozen=True, slots=True)
 class Limits:
-    """Those of one protocol and vehicle."""
+    """The bounds of one protocol and vehicle."""
 
     protocol: str
     vehicle: str
     fingerprint: str
     parts: Mapping[str, str]
     """scenarios and outcomes, as in an evaluation's summary"""
-    conditions: tuple[ConditionLimits, ...]
+    bounds: tuple[Bound, ...]
     left_out: tuple[str, ...] = ()
-    """conditions that have no limit, and why, a line each"""
+    """conditions without a bound, and why, a line each"""
     search: Mapping[str, Any] = field(default_factory=dict)
     """how it was searched"""
 
-    def condition(self, name: str) -> ConditionLimits | None:
-        return next((c for c in self.conditions if c.name == name), None)
+    def conditions(self) -> list[str]:
+        return list(dict.fromkeys(bound.condition for bound in self.bounds))
+
+    def condition(self, name: str) -> list[Bound]:
+        """Return the bounds under one condition, in the order of the episodes; empty where it has none."""
+        return [bound for bound in self.bounds if bound.condition == name]
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """summary.json of a folder of limits."""
+    """summary.json of a folder of bounds."""
 
     protocol: Name
     vehicle: Name
@@ -105,8 +125,33 @@ class Summary:
     files: dict[str, integrity.FileEntry]
 
 
+@dataclass(frozen=True, slots=True)
+class JournalLine:
+    """A finished search."""
+
+    condition: Name
+    turn: Count
+    episode: Count
+    start: Name
+    steps: Annotated[int, Range(1)]
+    commands: Prose
+
+
+def packed(commands: Commands) -> Prose:
+    """Return commands (T, n_u) as text."""
+    return Prose(base64.b85encode(zlib.compress(commands.tobytes(), 9)).decode("ascii"))
+
+
+def _unpacked(text: str, steps: int) -> Commands:
+    try:
+        data = zlib.decompressobj().decompress(base64.b85decode(text), LONGEST)
+    except zlib.error as error:
+        raise ValueError(f"commands are damaged ({error})") from error
+    return np.frombuffer(data, dtype=np.int8).reshape(steps, -1)
+
+
 def shipped() -> Path:
-    """Where the package keeps those that come with it."""
+    """Return the folder of the bounds that come with the package."""
     return Path(str(resources.files("auvbench.evaluation.bounds"))) / "shipped"
 
 
@@ -115,38 +160,32 @@ def folder_of(root: Path, protocol: str, vehicle: str) -> Path:
 
 
 def write(folder: Path, limits: Limits) -> None:
-    """Writes the three files.
+    """Write both files.
 
     Raises:
         TrainingError: the disk is full, read-only or failing.
     """
-    files = {"limits.csv": _csv(limits), "commands.npz": _npz(limits)}
+    lines = b"".join(_line(asdict(bound)) for bound in limits.bounds)
     summary = {
         "schema_version": SCHEMA_VERSION,
         "protocol": limits.protocol,
         "vehicle": limits.vehicle,
         "fingerprint": limits.fingerprint,
         "fingerprint_parts": dict(limits.parts),
-        "conditions": [{"name": c.name, "episodes": len(c.episodes)} for c in limits.conditions],
         "left_out": list(limits.left_out),
         "search": dict(limits.search),
         "versions": {name: metadata.version(name) for name in ("auvbench", "casadi", "numpy")},
-        integrity.FILES: {name: integrity.entry(data) for name, data in files.items()},
+        integrity.FILES: {LINES: integrity.entry(lines)},
     }
-    files["summary.json"] = as_json(integrity.sealed(summary))
     with storage(f"cannot write {folder}"):
-        replace_folder(folder, files)
+        replace_folder(folder, {LINES: lines, "summary.json": as_json(integrity.sealed(summary))})
 
 
-def read(folder: Path, *, commands: bool = False) -> Limits | None:
-    """What lies in a folder, checked against its digests; None where nothing does.
-
-    Args:
-        folder: of one protocol and vehicle.
-        commands: read them too.
+def read(folder: Path) -> Limits | None:
+    """Return the bounds in a folder, checked against their digest; None where the folder is missing.
 
     Raises:
-        RunError: a file is damaged, missing or not of the version that is read here.
+        RunError: a file is damaged, missing or of another version.
     """
     try:
         summary = integrity.read_sealed(folder / "summary.json", SCHEMA_VERSION)
@@ -155,154 +194,156 @@ def read(folder: Path, *, commands: bool = False) -> Limits | None:
         return None
     except (OSError, ValueError) as error:
         raise RunError(f"{folder}/summary.json: {short(error)}") from error
-    names = ("limits.csv", "commands.npz") if commands else ("limits.csv",)
-    data = {name: _checked(folder / name, summary) for name in names}
     try:
-        return _limits(about, data["limits.csv"], data.get("commands.npz"))
-    except (KeyError, TypeError, ValueError) as error:
-        raise RunError(f"{folder}: the limits cannot be read ({short(error)})") from error
-
-
-def _checked(path: Path, summary: Mapping[str, Any]) -> bytes:
-    try:
-        data = reading.content(path)
+        data = reading.content(folder / LINES)
+        if wrong := integrity.difference(summary, LINES, data):
+            raise ValueError(wrong)
+        bounds = tuple(typed_json.convert(documents.json_value(line), Bound) for line in data.splitlines())
+        for bound in bounds:
+            if bound.least_steps > bound.steps:
+                raise ValueError(f"episode {bound.episode}: the lower bound exceeds the upper one")
     except (OSError, ValueError) as error:
-        raise RunError(f"{path} cannot be read ({getattr(error, 'strerror', None) or error})") from error
-    if wrong := integrity.difference(summary, path.name, data):
-        raise RunError(f"{path}: {wrong}")
-    return data
-
-
-def _limits(summary: Summary, text: bytes, packed: bytes | None) -> Limits:
-    frame = tables.csv(text, words=("condition",))
-    if missing := [name for name in COLUMNS if name not in frame.columns]:
-        raise ValueError(f"limits.csv lacks {', '.join(missing)}")
-    arrays = {}
-    if packed is not None:
-        with archives.opened(packed) as archive:
-            arrays = {name: np.asarray(archive[name]) for name in archive.files}
-    found = []
-    for number, name in enumerate(dict.fromkeys(frame["condition"])):
-        rows = frame[frame["condition"] == name]
-        steps = rows["steps"].to_numpy(dtype=np.int64)
-        least = rows["least_steps"].to_numpy(dtype=np.int64)
-        if (steps < 1).any() or (least < 1).any() or (least > steps).any():
-            raise ValueError(f"condition {name} has a limit that is none")
-        commands = arrays.get(f"condition_{number}")
-        if commands is not None and (commands.dtype != np.int8 or len(commands) != steps.sum()):
-            raise ValueError("commands.npz is not that of limits.csv")
-        found.append(
-            ConditionLimits(
-                name=name,
-                frequency=float(rows["frequency_hz"].iloc[0]),
-                episodes=rows["episode"].to_numpy(dtype=np.int64),
-                steps=steps,
-                least=least,
-                places=rows[list(PLACES)].to_numpy(dtype=np.float64),
-                start=tuple(rows["start"].astype(str)),
-                commands=() if commands is None else tuple(np.split(commands, np.cumsum(steps)[:-1])),
-                least_seconds=rows["least_s"].to_numpy(dtype=np.float64),
-            )
-        )
+        raise RunError(f"{folder / LINES}: {short(error)}") from error
     return Limits(
-        summary.protocol,
-        summary.vehicle,
-        summary.fingerprint,
-        summary.fingerprint_parts,
-        tuple(found),
-        tuple(summary.left_out),
-        summary.search,
+        about.protocol,
+        about.vehicle,
+        about.fingerprint,
+        about.fingerprint_parts,
+        bounds,
+        tuple(about.left_out),
+        about.search,
     )
-
-
-def _csv(limits: Limits) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for c in limits.conditions:
-        for i, episode in enumerate(c.episodes.tolist()):
-            steps, least = int(c.steps[i]), int(c.least[i])
-            writer.writerow(
-                (
-                    c.name,
-                    c.frequency,
-                    episode,
-                    steps,
-                    steps / c.frequency,
-                    least,
-                    round(float(c.least_seconds[i]), 6),
-                    c.start[i],
-                    *c.places[i].tolist(),
-                )
-            )
-    return text.getvalue().encode()
-
-
-def _npz(limits: Limits) -> bytes:
-    stream = io.BytesIO()
-    arrays = {f"condition_{i}": np.concatenate(c.commands) for i, c in enumerate(limits.conditions)}
-    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-    return stream.getvalue()
-
-
-def known_commands(
-    folders: Iterable[Path], vehicle: str, frequency: float, scenarios: Sequence[Scenario]
-) -> dict[int, tuple[str, Commands]]:
-    """By place in `scenarios`, commands that other protocols' limits hold for the same start and waypoint.
-
-    They are only worth something after they have been tried; folders that cannot be read have none.
-    """
-    by_place: dict[tuple[float, ...], tuple[str, Commands]] = {}
-    for folder in folders:
-        try:
-            limits = read(folder, commands=True)
-        except RunError:
-            continue
-        if limits is None or limits.vehicle != vehicle:
-            continue
-        for condition in limits.conditions:
-            if condition.frequency != frequency:
-                continue
-            for place, start, commands in zip(
-                condition.places, condition.start, condition.commands, strict=True
-            ):
-                key = tuple(np.round(place, 6).tolist())
-                if key not in by_place or len(commands) < len(by_place[key][1]):
-                    by_place[key] = (start, commands)
-    keys = [tuple(np.round([*s.waypoint, s.yaw], 6).tolist()) for s in scenarios]
-    return {i: by_place[key] for i, key in enumerate(keys) if key in by_place}
 
 
 def find(
     protocol: str, vehicle: str, fingerprint: str, roots: Sequence[Path]
 ) -> tuple[Limits | None, list[str]]:
-    """The limits of these very scenarios, from the first folder of limits that has them, else from the package.
+    """Find the bounds of these scenarios.
 
     Args:
         protocol: its name.
         vehicle: its name.
-        fingerprint: of the scenarios and their physics; limits of another are never used.
-        roots: folders of limits that are looked at before the package's.
+        fingerprint: of the scenarios and their physics; bounds of another are never used.
+        roots: folders of bounds that are searched before the package's.
 
     Returns:
-        the limits or None, and a line for each folder that could not be used.
+        the bounds or None, and a line for each folder that could not be used.
     """
-    said = []
+    refused = []
     for root in dict.fromkeys((*roots, shipped())):
         folder = folder_of(root, protocol, vehicle)
         try:
             limits = read(folder)
         except RunError as error:
-            said.append(str(error))
+            refused.append(str(error))
             continue
         if limits is None:
             continue
         if limits.fingerprint == fingerprint and (limits.protocol, limits.vehicle) == (protocol, vehicle):
-            return limits, said
-        said.append(f"{folder}: of other scenarios ({short(limits.fingerprint, 20)}, not {fingerprint})")
-    return None, said
+            return limits, refused
+        refused.append(f"{folder}: of other scenarios ({short(limits.fingerprint, 20)}, not {fingerprint})")
+    return None, refused
+
+
+def known_results(
+    folders: Iterable[Path], vehicle: str, frequency: float, scenarios: Sequence[Scenario]
+) -> dict[int, Found]:
+    """Return by position in `scenarios` the best commands for the same start and waypoint.
+
+    They count only after a replay. Folders that cannot be read are left out.
+    """
+    best: dict[tuple[float, ...], Bound] = {}
+    for folder in folders:
+        try:
+            limits = read(folder)
+        except RunError:
+            continue
+        for bound in limits.bounds if limits is not None and limits.vehicle == vehicle else ():
+            key = tuple(np.round(bound.place, 6).tolist())
+            if bound.frequency_hz == frequency and (key not in best or bound.steps < best[key].steps):
+                best[key] = bound
+    keys = [tuple(np.round(place_of(scenario), 6).tolist()) for scenario in scenarios]
+    return {i: best[key].found() for i, key in enumerate(keys) if key in best}
+
+
+def place_of(scenario: Scenario) -> Place:
+    x, y, z = scenario.waypoint.tolist()
+    return x, y, z, scenario.yaw
 
 
 def is_name(text: str) -> bool:
-    """Whether a protocol or vehicle of this name can name a folder."""
+    """Return whether a protocol or vehicle of this name can name a folder."""
     return bool(text) and Path(text).name == text and not text.startswith(".")
+
+
+class Journal:
+    """A file of finished searches that only grows; a line that a crash cut off is ignored and overwritten.
+
+    Args:
+        path: of the file; its folder is created.
+        header: what the search is of. A journal with another header is deleted.
+
+    Raises:
+        TrainingError: the disk is full, read-only or failing.
+    """
+
+    def __init__(self, path: Path, header: Mapping[str, Any]) -> None:
+        self.path = path
+        first = _line(dict(header))
+        with storage(f"cannot write {path}"):
+            make_folder(path.parent)
+            self.found, kept = _read_journal(path, first)
+            self._file = path.open("r+b" if kept else "wb")
+            self._file.truncate(kept)
+            self._file.seek(kept)
+            self._append(b"" if kept else first)
+            fsync_directory(path.parent)
+
+    def add(self, key: Key, found: Found) -> None:
+        """Keep a result.
+
+        Raises:
+            TrainingError: the disk is full, read-only or failing.
+        """
+        with storage(f"cannot write {self.path}"):
+            self._append(_line(asdict(JournalLine(*key, found.start, found.steps, packed(found.commands)))))
+        self.found[key] = found
+
+    def close(self) -> None:
+        self._file.close()
+
+    def remove(self) -> None:
+        self.close()
+        self.path.unlink(missing_ok=True)
+
+    def _append(self, line: bytes) -> None:
+        self._file.write(line)
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+def _line(entry: Mapping[str, Any]) -> bytes:
+    return json.dumps(entry).encode() + b"\n"
+
+
+def _read_journal(path: Path, header: bytes) -> tuple[dict[Key, Found], int]:
+    """Return the results under a header and the bytes of their complete lines; nothing and 0 for another header."""
+    try:
+        data = reading.content(path, reading.DATA)
+    except (FileNotFoundError, ValueError):
+        return {}, 0
+    if not data.startswith(header):
+        return {}, 0
+    found: dict[Key, Found] = {}
+    kept = len(header)
+    for text in data[kept:].splitlines(keepends=True):
+        try:
+            line = typed_json.convert(documents.json_value(text), JournalLine)
+            if not text.endswith(b"\n"):
+                break
+            commands = _unpacked(line.commands, line.steps)
+        except ValueError:
+            break
+        found[line.condition, line.turn, line.episode] = Found(commands, line.start)
+        kept += len(text)
+    return found, kept

@@ -3,53 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.errors import TrainingError
-from auvbench.evaluation.bounds.guesses import straight
-from auvbench.evaluation.bounds.transcription import Plan, Programs
-from auvbench.evaluation.bounds.trial import Commands, Scenario, Trial, actions, kept
+from auvbench.evaluation.bounds.command_replay import Commands, Scenario, Trial, actions, kept
+from auvbench.evaluation.bounds.files import Found
+from auvbench.evaluation.bounds.transcription import INTERVALS, Plan, Programs
 from auvbench.vehicles.symbolic import symbolic
 
 Floats = NDArray[np.float64]
 
 ATTEMPTS = 5
-"""numbers of steps that are tried for one plan"""
-REFINED = 1
-"""plans that are refined, of those that the coarse grid finds: more gained nothing in 20 scenarios"""
+"""numbers of steps tried for one plan"""
+SPEED = 1.0
+"""m/s along a straight line; only the order of magnitude matters"""
 LEAST_GAIN = 0.7
-"""of a step, as a share of the way that the last one went: where less than this is left over, no step is to be saved"""
+"""share of the way of the last step: with less than this to spare, no step can be saved"""
 COARSE = 2
-"""steps for which the first search holds a thrust; the second may change it at each"""
-VERSION = 2
-"""of the search: what an earlier one left half done is begun anew"""
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """The fewest steps found so far, and the commands that take the vehicle into the goal in them."""
-
-    steps: int
-    commands: Commands
-    """(steps, n_u), tried out in the simulator"""
-    start: str
-    """what the search began from"""
-    solved: int = 0
-    """programmes that IPOPT solved"""
-    failed: int = 0
-    """programmes that it did not"""
+"""steps for which the first search holds a thrust; the second one may change it at each step"""
+VERSION = 3
+"""of the search; a journal of another version is deleted"""
 
 
 class Search:
-    """Of one vehicle in one condition.
+    """The search for one vehicle under one condition.
 
     Args:
-        config: of the condition: vehicle, task and frequency.
+        config: of the condition (vehicle, task, frequency).
 
     Raises:
         ConfigError: the symbolic equations do not cover the vehicle.
@@ -69,38 +53,44 @@ class Search:
             task.goal_radius,
         )
 
-    def first(self, scenario: Scenario, driven: Commands) -> Found:
-        """From commands (T, n_u) that somebody drove there with; thrusts are held for `COARSE` steps.
+    def first(self, scenario: Scenario, starts: Mapping[str, Commands], known: Found | None = None) -> Found:
+        """Search from commands (T, n_u) of controllers, holding each thrust for `COARSE` steps.
 
-        From the straight way where that finds nothing better than they do.
+        A straight line is the start where that finds nothing better than the commands themselves.
+
+        Args:
+            scenario: start and waypoint.
+            starts: by controller; those that do not arrive are left out.
+            known: an earlier result: the new one is no worse.
 
         Raises:
             TrainingError: the simulation left the finite numbers.
         """
-        known = self._driven(scenario, driven)
-        found = None
-        if known is not None:
-            found = self._improve(scenario, known, [("pid", self.plan_of(scenario, driven))], COARSE)
-            if found.steps < known.steps:
+        arrived = [found for name in starts if (found := self.replay(scenario, starts[name], name))]
+        best = min([*([] if known is None else [known]), *arrived], key=lambda f: f.steps, default=None)
+        if best is not None:
+            plans = [(found.start, self.plan_of(scenario, found.commands)) for found in arrived]
+            found = self._improve(scenario, best, plans, COARSE)
+            if found.steps < best.steps:
                 return found
-        # Nobody drove there, or the way that was driven leads to no better one.
-        way = ("straight", straight(self.programs, scenario.target))
-        other = self._improve(scenario, known, [way], COARSE)
-        return (
-            other
-            if found is None
-            else replace(other, solved=other.solved + found.solved, failed=other.failed + found.failed)
-        )
+        return self._improve(scenario, best, [("straight", self._straight(scenario.target))], COARSE)
+
+    def replay(self, scenario: Scenario, commands: Commands, start: str) -> Found | None:
+        """Return commands (T, n_u) as a result; None where they do not arrive."""
+        outcome = self.trial.run(scenario, commands)
+        return Found(commands[: outcome.steps], start) if outcome.arrived else None
 
     def again(self, scenario: Scenario, known: Found, others: Sequence[tuple[Scenario, Commands]]) -> Found:
-        """From what was found for it and for other scenarios, and from the straight way."""
-        plans = [(f"neighbour {place}", self.plan_of(*other)) for place, other in enumerate(others, start=1)]
-        own = ("itself", self.plan_of(scenario, known.commands))
-        way = ("straight", straight(self.programs, scenario.target))
-        return self._improve(scenario, known, [own, way, *plans], 1)
+        """Search from an earlier result, from those of other scenarios, and from a straight line."""
+        plans = [
+            ("itself", self.plan_of(scenario, known.commands)),
+            ("straight", self._straight(scenario.target)),
+        ]
+        plans += [(f"neighbour {place}", self.plan_of(*other)) for place, other in enumerate(others, start=1)]
+        return self._improve(scenario, known, plans, 1)
 
     def plan_of(self, scenario: Scenario, commands: Commands) -> Plan:
-        """What commands (T, n_u) do in a scenario, seen from its start."""
+        """Return what commands (T, n_u) do in a scenario, seen from its start."""
         outcome = self.trial.run(scenario, commands)
         n = len(outcome.pose) - 1
         X = np.zeros((self.programs.model.n_x, n + 1))
@@ -118,36 +108,43 @@ class Search:
         X[13:, 1:] = thrust[lagging]
         return Plan(X, self.programs.shares(thrust), n / self.frequency)
 
-    def _driven(self, scenario: Scenario, commands: Commands) -> Found | None:
-        outcome = self.trial.run(scenario, commands)
-        return Found(outcome.steps, commands[: outcome.steps], "pid") if outcome.arrived else None
+    def _straight(self, waypoint: Floats) -> Plan:
+        """Return a straight line to the edge of the goal around a waypoint (3,) without turn and thrust."""
+        programs = self.programs
+        line = waypoint - programs.start[:3]
+        distance = float(np.linalg.norm(line))
+        way = line * (max(distance - self.radius, 0.1) / max(distance, 1e-9))
+        T = 1.0 + float(np.linalg.norm(way)) / SPEED
+        X = np.repeat(programs.start[:, None], INTERVALS + 1, axis=1)
+        X[:3] += way[:, None] * np.linspace(0.0, 1.0, INTERVALS + 1)
+        X[7:10, 1:] = (way / T)[:, None]
+        return Plan(X, np.repeat(programs.coasting[:, None], INTERVALS, axis=1), T)
 
     def _improve(
         self, scenario: Scenario, known: Found | None, guesses: Iterable[tuple[str, Plan]], hold: int
     ) -> Found:
-        """The best that grows from guesses: all are solved on the coarse grid, the quickest then step by step."""
-        plans, failed = [], 0
+        """Return the best that grows from guesses: the quickest plan of the coarse grid is refined step by step."""
+        plans = []
         for start, guess in guesses:
             plan, solved = self.programs.shortest(guess, scenario.target)
-            failed += not solved
             if solved:
                 plans.append((plan.T, start, plan))
         plans.sort(key=lambda entry: entry[0])  # stable: equally quick ones stay in their order
-        for _, start, plan in plans[:REFINED]:
-            if known is not None and plan.T * self.frequency > known.steps + 1:
-                break
+        if plans and (known is None or plans[0][0] * self.frequency <= known.steps + 1):
+            _, start, plan = plans[0]
             found = self._refine(scenario, plan, start, known, hold)
             known = found if known is None or (found is not None and found.steps < known.steps) else known
         if known is None:
+            place = np.round(scenario.waypoint, 2).tolist()
             raise TrainingError(
-                f"no way to the waypoint at {np.round(scenario.waypoint, 2).tolist()} was found, nor did PID get there"
+                f"no way to the waypoint at {place} was found, and no controller arrives there"
             )
-        return replace(known, solved=len(plans), failed=failed)
+        return known
 
     def _refine(
         self, scenario: Scenario, plan: Plan, start: str, known: Found | None, hold: int
     ) -> Found | None:
-        """The fewest steps in which a plan's neighbourhood reaches the goal in the simulator; None: none was found."""
+        """Return the fewest steps in which the neighbourhood of a plan reaches the goal in the simulator, if it does."""
         steps = max(1, math.ceil(plan.T * self.frequency))
         most = math.inf if known is None else known.steps - 1
         too_few, best = 0, None
@@ -164,7 +161,7 @@ class Search:
             pace = max(float(np.linalg.norm(outcome.velocity[-1, :3])), 0.1) / self.frequency
             distance = float(np.linalg.norm(outcome.pose[-1, :3] - scenario.waypoint))
             if outcome.arrived:
-                best = Found(outcome.steps, commands[: outcome.steps], start)
+                best = Found(commands[: outcome.steps], start)
                 most = outcome.steps - 1
                 spare = (self.radius - distance) / (LEAST_GAIN * pace)
                 if spare < 1.0:

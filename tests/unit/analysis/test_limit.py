@@ -47,19 +47,21 @@ def best() -> np.ndarray:
 
 
 def write(root: Path, fingerprint: str = "0123456789abcdef", protocol: str = "test") -> None:
-    steps = best().astype(np.int64)
-    held = files.ConditionLimits(
-        name="nominal",
-        frequency=FREQUENCY,
-        episodes=np.arange(EPISODES),
-        steps=steps,
-        least=steps // 2,
-        places=np.zeros((EPISODES, 4)),
-        start=("pid",) * EPISODES,
-        commands=tuple(np.zeros((n, 6), dtype=np.int8) for n in steps),
-        least_seconds=steps / 2 / FREQUENCY,
+    bounds = tuple(
+        files.Bound(
+            "nominal",
+            FREQUENCY,
+            episode,
+            steps,
+            steps // 2,
+            steps / 2 / FREQUENCY,
+            "pid",
+            (0.0, 0.0, 0.0, 0.0),
+            files.packed(np.zeros((steps, 6), dtype=np.int8)),
+        )
+        for episode, steps in enumerate(best().astype(int).tolist())
     )
-    limits = files.Limits(protocol, "bluerov2", fingerprint, {"scenarios": "a", "outcomes": "b"}, (held,))
+    limits = files.Limits(protocol, "bluerov2", fingerprint, {"scenarios": "a", "outcomes": "b"}, bounds)
     files.write(root / "outputs" / "bounds" / f"{protocol}-bluerov2", limits)
 
 

@@ -66,12 +66,12 @@ def test_computed_checked_and_not_computed_again(capsys: pytest.CaptureFixture[s
     out = capsys.readouterr().out
     assert "proven to be at least" in out
     assert "wrote outputs/bounds/near-bluerov2" in out
-    before = Path("outputs/bounds/near-bluerov2/limits.csv").stat().st_mtime_ns
+    before = Path("outputs/bounds/near-bluerov2/bounds.jsonl").stat().st_mtime_ns
     assert cli.main(["bound", "protocol=near"]) == 0
-    assert "there already" in capsys.readouterr().out
-    assert Path("outputs/bounds/near-bluerov2/limits.csv").stat().st_mtime_ns == before
+    assert "exist already" in capsys.readouterr().out
+    assert Path("outputs/bounds/near-bluerov2/bounds.jsonl").stat().st_mtime_ns == before
     assert cli.main(["bound", "protocol=near", "--check"]) == 0
-    assert "1 of 1 limits arrive in the simulator as they say" in capsys.readouterr().out
+    assert "1 of 1 trajectories arrive in their steps" in capsys.readouterr().out
     assert cli.main(["bound", "protocol=near", "protocol.episodes=2", "--check"]) == 2
     assert "of other scenarios" in capsys.readouterr().err
 

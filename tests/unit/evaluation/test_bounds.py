@@ -12,12 +12,11 @@ import pytest
 from auvbench.config import schema
 from auvbench.errors import ConfigError, RunError
 from auvbench.evaluation.bounds import files
-from auvbench.evaluation.bounds.compute import PRELOAD, all_scenarios, compute, eligible, tried
-from auvbench.evaluation.bounds.driven import drive
-from auvbench.evaluation.bounds.journal import Journal
-from auvbench.evaluation.bounds.proven import PRICES, Energy
-from auvbench.evaluation.bounds.search import Found, Search
-from auvbench.evaluation.protocol import circumstances, fingerprint
+from auvbench.evaluation.bounds.compute import PRELOAD, all_scenarios, compute, eligible, wrong_bounds
+from auvbench.evaluation.bounds.lower_bound import PRICES, Energy
+from auvbench.evaluation.bounds.search import Search
+from auvbench.evaluation.bounds.warm_starts import WarmStarts
+from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.runs.pool import Pool
 from auvbench.vehicles import sheet
 from auvbench.vehicles.symbolic import symbolic
@@ -49,7 +48,7 @@ def computed(
 ) -> tuple[Path, files.Limits]:
     root = tmp_path_factory.mktemp("computed")
     compute(*near, root)
-    limits = files.read(root / "test-bluerov2", commands=True)
+    limits = files.read(root / "test-bluerov2")
     assert limits is not None
     return root, limits
 
@@ -109,31 +108,31 @@ def test_nothing_is_proven_where_coriolis_forces_do_work() -> None:
     np.testing.assert_array_equal(turned.pace, real.pace)
 
 
-def test_nobody_arrives_sooner_than_is_proven() -> None:
-    protocol = protocol_of(episodes=40)
-    (condition,) = circumstances(protocol, config_of())
-    there = all_scenarios(condition, protocol)
-    driven = drive(condition.config, np.arange(len(there)), protocol.seed, "test")
+def test_no_controller_arrives_sooner_than_is_proven() -> None:
+    protocol = protocol_of(episodes=4)
+    (condition,) = resolve_conditions(protocol, config_of())
+    starts = WarmStarts(condition.config, protocol.seed, "test")
     energy = Energy(sheet.load("bluerov2"), 3.0)
-    least = np.array([energy.steps(scenario, 10.0) for scenario in there])
-    assert (least <= [len(commands) for commands in driven]).all()
-    assert np.median(least) > 20
+    for episode, scenario in enumerate(all_scenarios(condition, protocol)):
+        least = energy.steps(scenario, 10.0)
+        assert all(least <= len(commands) for commands in starts.commands(episode).values())
+        assert least > 20
 
 
-def test_what_is_found_arrives_and_is_no_slower_than_pid(
+def test_what_is_found_arrives_and_is_quicker_than_controllers(
     near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits]
 ) -> None:
     protocol, config = near
     _, limits = computed
     held = limits.condition("nominal")
-    assert held is not None
-    assert tried(limits, protocol, config) == []
-    (condition,) = circumstances(protocol, config)
-    driven = drive(condition.config, np.arange(3), protocol.seed, "test")
-    assert (held.steps <= [len(commands) for commands in driven]).all()
-    assert (held.steps < [len(commands) for commands in driven]).any()
-    assert (held.least <= held.steps).all()
-    assert [len(commands) for commands in held.commands] == held.steps.tolist()
+    assert wrong_bounds(limits, protocol, config) == []
+    (condition,) = resolve_conditions(protocol, config)
+    starts = WarmStarts(condition.config, protocol.seed, "test")
+    quickest = [min(map(len, starts.commands(episode).values())) for episode in range(3)]
+    steps = np.array([bound.steps for bound in held])
+    assert (steps <= quickest).all()
+    assert (steps < quickest).any()
+    assert all(bound.least_steps <= bound.steps == bound.found().steps for bound in held)
 
 
 def test_commands_that_do_not_arrive_are_named(
@@ -141,13 +140,12 @@ def test_commands_that_do_not_arrive_are_named(
 ) -> None:
     protocol, config = near
     _, limits = computed
-    held = limits.conditions[0]
-    far = int(held.steps.argmax())
-    idle = [np.zeros_like(c) if e == far else c for e, c in enumerate(held.commands)]
-    other = replace(held, commands=tuple(idle))
-    (line,) = tried(replace(limits, conditions=(other,)), protocol, config)
-    assert line.startswith(f"nominal, episode {far}: ")
-    assert line.endswith(f"not arrived after {held.steps[far]}")
+    far = max(limits.bounds, key=lambda bound: bound.steps)
+    idle = replace(far, commands=files.packed(np.zeros_like(far.found().commands)))
+    bounds = tuple(idle if bound is far else bound for bound in limits.bounds)
+    (line,) = wrong_bounds(replace(limits, bounds=bounds), protocol, config)
+    assert line.startswith(f"nominal, episode {far.episode}: ")
+    assert line.endswith(f"not arrived after {far.steps}")
 
 
 @pytest.mark.slow
@@ -157,7 +155,7 @@ def test_workers_and_interruptions_change_nothing(
     class Enough(Exception):
         pass
 
-    def stop(key: Any, found: Found) -> None:
+    def stop(key: Any, found: files.Found) -> None:
         if key[2] == 1:
             raise Enough
 
@@ -170,39 +168,44 @@ def test_workers_and_interruptions_change_nothing(
     with Pool(2, PRELOAD) as pool:
         compute(*near, tmp_path, pool=pool)
     assert not journal.exists()
-    for name in ("limits.csv", "commands.npz", "summary.json"):
+    for name in ("bounds.jsonl", "summary.json"):
         mine = (tmp_path / "test-bluerov2" / name).read_bytes()
         assert mine == (computed[0] / "test-bluerov2" / name).read_bytes(), name
 
 
 def test_a_journal_of_another_search_is_begun_anew(tmp_path: Path) -> None:
-    found = Found(2, np.array([[1, -127], [3, 4]], dtype=np.int8), "pid", 1, 0)
-    first = Journal(tmp_path / "j", {"fingerprint": "a"})
+    found = files.Found(np.array([[1, -127], [3, 4]], dtype=np.int8), "pid")
+    first = files.Journal(tmp_path / "j", {"fingerprint": "a"})
     first.add(("nominal", 1, 7), found)
     first.close()
-    again = Journal(tmp_path / "j", {"fingerprint": "a"})
+    again = files.Journal(tmp_path / "j", {"fingerprint": "a"})
     assert again.found[("nominal", 1, 7)].commands.tolist() == found.commands.tolist()
     again.close()
-    other = Journal(tmp_path / "j", {"fingerprint": "b"})
+    other = files.Journal(tmp_path / "j", {"fingerprint": "b"})
     assert other.found == {}
     other.close()
 
 
 def test_what_is_known_of_the_same_scenarios_is_taken_over(
-    near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits], tmp_path: Path
+    near: tuple[schema.Protocol, dict[str, Any]],
+    computed: tuple[Path, files.Limits],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     protocol, config = near
     less = replace(protocol, name="less", episodes=2)
-    seen = []
-    limits = compute(
-        less,
-        config,
-        tmp_path,
-        others=[computed[0] / "test-bluerov2"],
-        tell=lambda key, f: seen.append(f.solved),
-    )
-    assert seen == [0] * 4, "nothing is searched"
-    assert limits.conditions[0].steps.tolist() == computed[1].conditions[0].steps[:2].tolist()
+    monkeypatch.setattr("auvbench.evaluation.bounds.compute._solve", None)  # nothing is searched
+    limits = compute(less, config, tmp_path, others=[computed[0] / "test-bluerov2"])
+    assert limits.bounds == tuple(computed[1].bounds[:2])
+
+
+def test_a_search_again_is_never_worse_than_what_is_known(
+    near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits], tmp_path: Path
+) -> None:
+    protocol, config = near
+    one = replace(protocol, episodes=1)
+    limits = compute(one, config, tmp_path, passes=1, others=[computed[0] / "test-bluerov2"], again=True)
+    assert limits.bounds[0].steps <= computed[1].bounds[0].steps
 
 
 def test_limits_of_other_scenarios_and_damaged_ones_are_not_used(
@@ -210,7 +213,7 @@ def test_limits_of_other_scenarios_and_damaged_ones_are_not_used(
 ) -> None:
     root, limits = computed
     protocol, config = near
-    mine = fingerprint(protocol, circumstances(protocol, config))
+    mine = fingerprint(protocol, resolve_conditions(protocol, config))
     found, said = files.find("test", "bluerov2", mine, [root])
     assert found is not None
     assert said == []
@@ -218,8 +221,8 @@ def test_limits_of_other_scenarios_and_damaged_ones_are_not_used(
     assert none is None
     assert "of other scenarios" in said[0]
     files.write(tmp_path / "test-bluerov2", limits)
-    table = tmp_path / "test-bluerov2" / "limits.csv"
-    table.write_bytes(table.read_bytes().replace(b"nominal,10.0,0,", b"nominal,10.0,0,1"))
+    table = tmp_path / "test-bluerov2" / "bounds.jsonl"
+    table.write_bytes(table.read_bytes().replace(b'"episode": 0', b'"episode": 10'))
     none, said = files.find("test", "bluerov2", mine, [tmp_path])
     assert none is None
     assert "bytes instead of" in said[0]
@@ -230,29 +233,29 @@ def test_limits_of_other_scenarios_and_damaged_ones_are_not_used(
 def test_what_has_no_limit_is_refused() -> None:
     config = config_of()
     with pytest.raises(ConfigError, match="leaves the frequency to each agent"):
-        eligible(circumstances(protocol_of(frequency=None), config))
+        eligible(resolve_conditions(protocol_of(frequency=None), config))
     with pytest.raises(ConfigError, match="still water"):
-        eligible(circumstances(protocol_of("disturbance=calm"), config))
+        eligible(resolve_conditions(protocol_of("disturbance=calm"), config))
     with pytest.raises(ConfigError, match="simulator=gazebo has other equations"):
-        eligible(circumstances(protocol_of(), config_of("simulator=gazebo")))
+        eligible(resolve_conditions(protocol_of(), config_of("simulator=gazebo")))
     robust = configs.protocol("protocol=robustness")
-    good, left_out = eligible(circumstances(robust, config))
+    good, left_out = eligible(resolve_conditions(robust, config))
     assert {c.name for c in good} >= {"nominal", "noise=2"}
     assert any(line.startswith("current=0.5: ") for line in left_out)
-    (condition,) = circumstances(protocol_of(), config_of("vehicle=lrauv"))
+    (condition,) = resolve_conditions(protocol_of(), config_of("vehicle=lrauv"))
     with pytest.raises(ConfigError, match="cover thrusters"):
         Search(condition.config)
 
 
 def test_thrusters_with_lag_are_covered() -> None:
     protocol = protocol_of(*NEAR, episodes=1)
-    (condition,) = circumstances(protocol, config_of("vehicle=rexrov"))
+    (condition,) = resolve_conditions(protocol, config_of("vehicle=rexrov"))
     (scenario,) = all_scenarios(condition, protocol)
-    (driven,) = drive(condition.config, np.arange(1), protocol.seed, "test")
+    starts = WarmStarts(condition.config, protocol.seed, "test").commands(0)
     search = Search(condition.config)
-    found = search.first(scenario, driven)
+    found = search.first(scenario, starts)
     assert search.trial.run(scenario, found.commands).arrived
-    assert found.steps <= len(driven)
+    assert found.steps <= min(map(len, starts.values()))
 
 
 SHIPPED = sorted(folder.name for folder in files.shipped().glob("*-*") if folder.is_dir())
@@ -260,11 +263,9 @@ SHIPPED = sorted(folder.name for folder in files.shipped().glob("*-*") if folder
 
 @pytest.mark.parametrize("name", SHIPPED or [pytest.param("none", marks=pytest.mark.skip("none is shipped"))])
 def test_shipped_limits_are_of_today_s_scenarios_and_arrive(name: str) -> None:
-    limits = files.read(files.shipped() / name, commands=True)
+    limits = files.read(files.shipped() / name)
     assert limits is not None
     protocol = configs.protocol(f"protocol={limits.protocol}")
     config = config_of(f"vehicle={limits.vehicle}")
-    assert limits.fingerprint == fingerprint(protocol, circumstances(protocol, config))
-    assert tried(limits, protocol, config) == []
-    for held in limits.conditions:
-        assert (held.least <= held.steps).all()
+    assert limits.fingerprint == fingerprint(protocol, resolve_conditions(protocol, config))
+    assert wrong_bounds(limits, protocol, config) == []

@@ -77,7 +77,8 @@ def test_an_exported_policy_acts_as_its_run_does(tmp_path: Path, overrides: tupl
     done = exporting.export(run, tmp_path / "out")
     assert done.path == tmp_path / "out" / f"{run.id}.onnx"
     assert done.observations > 6000
-    assert exporting.answers_by_itself(run.config()["algo"]["agent"])
+    algo = run.config()["algo"]
+    assert not exporting.why_no_network(algo["name"], algo["agent"], True)
     assert 0.0 < done.difference <= exporting.LIMIT
     # Independently of the check that `export` makes itself.
     policy = exported.load(done.path)
@@ -166,7 +167,7 @@ def test_what_is_more_than_a_network_is_not_exported(
     run = trained(tmp_path, f"algo={algo}")
     assert cli.main(["export", str(run.path)]) == 2
     assert f"the actions of {algo} are not those of a network that answers each" in capsys.readouterr().err
-    assert not exporting.answers_by_itself(run.config()["algo"]["agent"])
+    assert exporting.why_no_network(algo, run.config()["algo"]["agent"], True)
 
 
 @pytest.mark.parametrize(
@@ -323,7 +324,7 @@ def test_a_card_of_another_vehicle_clock_or_frame_is_told(
     [
         (lambda: onnx_files.ending("Log"), "an action is a finite number in [-1, 1]"),
         (lambda: onnx_files.ending("Identity", gain=3.0), "an action is a finite number in [-1, 1]"),
-        (lambda: mixing(), "depends on the others beside it"),
+        (lambda: mixing(), "depends on the others in the batch"),
     ],
 )
 def test_a_file_that_answers_no_actions_is_a_failed_run(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from auvbench.errors import ConfigError
-from auvbench.evaluation.protocol import circumstances, fingerprint
+from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.vehicles.sheet import load
 from tests import configs
 
@@ -25,7 +25,7 @@ def config(*overrides: str) -> dict:
 
 
 def of(test, run: dict) -> str:
-    return fingerprint(test, circumstances(test, run))
+    return fingerprint(test, resolve_conditions(test, run))
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_how_a_test_is_carried_out_does_not_matter(override, base):
 
 def test_native_uses_each_agents_own_frequency_and_compares_across_them():
     test = protocol("protocol=native")
-    (condition,) = circumstances(test, config("step.frequency=55"))
+    (condition,) = resolve_conditions(test, config("step.frequency=55"))
     assert condition.config.step.frequency == 55
     assert of(test, config("step.frequency=55")) == of(test, config("step.frequency=10"))
 
@@ -91,7 +91,7 @@ def test_native_uses_each_agents_own_frequency_and_compares_across_them():
 def test_own_tests_a_run_in_what_it_was_trained_with(override):
     test = protocol("protocol=own")
     run = config(override, "step.frequency=25")
-    (condition,) = circumstances(test, run)
+    (condition,) = resolve_conditions(test, run)
     assert condition.config.step.frequency == 25
     group = override.partition("=")[0].partition(".")[0]
     assert dataclasses.asdict(getattr(condition.config, group)) == run[group]
@@ -100,7 +100,7 @@ def test_own_tests_a_run_in_what_it_was_trained_with(override):
 
 
 def test_robustness_has_levels_and_one_factor_at_a_time():
-    found = {c.name: c.config for c in circumstances(protocol("protocol=robustness"), config())}
+    found = {c.name: c.config for c in resolve_conditions(protocol("protocol=robustness"), config())}
     nominal = found["nominal"]
     assert found["current=1"].disturbance.current.speed == 1.0
     assert found["noise=8"].noise.scale == 8.0
@@ -111,7 +111,7 @@ def test_robustness_has_levels_and_one_factor_at_a_time():
     assert found["level=severe"].disturbance.name == "severe"
     trained = {
         c.name: c.config
-        for c in circumstances(protocol("protocol=robustness"), config("disturbance=moderate"))
+        for c in resolve_conditions(protocol("protocol=robustness"), config("disturbance=moderate"))
     }
     assert trained["noise=2"].disturbance == nominal.disturbance, "one factor at a time"
     for name, changed in found.items():
@@ -122,8 +122,8 @@ def test_robustness_has_levels_and_one_factor_at_a_time():
 
 
 def test_long_is_test_with_more_steps_whatever_a_run_was_trained_with(base):
-    (longer,) = circumstances(protocol("protocol=long"), config("vehicle=lrauv"))
-    (usual,) = circumstances(protocol(), config("vehicle=lrauv", "task.max_steps=5000"))
+    (longer,) = resolve_conditions(protocol("protocol=long"), config("vehicle=lrauv"))
+    (usual,) = resolve_conditions(protocol(), config("vehicle=lrauv", "task.max_steps=5000"))
     assert (usual.config.task.max_steps, longer.config.task.max_steps) == (1000, 5000)
     assert dataclasses.replace(longer.config.task, max_steps=1000) == usual.config.task
     assert longer.config.noise == usual.config.noise
@@ -134,10 +134,10 @@ def test_long_is_test_with_more_steps_whatever_a_run_was_trained_with(base):
 
 def test_transfer_leaves_out_vehicles_with_other_actuators():
     test = protocol("protocol=transfer")
-    names = [c.name for c in circumstances(test, config())]
+    names = [c.name for c in resolve_conditions(test, config())]
     assert "vehicle=bluerov2-wu2018" in names
     assert not any("heavy" in name or "rexrov" in name for name in names)
-    heavy = [c.name for c in circumstances(test, config("vehicle=bluerov2_heavy"))]
+    heavy = [c.name for c in resolve_conditions(test, config("vehicle=bluerov2_heavy"))]
     assert "vehicle=bluerov2-heavy-wu2018" in heavy
     assert "vehicle=bluerov2" not in heavy
 
@@ -155,7 +155,7 @@ def test_a_condition_with_a_mistake_is_named(override, message):
     test = protocol()
     broken = dataclasses.replace(test.conditions[0], overrides=[override])
     with pytest.raises(ConfigError, match=message):
-        circumstances(dataclasses.replace(test, conditions=[broken]), config())
+        resolve_conditions(dataclasses.replace(test, conditions=[broken]), config())
 
 
 def test_conditions_need_names_of_their_own():
@@ -171,7 +171,7 @@ def test_a_longer_test_begins_with_the_shorter_one():
     from auvbench.envs.batch import Batch
     from auvbench.tasks.kernels import F_WAYPOINT
 
-    (condition,) = circumstances(protocol(), config())
+    (condition,) = resolve_conditions(protocol(), config())
     drawn = []
     for n in (3, 8):
         batch = Batch(condition.config, n, seed=123, test=True)

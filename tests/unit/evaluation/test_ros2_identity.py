@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 from auvbench.config.compose import compose
 from auvbench.config.validate import evaluate_config, train_config
 from auvbench.errors import ConfigError
-from auvbench.evaluation.protocol import as_played, circumstances, fingerprint
+from auvbench.evaluation.protocol import as_played, fingerprint, resolve_conditions
 from auvbench.runs.identity import run_id
 
 
@@ -20,7 +20,7 @@ def test_the_clock_of_a_test_is_in_its_fingerprint_and_the_server_s_place_is_not
     protocol = evaluate_config(
         compose("evaluate", ["protocol=ros2", "protocol.episodes=2"], folder=None)
     ).protocol
-    conditions = circumstances(protocol, plain())
+    conditions = resolve_conditions(protocol, plain())
     name = "simulator=ros2"
 
     def by(clock, **where):

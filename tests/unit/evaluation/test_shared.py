@@ -1,4 +1,4 @@
-"""One slow run on all cores: the same rows whatever the number of workers, and what is told meanwhile."""
+"""One slow run on all cores: the same rows for any number of workers, and the progress."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from auvbench.evaluation.protocol import circumstances, fingerprint
+from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.evaluation.rollout import batch_of
 from auvbench.tasks.kernels import F_START_YAW, F_WAYPOINT
 from tests import configs
@@ -23,7 +23,7 @@ def scenarios(of: str, n: int = 400, seed: int = 123):
 
 
 def test_validation_is_the_test_s_circumstances_with_other_scenarios():
-    (test,), (validation,) = (circumstances(protocol(name), config()) for name in ("test", "validation"))
+    (test,), (validation,) = (resolve_conditions(protocol(name), config()) for name in ("test", "validation"))
     assert test.config == validation.config
     assert protocol("validation").scenarios == "validation"
     assert protocol("test").scenarios == protocol("robustness").scenarios == "test"
@@ -48,6 +48,6 @@ def test_no_validation_scenario_is_a_test_or_a_training_scenario():
 def test_only_scenarios_of_validation_change_the_fingerprint_of_a_protocol():
     mine, theirs = protocol("validation"), protocol("validation")
     theirs.scenarios = "test"
-    assert fingerprint(mine, circumstances(mine, config())) != fingerprint(
-        theirs, circumstances(theirs, config())
+    assert fingerprint(mine, resolve_conditions(mine, config())) != fingerprint(
+        theirs, resolve_conditions(theirs, config())
     )

@@ -1,4 +1,4 @@
-"""Disturbances: their statistics, their physics, and what is the same whatever the batch is."""
+"""Disturbances: their statistics, their physics, and independence of the batch."""
 
 from __future__ import annotations
 

@@ -42,7 +42,6 @@ KNOWN = {
     ("config/restricted_yaml.py", "f.path / name"): TYPED,
     ("config/restricted_yaml.py", "os.path.join(os.path.basename(self.path), name)"): TYPED,
     ("config/restricted_yaml.py", "os.path.join(self.path, name)"): TYPED,
-    ("evaluation/bounds/files.py", "folder / name"): OWN,
     ("evaluation/bounds/files.py", "root / f'{protocol}-{vehicle}'"): TYPED,
     ("reporting/archive.py", "folder / name"): OWN,
     ("runs/directory.py", "Path(config['output']) / config['name']"): TYPED,

@@ -1,4 +1,4 @@
-"""Commands tried out in the simulator, by the task's own rules: what a bound rests on."""
+"""Replay commands in the simulator by the rules of the task."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Floats = NDArray[np.float64]
 Commands = NDArray[np.int8]
 
 UNIT = 127
-"""Commands are kept in whole numbers of 1/127 of their range, and are tried out as they are kept."""
+"""Commands are stored as multiples of 1/127 of their range, and replayed as they are stored."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Where an episode starts and where it is to go, in the world."""
+    """Start and waypoint of an episode, in the world."""
 
     pose: Floats
     """(7,) x, y, z in m, quaternion (w, x, y, z); level"""
@@ -32,7 +32,7 @@ class Scenario:
 
     @property
     def target(self) -> Floats:
-        """(3,) the waypoint seen from the start: x along the first heading, z as in the world."""
+        """Return the waypoint (3,) seen from the start: x along the first heading, z as in the world."""
         east, north = self.waypoint[:2] - self.pose[:2]
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return np.array([c * east + s * north, c * north - s * east, self.waypoint[2]])
@@ -40,10 +40,10 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of commands."""
+    """What commands lead to."""
 
     record: Record
-    """of the episode, as of any agent's; its `outcome` is timeout where the commands ran out first"""
+    """of the episode; `outcome` is timeout where the commands end before the episode"""
     pose: Floats
     """(T + 1, 7)"""
     velocity: Floats
@@ -70,7 +70,7 @@ class Trial:
         self.vehicle = self.batch.vehicle
 
     def run(self, scenario: Scenario, commands: Commands) -> Outcome:
-        """Gives commands (T, n_u) from the start on, the last one again and again until the task ends the episode or 1 further step is made."""
+        """Apply commands (T, n_u) from the start until they or the episode end."""
         batch = self.batch
         batch.reset(pose=scenario.pose[None], waypoint=scenario.waypoint[None])
         pose, velocity = [batch.simulator.pose[0].copy()], [batch.simulator.velocity[0].copy()]
@@ -85,22 +85,22 @@ class Trial:
 
 
 def silent(config: schema.TrainConfig) -> schema.TrainConfig:
-    """The same without noise."""
+    """Return the configuration without noise."""
     return replace(config, noise=replace(config.noise, scale=0.0))
 
 
 def kept(actions: Floats) -> Commands:
-    """Actions (T, n_u) in [-1, 1] as they are kept."""
+    """Return actions (T, n_u) in [-1, 1] as they are stored."""
     return np.rint(UNIT * np.clip(actions, -1.0, 1.0)).astype(np.int8)
 
 
 def actions(commands: Commands) -> Floats:
-    """Actions (..., n_u) in [-1, 1] that are kept so."""
+    """Return stored commands as actions (..., n_u) in [-1, 1]."""
     return commands.astype(np.float64) / UNIT
 
 
 def scenarios(batch: Batch) -> list[Scenario]:
-    """Those of a batch that was just reset."""
+    """Return the scenarios of a batch that was just reset."""
     F, pose = batch.task.F, batch.simulator.pose
     return [
         Scenario(pose[i].copy(), float(F[i, F_START_YAW]), F[i, F_WAYPOINT : F_WAYPOINT + 3].copy())

@@ -1,4 +1,4 @@
-"""A time below which no commands whatever take the vehicle into the goal, from the energy that its thrusters can give.
+"""A proven lower bound of the time to the goal, from the energy that the thrusters can give.
 
 Let d be the distance to the edge of the goal, e the unit vector towards it in body axes, v the velocity, nu = (v, omega),
 f the thrusts, B the allocation, D(nu) = sum_i d_i nu_i^2 + q_i |nu_i|^3 what damping takes. Coriolis forces do no work and
@@ -14,8 +14,8 @@ and integrated from rest, K being nowhere negative,  d <= c(a) T + a (V(start) -
 
     T >= (d - a (V(start) - V(end))) / c(a).
 
-The largest over some a is the bound. It lets the vehicle look anywhere at any time and reach its speed at once, so it is
-not sharp; it holds for the equations of motion, of which the simulator takes steps of some milliseconds.
+The bound is the largest value over some a. It lets the vehicle take any attitude and speed at once, so it is not sharp. It
+holds for the equations of motion, which the simulator integrates in steps of some milliseconds.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.dynamics.plugin import GZ_SIM_8_11
-from auvbench.evaluation.bounds.trial import Scenario
+from auvbench.evaluation.bounds.command_replay import Scenario
 from auvbench.vehicles.actuators import Actuator
 from auvbench.vehicles.model import VehicleModel
 
 Floats = NDArray[np.float64]
 
 PRICES = np.geomspace(5e-4, 5e-2, 17)
-"""values of a that are tried, in m/J"""
+"""values of a, m/J"""
 CLOSE = 3e-3
-"""share of c(a) to which it is found, from above"""
+"""relative accuracy of c(a), from above"""
 HALVINGS = 9
-"""of the cells of directions, at most: fewer make c(a) larger, never wrong"""
+"""of the cells of directions, at most: fewer make c(a) larger but not wrong"""
 MOST_THRUSTERS = 12
-"""2^12 corners of the box of thrusts are looked at"""
+"""the box of thrusts has 2^12 corners"""
 
 
 class Energy:
@@ -66,7 +66,7 @@ class Energy:
             self.pace = np.array([_fastest(wrenches, *damping, a) for a in PRICES.tolist()])
 
     def seconds(self, scenario: Scenario) -> float:
-        """S that every way into the goal takes at least; 0 where nothing can be said."""
+        """Return the s that every trajectory into the goal takes at least; 0 where no bound is known."""
         line = scenario.waypoint - scenario.pose[:3]
         distance = max(float(np.linalg.norm(line)) - self.radius, 0.0)
         # The end is anywhere in the goal: where rising gives most.
@@ -75,12 +75,12 @@ class Energy:
         return float(max(0.0, np.max((distance - PRICES * given) / self.pace)))
 
     def steps(self, scenario: Scenario, frequency: float) -> int:
-        """The same in whole steps of an agent, at least 1: it is after a step that an arrival is noticed."""
+        """Return the bound in whole agent steps, at least 1: arrival is judged after a step."""
         return max(1, int(np.ceil(self.seconds(scenario) * frequency - 1e-9)))
 
 
 def _reached(unit: Actuator, limits: Floats) -> tuple[float, float]:
-    """Least and most thrust in N that a thruster gives, its lag's overshoot included; infinite where that is not known.
+    """Return the range of thrust in N, with the overshoot of the lag; infinite where it is not known.
 
     With the positive and the negative part of the impulse response g, P = int max(g, 0) dt and N = P - 1, an input in
     [l, h] that holds 0 gives an output in [P l - N h, P h - N l].
@@ -99,7 +99,7 @@ def _reached(unit: Actuator, limits: Floats) -> tuple[float, float]:
 
 
 def _fastest(wrenches: Floats, linear: Floats, quadratic: Floats, a: float) -> float:
-    """c(a) from above, by branch and bound over directions e.
+    """Return c(a) from above, by branch and bound over directions e.
 
     Damping is the same either way, so of e and of the forces only the signless parts matter: one octant of directions.
 
@@ -140,7 +140,7 @@ def _fastest(wrenches: Floats, linear: Floats, quadratic: Floats, a: float) -> f
 
 
 def _undominated(rows: Floats) -> Floats:
-    """The rows of which no other is at least as large in every column."""
+    """Return the rows that no other row exceeds or equals in every column."""
     kept: list[Floats] = []
     for row in np.unique(np.round(rows, 12), axis=0)[::-1]:
         if not any(np.all(other >= row) for other in kept):
@@ -150,7 +150,7 @@ def _undominated(rows: Floats) -> Floats:
 
 
 def _gain(force: Floats, linear: Floats, quadratic: Floats, a: float) -> tuple[Floats, Floats]:
-    """Max over x >= 0 of force x - a (linear x^2 + quadratic x^3), and the x where it is, axis by axis."""
+    """Return max and argmax over x >= 0 of force x - a (linear x^2 + quadratic x^3), by axis."""
     A = force / a
     root = 2.0 * linear + np.sqrt(4.0 * linear**2 + 12.0 * quadratic * A)
     with np.errstate(divide="ignore", invalid="ignore"):
