@@ -1,1 +1,1 @@
-"""What is asked of a controller: scenario, observation, reward, ends; disturbances."""
+"""Tasks: scenario, observation, reward and ends of an episode, and disturbances."""

@@ -77,14 +77,14 @@ _TWO_PI = 2.0 * math.pi
 
 @njit(nogil=True)
 def wrap(angle: float) -> float:
-    """An angle in [-pi, pi)."""
+    """Return an angle in [-pi, pi)."""
     wrapped = angle - _TWO_PI * math.floor((angle + math.pi) / _TWO_PI)
     return wrapped if wrapped < math.pi else -math.pi
 
 
 @njit(nogil=True)
 def noise(u: float, low: float, high: float, both_signs: bool) -> float:
-    """Noise of magnitude uniform in [low, high] from one uniform draw; `both_signs`: either sign, evenly."""
+    """Return noise of magnitude uniform in [low, high] from one uniform draw; `both_signs`: of random sign."""
     if not both_signs:
         return low + (high - low) * u
     v = 2.0 * u - 1.0
@@ -101,7 +101,7 @@ def draw_scenarios(
     test: int,
     pose: Floats,
 ) -> None:
-    """Draws start yaw and waypoint of the environments in `indices` and clears their sums.
+    """Draw start yaw and waypoint of the environments in `indices` and clear their sums.
 
     Writes the start poses into `pose` (len(indices), 7). `test` is 0, or TEST or VALIDATION for a protocol's scenarios.
     """
@@ -143,7 +143,7 @@ def add_command_noise(
     test: int,
     command: Floats,
 ) -> None:
-    """Command = action + noise, clipped to [-1, 1]; `scale` (n_u,) turns the noise's unit into the action's."""
+    """Compute command = action + noise, clipped to [-1, 1]; `scale` (n_u,) turns the noise's unit into the action's."""
     n_u = action.shape[1]
     low, high, both = P[P_COMMAND_LOW], P[P_COMMAND_HIGH], P[P_BOTH_SIGNS] > 0.0
     silent = high == 0.0
@@ -177,9 +177,9 @@ def advance(
     P: Floats,
     reward: Floats,
 ) -> int:
-    """Reward, ends and sums after one agent step; returns how many episodes ended (-1: a pose is not finite).
+    """Compute reward, ends and sums after one agent step; return how many episodes ended (-1 - i: pose i is not finite).
 
-    Reward: equation 2.1 of the thesis. Precedence of the ends: leaving the depth limits, then the goal, then
+    Reward and ends: docs/task.md. Precedence of the ends: leaving the depth limits, then the goal, then
     the last step. `force` (n, n_u) in N and `power` (n,) in W belong to the command that was applied.
     """
     n_u = action.shape[1]
@@ -256,7 +256,7 @@ def observe_row(
     test: int,
     observation: NDArray[np.float32],
 ) -> None:
-    """Observation of one environment: yaw error, position error (3), previous action (n_u)."""
+    """Write the observation of one environment: yaw error, position error (3), previous action (n_u)."""
     both = P[P_BOTH_SIGNS] > 0.0
     w, qx, qy, qz = pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]
     # Proportional to cosine and sine of yaw: turning the bearing by them saves a second arctangent.
@@ -298,7 +298,7 @@ def observe(
     test: int,
     observation: NDArray[np.float32],
 ) -> None:
-    """`observe_row` for the environments start .. stop - 1."""
+    """Call `observe_row` for the environments start .. stop - 1."""
     for i in range(start, stop):
         observe_row(i, pose, offset, previous, F, C, P, test, observation)
 
@@ -315,6 +315,6 @@ def observe_some(
     test: int,
     observation: NDArray[np.float32],
 ) -> None:
-    """`observe_row` for the environments in `indices`."""
+    """Call `observe_row` for the environments in `indices`."""
     for k in range(indices.shape[0]):
         observe_row(indices[k], pose, offset, previous, F, C, P, test, observation)

@@ -1,7 +1,4 @@
-"""The waypoint task of the thesis for N environments: scenario, observation, reward, ends, records.
-
-Section 2 of the thesis; the choices where its words leave room are in docs/task.md.
-"""
+"""The waypoint task for N environments: scenario, observation, reward, ends, records. docs/task.md defines it."""
 
 from __future__ import annotations
 
@@ -55,12 +52,12 @@ class WaypointTask:
 
     Args:
         config: the typed configuration (task, reward, step, noise).
-        vehicle: what is controlled; fixes the number of actuators n_u.
+        vehicle: fixes the number of actuators n_u.
         n: environments.
-        seed: of everything drawn here, 0 .. 2^32 - 1.
-        test: draw from the streams of test protocols, which no training shares.
-        validation: draw from those of validation, which neither training nor a test shares.
-        first: index of the first environment, where the batch is part of a larger one.
+        seed: of all draws, 0 .. 2^32 - 1.
+        test: draw from the streams of tests, which no training uses.
+        validation: draw from the streams of validation, which neither training nor tests use.
+        first: index of the first environment in a larger batch.
     """
 
     def __init__(
@@ -88,7 +85,7 @@ class WaypointTask:
         self.reseed(seed)
         self.previous: Floats = np.zeros((n, n_u))
         self.offset: Floats = np.zeros((n, 4))
-        """added to the position (m) and yaw (rad) readings: bias, drift, noise (see disturbances)"""
+        """errors of the position (m) and yaw (rad) readings: bias, drift, noise (see disturbances)"""
         self.reward: Floats = np.zeros(n)
         self.command: Floats = np.zeros((n, n_u))
         self.observation = np.zeros((n, self.observation_size), dtype=np.float32)
@@ -96,12 +93,12 @@ class WaypointTask:
 
     @property
     def duration(self) -> float:
-        """Seconds of simulated time that one agent step lasts."""
+        """Simulated seconds of one agent step."""
         return float(self.parameters[k.P_DURATION])
 
     @property
     def stream(self) -> int:
-        """What is or-ed to the streams of random numbers: 0, TEST or VALIDATION."""
+        """Flag of the streams of random numbers: 0, TEST or VALIDATION."""
         return self._test
 
     @property
@@ -110,7 +107,7 @@ class WaypointTask:
         return self.C[:, k.C_OUTCOME]
 
     def reseed(self, seed: int, indices: Integers | None = None) -> None:
-        """Puts environments, all or some, before episode 0 of a seed; environment i draws from (seed, i)."""
+        """Put environments, all or some, before episode 0 of a seed; environment i draws from (seed, i)."""
         rows = np.arange(self.n) if indices is None else indices
         if len(rows) == self.n:
             self.seed = int(seed)
@@ -119,18 +116,18 @@ class WaypointTask:
         self.C[rows, k.C_EPISODE] = -1
 
     def reseed_each(self, indices: Integers, seeds: Integers) -> None:
-        """Puts environments `indices` (k,) before episode 0 of seeds (k,) of their own, as environment 0 of each."""
+        """Put environments `indices` (k,) before episode 0 of seeds (k,) of their own, as environment 0 of each."""
         self.C[indices, k.C_SEED] = seeds
         self.C[indices, k.C_ENVIRONMENT] = 0
         self.C[indices, k.C_EPISODE] = -1
 
     def assign(self, episodes: Integers, environment: int = 0) -> None:
-        """Makes row i the scenario of episode `episodes[i]` at its next reset (test protocols)."""
+        """Make row i the scenario of episode `episodes[i]` at its next reset (test protocols)."""
         self.C[:, k.C_EPISODE] = np.asarray(episodes) - 1
         self.C[:, k.C_ENVIRONMENT] = environment
 
     def reset(self, indices: Integers) -> Floats:
-        """Begins the next episode of the given environments; returns their start poses (len, 7)."""
+        """Begin the next episode of the given environments; return their start poses (len, 7)."""
         self.C[indices, k.C_EPISODE] += 1
         self.previous[indices] = 0.0
         self.offset[indices] = 0.0
@@ -139,7 +136,7 @@ class WaypointTask:
         return pose
 
     def place(self, indices: Integers, pose: Floats, waypoint: Floats) -> None:
-        """Sets start poses (k, 7) and waypoints (k, 3) of environments that were just reset, instead of drawn ones."""
+        """Replace the drawn start poses (k, 7) and waypoints (k, 3) of environments that were just reset."""
         F, P = self.F, self.parameters
         distance = np.linalg.norm(waypoint - pose[:, :3], axis=1)
         w, x, y, z = pose[:, 3:].T
@@ -151,12 +148,12 @@ class WaypointTask:
         F[indices, k.F_DEPTH_MARGIN] = np.minimum(P[k.P_DEPTH_HIGH] - depth, depth - P[k.P_DEPTH_LOW])
 
     def add_noise(self, action: Floats) -> Floats:
-        """The command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
+        """Return the command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
         k.add_command_noise(*self.noise_arguments(action, 0, self.n))
         return self.command
 
     def advance(self, pose: Floats, action: Floats, force: Floats, power: Floats) -> int:
-        """Reward and ends after one agent step; returns how many episodes ended.
+        """Compute reward and ends after one agent step; return how many episodes ended.
 
         Raises:
             TrainingError: the simulation left the finite numbers.
@@ -164,7 +161,7 @@ class WaypointTask:
         return self.checked(k.advance(*self.advance_arguments(pose, action, force, power, 0, self.n)))
 
     def checked(self, ended: int) -> int:
-        """What the kernel `advance` returned, if it is a number of episodes.
+        """Return the result of the kernel `advance`, a number of episodes.
 
         Raises:
             TrainingError: the simulation left the finite numbers.
@@ -178,14 +175,14 @@ class WaypointTask:
         return int(ended)
 
     def observe(self, pose: Floats, indices: Integers | None = None) -> NDArray[np.float32]:
-        """Observations (n, 4 + n_u) from (measured) poses; only the rows in `indices` are renewed if given."""
+        """Return observations (n, 4 + n_u) from measured poses; with `indices`, only these rows are renewed."""
         if indices is None:
             k.observe(*self.observe_arguments(pose, 0, self.n))
         else:
             k.observe_some(indices, *self.observe_arguments(pose, 0, self.n)[2:])
         return self.observation
 
-    # What the kernels take for the environments start .. stop - 1. The arrays stay the same ones.
+    # Arguments of the kernels for the environments start .. stop - 1. The arrays stay the same objects.
 
     def noise_arguments(self, action: Floats, start: int, stop: int) -> tuple[Any, ...]:
         """Of `kernels.add_command_noise`."""
@@ -204,7 +201,7 @@ class WaypointTask:
         return start, stop, pose, self.offset, *state, self._test, self.observation
 
     def records(self, indices: Integers) -> list[Record]:
-        """The rows of episodes that just ended, columns RECORD_COLUMNS."""
+        """Return the records of episodes that just ended."""
         return [record_of(self._totals(int(i))) for i in indices]
 
     def _totals(self, i: int) -> Totals:
@@ -231,7 +228,7 @@ class WaypointTask:
         )
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Copies of everything that an exact resume needs."""
+        """Return copies of the state that an exact resume needs."""
         return {
             name: np.copy(getattr(self, name)) for name in ("F", "C", "previous", "offset", "observation")
         }
@@ -239,7 +236,7 @@ class WaypointTask:
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
         for name in ("F", "previous", "offset", "observation"):
             np.copyto(getattr(self, name), state[name], casting="no")
-        # States saved before rows had seeds of their own lack that column: the batch's seed is theirs.
+        # Older states lack the column of seeds: their rows have the seed of the batch.
         self.C[:, k.C_SEED] = self.seed
         np.copyto(self.C[:, : state["C"].shape[1]], state["C"], casting="no")
 
@@ -270,7 +267,7 @@ def _parameters(config: schema.TrainConfig) -> Floats:
 
 
 def _command_noise_scale(noise: schema.Noise, vehicle: VehicleModel) -> Floats:
-    """(n_u,) what one unit of command noise is in units of the normalised action."""
+    """Return one unit of command noise in units of the normalised action (n_u,)."""
     if noise.command_unit == "normalised":
         return np.ones(len(vehicle.actuators))
     limits = np.asarray(vehicle.command_limits, dtype=np.float64)

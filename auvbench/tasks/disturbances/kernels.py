@@ -1,6 +1,6 @@
-"""Disturbances, compiled: what is drawn at an episode's start, and what moves during it, for N environments.
+"""Disturbances, compiled: draws at the start of an episode and changes during it, for N environments.
 
-One row per environment in two arrays, `D` (floats, columns `D_*`) and `I` (integers, columns `I_*`), beside the
+One row per environment in two arrays, `D` (floats, columns `D_*`) and `I` (integers, columns `I_*`), next to the
 task's counters `C`. Each factor draws from a stream of its own, so that switching one on leaves the draws of the
 others as they were; every draw is a function of (seed, stream, environment, episode, step, channel).
 """
@@ -75,7 +75,7 @@ _GAUSSIAN = 1  # SENSOR: block 0 is the task's uniform noise
 
 @compiled("dynamics", "tasks")
 def draw_current(indices: Integers, C: Integers, Q: Floats, test: int, D: Floats) -> None:
-    """Mean current and stationary fluctuation of new episodes."""
+    """Draw mean current and stationary fluctuation of new episodes."""
     for k in range(indices.shape[0]):
         i = indices[k]
         u = uniform4(C[i, C_SEED], CURRENT | test, _MEAN, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
@@ -97,7 +97,7 @@ def draw_current(indices: Integers, C: Integers, Q: Floats, test: int, D: Floats
 
 @compiled("dynamics", "tasks")
 def advance_current(C: Integers, Q: Floats, test: int, D: Floats) -> None:
-    """One agent step of the Gauss-Markov process, exactly discretised (Fossen 2021, section 10.3).
+    """Advance the Gauss-Markov process by one agent step, exactly discretised (Fossen 2021, section 10.3).
 
     V[k+1] = Vbar + (V[k] - Vbar) e^(-mu dt) + sigma sqrt(1 - e^(-2 mu dt)) N(0, 1); `D_FLUCTUATION` is V - Vbar.
     """
@@ -115,7 +115,7 @@ def advance_current(C: Integers, Q: Floats, test: int, D: Floats) -> None:
 
 @compiled("dynamics", "tasks")
 def current_at(D: Floats, top: Floats, bottom: Floats) -> None:
-    """Current (n, 3) at the top and at the bottom of the profile: means plus fluctuation."""
+    """Compute the current (n, 3) at the top and the bottom of the profile: mean plus fluctuation."""
     for i in range(D.shape[0]):
         for axis in range(3):
             fluctuation = D[i, D_FLUCTUATION + axis]
@@ -133,7 +133,7 @@ def draw_faults(
     D: Floats,
     I: Integers,  # noqa: E741
 ) -> None:
-    """Whether, what, which and when of new episodes; `candidates` are the actuators that may fail."""
+    """Draw the faults of new episodes; `candidates` are the actuators that may fail."""
     for k in range(indices.shape[0]):
         i = indices[k]
         u = uniform4(C[i, C_SEED], FAULT | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
@@ -145,7 +145,7 @@ def draw_faults(
         I[i, I_MODE] = mode if u[0] < Q[Q_PROBABILITY] else HEALTHY
         I[i, I_ACTUATOR] = candidates[int(candidates.shape[0] * u[1])]
         time = Q[Q_TIME] + (Q[Q_TIME + 1] - Q[Q_TIME]) * u[2]
-        # The margin keeps 0.3 s at 10 Hz at step 3, whatever the last bit of the product says.
+        # The margin keeps 0.3 s at 10 Hz at step 3, for any last bit of the product.
         I[i, I_BEGIN] = math.ceil(time * Q[Q_FREQUENCY] - 1e-9)
         I[i, I_BEGUN] = 0
         D[i, D_HELD] = 0.0
@@ -160,7 +160,7 @@ def apply_faults(
     command: Floats,
     effectiveness: Floats,
 ) -> None:
-    """Faults that have begun change the acting `command` (n, n_u) in place, and `effectiveness` (n, n_u).
+    """Change the acting `command` (n, n_u) and `effectiveness` (n, n_u) in place by faults that have begun.
 
     A dead thruster also draws no power: its command becomes 0. A stuck actuator holds the command that acts when
     the fault begins.
@@ -184,7 +184,7 @@ def apply_faults(
 
 @compiled("dynamics", "tasks")
 def draw_scales(indices: Integers, C: Integers, Q: Floats, test: int, scales: Floats) -> None:
-    """Factors (len(indices), 6) on mass, buoyancy, inertia, added mass, damping and thrust of new episodes.
+    """Draw factors (len(indices), 6) on mass, buoyancy, inertia, added mass, damping and thrust of new episodes.
 
     With `Q_KEEP_TRIM` the factor on buoyancy is multiplied by (B + (s - 1) W) / B, where s is the factor on
     mass: net buoyancy B - W stays what it was before the factor on buoyancy itself.
@@ -206,7 +206,7 @@ def draw_scales(indices: Integers, C: Integers, Q: Floats, test: int, scales: Fl
 
 @compiled("dynamics", "tasks")
 def draw_bias(indices: Integers, C: Integers, Q: Floats, test: int, D: Floats) -> None:
-    """Bias of the readings of new episodes; their drift begins at zero."""
+    """Draw the bias of the readings of new episodes; their drift begins at zero."""
     for k in range(indices.shape[0]):
         i = indices[k]
         z = normal4(C[i, C_SEED], BIAS | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
@@ -217,7 +217,7 @@ def draw_bias(indices: Integers, C: Integers, Q: Floats, test: int, D: Floats) -
 
 @compiled("dynamics", "tasks")
 def advance_drift(C: Integers, Q: Floats, test: int, D: Floats) -> None:
-    """One agent step of the random walks: increments of variance drift^2 dt, so exact at any step."""
+    """Advance the random walks by one agent step: increments of variance drift^2 dt, exact at any step."""
     for i in range(C.shape[0]):
         z = normal4(C[i, C_SEED], DRIFT | test, 0, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT])
         for channel in range(4):
@@ -238,7 +238,7 @@ def _offset_row(i: int, C: Integers, Q: Floats, test: int, noisy: bool, D: Float
 
 @compiled("dynamics", "tasks")
 def offsets(C: Integers, Q: Floats, test: int, noisy: bool, D: Floats, offset: Floats) -> None:
-    """Errors (n, 4) of the position (m) and yaw (rad) readings of all environments."""
+    """Compute the errors (n, 4) of the position (m) and yaw (rad) readings of all environments."""
     for i in range(C.shape[0]):
         _offset_row(i, C, Q, test, noisy, D, offset)
 
@@ -253,6 +253,6 @@ def offsets_of(
     D: Floats,
     offset: Floats,
 ) -> None:
-    """`offsets` of the environments in `indices`."""
+    """Compute `offsets` of the environments in `indices`."""
     for k in range(indices.shape[0]):
         _offset_row(indices[k], C, Q, test, noisy, D, offset)

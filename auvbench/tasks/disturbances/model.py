@@ -26,7 +26,7 @@ _STATE = ("D", "I", "commands", "measurements", "clock", "power")
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, task: WaypointTask) -> Disturbances | None:
-    """The disturbances of a configuration; None where it has none, so that they cost nothing."""
+    """Return the disturbances of a configuration; None without any, so that they cost nothing."""
     disturbances = Disturbances(config, vehicle, task)
     return disturbances if disturbances.active else None
 
@@ -82,11 +82,11 @@ class Disturbances:
 
     @property
     def active(self) -> bool:
-        """Whether there is any disturbance at all."""
+        """Whether any disturbance is active."""
         return self.flows or self.fails or self.delayed or self.misreads or self.randomises
 
     def draw(self, indices: Integers) -> Floats | None:
-        """Draws the disturbances of the episodes that begin; the scales (k, 6) of their vehicles, if any."""
+        """Draw the disturbances of new episodes; return the scales (k, 6) of their vehicles, if any."""
         C, Q, stream = self.task.C, self.Q, self.task.stream
         if self.flows:
             k.draw_current(indices, C, Q, stream, self.D)
@@ -101,7 +101,7 @@ class Disturbances:
         return scales
 
     def begin(self, indices: Integers, simulator: Simulator) -> None:
-        """Sets the current, the rings and the first readings of the episodes that begin."""
+        """Set current, rings and first readings of new episodes."""
         task = self.task
         if self.flows:
             self._set_current(simulator)
@@ -112,7 +112,7 @@ class Disturbances:
             k.offsets_of(indices, task.C, self.Q, task.stream, self.noisy, self.D, task.offset)
 
     def advance(self, simulator: Simulator, command: Floats) -> None:
-        """One agent step of the simulator under `command` (n, n_u), which arrives late and meets faults."""
+        """Advance the simulator by one agent step under `command` (n, n_u), with delays and faults."""
         task = self.task
         if self.fluctuates:
             k.advance_current(task.C, self.Q, task.stream, self.D)
@@ -147,7 +147,7 @@ class Disturbances:
             simulator.set_current(self._top)
 
     def read(self) -> None:
-        """Renews the errors of the readings after an agent step."""
+        """Renew the errors of the readings after an agent step."""
         task = self.task
         if self.drifts:
             k.advance_drift(task.C, self.Q, task.stream, self.D)
@@ -155,13 +155,13 @@ class Disturbances:
             k.offsets(task.C, self.Q, task.stream, self.noisy, self.D, task.offset)
 
     def measured(self, simulator: Simulator) -> Floats:
-        """Poses (n, 7) that arrive now, before errors."""
+        """Return the poses (n, 7) that arrive now, before errors."""
         kept = len(self.measurements)
         # `clock` is where the next measurement goes: there lies the oldest.
         return self.measurements[int(self.clock) % kept] if kept else simulator.pose
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Copies of everything that an exact resume needs and neither task nor simulator holds."""
+        """Return copies of the state that an exact resume needs and neither task nor simulator holds."""
         return {name: np.copy(getattr(self, name)) for name in _STATE}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
@@ -213,7 +213,7 @@ def _range(low: float, high: float | None) -> tuple[float, float]:
 
 
 def _candidates(fault: schema.Fault, vehicle: VehicleModel) -> Integers:
-    """Indices of the actuators that may fail."""
+    """Return the indices of the actuators that may fail."""
     thrusters = [i for i, unit in enumerate(vehicle.units) if unit.kind == "thruster"]
     names = vehicle.actuators
     if fault.actuator is None:

@@ -1,4 +1,4 @@
-"""How an agent step is split so that delays are exact whatever the step frequency is.
+"""Split an agent step so that delays are exact at any step frequency.
 
 With agent steps of T seconds, the command of step k acts from k T + d on: d = m T + r, 0 <= r < T, so within a
 step the command of m + 1 steps ago acts for r seconds and then that of m steps ago. A measurement that arrives at
@@ -20,7 +20,7 @@ class Segment:
     """A part of an agent step during which one command acts."""
 
     duration: float  # s
-    age: int  # of the acting command, in agent steps: 0 is the command of this very step
+    age: int  # of the acting command, in agent steps: 0 is the command of this step
     measure: bool  # a measurement is taken at its end
 
 
@@ -34,7 +34,7 @@ class Schedule:
 
 
 def split(delay: float, frequency: float) -> tuple[int, float]:
-    """Whole agent steps in a delay in s, and the rest as a fraction of a step in [0, 1).
+    """Return the whole agent steps in a delay in s, and the rest as a fraction of a step in [0, 1).
 
     >>> split(0.25, 10.0)
     (2, 0.5)
@@ -48,7 +48,7 @@ def split(delay: float, frequency: float) -> tuple[int, float]:
 
 
 def schedule(frequency: float, action: float, observation: float) -> Schedule:
-    """The schedule for agent steps at `frequency` Hz with delays in s."""
+    """Return the schedule for agent steps at `frequency` Hz with delays in s."""
     late, begins = split(action, frequency)  # the command of `late` steps ago begins to act at `begins`
     old, before_end = split(observation, frequency)
     measured = old > 0 or before_end > 0.0
