@@ -100,7 +100,7 @@ def test_rows_of_another_physics_are_stale(
 ) -> None:
     from auvbench.evaluation import protocol
 
-    monkeypatch.setattr(protocol, "_played", {})
+    monkeypatch.setattr(protocol, "_plays", {})
     monkeypatch.setattr(reference, "digest", lambda *_: "of another physics")
     assert cli.main(["evaluate", str(run.path), *BRIEF]) == 0
     assert "the same commands have other outcomes now: the simulator or the task has changed" in (
