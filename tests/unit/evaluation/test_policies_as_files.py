@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from pathlib import Path
 from typing import Any
@@ -138,10 +139,25 @@ def test_a_file_that_acts_otherwise_is_not_written(tmp_path: Path, monkeypatch: 
     assert not (run.path / "exports").exists()
 
 
+def _reordered(policy: Any) -> Any:
+    """Return the same function with the first layer's units in another order."""
+    policy = copy.deepcopy(policy)
+    first, second = policy.actor.mu[0], policy.actor.mu[2]
+    order = torch.arange(first.out_features).flip(0)
+    with torch.no_grad():
+        first.weight.copy_(first.weight[order].clone())
+        first.bias.copy_(first.bias[order].clone())
+        second.weight.copy_(second.weight[:, order].clone())
+    return policy
+
+
 def test_large_weights_magnify_rounding_in_the_run_as_in_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As DDPG's grow in 200,000 steps: the file is 5e-5 from the run, whose own last bits are worth as much."""
+    """As DDPG's grow in 200,000 steps: the file is 5e-5 from the run, whose own last bits are worth as much.
+
+    The file has its hidden units in another order, so that the two round differently on every processor.
+    """
     run = trained(tmp_path / "runs", "algo=ddpg")
     ordinary = exporting.make_agent
 
@@ -151,6 +167,8 @@ def test_large_weights_magnify_rounding_in_the_run_as_in_the_file(
             for name, weights in agent.network()[0].named_parameters():
                 if name.startswith("actor.") and name.endswith("weight"):
                     weights.mul_(8.0)
+        network, scaling = agent.network()
+        monkeypatch.setattr(agent, "network", lambda: (_reordered(network), scaling))
         return agent
 
     monkeypatch.setattr(exporting, "make_agent", magnified)
