@@ -33,7 +33,7 @@ class VehicleError(UserError):
 
 
 class RunError(UserError):
-    """A run directory is missing, damaged, foreign or held by somebody else."""
+    """A run directory is missing, damaged, foreign or held by another process."""
 
 
 class ReportError(UserError):

@@ -1,4 +1,4 @@
-"""The one place where what nobody foresaw becomes one line: around whatever command was typed.
+"""Turn an unforeseen error of any command into one line.
 
 A user's mistake, a full disk and an interruption have their line where they arise or here. Anything else is a
 defect of auvbench: what is needed to mend it is saved in a file, and the line names that file. Exit code 70
@@ -127,7 +127,7 @@ def _details(error: BaseException, arguments: Sequence[str]) -> str:
 
     lines = [
         f"auvbench {__version__} met what it does not know. Please report this file: SECURITY.md says how where it",
-        "could be used by somebody else, else an issue will do. Nothing in it was sent anywhere.",
+        "could be misused, else open an issue. Nothing in it was sent anywhere.",
         "",
         f"command: {shlex.join(['auvbench', *arguments])}",
         f"folder: {_folder()}",

@@ -24,12 +24,12 @@ Actions = NDArray[np.floating]
 class Agent(Protocol):
     """A controller in a test: acts on a batch of observations. Made by `factory(config, vehicle)`.
 
-    Beside the contract an agent may have:
+    An agent may also have:
 
     * `load(folder)`: reads what its run keeps in `model/`, before the first `reset`;
     * `row_by_row = True`, of its class: an action takes as long in a batch as alone. Its tests are then shared among
       processes by episodes;
-    * `ended(rows)`: told which rows of the batch nobody looks at any more;
+    * `ended(rows)`: called with the rows of the batch that have ended;
     * `notes()`: whole numbers by name that it has counted since it was made; a test's summary holds their sums.
     """
 
@@ -79,7 +79,7 @@ class Environment(Protocol):
 class Callbacks(Protocol):
     """What carries out a run, as its learner sees it: the learner calls these.
 
-    `begin` once, then `step` after each step of the environment, and `checkpoint` wherever the learner's state is
+    `begin` once, then `step` after each step of the environment, and `checkpoint` at every point where the learner's state is
     whole. All of them may raise: let it through.
     """
 
@@ -104,9 +104,9 @@ class Callbacks(Protocol):
         """
 
     def checkpoint(self, steps: int) -> None:
-        """Call wherever `state()` holds all that training goes on with, at least every few hundred steps.
+        """Call where `state()` holds all that training goes on with, at least every few hundred steps.
 
-        Saves the learner if that is due, and leaves by an exception if somebody asked for that.
+        Saves the learner if that is due, and raises if the run was asked to stop.
         """
 
     def log(self, scalars: Mapping[str, float], steps: int) -> None:
@@ -147,7 +147,7 @@ class Learner(Agent, Protocol):
             callbacks: to be called as they say.
 
         Raises:
-            TrainingError: a NaN, or whatever else ends the run.
+            TrainingError: a NaN, or another failure of the run.
         """
 
     def save(self, folder: Path) -> None:
@@ -156,7 +156,7 @@ class Learner(Agent, Protocol):
     def load(self, folder: Path) -> None:
         """Reads what `save` wrote, in a process that has not trained; `act` then gives the same actions.
 
-        Whoever calls it has compared the files with their digests.
+        The caller has compared the files with their digests.
 
         Raises:
             RunError: a file is missing, damaged, or of another policy than the configuration's.

@@ -37,7 +37,7 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
 
 @contextmanager
 def _telling(who: str, what: str) -> Iterator[None]:
-    """Turns what somebody else's code raises into the `AgentError` that says who failed, and at what."""
+    """Turn an exception of a plug-in into an `AgentError` that names the plug-in and the call."""
     try:
         yield
     except AuvbenchError:
@@ -47,7 +47,7 @@ def _telling(who: str, what: str) -> Iterator[None]:
 
 
 class EnteredAgent:
-    """Checks every action of somebody else's agent.
+    """Check every action of a plug-in agent.
 
     Args:
         agent: it.
@@ -65,7 +65,7 @@ class EnteredAgent:
         for name, checked in (
             ("ended", self._ended),
             ("notes", self._notes),
-        ):  # what it may have beside the contract
+        ):  # optional methods
             if callable(getattr(agent, name, None)):
                 setattr(self, name, checked)
 
@@ -123,7 +123,7 @@ def action_fault(action: Any, n: int, n_u: int) -> str:
 
 
 class EnteredLearner(EnteredAgent):
-    """Somebody else's agent that learns; faults of its training are told by whoever carries out the run."""
+    """A plug-in agent that learns; the worker reports faults of its training."""
 
     inner: Learner
 

@@ -1,4 +1,4 @@
-"""`algo=onnx`: a controller that somebody trained or wrote elsewhere and saved as an ONNX file."""
+"""`algo=onnx`: a controller from an ONNX file, trained or written elsewhere."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def _by_condition(evaluation: Evaluation) -> dict[str, _Met]:
 
 
 def _time(condition: Mapping[str, object]) -> tuple[float, float] | None:
-    """As a summary says them; somebody's may not."""
+    """As a summary has them; a foreign one may lack them."""
     frequency, limit = condition.get("frequency_hz"), condition.get("max_steps")
     if isinstance(frequency, (int, float)) and isinstance(limit, (int, float)):
         return float(frequency), float(limit)

@@ -1,4 +1,4 @@
-"""Findings: what the data show beside the primary analysis, one template per kind."""
+"""Findings: what the data show in addition to the primary analysis, one template per kind."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ def agents(
     condition: str = "nominal",
     failed_trainings: str = "zero",
 ) -> tuple[list[Agent], list[Problem]]:
-    """Groups evaluated runs by the values of some configuration keys, and of whatever else varied among them.
+    """Groups evaluated runs by the values of some configuration keys, and of all other keys that vary among them.
 
     Args:
         runs: as `load` returns them, of one vehicle and one set of scenarios (see `sections`).
@@ -73,7 +73,7 @@ def agents(
 
 
 def frequency_fixed(tested: Iterable[np.ndarray[Any, Any]]) -> bool:
-    """Return whether all test episodes had one step frequency, whatever the runs were trained at."""
+    """Return whether all test episodes had one step frequency."""
     return (
         len({float(f) for frequencies in tested for f in np.unique(frequencies[np.isfinite(frequencies)])})
         <= 1

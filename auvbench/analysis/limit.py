@@ -120,7 +120,7 @@ def _vehicle(agents: Sequence[Agent]) -> str:
 
 
 def _roots(agents: Sequence[Agent]) -> list[Path]:
-    """`bounds` beside the experiments that the runs lie in, where `auvbench bound` writes."""
+    """`bounds` in the folder of the runs' experiments, where `auvbench bound` writes."""
     parents = {run.directory.absolute().parent.parent for agent in agents for run in agent.runs}
     return [parent / files.FOLDER for parent in sorted(parents)[:4]]
 

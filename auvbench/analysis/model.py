@@ -71,7 +71,7 @@ class Problem:
     message: str
 
     def __post_init__(self) -> None:
-        # Both may quote files that anybody wrote, and go to terminals and pages.
+        # Both may quote foreign files, and go to terminals and pages.
         object.__setattr__(self, "where", short(self.where, 1000))
         object.__setattr__(self, "message", short(self.message, 1000))
 
@@ -290,10 +290,10 @@ class Ranking:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What the data show beside the primary analysis, as data and as one sentence."""
+    """What the data show in addition to the primary analysis, as data and as one sentence."""
 
     kind: str
-    """name of its template: a function in `findings` or beside it"""
+    """name of its template: a function in `findings` or a module next to it"""
     text: str
     agents: tuple[str, ...] = ()
     """labels that it is about"""

@@ -43,7 +43,7 @@ def of_conditions(agent: Agent, protocol: str) -> FloatArray | None:
 
 
 def draws(seed: int, label: str) -> np.random.Generator:
-    """Random numbers of an agent's resampling, whoever else is in the table."""
+    """Random numbers of an agent's resampling, independent of the other agents."""
     return np.random.default_rng([seed, zlib.crc32(label.encode())])
 
 

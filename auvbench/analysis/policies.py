@@ -54,7 +54,7 @@ def _first(agent: Agent) -> Agent:
 
 
 def more_seeds(agents: Sequence[Agent]) -> str:
-    """The command that trains further seeds of the agents with one; '' where there are none or nobody knows.
+    """The command that trains further seeds of the agents with one; '' where there are none, or where it is unknown.
 
     It is the command their runs were made by, with seeds: what is complete already is skipped.
     """

@@ -151,7 +151,7 @@ def _estimates(agents: Sequence[Agent], confidence: float) -> list[dict[str, Est
 def _oriented(estimates: Sequence[dict[str, Estimate]], m: Measure) -> FloatArray:
     """(n,) Values of which higher is better; an agent without a value comes after all others."""
     missing = Estimate(np.nan, np.nan, np.nan)
-    # Rounded so that two agents with the same successes are equal whatever the order of summation.
+    # Rounded so that two agents with the same successes are equal for any order of summation.
     values = np.array([m.sign * e.get(m.name, missing).value for e in estimates]).round(12)
     return np.where(np.isnan(values), -np.inf, values)
 

@@ -104,7 +104,7 @@ def _section(
 def _other_scenarios(
     cell: tuple[str, str], home: tuple[str, str], found: dict[tuple[str, str], list[RunRecord]], protocol: str
 ) -> Problem:
-    """Why runs of one vehicle have a section beside that of the others, and what would bring them together."""
+    """Why runs of one vehicle have a section of their own, and what would unite them."""
     here, there = found[cell], found[home]
     episodes = [len(runs[0].evaluations[protocol].episodes) for runs in (here, there)]
     message = (

@@ -15,7 +15,7 @@ from auvbench.untrusted.text import short
 NAME = "train/episodes.csv"
 
 NUMBERS = ("step", "steps", "return", "final_distance_m")
-"""columns of train/episodes.csv that a report uses, beside the outcome"""
+"""columns of train/episodes.csv that a report uses, without the outcome"""
 
 
 def has_training(run: RunRecord) -> bool:

@@ -56,7 +56,7 @@ def _rich_bar(total_steps: int) -> Iterator[Watch]:
 def bar_line(progress: Progress, elapsed: float, width: int) -> str:
     """A bar and figures on one line; where that is too long, what matters least is left out.
 
-    Steps, success and remaining time stay whatever the width.
+    Steps, success and remaining time are shown at any width.
     """
     rate = telling(progress.success_rate, progress.episodes)
     left = (
@@ -141,7 +141,7 @@ def counting_bar(total: int, title: str, parts: int = 1) -> Iterator[Teller]:
     Args:
         total: runs.
         title: what is done with them.
-        parts: of each run: the bar moves by these, where somebody tells of them.
+        parts: of each run: the bar moves by these, where they are reported.
     """
     single = total == 1 and parts > 1
     if not sys.stderr.isatty() or not (single or total > 1):

@@ -1,6 +1,6 @@
 """What the Tab key offers for commands whose words Hydra does not read: names, flags and their values.
 
-Imports nothing heavy, for somebody waits: a test holds what is listed here against what the commands accept.
+Imports nothing heavy, because a user waits: a test holds what is listed here against what the commands accept.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ VALUES: dict[str, Callable[[], Sequence[str]]] = {
     "--state": lambda: STATES,
     "--sort": lambda: SORTS,
 }
-"""Of flags, whatever the command."""
+"""Of flags of any command."""
 
 OVERRIDES: dict[str, dict[str, Callable[[], Sequence[str]]]] = {
     "evaluate": {

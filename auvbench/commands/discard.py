@@ -30,7 +30,7 @@ def discard(rows: Sequence[Row], columns: Sequence[str] = (), *, ask: bool = Tru
     what = "this pending run" if len(pending) == 1 else f"these {len(pending)} pending runs"
     if ask:
         if not sys.stdin.isatty():
-            raise UserError(f"--discard removes {what}: type --yes as well where nobody can be asked")
+            raise UserError(f"--discard removes {what}: type --yes as well where there is no terminal to ask")
         try:
             answer = input(f"remove {what}? Nothing was trained in them. [y/N] ")
         except EOFError:
@@ -51,7 +51,7 @@ def discard(rows: Sequence[Row], columns: Sequence[str] = (), *, ask: bool = Tru
 
 
 def _remove(path: Path) -> None:
-    """With the run's lock held, and only if it is still pending: somebody may have begun it while we asked."""
+    """With the run's lock held, and only if it is still pending: another process may have begun it meanwhile."""
     from auvbench.runs import lock
     from auvbench.runs.directory import RunDirectory
 

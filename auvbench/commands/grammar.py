@@ -1,6 +1,6 @@
 """One grammar for all commands: `key=value` is configuration, `--flag` is how something is done or shown.
 
-Whoever types the one where the other is meant is told the right one, in one line.
+The wrong one gets one line with the right one.
 """
 
 from __future__ import annotations

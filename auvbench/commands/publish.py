@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from auvbench.runs.lock import Holder
 
 PICTURES = "success_over_grid,success_over_conditions,training_success,failures"
-"""beside the main figure, which every README has"""
+"""in addition to the main figure, which every README has"""
 NAMED = 3
 """most runs that are named; the rest is counted"""
 LARGEST = 25 * 10**6

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """What was typed, beside report's flags."""
+    """What was typed, without report's flags."""
 
     folder: Path
     also: tuple[str, ...]
@@ -135,7 +135,7 @@ def _stored(options: Options) -> Declared:
 
 
 def _say_kept(path: Path, study: Study) -> None:
-    """A README that is there keeps its author's title and question, whatever was typed."""
+    """A README that is there keeps its author's title and question."""
     if path.exists():
         text = path.read_text("utf-8")
         if study.question and study.question not in text:
@@ -202,7 +202,7 @@ def _findings(reports: Sequence[Report]) -> str:
 
 
 def _claims(reports: Sequence[Report]) -> str:
-    """Return the verdicts of a study and its numbers beside ours, of each section that has them."""
+    """Return the verdicts of a study and its numbers next to ours, of each section that has them."""
     from auvbench.analysis import study
     from auvbench.reporting.write import claims_in_markdown
 

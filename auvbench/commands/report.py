@@ -42,7 +42,7 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     runs = [run for report in reports for run in report.runs]
     over = over_all(reports, options)
     out = options.out or beside(runs)
-    if options.out is None:  # a folder that was typed may be a link; one that lies there may be anybody's
+    if options.out is None:  # a folder that was typed may be a link; one that exists may be foreign
         path_safety.check_output(out)
     path_safety.check_output(out / "figures")
     if len(reports) == 1:
@@ -228,9 +228,7 @@ def write(
     from auvbench.reporting import write as files
     from auvbench.runs.atomic_io import make_folder
 
-    if (
-        options.out is None or title
-    ):  # a folder that was typed may be a link; one that lies there may be anybody's
+    if options.out is None or title:  # a folder that was typed may be a link; one that exists may be foreign
         path_safety.check_output(out)
     path_safety.check_output(out / "figures")
     try:

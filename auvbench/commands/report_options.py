@@ -135,7 +135,7 @@ def parser() -> Parser:
     parser = Parser(
         prog="auvbench report",
         where=True,
-        description="Ranks runs and writes tables, figures and a page beside them. "
+        description="Ranks runs and writes tables, figures and a page next to them. "
         "Defaults: conf/report.yaml; --preset FILE holds your own.",
         epilog="example: auvbench report outputs/quickstart --baseline pid --format terminal,tex --out paper/",
     )

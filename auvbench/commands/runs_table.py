@@ -1,4 +1,4 @@
-"""The table of `auvbench runs`: whatever the width, ids, states, steps, success and times are whole."""
+"""The table of `auvbench runs`: at any width, ids, states, steps, success and times are whole."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def show(rows: Sequence[Row], *, of: int, columns: Sequence[str] = ()) -> None:
     Args:
         rows: the runs.
         of: how many there are without filters.
-        columns: configuration keys that are shown whatever the width.
+        columns: configuration keys that are shown at any width.
     """
     from rich.console import Console
 

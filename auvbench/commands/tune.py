@@ -98,7 +98,7 @@ def _is_range(key: str, text: str) -> bool:
             from auvbench.tuning.space import FORMS
 
             raise ConfigError(f"{key}={text}: {' '.join(str(error).split())}; write {FORMS}") from error
-        return False  # whoever composes says what is wrong
+        return False  # composing it later gives the error
 
 
 def _studies(

@@ -77,7 +77,7 @@ def _print_sheet(name: str) -> None:
     sheet.load(name)  # an unknown name and a wrong sheet get their message
     path = Path(name)
     data = (path if path.suffix in (".yaml", ".yml") else sheets()[name]).read_bytes()
-    # As it is: a sheet is UTF-8 whatever the terminal's encoding.
+    # As it is: a sheet is UTF-8 on any terminal.
     buffer = getattr(sys.stdout, "buffer", None)
     if buffer is None or sys.stdout.isatty():
         sys.stdout.write(data.decode("utf-8"))

@@ -1,6 +1,6 @@
 """Steps and seconds: what an agent's frequency makes of a limit in seconds and of a discount with a horizon.
 
-The thesis counts both in steps: an episode has 1000 of them and the discount is 0.99 per step, whatever the frequency.
+The thesis counts both in steps: an episode has 1000 of them and the discount is 0.99 per step, at any frequency.
 So an agent at 55 Hz has 18 s for its episode and looks 1.8 s ahead, one at 10 Hz has 100 s and looks 10 s ahead: its
 frequency is confounded with time. `task.time_limit` and `algo.horizon_s` set both in seconds instead.
 """

@@ -1,7 +1,7 @@
 """Composing configurations with Hydra, and saying in one line what is wrong with them.
 
 `compose` is for commands and tests; `run` is Hydra's own command line (`--cfg`, `--help`, `-m`, completion)
-around a function. Both search `./conf` of the working directory first, so that somebody's own vehicle or preset
+around a function. Both search `./conf` of the working directory first, so that a user's own vehicle or preset
 needs no change to the package; `compose` can be told to search another folder, or none.
 """
 
@@ -98,7 +98,7 @@ def _prepare() -> None:
 
 
 WORKING_DIRECTORY = Path("conf")
-"""of wherever the program runs at the time"""
+"""of the folder in which the program runs"""
 
 _folder: ContextVar[Path | None] = ContextVar("folder", default=WORKING_DIRECTORY)
 

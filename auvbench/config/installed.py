@@ -1,8 +1,8 @@
-"""The configuration of agents and simulators that installed packages bring: their schemas, and what is written beside.
+"""The configuration of agents and simulators that installed packages bring: their schemas, and the keys added to them.
 
 A package's `algo/NAME.yaml` holds its values and the comments that explain them; the class behind its entry point holds
 their types and ranges as `Config`, a dataclass below `AgentConfig` (`SimulatorConfig`). Two keys are written when a
-configuration is composed, and nobody types them: `package`, name and version of what was installed then, and `learns`.
+configuration is composed, and are not typed: `package`, name and version of what was installed then, and `learns`.
 So they are part of a run's configuration and of its identity: another version is another run.
 """
 
@@ -60,7 +60,7 @@ GROUPS = (
 
 
 def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
-    """A composed configuration with types, and with what is written beside, for what installed packages bring.
+    """A composed configuration with types, and with the added keys, for what installed packages bring.
 
     Args:
         config: composed; groups that auvbench has itself are left as they are.

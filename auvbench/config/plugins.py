@@ -106,7 +106,7 @@ def load(one: Declared) -> Any:
             found = getattr(found, part)
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # whatever somebody's package does when it is imported, an exit included
+    except BaseException as error:  # all that a package may do when it is imported, an exit included
         raise ConfigError(
             f"{KEYS[one.group]}={one.name}: {one.value} of {one.release} cannot be imported: {told(error)}"
         ) from error
@@ -114,7 +114,7 @@ def load(one: Declared) -> Any:
 
 
 def told(error: BaseException) -> str:
-    """An exception of somebody else's code in one line."""
+    """An exception of foreign code in one line."""
     text = next(iter(str(error).splitlines()), "")
     return short(f"{type(error).__name__}: {text}" if text else type(error).__name__, 200)
 

@@ -1,4 +1,4 @@
-"""Values: each field against the range that the schema states beside its type, then what spans several fields."""
+"""Values: each field against the range that the schema states with its type, then what spans several fields."""
 
 from __future__ import annotations
 

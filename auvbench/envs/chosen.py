@@ -36,7 +36,7 @@ def make_simulator(
 ) -> Simulator:
     """The simulator that the configuration names.
 
-    Its step is no longer than the shortest time constant of any vehicle that may be drawn, whatever the configuration
+    Its step is no longer than the shortest time constant of any vehicle that may be drawn, even if the configuration
     allows. RK4 would be stable up to 2.78 of them: the rest is for currents and what turns faster than thrust alone
     makes it.
 

@@ -112,7 +112,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return options.places(options.check_names(given), 1, self.config.task, bounds)
 
     def _warn_of_a_limit(self) -> None:
-        """Of an episode that somebody else's limit cut short, which is Gymnasium's for the id unless it is told."""
+        """Of an episode that a limit of Gymnasium cut short."""
         steps = step_limit(self.config.task, self.config.step.frequency)
         if self._under_way and self.batch.task.C[0, C_STEPS] == settings.STEPS < steps:
             warnings.warn(

@@ -38,7 +38,7 @@ LOOK: Any = {
     "figure.autolayout": False,
     "figure.constrained_layout.use": False,
 }
-"""what pictures of an environment and figures of a report have in common, whatever a user's matplotlibrc says"""
+"""what pictures of an environment and figures of a report have in common, independent of a user's matplotlibrc"""
 
 
 @dataclass(slots=True)

@@ -57,7 +57,7 @@ def configuration(
     if config is not None:
         if lines or conf is not None:
             raise ConfigError(
-                f"config: is complete; {(lines or [f'conf={conf}'])[0]} cannot be said beside it"
+                f"config: is complete; {(lines or [f'conf={conf}'])[0]} cannot be given as well"
             )
         return config
     if conf is None:
@@ -84,7 +84,7 @@ def _compose(overrides: Sequence[str], folder: Path | None) -> schema.TrainConfi
 def limited(config: schema.TrainConfig, steps: int | None) -> schema.TrainConfig:
     """The configuration with another limit of an episode's steps.
 
-    None and STEPS, which Gymnasium passes when nobody said anything, leave it as it is; -1 takes it away.
+    None and STEPS, which Gymnasium passes by default, leave it as it is; -1 takes it away.
 
     Raises:
         ConfigError: another number below 1.

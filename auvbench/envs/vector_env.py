@@ -43,7 +43,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         noise: for `noise=...`.
         disturbance: for `disturbance=...`.
 
-    Environment i of a batch seeded s draws from (s, i), whatever N is.
+    Environment i of a batch seeded s draws from (s, i), for any N.
 
     Raises:
         ConfigError: a setting is wrong.

@@ -1,4 +1,4 @@
-"""The card of a policy's file: JSON beside the ONNX file that says what its numbers mean (docs/policies-as-files.md)."""
+"""The card of a policy's file: JSON next to the ONNX file that says what its numbers mean (docs/policies-as-files.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A policy as a file: an ONNX network and, beside it, a card in JSON that says what its numbers mean.
+"""A policy as a file: an ONNX network and, next to it, a card in JSON that says what its numbers mean.
 
 Reading one needs NumPy, onnx and ONNX Runtime alone: no torch, no Stable-Baselines3, nothing that is compiled. The network
 takes raw observations (n, 4 + n_u) in the units of the environment and returns actions (n, n_u) in [-1, 1]; scaling and
@@ -115,7 +115,7 @@ class Policy:
 def load(
     path: Path | str, *, observations: int | None = None, actions: int | None = None, rows: int = ROWS
 ) -> Policy:
-    """Reads an ONNX file and the card beside it, if there is one.
+    """Read an ONNX file and the card next to it, if there is one.
 
     Args:
         path: of the ONNX file.
@@ -132,7 +132,7 @@ def load(
 
 
 def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
-    """An ONNX file's bytes, its card, and the card's bytes; None where no card lies beside it.
+    """An ONNX file's bytes, its card, and the card's bytes; None where no card lies next to it.
 
     Raises:
         PolicyError: one of them cannot be read, or the card is of another file.
@@ -251,7 +251,7 @@ def _session(data: bytes, where: str) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
-    options.log_severity_level = 4  # what is wrong is raised; nothing is printed beside it
+    options.log_severity_level = 4  # what is wrong is raised; nothing is printed in addition
     options.use_deterministic_compute = True
     # Rewrites that keep each number as it is; further ones trade digits for speed.
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_BASIC

@@ -62,7 +62,7 @@ def best(agents: Sequence[Agent], rank_by: str) -> list[tuple[Agent, int]]:
 def renew(
     chosen: Sequence[tuple[Agent, int]], sources: Mapping[str, RunRecord], folder: Path, *, export: bool
 ) -> list[Best]:
-    """Exports what is not there yet, and removes policies of ours that are nobody's best any more.
+    """Exports what is not there yet, and removes policies of ours that are no agent's best any more.
 
     Args:
         chosen: as `best` returns it.

@@ -51,7 +51,7 @@ def markdown(
 
     Args:
         ranking: the table.
-        findings: what the data show beside the primary analysis.
+        findings: what the data show in addition to the primary analysis.
         claims: claims of a study with their verdicts.
         beside: the study's own numbers next to ours.
         figures: drawn already, the main one first.

@@ -1,4 +1,4 @@
-"""Digests: what a file held when a manifest or a summary recorded it, checked wherever the file is read.
+"""Digests: what a file held when a manifest or a summary recorded it, checked whenever the file is read.
 
 A manifest and a summary hold a `files` table (path below them -> bytes and SHA-256) and a `seal`, the SHA-256 of all
 their other entries. So a flipped bit in a file, in its digest or in a number next to it is noticed.

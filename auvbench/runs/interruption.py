@@ -38,7 +38,7 @@ class Interrupted(KeyboardInterrupt):
 
 @dataclass(slots=True)
 class Request:
-    """Whether somebody asked this process to leave."""
+    """Return whether this process was asked to stop."""
 
     signal: signal.Signals | None = None
 
@@ -61,7 +61,7 @@ def deferred() -> Iterator[Request]:
 def immediate() -> Iterator[Request]:
     """Signals raise `Interrupted` where the process happens to be, and set the request.
 
-    What is raised in the middle of a library may come out of it as another error, or not at all: whoever has to say
+    What is raised in the middle of a library may come out of it as another error, or not at all: the caller that has to say
     what ended the process looks at the request.
     """
     request = Request()

@@ -104,7 +104,7 @@ def _settled(config: DictConfig) -> DictConfig:
 def _plain(config: DictConfig) -> dict[str, object]:
     container = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     assert isinstance(container, dict)
-    # The analysis is none of the run's: it lies beside the runs.
+    # The analysis is none of the run's: it lies next to the runs.
     plain = {str(key): value for key, value in container.items() if key != declared.KEY}
     if found := interpolations.first(plain):  # from a value with \${ in it
         raise ConfigError(f"{found}: a run's configuration holds no ${{ }}")

@@ -20,7 +20,7 @@ def host() -> str:
 def start_mark(pid: int) -> str | None:
     """A mark that no other process with the same pid has; None when there is no such living process.
 
-    A zombie counts as dead: it holds nothing any more, and in a container without an init nobody may ever
+    A zombie counts as dead: it holds nothing any more, and in a container without an init no process may ever
     collect it.
     """
     try:

@@ -28,7 +28,7 @@ class Status:
     """What a backend knows about a job."""
 
     phase: Phase
-    code: int | None = None  # exit code of an ended job, negative for a signal, None where nobody knows
+    code: int | None = None  # exit code of an ended job, negative for a signal, None where it is unknown
     reason: str = ""  # in the backend's words, where it knows more than the code
     lost: bool = False  # ended through no doing of the run (its node or its server died): worth another try
 

@@ -130,7 +130,7 @@ def _config(run: RunDirectory) -> dict[str, Any]:
     try:
         known = run_filter.flat(run.config())
     except (RunError, RecursionError):
-        return {}  # whoever works on the run says what is wrong with it
+        return {}  # the command that works on the run gives the error
     return {
         short(key): _shown(value)
         for key, value in known.items()
@@ -139,7 +139,7 @@ def _config(run: RunDirectory) -> dict[str, Any]:
 
 
 def _shown(value: Any) -> Any:
-    """A value that a line and JSON can hold, whatever YAML made of it."""
+    """A value that a line and JSON can hold, of any YAML type."""
     if isinstance(value, list):
         return [_shown(item) for item in value[:LONGEST]]
     if value is None or isinstance(value, bool | int) or (isinstance(value, float) and math.isfinite(value)):

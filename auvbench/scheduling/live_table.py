@@ -1,4 +1,4 @@
-"""The rows of the live table of a sweep, at whatever width the terminal has."""
+"""The rows of the live table of a sweep, at any width of the terminal."""
 
 from __future__ import annotations
 

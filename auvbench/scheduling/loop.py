@@ -136,7 +136,7 @@ class Loop:
                 continue
             try:
                 outcome, message = judge(run, job, status, cancelled=self.signals > 0)
-            except RunError as error:  # somebody removed or damaged it meanwhile
+            except RunError as error:  # it was removed or damaged meanwhile
                 outcome, message = Outcome.FAILED, str(error)
             self._settle(run, outcome, message)
 

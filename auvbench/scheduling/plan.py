@@ -135,7 +135,7 @@ def show(plan: Plan, console: Console) -> None:
         if steps:
             table.add_row(WHY[action], str(len(steps)), _VERBS[action])
     console.print(table)
-    for step in plan.of(Action.REFUSE):  # all of them, for each needs somebody's hand
+    for step in plan.of(Action.REFUSE):  # all of them, for each needs a user's hand
         console.print(f"  {WHY[step.action]}: {step.detail}", soft_wrap=True, highlight=False, markup=False)
     for action in (Action.RESUME, Action.RETRY, Action.LEAVE):
         steps = plan.of(action)

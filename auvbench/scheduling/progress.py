@@ -1,4 +1,4 @@
-"""Reading `progress.json`, which the training loop writes (`auvbench.runs.progress`), for whoever watches a run."""
+"""Reading `progress.json`, which the training loop writes (`auvbench.runs.progress`), for those that watch a run."""
 
 from __future__ import annotations
 

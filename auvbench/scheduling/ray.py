@@ -1,7 +1,7 @@
 """Runs as tasks of a Ray cluster, or of a Ray started on this machine.
 
 Each task starts the worker as a process of its own instead of training inside Ray's: a run then has the same
-threads, signals and log wherever it is carried out, and nothing of one run is left in the process of the next.
+threads, signals and log on every machine, and nothing of one run is left in the process of the next.
 """
 
 from __future__ import annotations

@@ -160,7 +160,7 @@ class SlurmBackend:
         path_safety.check(run)
         (run / LOG).parent.mkdir(exist_ok=True)
         (run / SCRIPTS).mkdir(exist_ok=True)
-        # submitit leaves a symbolic link beside its script, and a run that holds one is refused (untrusted.path_safety).
+        # submitit leaves a symbolic link next to its script, and a run that holds one is refused (untrusted.path_safety).
         with tempfile.TemporaryDirectory(prefix="auvbench-") as scratch:
             number = submit(self.executor(run, Path(scratch)), self.worker(run))
             (run / JOB_FILE).write_text(

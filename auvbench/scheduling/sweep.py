@@ -56,7 +56,7 @@ def sweep(
 
 
 def summarise(result: Result, console: Console) -> None:
-    """Counts, then each run that needs somebody's attention, by name."""
+    """Counts, then each run that needs attention, by name."""
     counts = {outcome: result.of(outcome) for outcome in Outcome}
     text = ", ".join(f"{len(runs)} {outcome}" for outcome, runs in counts.items() if runs)
     total = len(result.outcomes)

@@ -60,7 +60,7 @@ class Watch:
         row.state, row.job = Phase.QUEUED, job
 
     def marked(self, run: RunDirectory, job: Job) -> None:
-        """Says what a cluster knows the run as from now on, whatever becomes of this process."""
+        """Say what a cluster knows the run as from now on, also after this process."""
         if job.mark:
             self.event(f"{run.path.name}: {Phase.QUEUED} as {job}")
 

@@ -162,7 +162,7 @@ def hierarchical(
     """Percentile interval of a statistic of the values (S, E), resampling training seeds and then scenarios.
 
     The columns drawn are the same for all seeds drawn, since the seeds share the scenarios. With few seeds the
-    interval is too short whatever the resampling (docs/statistics-appendix.md has the measured coverage): the rates and
+    interval is too short with any resampling (docs/statistics-appendix.md has the measured coverage): the rates and
     means of the tables use `crossed.means` instead; this is for statistics without a formula, such as the IQM.
     """
     values = np.asarray(values, dtype=np.float64)

@@ -189,7 +189,7 @@ def _covariance(columns: FloatArray, paired: bool) -> tuple[FloatArray, FloatArr
 def within(
     low: ArrayLike, value: ArrayLike, high: ArrayLike, least: ArrayLike, most: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """The interval without what cannot be; it keeps the value, whatever the data claim."""
+    """The interval without what cannot be; it always keeps the value."""
     return np.minimum(np.maximum(low, least), value), np.maximum(np.minimum(high, most), value)
 
 

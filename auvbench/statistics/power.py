@@ -247,7 +247,7 @@ def seeds_by_formula(
         difference: between the two agents.
         per_seed: variance that one seed of each adds to it: sum over both agents of the variance between seeds.
         fixed: variance that stays however many seeds there are, that of the scenarios.
-        alpha: two-sided level, after whatever correction.
+        alpha: two-sided level, after any correction.
         target: power.
         learners: of the two agents, 1 or 2.
 

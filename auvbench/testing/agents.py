@@ -89,7 +89,7 @@ def actions_are_in_range(config: schema.TrainConfig, make: Make) -> None:
 
 
 def actions_do_not_depend_on_the_batch(config: schema.TrainConfig, make: Make) -> None:
-    """An episode is steered by the same actions, to the last bit, in whatever company."""
+    """An episode is steered by the same actions, to the last bit, in any batch."""
     flight = fly(config, make())
     for size in SIZES:
         agent = make()
@@ -108,7 +108,7 @@ def nothing_outlives_an_episode(config: schema.TrainConfig, make: Make) -> None:
 
 
 def actions_are_deterministic(config: schema.TrainConfig, make: Make) -> None:
-    """Two agents of one configuration do the same, whatever else the process has drawn; neither moves its generators."""
+    """Two agents of one configuration do the same, also after other draws of the process; neither moves its generators."""
     draws.stir(1)
     agent = make()
     with draws.untouched("steering"):
@@ -168,7 +168,7 @@ def _compare(there: RunDirectory, here: RunDirectory, what: str) -> None:
 
 
 def training_is_deterministic(trainings: Trainings) -> None:
-    """The same configuration gives the same bits, whatever else the process has drawn."""
+    """The same configuration gives the same bits, also after other draws of the process."""
     draws.stir(4)
     again = trainings.run("again")
     execute(again)
@@ -265,7 +265,7 @@ def check_agent(
     """Checks an agent against its contract (`auvbench.agents.base`).
 
     Args:
-        overrides: what one would type behind `auvbench train`: the agent, `algo=NAME`, and whatever else.
+        overrides: what one would type behind `auvbench train`: the agent, `algo=NAME`, and other overrides.
         steps: budget of the trainings of an agent that learns; there are four of them. It must be long enough for the
             agent to have called `callbacks.checkpoint` a few times.
         only: one of `AGENT_CHECKS` or `LEARNER_CHECKS`; all of them by default.

@@ -27,7 +27,7 @@ def generators() -> dict[str, bytes]:
 
 
 def stir(seed: int) -> None:
-    """Seeds the process's generators, so that whoever draws from them draws something else than before."""
+    """Seeds the process's generators, so that every draw from them changes."""
     random.seed(seed)
     np.random.seed(seed)  # noqa: NPY002
     torch = sys.modules.get("torch")

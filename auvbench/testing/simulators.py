@@ -93,7 +93,7 @@ def reset_puts_vehicles_where_it_says(make: Make) -> None:
 
 
 def motion_does_not_depend_on_the_batch(make: Make) -> None:
-    """A vehicle moves in the same way in whatever company (deterministic simulators: to the last bit)."""
+    """A vehicle moves in the same way in any batch (deterministic simulators: to the last bit)."""
     simulator = make(N)
     start(simulator)
     together = fly(simulator)

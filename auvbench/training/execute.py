@@ -72,7 +72,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
                     "complete", **result, versions=provenance.versions() | installed.releases(config)
                 )
         except LockLostError:
-            raise  # the run and its manifest are somebody else's by now
+            raise  # the run and its manifest belong to another process by now
         except (KeyboardInterrupt, interruption.Interrupted):
             with suppress(OSError):
                 close("interrupted")
@@ -88,7 +88,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
                 raise
             raise TrainingError(f"{run.id}: {type(error).__name__}: {error}") from error
     if stop.signal is not None:
-        # It came when nothing was left to stop here; whoever runs several runs must know of it.
+        # It came when nothing was left to stop here; a command with several runs must know of it.
         raise interruption.Interrupted(stop.signal, f"{run.path}: complete")
     return manifest
 

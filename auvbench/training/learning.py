@@ -43,7 +43,7 @@ def learn(
         run: its frozen directory.
         config: its typed configuration.
         watch: called with each report of progress.
-        stop: set by whoever wants the run to save and leave.
+        stop: set to make the run save and stop.
         note: called after each checkpoint with entries for the manifest; `run.update_manifest` by default.
 
     Raises:
@@ -115,7 +115,7 @@ def learn(
             session.end()
             reporter.step(session.steps, force=True)
         except LockLostError:
-            log.abandon()  # the files are somebody else's by now
+            log.abandon()  # the files belong to another process by now
             raise
         except BaseException:
             with suppress(OSError):

@@ -33,8 +33,8 @@ class Session:
         log: of the episodes.
         events: of the scalars.
         reporter: of the progress.
-        validator: tests the policy on the way; None where nobody asked for it.
-        stop: looked at in every step: whether somebody wants the run to stop.
+        validator: tests the policy on the way; None where it is not wanted.
+        stop: checked in every step: whether the run shall stop.
 
     Attributes:
         steps: environment steps that lie behind.
@@ -74,7 +74,7 @@ class Session:
 
         Raises:
             TrainingError: an observation or a reward is not finite.
-            Interrupted: somebody wants the run to stop, and no checkpoint can be waited for.
+            Interrupted: the run was asked to stop, and no checkpoint can be waited for.
         """
         self.steps = steps
         finite.check_step(transition.observation, transition.reward, steps)
@@ -101,7 +101,7 @@ class Session:
         """As the contract says.
 
         Raises:
-            Interrupted: somebody wants the run to stop; it is saved.
+            Interrupted: the run was asked to stop; it is saved.
         """
         self.steps = steps
         lock.verify(self._run.path, every=1.0)

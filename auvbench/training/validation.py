@@ -1,7 +1,7 @@
 """Tests on validation scenarios while a run trains: `train/validation.csv`, a row every `train.evaluate_every` steps.
 
 The policy of that moment, deterministic and with frozen statistics, on the scenarios of `conf/protocol/validation.yaml`.
-They come from a stream of their own, so that whoever watches, stops or chooses by them has seen no scenario of a test.
+They come from a stream of their own, so that early stopping and the choice of a policy see no scenario of a test.
 Nothing here draws from a generator that training uses: the trained weights are the same bits with and without it.
 """
 
@@ -62,7 +62,7 @@ class Validator:
         every: environment steps between two tests.
         path: of the CSV file.
         keep: bytes of it that stay, where a run goes on; None begins it anew.
-        show: called with the rates by name and the step, for whoever else shows them.
+        show: called with the rates by name and the step, for other displays.
 
     Attributes:
         spent: s of wall time that the tests took in this process.

@@ -1,9 +1,9 @@
 """One process, one run: `python -m auvbench.training.worker RUN_DIR` trains or resumes a frozen run directory.
 
-Every backend ends up here, so that a run is the same run wherever it is carried out: one thread of arithmetic,
+Every backend ends up here, so that a run is the same on every backend: one thread of arithmetic,
 the run's lock held, output appended to the run's `train/log.txt`, an error written into its manifest.
 
-Exit codes: 0 complete, 1 failed (the manifest says why), 2 no such run, 75 held by somebody else, 130 or 143
+Exit codes: 0 complete, 1 failed (the manifest says why), 2 no such run, 75 held by another process, 130 or 143
 interrupted by SIGINT or SIGTERM after saving.
 """
 
@@ -35,7 +35,7 @@ TARGET = "auvbench.training.execute:execute"
 """What a worker calls with the run directory, as module:function."""
 
 HELD = 75
-"""Exit code of a worker that found its run held by somebody else (EX_TEMPFAIL of sysexits.h)."""
+"""Exit code of a worker that found its run held by another process (EX_TEMPFAIL of sysexits.h)."""
 
 LOG = Path("train", "log.txt")
 
@@ -85,11 +85,11 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
         request: of `interruption.immediate`, if signals are handled by it.
 
     Raises:
-        KeyboardInterrupt: it was interrupted, whatever a library has made of that on the way.
+        KeyboardInterrupt: it was interrupted, also if a library turned that into another error.
     """
     job = f"slurm:{os.environ['SLURM_JOB_ID']}" if "SLURM_JOB_ID" in os.environ else None
     with lock.acquire(run.path, job=job):
-        if status.finished(run):  # somebody else's work, since we were sent
+        if status.finished(run):  # another process finished it meanwhile
             return
         try:
             function(run)
@@ -98,7 +98,7 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
                 settle(run, "interrupted")
             raise
         except lock.LockLostError:
-            raise  # the manifest is somebody else's by now
+            raise  # the manifest belongs to another process by now
         except BaseException as error:
             asked = request.signal if request is not None else None
             interrupted = Interrupted(asked) if asked is not None else interruption.behind(error)

@@ -1,6 +1,6 @@
 """The journal of a study: Optuna's operations, one line of JSON each, with a digest over all lines so far.
 
-The digest is chained, so that an edited, removed or moved line is found wherever it is. Scores stay in the journal
+The digest is chained, so that an edited, removed or moved line is always found. Scores stay in the journal
 and are not read again from the runs: a user may remove the runs of pruned trials. Optuna ignores the digest and
 reads the file as its own.
 """

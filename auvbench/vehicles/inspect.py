@@ -283,7 +283,7 @@ def _linearised(vehicle: VehicleModel, speed: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Instability:
-    """Straight flight ahead is unstable above a speed when nobody steers."""
+    """Straight flight ahead is unstable above a speed without steering."""
 
     plane: str  # pitch (vertical plane) or yaw (horizontal plane)
     above: float  # m/s

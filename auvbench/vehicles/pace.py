@@ -1,4 +1,4 @@
-"""How fast a vehicle may react, for its motion to be computed in a time that anybody waits."""
+"""How fast a vehicle may react, for its motion to be computed in an acceptable time."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ hold several, `{algo: pid}` as well for example. For each key that is typed on t
 
 * when no grid varies it, it applies to all jobs, itself an axis when it has several values;
 * else, for each typed value: when some grid's axis has it, it selects that value there, and a grid whose axis
-  has none of the typed values is dropped; when no grid's axis has it, it replaces the axis wherever the key is
+  has none of the typed values is dropped; when no grid's axis has it, it replaces each axis of the key that is
   varied. Grids that do not vary the key stay as they are: `reward.k=40` takes the column K = 40 of the grid
   above and leaves PID, which has no K, as the baseline that it is.
 """
@@ -101,7 +101,7 @@ def narrow(grids: Sequence[Grid], typed: Grid) -> list[Grid]:
 
 
 def _restrict(axis: Axis, values: Axis, every: Sequence[Axis]) -> Axis:
-    """The typed values that a grid's axis takes: those it has, as it writes them, and those that nobody has."""
+    """The typed values that a grid's axis takes: those it has, as it writes them, and those that no grid has."""
     own = {_plain(value): value for value in axis}
     known = {_plain(value) for other in every for value in other}
     return [

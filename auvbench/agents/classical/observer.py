@@ -81,7 +81,7 @@ class Observer:
             x[:3] = position
             x[3:7] = np.cos(yaw / 2.0), 0.0, 0.0, np.sin(yaw / 2.0)
             return
-        # In the level axes that turn with the vehicle the linearisation is the same whatever the yaw.
+        # In the level axes that turn with the vehicle the linearisation does not depend on yaw.
         innovation = np.empty(4)
         innovation[:3] = turned(position - x[:3], -predicted)
         innovation[3] = float(wrap(np.asarray(yaw - predicted)))

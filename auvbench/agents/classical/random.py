@@ -11,7 +11,7 @@ from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import uniform
 from auvbench.vehicles.model import VehicleModel
 
-# A stream of its own beside those of dynamics/random.py.
+# A stream of its own, in addition to those of dynamics/random.py.
 ACTION = 0x80
 
 

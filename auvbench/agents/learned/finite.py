@@ -1,7 +1,7 @@
 """Notices a NaN or an infinity in SB3's networks and losses when it appears, and stops the run.
 
 A run that goes on with a NaN wastes its budget and would overwrite its last good checkpoint. The physics is watched
-by whoever carries out the run.
+by the worker.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def diagnosed(model: BaseAlgorithm) -> Iterator[None]:
     """Names the weights as the cause of an error that they have caused.
 
     A NaN that appears within an update makes torch's distributions complain about their arguments in many
-    lines before anybody could look at the weights.
+    lines before the weights are checked.
     """
     try:
         yield

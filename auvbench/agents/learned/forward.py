@@ -1,4 +1,4 @@
-"""The forward pass of a policy in a test: deterministic, and the same for a row whatever the batch."""
+"""The forward pass of a policy in a test: deterministic, and independent of the batch."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ class SB3Learner:
             self._drawn = None
         finite.check_losses(model)
         if isinstance(model, OnPolicyAlgorithm):
-            # A rollout of many steps follows, so looking at every weight costs nothing beside it.
+            # A rollout of many steps follows, so checking every weight costs nothing in comparison.
             finite.check_parameters(model)
 
     def training_ends(self) -> None:
@@ -188,7 +188,7 @@ def _normaliser(model: BaseAlgorithm) -> VecNormalize:
 
 
 class Follower(BaseCallback):
-    """Tells whoever carries out the run what SB3's loop does.
+    """Report to the worker what SB3's loop does.
 
     Args:
         learner: whose model learns.

@@ -3,7 +3,7 @@
 The moment is the start of a rollout: then the learner has stored its last transition, updated its networks
 and holds nothing in local variables. `restore` works on a learner that was built in the ordinary way and has
 begun `learn`, because both of them draw random numbers and reset what is restored here. The environments are
-not its business: a checkpoint holds them beside the learner.
+not its business: a checkpoint holds them separately.
 
 Read against Stable-Baselines3 2.9.2; what it keeps is listed in docs/resume.md.
 """

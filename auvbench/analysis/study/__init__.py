@@ -1,4 +1,4 @@
-"""Studies: claims that a report answers from whatever runs are there. `--study thesis` is the one there is.
+"""Studies: claims that a report answers from the runs that exist. `--study thesis` is the one there is.
 
 docs/claims.md states each claim's test; `thesis` holds the original study's numbers, `claims` the tests.
 """
@@ -30,7 +30,7 @@ def answer(
 
     Args:
         runs: all runs, for their training records; unfinished ones are left out.
-        agents: evaluated agents of one condition; grouped by algorithm, K and frequency, whatever else.
+        agents: evaluated agents of one condition; grouped by algorithm, K and frequency alone.
         study: name of the study.
         confidence: of every interval.
         seed: of permutations and bootstrap.

@@ -47,7 +47,7 @@ def _basis(evidence: Evidence, verdict: ClaimVerdict) -> str:
 
 CLAIMS = (
     Claim(
-        "In training at 55 Hz the agent (SAC) does not converge, whatever K.",
+        "In training at 55 Hz the agent (SAC) does not converge for any K.",
         training.no_convergence_at_55_hz,
     ),
     Claim(

@@ -34,7 +34,7 @@ def budget(agent: Agent) -> int | None:
 def informative(groups: Sequence[Group]) -> tuple[list[Group], list[str]]:
     """The groups of agents to be compared that are evidence, and in words why others are not.
 
-    Nothing follows from agents that learned nothing, for they are alike whatever the factor: a group is left out
+    Nothing follows from agents that learned nothing, for the factor does not matter there: a group is left out
     if none of its agents learned. One that did and one that did not is evidence: leaving it out would choose by the
     result.
     """

@@ -42,7 +42,7 @@ def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
     here = [run for run in e.learnings("sac") if cell_of_run(run.run)[1] == thesis.HIGH_FREQUENCY]
     if not here:
         return [Part(OPEN, missing="training records of SAC at 55 Hz")]
-    # One that converged counts whatever its length; one that did not only if it had the original study's budget.
+    # One that converged counts with any length; one that did not only if it had the original study's budget.
     known = [run for run in here if run.converged or run.steps >= thesis.STEPS]
     # Of a mixture of lengths the short ones could only be counted where they converged: then none of them is.
     if any(run.steps < thesis.STEPS and not run.converged for run in here):
@@ -204,7 +204,7 @@ def _prediction(
     """Judge how likely a converged run tests better than one of the same K and frequency that did not converge.
 
     Runs of one cell share what K and frequency do, so only runs of the same cell are compared. The variance of a
-    cell's share is at most p (1 - p) over the smaller number of its runs, whatever their distributions (van Dantzig 1951;
+    cell's share is at most p (1 - p) over the smaller number of its runs, for any distributions (van Dantzig 1951;
     Birnbaum & Klose 1957, Ann. Math. Stat. 28:933). Weighted by these numbers, the mean has the limits of as many
     binomial trials as their sum.
     """

@@ -33,7 +33,7 @@ Point = tuple[str, float, float]
 def trend(points: Sequence[Point], confidence: float = 0.95, seed: int = 0) -> Trend | None:
     """Jonckheere and Terpstra's statistic within strata, as a share of pairs, with a permutation test.
 
-    Values are permuted among the runs of a stratum, 10,000 times: exact in level whatever the distribution, and
+    Values are permuted among the runs of a stratum, 10,000 times: exact in level for any distribution, and
     with one run per cell of two strata no smaller than 1/4, as it should be. The interval is Wilson's with the
     variance of the jackknife over runs. None where no stratum has two levels.
     """

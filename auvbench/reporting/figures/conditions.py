@@ -25,7 +25,7 @@ ROOM = 0.35
 
 def robustness(scene: Scene) -> Drawing | None:
     """Success over the level of each factor; None without evaluations by the robustness protocol."""
-    caption = "Test success under disturbances, one factor at a time, beside the undisturbed condition (protocol robustness)."
+    caption = "Test success under disturbances, one factor at a time, with the undisturbed condition (protocol robustness)."
     return _curves(scene, "robustness", "Robustness", caption)
 
 
@@ -186,7 +186,7 @@ def _curve(
     conditions: Sequence[str],
     side: float,
 ) -> None:
-    """Points with their intervals; `side` in (-0.5, 0.5) is the agent's place beside the others at each level."""
+    """Points with their intervals; `side` in (-0.5, 0.5) is the agent's place among the others at each level."""
     x = _positions(factor, conditions)
     there = [i for i in np.argsort(x) if conditions[i] in curve]
     if not there:

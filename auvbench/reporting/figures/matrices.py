@@ -72,7 +72,7 @@ def success_over_grid(scene: Scene) -> Drawing | None:
 
 
 def success_over_conditions(scene: Scene) -> Drawing | None:
-    """Success of every agent under every condition of robustness and transfer; None where nobody was tested by them."""
+    """Success of every agent under every condition of robustness and transfer; None where no agent was tested by them."""
     curves: dict[str, dict[str, float]] = {}
     headings: dict[str, tuple[str, str]] = {}
     for protocol in UNDER_CONDITIONS:
@@ -133,7 +133,7 @@ def improvement(scene: Scene) -> Drawing | None:
     whole = np.asarray(scene.ranking.improvement, dtype=np.float64)
     if whole.shape != (len(scene.ranking.rows),) * 2:
         return None
-    # An agent that is compared with nobody has no value in its row.
+    # An agent that is compared with no other has no value in its row.
     apart = whole + np.where(np.eye(len(whole)), np.nan, 0.0)
     compared = [i for i in range(len(whole)) if np.isfinite(apart[i]).any()]
     chosen = compared[:MOST_IN_MATRIX]
@@ -165,7 +165,7 @@ def improvement(scene: Scene) -> Drawing | None:
 
 
 def _not_compared(n: int) -> str:
-    """'' or the sentence of a caption on agents that are compared with nobody."""
+    """'' or the sentence of a caption on agents that are compared with no other."""
     if not n:
         return ""
     return (

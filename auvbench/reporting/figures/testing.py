@@ -23,7 +23,7 @@ from auvbench.reporting.figures.scene import (
 from auvbench.statistics.estimate import Estimate
 
 MOST_LABELS = 12
-"""points with their names written beside them; more would overlap"""
+"""points with their names next to them; more would overlap"""
 
 
 def cumulative_means(scene: Scene) -> Drawing | None:

@@ -33,13 +33,13 @@ class Embedded:
     data: str
     """data URI; '' where the figure is only linked"""
     files: tuple[tuple[str, str], ...]
-    """(kind, relative link) of the files beside the page"""
+    """(kind, relative link) of the files next to the page"""
     size: tuple[int, int] | None = None
     """width and height of the PNG, px: the room to keep before the picture is there"""
 
     @property
     def wide(self) -> bool:
-        """Several panels beside each other, unreadable in half the page's width."""
+        """Several panels side by side, unreadable in half the page's width."""
         return self.size is not None and self.size[0] > WIDE
 
 

@@ -30,7 +30,7 @@ def estimate(of: Estimate, scale: float = 1.0) -> tuple[str, str]:
     ('98.0', '96.4 – 98.9')
     """
     value, low, high = (typeset(text) for text in rounding.rounded(of, scale))
-    between = " to " if low.startswith(MINUS) else " – "  # a dash beside a minus sign is hard to read
+    between = " to " if low.startswith(MINUS) else " – "  # a dash next to a minus sign is hard to read
     return value, f"{low}{between}{high}" if low else ""
 
 

@@ -47,7 +47,7 @@ class _Shown:
 
 
 def write_overview(path: Path, parts: Sequence[Part], command: str = "", over: Across | None = None) -> Path:
-    """Writes the page of all sections; each has a page of its own at `<folder>/index.html` beside it.
+    """Writes the page of all sections; each has a page of its own at `<folder>/index.html` next to it.
 
     Raises:
         OSError: the file cannot be written.

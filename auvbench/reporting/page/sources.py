@@ -15,7 +15,7 @@ from auvbench.runs.progress import telling
 VERDICTS = {"holds": "yes", "does not hold": "no", "cannot be said": "open"}
 """a claim's verdict to the name of its style"""
 SHOWN = 4
-"""runs linked beside a finding before the list is folded"""
+"""runs linked next to a finding before the list is folded"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""A study's own table beside ours, as the page shows it: two lines per agent, theirs and ours."""
+"""A study's own table next to ours, as the page shows it: two lines per agent, theirs and ours."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A study's table beside ours."""
+    """A study's table next to ours."""
 
     titles: tuple[str, ...]
     lines: tuple[Line, ...]
@@ -54,7 +54,7 @@ MARKS = {
 
 
 def table(rows: Sequence[Beside], colours: Mapping[str, str], links: Links) -> Table | None:
-    """None where there is nothing to set beside."""
+    """None where there is nothing to compare."""
     titles = {row.measure: row.title for row in rows}
     lines = []
     for name in dict.fromkeys(row.agent for row in rows):

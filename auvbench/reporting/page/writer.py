@@ -76,7 +76,7 @@ def write(
         agents: the agents of the ranking, in any order.
         runs: every run that was found, with or without an evaluation.
         figures: objects with `name`, `title`, `caption`, `png`, `svg`, in the order to show.
-        findings: what the data show beside the primary analysis.
+        findings: what the data show in addition to the primary analysis.
         claims: the claims of a study with their verdicts.
         beside: the numbers of a study's own table with ours.
         problems: what was found while loading; those of the ranking are added.
@@ -215,7 +215,7 @@ def filled(template: str, scripts: Sequence[str], **shown: Any) -> str:
     script = "\n".join(_asset(name) for name in scripts)
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_asset),
-        # Labels, ids and messages come from files that anybody may have written.
+        # Labels, ids and messages come from foreign files.
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

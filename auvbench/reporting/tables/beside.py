@@ -1,4 +1,4 @@
-"""A study's own table beside ours, on a terminal."""
+"""A study's own table next to ours, on a terminal."""
 
 from __future__ import annotations
 

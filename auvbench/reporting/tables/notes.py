@@ -25,7 +25,7 @@ KINDS = {
 """titles of the kinds of problems, in the order of a list"""
 
 SAME_TEST = (
-    "The test fixes task, noise, disturbances and simulator for all agents, whatever they were trained with; protocol=own "
+    "The test fixes task, noise, disturbances and simulator for all agents, also if they were trained with others; protocol=own "
     "tests a run in its own."
 )
 OWN_TEST = "Each run was tested in its own task, noise and disturbances, at its own frequency."

@@ -69,7 +69,7 @@ def test_keywords_and_overrides():
     assert same[0] == same[1] == same[2]
     same[0].reward.k = 3.0
     assert settings.configuration(k=40, frequency=25, vehicle="rexrov").reward.k == 40, "a copy is handed out"
-    with pytest.raises(ConfigError, match=r"reward\.k=40 cannot be said beside it"):
+    with pytest.raises(ConfigError, match=r"reward\.k=40 cannot be given as well"):
         settings.configuration(same[0], k=40)
     with pytest.raises(ConfigError, match="3 is no text"):
         settings.configuration(overrides=[3])
