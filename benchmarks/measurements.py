@@ -14,7 +14,7 @@ from auvbench.config.compose import compose
 from auvbench.config.schema import TrainConfig
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
-from auvbench.envs.chosen import make_simulator
+from auvbench.envs.simulator_factory import make_simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
 from auvbench.vehicles.reader import sheet_names

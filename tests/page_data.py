@@ -10,8 +10,8 @@ import matplotlib as mpl
 import numpy as np
 
 from auvbench.analysis import grouping, load, study
-from auvbench.analysis.model import Agent, ClaimVerdict, Finding, Problem, RunRecord
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, RunRecord
 from auvbench.reporting.figures import Figure
 from tests.synthetic import write_experiment
 
@@ -34,7 +34,7 @@ def parts(folder: Path, **grid: Any) -> dict[str, Any]:
         "colours": colours(agents),
         "findings": findings(agents),
         "claims": claims(runs),
-        "beside": study.beside(agents),
+        "comparison": study.compare(agents),
         "command": "auvbench report outputs/grid --rank-by success_rate --baseline PID --format html",
     }
 

@@ -196,9 +196,9 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
     name = config.algo.agent
     spec = AGENTS.get(name)
     if spec is None:
-        from auvbench.agents import entered
+        from auvbench.agents import plugins
 
-        return entered.make(config, vehicle)
+        return plugins.make(config, vehicle)
     agent: Agent = resolve(spec.factory)(config, vehicle)
     return agent
 

@@ -9,8 +9,8 @@ from typing import Any
 from auvbench.analysis.effects import learns
 from auvbench.analysis.grouping import frequency_fixed
 from auvbench.analysis.labels import labels
-from auvbench.analysis.model import Agent
 from auvbench.analysis.optional_columns import draws, of_conditions
+from auvbench.analysis.records import Agent
 from auvbench.statistics import aggregate as st
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray

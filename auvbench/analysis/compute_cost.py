@@ -12,7 +12,7 @@ import numpy as np
 from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import LARGEST
 from auvbench.analysis.formatting import listed
-from auvbench.analysis.model import Agent, Finding, RunRecord
+from auvbench.analysis.records import Agent, Finding, RunRecord
 from auvbench.statistics.estimate import Estimate
 
 NOTABLE = 0.001

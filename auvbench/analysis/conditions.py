@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis.model import Agent, Condition, Evaluation, RunRecord
+from auvbench.analysis.records import Agent, Condition, Evaluation, RunRecord
 from auvbench.statistics import crossed, means, wilson
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from auvbench.analysis.effects import learns
 from auvbench.analysis.formatting import counted, listed
-from auvbench.analysis.model import Agent, RunRecord
+from auvbench.analysis.records import Agent, RunRecord
 from auvbench.runs import declared as files
 from auvbench.runs.declared import Declared
 

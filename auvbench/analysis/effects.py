@@ -11,7 +11,7 @@ import numpy as np
 
 from auvbench.analysis.labels import part, sort_key
 from auvbench.analysis.measures import Measure
-from auvbench.analysis.model import Agent, RunRecord
+from auvbench.analysis.records import Agent, RunRecord
 from auvbench.config.agents import learns as is_learner
 from auvbench.statistics import contrast, resolution
 from auvbench.statistics.estimate import Estimate

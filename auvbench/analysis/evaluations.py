@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from auvbench.analysis import consistency
-from auvbench.analysis.model import Evaluation, RunRecord
+from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.record import MEASURED, OUTCOMES
 from auvbench.runs import integrity, schemas
 from auvbench.untrusted import path_safety, reading, tables

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from auvbench.analysis.formatting import counted, difference
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import NO_POLICY, Agent, Finding
+from auvbench.analysis.records import NO_POLICY, Agent, Finding
 from auvbench.statistics import holm
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray

@@ -13,7 +13,7 @@ from auvbench.analysis.effects import Effect, effects, learns
 from auvbench.analysis.failures import failures
 from auvbench.analysis.formatting import counted, difference, name, probability, turned, unit
 from auvbench.analysis.measures import TIMEOUT, Measure, measure
-from auvbench.analysis.model import Agent, Finding, Ranking
+from auvbench.analysis.records import Agent, Finding, Ranking
 from auvbench.analysis.robustness import costliest_condition
 from auvbench.analysis.timing import confounded
 from auvbench.analysis.train_test_gap import train_test_gaps

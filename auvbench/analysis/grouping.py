@@ -15,7 +15,7 @@ from auvbench.analysis.formatting import listed
 from auvbench.analysis.grouping_keys import differing, level, matters, only_fixed, refined, trained
 from auvbench.analysis.labels import label_of, labels, sort_key
 from auvbench.analysis.measures import OF_THE_SCENARIO
-from auvbench.analysis.model import NO_POLICY, Agent, Evaluation, Problem, RunRecord
+from auvbench.analysis.records import NO_POLICY, Agent, Evaluation, Problem, RunRecord
 from auvbench.analysis.timing import in_seconds
 from auvbench.errors import ReportError, closest
 from auvbench.record import OUTCOMES

@@ -11,7 +11,7 @@ from typing import Any
 
 from auvbench.analysis.effects import run_learns
 from auvbench.analysis.fixed_keys import is_fixed
-from auvbench.analysis.model import RunRecord
+from auvbench.analysis.records import RunRecord
 from auvbench.analysis.training import has_training
 from auvbench.runs.identity import NEUTRAL
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from auvbench.analysis.formatting import amount, name, rounded_difference, size
 from auvbench.analysis.measures import LIMITED_BY_STEPS, Measure, measure
-from auvbench.analysis.model import Against, Primary, Ranking
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
+from auvbench.analysis.records import Against, Primary, Ranking
 
 
 def headline(ranking: Ranking) -> str:

@@ -24,8 +24,8 @@ from auvbench.analysis.evaluations import (
     sealed,
 )
 from auvbench.analysis.grouping import agents
-from auvbench.analysis.model import Problem, RunRecord
-from auvbench.config import answers
+from auvbench.analysis.records import Problem, RunRecord
+from auvbench.config import options
 from auvbench.errors import ReportError, closest
 from auvbench.runs import run_filter as filters
 from auvbench.runs import schemas
@@ -116,7 +116,7 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
     if any(protocol in run.evaluations for run in runs):
         return
     there = available_protocols(runs)
-    if not there and protocol not in (known := answers.names("protocol")):
+    if not there and protocol not in (known := options.names("protocol")):
         raise ReportError(f"--protocol {protocol}: no such protocol; {closest(protocol, known)}")
     if there and protocol not in there:
         raise ReportError(

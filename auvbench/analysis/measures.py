@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from auvbench.analysis.model import Agent
+from auvbench.analysis.records import Agent
 from auvbench.errors import ReportError, closest
 from auvbench.metrics import METRICS, Metric
 from auvbench.record import OUTCOMES, SCENARIO_COLUMNS

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from auvbench.analysis import limit
+from auvbench.analysis import optimality
 from auvbench.analysis.compute_cost import action_time, machines, training_time
 from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.measures import MEASURES
-from auvbench.analysis.model import NO_POLICY, Agent, Problem, Ranking
+from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking
 from auvbench.analysis.validation_curve import read_validation_curve
 from auvbench.errors import ReportError, closest
 from auvbench.statistics import aggregate as st
@@ -117,8 +117,8 @@ COLUMNS: Mapping[str, Callable[[Agent, str, float, int], Estimate | None]] = {
     "training_cpu_s": lambda agent, protocol, confidence, seed: (
         training_time(agent) if learns(agent) else None
     ),
-    # Set beside all rows at once: `limit.beside`.
-    limit.COLUMN: lambda agent, protocol, confidence, seed: None,
+    # Set beside all rows at once: `optimality.add_optimality`.
+    optimality.COLUMN: lambda agent, protocol, confidence, seed: None,
 }
 """by name of --columns; docs/report.md defines them. All but the times of an action, in ms, of a training, in s, and the ratio of
 times are shares of 1."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from auvbench import statistics as st
 from auvbench.analysis.measures import Measure
-from auvbench.analysis.model import Agent, Comparison
+from auvbench.analysis.records import Agent, Comparison
 from auvbench.statistics.intervals import FloatArray
 
 BETTER, WORSE, UNDECIDED = "better", "worse", "undecided"

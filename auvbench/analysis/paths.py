@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from auvbench.analysis import consistency
 from auvbench.analysis.evaluations import Damage, finite
-from auvbench.analysis.model import Evaluation
+from auvbench.analysis.records import Evaluation
 from auvbench.untrusted import archives, reading
 from auvbench.untrusted.text import short
 

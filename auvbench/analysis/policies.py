@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from auvbench.analysis.effects import learns
-from auvbench.analysis.model import Agent, RunRecord
+from auvbench.analysis.records import Agent, RunRecord
 
 COMPARE = ("algorithms", "policies")
 """What a row stands for: a configuration over its training seeds, or one training as it is."""

@@ -19,9 +19,9 @@ from collections.abc import Sequence
 from auvbench import statistics as st
 from auvbench.analysis.effects import learns
 from auvbench.analysis.measures import Measure
-from auvbench.analysis.model import Against, Agent, Primary
 from auvbench.analysis.pairwise import BoolArray, Tests
 from auvbench.analysis.planning import needed
+from auvbench.analysis.records import Against, Agent, Primary
 from auvbench.errors import ReportError, closest
 from auvbench.statistics.estimate import Estimate
 

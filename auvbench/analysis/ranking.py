@@ -12,10 +12,10 @@ from auvbench import statistics as st
 from auvbench.analysis.conditions import successes
 from auvbench.analysis.effects import learns
 from auvbench.analysis.measures import Measure, all_measures, to_rank_by
-from auvbench.analysis.model import NO_POLICY, Agent, Problem, Ranking, Row
 from auvbench.analysis.pairwise import BoolArray, all_pairs, letters, rank_intervals
 from auvbench.analysis.policies import COMPARE, more_seeds, one_policy, rows_of
 from auvbench.analysis.primary import find_baseline, primary_analysis
+from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row
 from auvbench.analysis.timing import budgets_of
 from auvbench.analysis.tuned import tuned_on_these
 from auvbench.errors import ReportError, closest

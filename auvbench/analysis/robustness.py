@@ -9,7 +9,7 @@ import numpy as np
 from auvbench.analysis.conditions import UNDISTURBED, in_words, rates_by_condition
 from auvbench.analysis.formatting import counted, difference
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Agent, Finding, Ranking
+from auvbench.analysis.records import Agent, Finding, Ranking
 from auvbench.statistics import contrast, crossed, means
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray

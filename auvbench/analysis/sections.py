@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from auvbench.analysis.fixed_keys import FREQUENCY, OWN, is_fixed
 from auvbench.analysis.grouping_keys import DESCRIPTIVE
 from auvbench.analysis.labels import part
-from auvbench.analysis.model import Problem, RunRecord
+from auvbench.analysis.records import Problem, RunRecord
 
 OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
 """beginnings of keys of a run that a protocol takes over into its test"""

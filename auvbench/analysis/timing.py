@@ -9,7 +9,7 @@ from typing import Any
 
 from auvbench.analysis.effects import learns
 from auvbench.analysis.formatting import listed
-from auvbench.analysis.model import Agent, Finding, RunRecord
+from auvbench.analysis.records import Agent, Finding, RunRecord
 
 
 def limit_s(run: RunRecord) -> float:

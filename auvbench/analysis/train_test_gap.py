@@ -10,7 +10,7 @@ from typing import TypeGuard
 from auvbench.analysis.conditions import UNDISTURBED
 from auvbench.analysis.effects import learns
 from auvbench.analysis.formatting import counted
-from auvbench.analysis.model import NO_POLICY, Agent, Finding, Ranking, RunRecord
+from auvbench.analysis.records import NO_POLICY, Agent, Finding, Ranking, RunRecord
 from auvbench.analysis.timing import step_limit
 from auvbench.runs.progress import TELLING, WINDOW
 from auvbench.statistics import wilson

@@ -7,7 +7,7 @@ import pandas as pd
 from auvbench.analysis import consistency
 from auvbench.analysis.archive import TRAIN
 from auvbench.analysis.evaluations import Damage, finite
-from auvbench.analysis.model import RunRecord
+from auvbench.analysis.records import RunRecord
 from auvbench.record import OUTCOMES
 from auvbench.untrusted import reading, tables
 from auvbench.untrusted.text import short

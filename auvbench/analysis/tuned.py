@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from auvbench.analysis.formatting import listed
-from auvbench.analysis.model import Agent, RunRecord
+from auvbench.analysis.records import Agent, RunRecord
 
 
 def tuned_on_these(agents: Sequence[Agent], protocol: str) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.model import RunRecord
+from auvbench.analysis.records import RunRecord
 from auvbench.statistics.intervals import FloatArray
 from auvbench.untrusted import reading
 

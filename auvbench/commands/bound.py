@@ -112,7 +112,7 @@ def _there(protocol: Protocol, config: dict[str, Any], root: Path) -> Limits | N
 def _compute(
     protocol: Protocol, config: dict[str, Any], root: Path, workers: int, passes: int, *, force: bool
 ) -> int:
-    from auvbench.commands.bars import counting_bar
+    from auvbench.commands.progress import counting_bar
     from auvbench.evaluation.bounds.compute import PRELOAD, compute, eligible
     from auvbench.evaluation.bounds.files import folder_of, shipped
     from auvbench.evaluation.protocol import resolve_conditions

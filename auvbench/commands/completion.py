@@ -87,7 +87,7 @@ def main(arguments: Sequence[str]) -> int:
         print(USAGE, end="")
         return 0 if arguments else 2
     if arguments[0] == "query":  # asked by the scripts: the words of the line, the last being typed
-        from auvbench.commands.completing import candidates
+        from auvbench.commands.completion_words import candidates
 
         print("\n".join(candidates(arguments[1:])))
         return 0

@@ -98,7 +98,7 @@ def _take_cfg(words: list[str]) -> bool:
 
 
 def _refuse_flags(words: Sequence[str]) -> None:
-    from auvbench.config.hints import unknown_flag
+    from auvbench.config.suggestions import unknown_flag
 
     for word, following in zip(words, [*words[1:], None], strict=True):
         if word.startswith("-"):
@@ -111,7 +111,7 @@ KEYS = ("protocol", "workers", "force", *(f"protocol.{key}" for key in ("episode
 
 def _refuse_keys_of_runs(overrides: Sequence[str]) -> None:
     """`evaluate outputs reward.k=1`: a test has no such key, but the runs have."""
-    from auvbench.config.hints import RUN_KEYS
+    from auvbench.config.suggestions import RUN_KEYS
 
     for word in overrides:
         group = word.partition("=")[0].partition(".")[0]
@@ -129,7 +129,7 @@ def _refuse_own(terms: Sequence[str]) -> None:
 
 
 def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
-    from auvbench.commands.bars import counting_bar
+    from auvbench.commands.progress import counting_bar
     from auvbench.evaluation.parallel import PRELOAD, evaluate_all
     from auvbench.runs.interruption import Interrupted, immediate
     from auvbench.runs.pool import Pool

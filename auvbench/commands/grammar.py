@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from auvbench.config.hints import unknown_flag
+from auvbench.config.suggestions import unknown_flag
 from auvbench.errors import UserError, closest
 
 WHERE = "--where"

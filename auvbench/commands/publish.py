@@ -18,7 +18,7 @@ from auvbench.errors import ReportError, UserError, closest
 from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
-    from auvbench.analysis.model import Problem, RunRecord
+    from auvbench.analysis.records import Problem, RunRecord
     from auvbench.commands.grammar import Parser
     from auvbench.runs.lock import Holder
 

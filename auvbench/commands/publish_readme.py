@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from auvbench.commands.report_options import STORED, Options, defaults
 
 if TYPE_CHECKING:
-    from auvbench.analysis.model import RunRecord
+    from auvbench.analysis.records import RunRecord
     from auvbench.commands.report import Report
     from auvbench.runs.declared import Declared
 
@@ -210,8 +210,8 @@ def _claims(reports: Sequence[Report]) -> str:
     for report in reports:
         if report.claims:
             parts.append(claims_in_markdown(report.claims))
-        if report.beside:
-            parts.append("\n" + study.markdown(report.beside).rstrip())
+        if report.comparison:
+            parts.append("\n" + study.markdown(report.comparison).rstrip())
     return "\n".join(parts) or "Nothing can be said of the study's claims."
 
 

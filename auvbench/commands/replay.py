@@ -86,7 +86,7 @@ def _show(episode: Replay, stem: Path, video: Path | None) -> int:
 
 
 def _film(episode: Replay, target: Path) -> None:
-    from auvbench.commands.bars import work_bar
+    from auvbench.commands.progress import work_bar
     from auvbench.reporting.film import film
 
     with work_bar(f"film {target.name}", "pictures") as tell:

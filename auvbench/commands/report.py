@@ -17,9 +17,9 @@ from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
     from auvbench.analysis.aggregate import Across
-    from auvbench.analysis.model import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
+    from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
     from auvbench.analysis.sections import Section
-    from auvbench.analysis.study import Beside
+    from auvbench.analysis.study import ComparisonRow
     from auvbench.reporting.figures import Figure
 
 
@@ -41,7 +41,7 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     reports = analysed(paths, options)
     runs = [run for report in reports for run in report.runs]
     over = over_all(reports, options)
-    out = options.out or beside(runs)
+    out = options.out or report_folder(runs)
     if options.out is None:  # a folder that was typed may be a link; one that exists may be foreign
         path_safety.check_output(out)
     path_safety.check_output(out / "figures")
@@ -103,7 +103,7 @@ def _each_of(parts: Sequence[Section], analyse: Callable[[int], Report]) -> list
     Raises:
         ReportError: the first section's, where none can be reported.
     """
-    from auvbench.analysis.model import Problem
+    from auvbench.analysis.records import Problem
 
     reports: list[Report] = []
     refused: list[tuple[str, ReportError]] = []
@@ -135,14 +135,14 @@ def _analyse(
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
     from auvbench.analysis.declaration import declaration
     from auvbench.analysis.findings import find
-    from auvbench.analysis.limit import beside as beside_limit
     from auvbench.analysis.load import agents
     from auvbench.analysis.measures import in_unit
-    from auvbench.analysis.model import Problem
+    from auvbench.analysis.optimality import add_optimality
     from auvbench.analysis.optional_columns import with_columns
     from auvbench.analysis.policies import rows_of
     from auvbench.analysis.primary import find_baseline
     from auvbench.analysis.ranking import rank
+    from auvbench.analysis.records import Problem
 
     grouped, more = agents(part.runs, options.group_by, options.protocol, condition, options.failed_trainings)
     grouped = rows_of(grouped, options.compare)
@@ -169,7 +169,7 @@ def _analyse(
     note = declaration(
         options.declared, part.runs, grouped, instead=options.instead, undecided=options.undecided
     )
-    ranking = replace(beside_limit(ranking, grouped), declaration=note)
+    ranking = replace(add_optimality(ranking, grouped), declaration=note)
     ranking = with_columns(ranking, grouped, options.columns, options.seed)
     by_label = {agent.label: agent for agent in grouped}
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
@@ -189,7 +189,7 @@ class Report:
     ranking: Ranking
     findings: Sequence[Finding]
     claims: Sequence[ClaimVerdict]
-    beside: Sequence[Beside]
+    comparison: Sequence[ComparisonRow]
     """the study's own numbers next to ours"""
     without_baseline: bool = False
     """the baseline that was named is not in this section"""
@@ -197,13 +197,13 @@ class Report:
 
 def _study(
     runs: Sequence[RunRecord], agents: Sequence[Agent], options: Options
-) -> tuple[Sequence[ClaimVerdict], Sequence[Beside]]:
+) -> tuple[Sequence[ClaimVerdict], Sequence[ComparisonRow]]:
     if options.study is None:
         return (), ()
     from auvbench.analysis import study
 
     claims = study.answer(runs, agents, options.study, confidence=options.confidence, seed=options.seed)
-    return claims, study.beside(agents, options.confidence)
+    return claims, study.compare(agents, options.confidence)
 
 
 def write(
@@ -247,7 +247,7 @@ def write(
     if "html" in options.format:
         written.append(_page(out / "index.html", report, figures, command, title, over))
     if "md" in options.format:
-        text = files.markdown(ranking, report.findings, report.claims, report.beside, figures, out, over)
+        text = files.markdown(ranking, report.findings, report.claims, report.comparison, figures, out, over)
         written.append(files.text(out / "report.md", text))
     if "tex" in options.format:
         written.append(files.text(out / "table.tex", tables.latex(ranking)))
@@ -288,7 +288,7 @@ def _page(
         figures=figures,
         findings=report.findings,
         claims=report.claims,
-        beside=report.beside,
+        comparison=report.comparison,
         colours=colour_of(report.agents),
         command=command,
         section=title,
@@ -296,7 +296,7 @@ def _page(
     )
 
 
-def beside(runs: Sequence[RunRecord]) -> Path:
+def report_folder(runs: Sequence[RunRecord]) -> Path:
     """<experiment>/report, where the experiment is the folder that all the runs have in common."""
     parents = {str(run.directory.absolute().parent) for run in runs}
     return Path(os.path.commonpath(sorted(parents))) / "report"

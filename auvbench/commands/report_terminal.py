@@ -33,9 +33,9 @@ def show(report: Report, options: Options) -> None:
     if report.claims:
         console.print(Text("\nclaims of the study", style="bold"))
         console.print(tables.claims_terminal(report.claims))
-    if report.beside:
+    if report.comparison:
         console.print()
-        console.print(tables.beside_terminal(report.beside, console.width))
+        console.print(tables.comparison_terminal(report.comparison, console.width))
     if options.pairs:
         console.print()
         console.print(tables.appendix_terminal(report.ranking))

@@ -76,7 +76,7 @@ def _is_override(text: str) -> bool:
 
 def _budget(overrides: Sequence[str]) -> tuple[int | None, list[str]]:
     """Return the number in `train.total_steps=N`, and the other overrides."""
-    from auvbench.config.hints import whole
+    from auvbench.config.suggestions import whole
 
     total, others = None, []
     for override in overrides:
@@ -124,7 +124,7 @@ def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[Ru
 
 def _one(run: RunDirectory) -> int:
     """In this process, with a live bar."""
-    from auvbench.commands.bars import training_bar
+    from auvbench.commands.progress import training_bar
     from auvbench.runs import status
     from auvbench.training.execute import execute
     from auvbench.training.worker import carry_out

@@ -100,7 +100,7 @@ def _seeds(text: str) -> list[int]:
 
 def _columns(text: str, rows: Sequence[Row]) -> list[str]:
     """The keys that `--columns` names; the short name of a group stands for its choice."""
-    from auvbench.config.hints import nearest
+    from auvbench.config.suggestions import nearest
 
     known = {key for row in rows for key in row.config}
     found = []

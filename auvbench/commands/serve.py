@@ -93,7 +93,7 @@ def _server(given: argparse.Namespace) -> Server:
     from auvbench.config import simulators
     from auvbench.config.compose import compose
     from auvbench.config.validate import train_config
-    from auvbench.envs.chosen import make_simulator
+    from auvbench.envs.simulator_factory import make_simulator
     from auvbench.ros2 import interface
     from auvbench.ros2.server import Server
     from auvbench.vehicles import sheet

@@ -69,7 +69,7 @@ def _one(config: DictConfig, command: str) -> int:
 
 
 def _carry_out(run: RunDirectory, progress: bool) -> None:
-    from auvbench.commands.bars import training_bar
+    from auvbench.commands.progress import training_bar
     from auvbench.training.execute import execute
     from auvbench.training.worker import carry_out
 

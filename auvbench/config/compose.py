@@ -34,14 +34,14 @@ from omegaconf.errors import (
 )
 
 from auvbench.config import (
-    hints,
+    hydra_errors,
     installed,
     isolated,
     launchers,
-    mistakes,
     restricted_yaml,
     schema,
     simulators,
+    suggestions,
     tuning,
 )
 from auvbench.config import overrides as typing
@@ -119,7 +119,7 @@ def compose(
     token = _folder.set(folder)
     try:
         return installed.complete(_compose(entry, overrides))
-    except mistakes.FAULTS as error:
+    except hydra_errors.FAULTS as error:
         raise translate(error, entry, overrides) from error
     finally:
         _folder.reset(token)
@@ -261,7 +261,7 @@ def run(
                 config_name=entry,
             )
         composed = [installed.complete(config) for config in composed]
-    except mistakes.FAULTS as error:
+    except hydra_errors.FAULTS as error:
         raise translate(error, entry, arguments) from error
     # Outside Hydra's job, which would print a line of its own before an error reaches us.
     if grid is not None and (parsed.multirun or len(composed) > 1):
@@ -287,9 +287,9 @@ def _check_flags(parser: argparse.ArgumentParser, arguments: Sequence[str], entr
             raise ConfigError(f"{flag}: has no meaning here; {typing.FLAGS[flag]}")
         if flag not in known:
             following = arguments[index + 1] if index + 1 < len(arguments) else None
-            keys = mistakes.leaves(OmegaConf.to_container(_compose(entry, ())))
+            keys = hydra_errors.leaves(OmegaConf.to_container(_compose(entry, ())))
             flags = [name for name in known if name.startswith("--") and name not in typing.FLAGS]
-            raise ConfigError(hints.unknown_flag(entry, word, flags, keys, following))
+            raise ConfigError(suggestions.unknown_flag(entry, word, flags, keys, following))
 
     def error(message: str) -> NoReturn:
         raise ConfigError(f"{entry}: {message} (auvbench {entry} --help)")
@@ -323,4 +323,4 @@ def _as_axis(line: str, override: Override) -> str:
 
 def translate(error: BaseException, entry: str = "train", overrides: Sequence[str] = ()) -> ConfigError:
     """One line that names the value and what would be right, from Hydra's and OmegaConf's messages."""
-    return mistakes.translate(error, lambda given: _compose(entry, given), entry, overrides)
+    return hydra_errors.translate(error, lambda given: _compose(entry, given), entry, overrides)

@@ -19,10 +19,10 @@ from omegaconf.errors import OmegaConfBaseException
 from auvbench.config import plugins
 from auvbench.config.agents import AGENTS
 from auvbench.config.algorithms import Tuned
-from auvbench.config.hints import whole
 from auvbench.config.schema import name as path_name
 from auvbench.config.schema import number
 from auvbench.config.simulators import CAPABILITIES, Capabilities, InstalledSimulator
+from auvbench.config.suggestions import whole
 from auvbench.errors import ConfigError
 from auvbench.untrusted.text import short
 
@@ -92,12 +92,12 @@ def _completed(group: Group, chosen: str, node: DictConfig, frozen: bool) -> Dic
         raise plugins.missing(group.points, chosen, release)
     thing = plugins.load(found)
     schema = schema_of(found, thing, group.base)
-    beside: dict[str, Any] = {"package": found.release}
+    added: dict[str, Any] = {"package": found.release}
     if group.points == plugins.AGENTS:
-        beside["learns"] = learns(found, thing)
+        added["learns"] = learns(found, thing)
     plain = OmegaConf.to_container(node)
     assert isinstance(plain, dict)
-    for key, value in beside.items():
+    for key, value in added.items():
         if key in plain and plain[key] is not None and plain[key] != value:
             raise ConfigError(
                 f"{group.key}.{key}={short(plain[key])}: is written by itself ({value}); leave it out"
@@ -105,7 +105,7 @@ def _completed(group: Group, chosen: str, node: DictConfig, frozen: bool) -> Dic
     values = _whole_numbers(schema, {str(key): value for key, value in plain.items()})
     root = OmegaConf.create({group.key: OmegaConf.structured(schema)})
     OmegaConf.set_struct(root, True)
-    merged = OmegaConf.merge(root, {group.key: values | beside})
+    merged = OmegaConf.merge(root, {group.key: values | added})
     typed = OmegaConf.select(merged, group.key)
     assert isinstance(typed, DictConfig)
     return typed

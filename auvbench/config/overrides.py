@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
+import unicodedata
 from collections.abc import Sequence
 from functools import cache
 
@@ -16,7 +17,7 @@ from hydra.errors import HydraException
 
 from auvbench.config import launchers, schema, simulation, simulators, tuning
 from auvbench.config.agents import AGENTS
-from auvbench.config.hints import whole
+from auvbench.config.suggestions import whole
 from auvbench.errors import ConfigError
 
 _LAYOUT = "runs lie in <output>/<name>/<run id>: output=FOLDER and name=NAME choose where"
@@ -60,7 +61,7 @@ def read(overrides: Sequence[str]) -> list[str]:
     """The overrides as Hydra's grammar wants them.
 
     Raises:
-        ConfigError: one is an override of Hydra that has no meaning here.
+        ConfigError: one is an override of Hydra that has no meaning here, or has an invisible character.
 
     >>> read(["train.total_steps=1e6", "output=Größe", "algo.gamma=0.9"])
     ['train.total_steps=1000000', "output='Größe'", 'algo.gamma=0.9']
@@ -69,6 +70,9 @@ def read(overrides: Sequence[str]) -> list[str]:
         key = override.partition("=")[0].lstrip("+~")
         if key in REFUSED:
             raise ConfigError(f"{override}: has no effect here; {REFUSED[key]}")
+        hidden = [c for c in override if unicodedata.category(c) == "Cf"]
+        if hidden:
+            raise ConfigError(f"{override}: contains U+{ord(hidden[0]):04X}, a character that is not shown")
     return [_read(override) for override in overrides]
 
 

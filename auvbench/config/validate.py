@@ -11,7 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from auvbench.config import algorithms, disturbance, plugins, schema, simulators
 from auvbench.config.agents import AGENTS
-from auvbench.config.clock import step_limit
+from auvbench.config.time_units import step_limit
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.text import short
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from auvbench.config import schema
 from auvbench.dynamics.kernel import advance as advance_vehicles
 from auvbench.envs.actions import admit
-from auvbench.envs.chosen import make_simulator
+from auvbench.envs.simulator_factory import make_simulator
 from auvbench.errors import ConfigError
 from auvbench.record import Record
 from auvbench.simulators.fossen import FossenSimulator

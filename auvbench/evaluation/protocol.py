@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from auvbench.config import schema
 from auvbench.config.compose import option, typed
 from auvbench.config.simulators import Fossen, Ros2
-from auvbench.envs.chosen import at_frequency
+from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError
 from auvbench.evaluation import reference
 from auvbench.evaluation.rollout import batch_of

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from auvbench.config import schema
 from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import Batch
-from auvbench.envs.chosen import at_frequency
+from auvbench.envs.simulator_factory import at_frequency
 from auvbench.record import OUTCOMES
 from auvbench.tasks.kernels import F_WAYPOINT
 from auvbench.tasks.waypoint import REFERENCE_COLUMNS

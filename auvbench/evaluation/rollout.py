@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Agent
 from auvbench.config import schema
 from auvbench.envs.batch import Batch
-from auvbench.envs.chosen import at_once
+from auvbench.envs.simulator_factory import at_once
 from auvbench.record import Record
 from auvbench.tasks.kernels import F_WAYPOINT
 

@@ -142,16 +142,16 @@ def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
         what = "is a folder" if path.is_dir() else "is a card"
         raise PolicyError(f"{path}: {what}; name the ONNX file")
     data = content(path, onnx_file.LARGEST)
-    beside = card_path(path)
-    if not os.path.lexists(beside):
+    card_file = card_path(path)
+    if not os.path.lexists(card_file):
         return data, None, None
-    text = content(beside, cards.LARGEST)
-    card = parse_card(text, str(beside))
+    text = content(card_file, cards.LARGEST)
+    card = parse_card(text, str(card_file))
     if card is None:
         return data, None, None
     if card.sha256 != hashlib.sha256(data).hexdigest():
         raise PolicyError(
-            f"{beside}: is the card of another file than {path.name} (its sha256 differs); "
+            f"{card_file}: is the card of another file than {path.name} (its sha256 differs); "
             "export again, or remove the card"
         )
     return data, card, text

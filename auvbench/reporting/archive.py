@@ -13,8 +13,8 @@ import pandas as pd
 
 from auvbench.analysis import archive, consistency
 from auvbench.analysis.evaluations import CORE_COLUMNS, Damage
-from auvbench.analysis.model import Evaluation, RunRecord
 from auvbench.analysis.paths import has_paths, paths
+from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.analysis.training import training
 from auvbench.analysis.validation_curve import validation_rows
 from auvbench.errors import ReportError

@@ -10,7 +10,7 @@ import numpy as np
 
 from auvbench.analysis.effects import run_learns
 from auvbench.analysis.measures import to_rank_by
-from auvbench.analysis.model import NO_POLICY, Agent, RunRecord
+from auvbench.analysis.records import NO_POLICY, Agent, RunRecord
 from auvbench.errors import AuvbenchError
 from auvbench.policies import cards, exported
 from auvbench.reporting.tables.markdown import escape

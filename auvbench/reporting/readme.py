@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.analysis.formatting import counted
-from auvbench.analysis.model import RunRecord
+from auvbench.analysis.records import RunRecord
 from auvbench.errors import UserError
 from auvbench.reporting.tables.markdown import escape
 from auvbench.scheduling.estimate import duration

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from auvbench.analysis.aggregate import Across
-from auvbench.analysis.model import Ranking
+from auvbench.analysis.records import Ranking
 from auvbench.reporting import tables
 from auvbench.reporting.figures import FIGURES
 from auvbench.reporting.page.overview import Part

@@ -11,8 +11,8 @@ from typing import Any
 from auvbench.analysis import study
 from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
-from auvbench.analysis.model import ClaimVerdict, Finding, Ranking
-from auvbench.analysis.study import Beside
+from auvbench.analysis.records import ClaimVerdict, Finding, Ranking
+from auvbench.analysis.study import ComparisonRow
 from auvbench.reporting import tables
 from auvbench.reporting.figures import MAIN, Figure
 from auvbench.reporting.tables.markdown import escape
@@ -42,7 +42,7 @@ def markdown(
     ranking: Ranking,
     findings: Sequence[Finding],
     claims: Sequence[ClaimVerdict],
-    beside: Sequence[Beside],
+    comparison: Sequence[ComparisonRow],
     figures: Sequence[Figure],
     folder: Path,
     over: Across | None = None,
@@ -53,7 +53,7 @@ def markdown(
         ranking: the table.
         findings: what the data show in addition to the primary analysis.
         claims: claims of a study with their verdicts.
-        beside: the study's own numbers next to ours.
+        comparison: the study's own numbers next to ours.
         figures: drawn already, the main one first.
         folder: where report.md will lie.
         over: the agents over all tasks, where that was asked for.
@@ -68,8 +68,8 @@ def markdown(
         parts += ["## Over all tasks", tables.across_markdown(over).rstrip()]
     if claims:
         parts += ["## Claims of the study", claims_in_markdown(claims)]
-    if beside:
-        parts += ["## The study's table and ours", study.markdown(beside).rstrip()]
+    if comparison:
+        parts += ["## The study's table and ours", study.markdown(comparison).rstrip()]
     others = [figure for figure in figures if figure is not main]
     if others:
         parts.append("## Figures")

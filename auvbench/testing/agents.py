@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.agents import base
-from auvbench.agents.entered import EnteredAgent, action_fault
+from auvbench.agents.plugins import PluginAgent, action_fault
 from auvbench.config import schema
 from auvbench.config.agents import learns
 from auvbench.config.compose import compose
@@ -285,7 +285,7 @@ def check_agent(
             if callable(getattr(made, "load", None)):  # what it was trained to, or the file that it is
                 made = make_agent(trainings.whole(), config.step.frequency)
             # What stands between an agent and the vehicle in a run would hide some of its faults here.
-            return made.inner if isinstance(made, EnteredAgent) else made
+            return made.inner if isinstance(made, PluginAgent) else made
 
         for check in checks:
             if only is not None and check is not only:

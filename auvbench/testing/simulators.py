@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from auvbench.config.compose import compose
 from auvbench.config.simulators import Capabilities
 from auvbench.config.validate import train_config
-from auvbench.envs.chosen import make_simulator
+from auvbench.envs.simulator_factory import make_simulator
 from auvbench.simulators.base import Simulator
 from auvbench.testing import draws
 from auvbench.testing.failing import ConformanceError, same

@@ -10,7 +10,7 @@ from typing import Any
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.load import load
 from auvbench.analysis.measures import Measure, to_rank_by
-from auvbench.analysis.model import Agent
+from auvbench.analysis.records import Agent
 from auvbench.errors import RunError
 from auvbench.runs.directory import RunDirectory
 from auvbench.statistics import crossed, means

@@ -15,7 +15,7 @@ from hydra.core.override_parser.types import ChoiceSweep, IntervalSweep, Overrid
 from hydra.errors import HydraException
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
-from auvbench.config import hints, schema
+from auvbench.config import schema, suggestions
 from auvbench.config.compose import with_algorithm
 from auvbench.config.overrides import whole_keys
 from auvbench.errors import ConfigError
@@ -135,7 +135,7 @@ def _dimension(key: str, text: Any, known: Sequence[str]) -> Dimension:
     if key in IDENTITY or not key.startswith(GROUP):
         raise ConfigError(f"{key}: only settings of the algorithm (algo.KEY) can be searched")
     if key not in known:
-        raise ConfigError(f"{key}: unknown key; {hints.unknown_key(key, known, {}, 'auvbench tune')}")
+        raise ConfigError(f"{key}: unknown key; {suggestions.unknown_key(key, known, {}, 'auvbench tune')}")
     try:
         sweep = OverridesParser.create().parse_override(f"{key}={text}").value()
     except (HydraException, RecursionError) as error:

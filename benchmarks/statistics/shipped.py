@@ -14,8 +14,8 @@ from scipy.stats import median_abs_deviation
 from auvbench.analysis.conditions import default
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.measures import Measure, measure
-from auvbench.analysis.model import Agent
 from auvbench.analysis.policies import one_policy
+from auvbench.analysis.records import Agent
 from auvbench.analysis.sections import sections
 from auvbench.statistics.crossed import Crossed
 from benchmarks.statistics.alternatives import Test, inverse_trigamma

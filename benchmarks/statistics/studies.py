@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from auvbench.analysis.model import Agent, RunRecord
+from auvbench.analysis.records import Agent, RunRecord
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence
 from auvbench.analysis.study.learning import Episodes, Learning

@@ -69,7 +69,7 @@ def keys() -> tuple[str, ...]:
     from omegaconf import OmegaConf
 
     from auvbench.config.compose import compose
-    from auvbench.config.mistakes import leaves
+    from auvbench.config.hydra_errors import leaves
 
     found = [
         *leaves(OmegaConf.to_container(compose("train"))),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from auvbench.config.simulators import Fossen, Ros2
-from auvbench.envs.chosen import make_simulator
+from auvbench.envs.simulator_factory import make_simulator
 from auvbench.ros2.middleware import InterfaceError
 from auvbench.ros2.server import Server
 from auvbench.simulators import ros2

@@ -68,7 +68,7 @@ and rates, the worst of them.""",
 INVARIANTS = """\
 ## Invariants
 
-Beside these numbers the test suite searches for counterexamples (`tests/verification/test_invariants.py`), over all
+ComparisonRow these numbers the test suite searches for counterexamples (`tests/verification/test_invariants.py`), over all
 vehicles and random states: C(nu) is skew-symmetric and takes no power; energy never grows without input in still water and
 is conserved without damping; quaternions keep length 1; NED and ENU tell the same motion to the last bit; a neutral,
 balanced vehicle stays put in any attitude; vehicles that are symmetric move in mirror images; terminal speeds and the time

@@ -16,7 +16,7 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from auvbench.agents.base import Actions, Integers, Observations, resolve
-from auvbench.agents.learned import arguments, forward, trained
+from auvbench.agents.learned import arguments, forward, policy_loading
 from auvbench.config import algorithms, schema
 from auvbench.config.agents import AGENTS
 from auvbench.errors import RunError
@@ -143,8 +143,10 @@ class LearnedPolicy(FrozenPolicy):
     ) -> None:
         torch.set_num_threads(1)
         policy = _policy(config, n_u)
-        weights = trained.weights(_read(folder / WEIGHTS, check), folder / WEIGHTS, policy.state_dict())
-        kept = trained.statistics(
+        weights = policy_loading.weights(
+            _read(folder / WEIGHTS, check), folder / WEIGHTS, policy.state_dict()
+        )
+        kept = policy_loading.statistics(
             _read(folder / STATISTICS, check), folder / STATISTICS, observed(config.algo, n_u)
         )
         policy.load_state_dict(weights)

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from auvbench.analysis.model import Agent, ClaimVerdict, RunRecord
-from auvbench.analysis.study.beside import Beside, beside, markdown
+from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord
 from auvbench.analysis.study.claims import CLAIMS
 from auvbench.analysis.study.evidence import Evidence
+from auvbench.analysis.study.thesis_comparison import ComparisonRow, compare, markdown
 from auvbench.errors import ReportError, closest
 
-__all__ = ["STUDIES", "Beside", "answer", "beside", "markdown"]
+__all__ = ["STUDIES", "ComparisonRow", "answer", "compare", "markdown"]
 
 STUDIES = {"thesis": CLAIMS}
 

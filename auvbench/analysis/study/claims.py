@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from auvbench.analysis.formatting import listed
-from auvbench.analysis.model import ClaimVerdict, RunRecord
+from auvbench.analysis.records import ClaimVerdict, RunRecord
 from auvbench.analysis.study import testing_claims as testing
 from auvbench.analysis.study import training_claims as training
 from auvbench.analysis.study.evidence import Evidence

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.analysis.model import Agent, RunRecord
-from auvbench.analysis.study.collected import collected, failing_top_by_k
+from auvbench.analysis.records import Agent, RunRecord
 from auvbench.analysis.study.learning import Episodes, Learning, learning
+from auvbench.analysis.study.relabelled_return import collected, failing_top_by_k
 from auvbench.statistics.intervals import FloatArray
 
 FACTORS = {"algo": "algo.name", "reward.k": "reward.k", "step.frequency": "step.frequency"}

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.model import RunRecord
+from auvbench.analysis.records import RunRecord
 from auvbench.analysis.timing import limit_s
 from auvbench.analysis.training import training
 from auvbench.statistics.intervals import FloatArray

@@ -9,10 +9,10 @@ import numpy as np
 from auvbench.analysis.effects import learns
 from auvbench.analysis.formatting import counted
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Agent
+from auvbench.analysis.records import Agent
 from auvbench.analysis.study import thesis
+from auvbench.analysis.study.eligibility import learned
 from auvbench.analysis.study.evidence import FACTORS, Evidence
-from auvbench.analysis.study.informative import learned
 from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Part, runs_of
 from auvbench.statistics import quantile
 from auvbench.statistics.estimate import Estimate

@@ -9,11 +9,11 @@ import numpy as np
 
 from auvbench.analysis.formatting import amount, counted, difference, listed
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Agent
 from auvbench.analysis.pairwise import all_pairs, rank_intervals
+from auvbench.analysis.records import Agent
 from auvbench.analysis.study import thesis
+from auvbench.analysis.study.eligibility import averaged, budget, extremes, informative, learned
 from auvbench.analysis.study.evidence import Evidence, cell, cell_of_run
-from auvbench.analysis.study.informative import averaged, budget, extremes, informative, learned
 from auvbench.analysis.study.trend import Point, Trend, trend
 from auvbench.analysis.study.verdict import (
     FAILS,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from auvbench.analysis.formatting import amount, counted, p_value
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Agent, ClaimVerdict
+from auvbench.analysis.records import Agent, ClaimVerdict
 from auvbench.analysis.study.trend import Trend
 from auvbench.statistics.estimate import Estimate
 

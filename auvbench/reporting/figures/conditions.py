@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from auvbench.analysis.conditions import UNDISTURBED, UNITS, split
-from auvbench.analysis.model import Agent
+from auvbench.analysis.records import Agent
 from auvbench.reporting.figures import rates, style
 from auvbench.reporting.figures.colours import COLOURS
 from auvbench.reporting.figures.rates import Curve

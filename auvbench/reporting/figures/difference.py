@@ -11,8 +11,8 @@ from matplotlib.lines import Line2D
 
 from auvbench.analysis.formatting import name, size, unit
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Against, Primary
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
+from auvbench.analysis.records import Against, Primary
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, Scene
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from auvbench.analysis.model import Agent, Problem, Ranking, RunRecord
+from auvbench.analysis.records import Agent, Problem, Ranking, RunRecord
 from auvbench.reporting.figures import (
     conditions,
     difference,
@@ -16,7 +16,7 @@ from auvbench.reporting.figures import (
     testing,
     training,
 )
-from auvbench.reporting.figures.model import MAIN, Figure
+from auvbench.reporting.figures.figure import MAIN, Figure
 from auvbench.reporting.figures.scene import Drawing, Scene, scene
 
 FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {

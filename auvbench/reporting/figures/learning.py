@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.model import Agent, Problem
+from auvbench.analysis.records import Agent, Problem
 from auvbench.analysis.validation_curve import ValidationCurve, read_validation_curve
 from auvbench.reporting.figures import multiples, style
 from auvbench.reporting.figures.scene import Drawing, Scene, shown, without

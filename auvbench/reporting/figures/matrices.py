@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from auvbench.analysis.conditions import UNDISTURBED, in_words, split
 from auvbench.analysis.labels import part
-from auvbench.analysis.model import Row
+from auvbench.analysis.records import Row
 from auvbench.analysis.rounding import rounded
 from auvbench.reporting.figures import rates, style
 from auvbench.reporting.figures.conditions import of_how_many, vehicles
@@ -77,7 +77,7 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
     headings: dict[str, tuple[str, str]] = {}
     for protocol in UNDER_CONDITIONS:
         found = rates.by_agent(scene, protocol, MOST_IN_LIST)
-        for name in _columns(scene, found, beside=bool(headings)):
+        for name in _columns(scene, found, transfer=bool(headings)):
             headings[name] = in_words(name)
             for label, curve in found.items():
                 if name in curve:
@@ -109,14 +109,14 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
     return Drawing(figure, "Success under each condition", caption)
 
 
-def _columns(scene: Scene, found: Mapping[str, Curve], *, beside: bool) -> list[str]:
+def _columns(scene: Scene, found: Mapping[str, Curve], *, transfer: bool) -> list[str]:
     """The conditions of a protocol, without the undisturbed one where that stands there already."""
     names = rates.names(found)
     own = vehicles([agent for agent in scene.agents if agent.label in found])
     if UNDISTURBED in names:
         # The vehicle that all were trained on is the undisturbed condition again.
         names = [name for name in names if {split(name)[1]} != own]
-    return [name for name in names if not (beside and name == UNDISTURBED)]
+    return [name for name in names if not (transfer and name == UNDISTURBED)]
 
 
 def _whole(percent: float) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from auvbench.analysis.model import Agent
+from auvbench.analysis.records import Agent
 from auvbench.reporting.figures.scene import FloatArray, Scene
 
 FEW = 4

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.model import Agent
 from auvbench.analysis.paths import has_paths, paths
+from auvbench.analysis.records import Agent
 from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown, without

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from auvbench.analysis.conditions import of_evaluations
-from auvbench.analysis.model import Agent, Condition, Evaluation
+from auvbench.analysis.records import Agent, Condition, Evaluation
 from auvbench.reporting.figures.scene import Scene, evaluation
 from auvbench.statistics.estimate import Estimate
 

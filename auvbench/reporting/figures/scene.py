@@ -11,7 +11,7 @@ from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
 from auvbench.analysis.evaluations import Damage, evaluation_of, protocols_of
-from auvbench.analysis.model import Agent, Condition, Evaluation, Problem, Ranking, RunRecord
+from auvbench.analysis.records import Agent, Condition, Evaluation, Problem, Ranking, RunRecord
 from auvbench.analysis.training import has_training, training
 from auvbench.reporting.figures.style import Look, colour_of
 

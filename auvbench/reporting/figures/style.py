@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 
-from auvbench.analysis.model import Agent
+from auvbench.analysis.records import Agent
 from auvbench.envs import scene
 from auvbench.reporting.figures.colours import COLOURS, palette
 from auvbench.runs.atomic_io import write_atomic

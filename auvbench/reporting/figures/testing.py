@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from auvbench.analysis.model import Agent
+from auvbench.analysis.records import Agent
 from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import (

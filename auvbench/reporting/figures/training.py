@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from auvbench.analysis.model import Agent, RunRecord
+from auvbench.analysis.records import Agent, RunRecord
 from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import multiples, style
 from auvbench.reporting.figures.scene import (

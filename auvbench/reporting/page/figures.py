@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.analysis.model import Problem
+from auvbench.analysis.records import Problem
 from auvbench.reporting.page.links import Links
 
 if TYPE_CHECKING:  # drawing needs matplotlib, showing does not

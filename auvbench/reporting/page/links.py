@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from auvbench.analysis.archive import EPISODES, RUNS
 from auvbench.analysis.effects import learns
-from auvbench.analysis.model import Agent, RunRecord
+from auvbench.analysis.records import Agent, RunRecord
 
 
 class Links:

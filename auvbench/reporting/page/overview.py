@@ -9,7 +9,7 @@ from pathlib import Path
 from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.headline import headline
-from auvbench.analysis.model import Agent, Finding, Ranking, RunRecord
+from auvbench.analysis.records import Agent, Finding, Ranking, RunRecord
 from auvbench.reporting.page import numbers, sources, table
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.page.sources import Sentence

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from auvbench.analysis.model import Agent, ClaimVerdict, Finding, Ranking, RunRecord
+from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 from auvbench.runs.progress import telling

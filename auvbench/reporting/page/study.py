@@ -10,7 +10,7 @@ from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 
 if TYPE_CHECKING:
-    from auvbench.analysis.study import Beside
+    from auvbench.analysis.study import ComparisonRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ MARKS = {
 }
 
 
-def table(rows: Sequence[Beside], colours: Mapping[str, str], links: Links) -> Table | None:
+def table(rows: Sequence[ComparisonRow], colours: Mapping[str, str], links: Links) -> Table | None:
     """None where there is nothing to compare."""
     titles = {row.measure: row.title for row in rows}
     lines = []
@@ -70,7 +70,7 @@ def table(rows: Sequence[Beside], colours: Mapping[str, str], links: Links) -> T
     )
 
 
-def _pair(row: Beside) -> Pair:
+def _pair(row: ComparisonRow) -> Pair:
     places = 1 if row.thesis_interval else 2
     their_interval = ""
     if row.thesis_interval is not None:

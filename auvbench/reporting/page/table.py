@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 
-from auvbench.analysis.model import Ranking
+from auvbench.analysis.records import Ranking
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.columns import column_of, definition_of, in_order
 from auvbench.reporting.tables.main import label_of
-from auvbench.reporting.tables.model import (
+from auvbench.reporting.tables.split import split
+from auvbench.reporting.tables.table import (
     Cell,
     Heading,
     Line,
@@ -19,7 +20,6 @@ from auvbench.reporting.tables.model import (
     estimate_cell,
     heading_of,
 )
-from auvbench.reporting.tables.split import split
 
 PAGE = 1200.0
 """px that the page is wide at most, without its margins"""

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.model import Agent, Problem, RunRecord
 from auvbench.analysis.paths import has_paths, paths
+from auvbench.analysis.records import Agent, Problem, RunRecord
 from auvbench.record import OUTCOMES
 
 POINTS = 320

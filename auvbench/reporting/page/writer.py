@@ -16,23 +16,23 @@ from markupsafe import Markup
 from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.headline import headline
-from auvbench.analysis.model import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
-from auvbench.reporting.figures.model import MAIN
+from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
+from auvbench.reporting.figures.figure import MAIN
 from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import numbers, sources, study, table
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.tables import model as tables
+from auvbench.reporting.tables import table as tables
 from auvbench.reporting.tables.aggregate import across_table
 from auvbench.reporting.tables.aggregate import notes as notes_of
 from auvbench.reporting.tables.appendix import pairs_table, ranks_table
-from auvbench.reporting.tables.conditions import conditions_table
+from auvbench.reporting.tables.by_condition import conditions_table
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines, notes, of_pairs
 from auvbench.reporting.write import text
 
 if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
-    from auvbench.analysis.study import Beside
+    from auvbench.analysis.study import ComparisonRow
     from auvbench.reporting.figures import Figure
 
 SCRIPTS = ("tables.js", "lightbox.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
@@ -56,7 +56,7 @@ def write(
     figures: Sequence[Figure] = (),
     findings: Sequence[Finding] = (),
     claims: Sequence[ClaimVerdict] = (),
-    beside: Sequence[Beside] = (),
+    comparison: Sequence[ComparisonRow] = (),
     problems: Sequence[Problem] = (),
     trajectories: trajectories_.Scenes | None = None,
     colours: Mapping[str, tuple[str, Any, Any]],
@@ -78,7 +78,7 @@ def write(
         figures: objects with `name`, `title`, `caption`, `png`, `svg`, in the order to show.
         findings: what the data show in addition to the primary analysis.
         claims: the claims of a study with their verdicts.
-        beside: the numbers of a study's own table with ours.
+        comparison: the numbers of a study's own table with ours.
         problems: what was found while loading; those of the ranking are added.
         trajectories: the paths of the 3-D view; None reads them from the agents' runs.
         colours: by label (colour as #rrggbb, marker, line style), as in the figures.
@@ -116,7 +116,7 @@ def write(
         findings=found[:SHOWN],
         more_findings=found[SHOWN:],
         claims=sources.claims(claims, links),
-        beside=study.table(beside, hues, links),
+        comparison=study.table(comparison, hues, links),
         main_figure=next((figure for figure in embedded if figure.name == MAIN), None),
         figures=[figure for figure in embedded if figure.name != MAIN],
         scenes=scenes,
@@ -163,7 +163,7 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         "findings": (),
         "more_findings": (),
         "claims": (),
-        "beside": None,
+        "comparison": None,
         "marks": study.MARKS,
         "main_figure": None,
         "figures": (),

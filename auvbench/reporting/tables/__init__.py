@@ -7,7 +7,6 @@ from auvbench.reporting.tables.aggregate import (
     across_table,
     across_terminal,
 )
-from auvbench.reporting.tables.beside import beside_terminal
 from auvbench.reporting.tables.csv import comparisons_csv, conditions_csv, csv, limit_csv
 from auvbench.reporting.tables.latex import conditions_latex, latex
 from auvbench.reporting.tables.main import main_table
@@ -19,6 +18,7 @@ from auvbench.reporting.tables.terminal import (
     findings_terminal,
     terminal,
 )
+from auvbench.reporting.tables.thesis_comparison import comparison_terminal
 
 __all__ = [
     "across_csv",
@@ -27,8 +27,8 @@ __all__ = [
     "across_table",
     "across_terminal",
     "appendix_terminal",
-    "beside_terminal",
     "claims_terminal",
+    "comparison_terminal",
     "comparisons_csv",
     "conditions_csv",
     "conditions_latex",

@@ -12,7 +12,7 @@ from auvbench.analysis.rounding import NOTHING
 from auvbench.reporting.tables.csv import lines
 from auvbench.reporting.tables.latex import HEAD, floats
 from auvbench.reporting.tables.markdown import escape, pipes
-from auvbench.reporting.tables.model import Cell, Heading, Line, Table, estimate_cell
+from auvbench.reporting.tables.table import Cell, Heading, Line, Table, estimate_cell
 from auvbench.reporting.tables.terminal import TableView
 
 

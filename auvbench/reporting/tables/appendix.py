@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 from auvbench.analysis.formatting import unit
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Comparison, Ranking, Row
+from auvbench.analysis.records import Comparison, Ranking, Row
 from auvbench.analysis.rounding import NOTHING
 from auvbench.reporting.tables.columns import column_of
 from auvbench.reporting.tables.main import label_of
-from auvbench.reporting.tables.model import Cell, Heading, Line, Table, estimate_cell, heading_of
+from auvbench.reporting.tables.table import Cell, Heading, Line, Table, estimate_cell, heading_of
 
 MOST_LETTERS = 8
 """of an agent's group; longer ones cannot be read, and the rank intervals say the same"""

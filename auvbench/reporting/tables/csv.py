@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from auvbench.analysis.model import Comparison, Ranking, Row
+from auvbench.analysis.records import Comparison, Ranking, Row
 from auvbench.untrusted.text import cell
 
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 from auvbench.analysis.formatting import name
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Ranking
-from auvbench.reporting.tables.conditions import conditions_note, conditions_table
+from auvbench.analysis.records import Ranking
+from auvbench.reporting.tables.by_condition import conditions_note, conditions_table
 from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.model import Cell, Heading, Table
 from auvbench.reporting.tables.notes import grouped, notes
 from auvbench.reporting.tables.split import split
+from auvbench.reporting.tables.table import Cell, Heading, Table
 
 ROWS_PER_FLOAT = 25
 """a float does not break across pages, so a long table continues in another one"""

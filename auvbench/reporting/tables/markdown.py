@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from auvbench.analysis.headline import headline
-from auvbench.analysis.model import Ranking
+from auvbench.analysis.records import Ranking
 from auvbench.reporting.tables.appendix import ranks_table
-from auvbench.reporting.tables.conditions import conditions_note, conditions_table
+from auvbench.reporting.tables.by_condition import conditions_note, conditions_table
 from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.model import Table
 from auvbench.reporting.tables.notes import grouped, notes
+from auvbench.reporting.tables.table import Table
 
 
 def escape(text: str) -> str:

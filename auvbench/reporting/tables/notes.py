@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from auvbench.analysis import limit
+from auvbench.analysis import optimality
 from auvbench.analysis.fixed_keys import OWN
 from auvbench.analysis.formatting import listed, name, size
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Primary, Problem, Ranking
 from auvbench.analysis.primary import OPEN
+from auvbench.analysis.records import Primary, Problem, Ranking
 from auvbench.reporting.tables.appendix import readable_letters
 from auvbench.reporting.tables.columns import DAGGER
 from auvbench.statistics.binomial import SUCCEEDED
@@ -117,7 +117,7 @@ def of_columns(ranking: Ranking) -> list[str]:
             "IQM, optimality gap: over training seeds and the conditions of the protocol; stratified bootstrap "
             "intervals, too short with few seeds."
         )
-    if limit.COLUMN in ranking.columns:
+    if optimality.COLUMN in ranking.columns:
         lines += limit_lines(ranking)
     if any(name.startswith("auc_") for name in ranking.columns):
         lines.append(
@@ -140,7 +140,7 @@ def limit_lines(ranking: Ranking) -> list[str]:
     """Return what the shortest known times are, or why there are none."""
     if ranking.limit is None:
         return [ranking.no_limit] if ranking.no_limit else []
-    return [limit.explained(), *limit.sentences(ranking.limit)]
+    return [optimality.explained(), *optimality.sentences(ranking.limit)]
 
 
 def one_training(ranking: Ranking) -> str:

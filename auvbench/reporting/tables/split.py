@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import groupby
 
-from auvbench.reporting.tables.model import Table
+from auvbench.reporting.tables.table import Table
 
 
 def split(table: Table, width: Callable[[int], float], room: float) -> list[list[int]]:

@@ -12,14 +12,14 @@ from rich.text import Text
 
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.headline import headline
-from auvbench.analysis.model import ClaimVerdict, Finding, Ranking
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
+from auvbench.analysis.records import ClaimVerdict, Finding, Ranking
 from auvbench.reporting.tables.appendix import pairs_table, ranks_table
-from auvbench.reporting.tables.conditions import conditions_note, conditions_table
+from auvbench.reporting.tables.by_condition import conditions_note, conditions_table
 from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.model import Cell, Line, Table
 from auvbench.reporting.tables.notes import grouped, notes, of_pairs
 from auvbench.reporting.tables.split import split
+from auvbench.reporting.tables.table import Cell, Line, Table
 
 MOST_PROBLEMS = 6
 """per kind on screen; the files list all"""

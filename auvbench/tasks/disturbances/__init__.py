@@ -5,6 +5,6 @@
 docs/disturbances.md defines each of them.
 """
 
-from auvbench.tasks.disturbances.model import Disturbances, make
+from auvbench.tasks.disturbances.parameters import Disturbances, make
 
 __all__ = ["Disturbances", "make"]

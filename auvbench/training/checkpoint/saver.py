@@ -15,7 +15,7 @@ from auvbench.errors import TrainingError
 from auvbench.runs import lock
 from auvbench.runs.atomic_io import storage
 from auvbench.training.checkpoint.logs import GrowingLog, LogMark, cut
-from auvbench.training.checkpoint.replay import ReplayStore
+from auvbench.training.checkpoint.replay_buffer import ReplayStore
 from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore
 
 CLOCK = "clock"

@@ -20,7 +20,7 @@ from auvbench.runs import integrity
 from auvbench.runs.atomic_io import as_json, replace_folder, storage
 from auvbench.runs.integrity import FileEntry
 from auvbench.training.checkpoint.logs import LogMark
-from auvbench.training.checkpoint.replay import Segment
+from auvbench.training.checkpoint.replay_buffer import Segment
 from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.path_safety import child
 from auvbench.untrusted.typed_json import Count

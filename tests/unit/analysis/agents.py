@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import expit
 
-from auvbench.analysis.model import Agent, RunRecord
+from auvbench.analysis.records import Agent, RunRecord
 
 CONTROLLERS = ("pid", "lqr", "mpc", "random")
 """these have nothing to learn; any other name is a learner's"""

@@ -11,9 +11,9 @@ import pytest
 
 from auvbench.analysis.compute_cost import action_time, late_solves, training_time
 from auvbench.analysis.findings import find
-from auvbench.analysis.model import Agent, Evaluation
 from auvbench.analysis.optional_columns import with_columns
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Agent, Evaluation
 from auvbench.reporting.tables import main_table
 from auvbench.reporting.tables.notes import notes
 from tests.unit.analysis.agents import agent

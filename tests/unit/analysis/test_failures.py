@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import ttest_ind
 
 from auvbench.analysis.failures import failures, places
-from auvbench.analysis.model import NO_POLICY, Agent
+from auvbench.analysis.records import NO_POLICY, Agent
 from tests.unit.analysis.agents import agent
 
 SURFACE, FLOOR = "below the upper depth limit", "above the lower depth limit"

@@ -9,8 +9,8 @@ from auvbench.analysis.effects import effects, matched, mean_difference
 from auvbench.analysis.findings import find
 from auvbench.analysis.formatting import turned
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Agent
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Agent
 from tests.unit.analysis.agents import agent
 
 SUCCESS = measure("success_rate")

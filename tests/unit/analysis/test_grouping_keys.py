@@ -11,7 +11,7 @@ import yaml
 
 from auvbench.analysis.labels import labels
 from auvbench.analysis.load import agents, load
-from auvbench.analysis.model import Agent, Problem
+from auvbench.analysis.records import Agent, Problem
 from tests.synthetic import reconfigure, write_experiment
 
 Config = dict[str, Any]

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from auvbench.analysis.headline import headline
-from auvbench.analysis.model import Against, Primary, Ranking
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Against, Primary, Ranking
 from auvbench.statistics import Estimate
 from tests.unit.analysis.agents import agent
 

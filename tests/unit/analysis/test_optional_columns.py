@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from auvbench.analysis import optional_columns
-from auvbench.analysis.model import Agent
 from auvbench.analysis.optional_columns import with_columns
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Agent
 from auvbench.analysis.validation_curve import read_validation_curve
 from auvbench.errors import ReportError
 from auvbench.reporting.tables import markdown

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Agent, Primary, Ranking
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Agent, Primary, Ranking
 from auvbench.errors import ReportError
 from auvbench.statistics import Estimate
 from tests.unit.analysis.agents import agent

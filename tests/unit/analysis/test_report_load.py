@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from auvbench.analysis.load import agents, available_protocols, load, require
-from auvbench.analysis.model import NO_POLICY, Problem
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import NO_POLICY, Problem
 from auvbench.errors import ReportError
 from auvbench.reporting.tables.notes import remarks
 from tests.synthetic import damage, seal, set_state, write_evaluation, write_experiment

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from auvbench.analysis.load import agents, load
-from auvbench.analysis.model import Agent, Finding
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Agent, Finding
 from auvbench.analysis.robustness import costliest_condition
 from tests.synthetic import TRANSFER, write_experiment
 

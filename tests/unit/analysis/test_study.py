@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from auvbench.analysis import study
-from auvbench.analysis.model import RunRecord
+from auvbench.analysis.records import RunRecord
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence
 from auvbench.analysis.study.learning import learning
@@ -365,7 +365,7 @@ def test_claim_3c_needs_more_than_the_reward_alone_does(tmp_path):
 
 def test_a_path_is_paid_as_the_task_pays_it():
     """Against the task itself: the recorded return of an episode, at its own K and at others."""
-    from auvbench.analysis.study.collected import pay
+    from auvbench.analysis.study.relabelled_return import pay
     from auvbench.envs.batch import Batch
 
     for k in (1.0, 40.0):
@@ -632,7 +632,7 @@ def test_the_interval_of_a_rank_correlation_covers_its_truth():
 
 def test_beside_the_thesis():
     agents = [agent("sac", 1, 25), agent("ppo", 1, 10)]
-    rows = study.beside(agents)
+    rows = study.compare(agents)
     mine = {(row.agent, row.measure): row for row in rows}
     success = mine["SAC4", "success_rate"]
     assert (success.thesis, success.label) == (100.0, "SAC K=1 25 Hz")

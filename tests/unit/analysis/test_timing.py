@@ -8,8 +8,8 @@ import pytest
 
 from auvbench.analysis.effects import effects
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Agent
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Agent
 from auvbench.analysis.timing import (
     confounded,
     horizon_s,

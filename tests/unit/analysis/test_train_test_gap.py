@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from auvbench.analysis.model import Agent
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Agent
 from auvbench.analysis.train_test_gap import train_test_gaps
 from tests.unit.analysis.agents import agent
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from auvbench.commands.bars import bar_line
+from auvbench.commands.progress import bar_line
 from auvbench.runs.progress import Progress
 
 

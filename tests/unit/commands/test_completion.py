@@ -12,7 +12,7 @@ import pytest
 
 from auvbench.cli import main
 from auvbench.commands import COMMANDS
-from auvbench.commands.completing import candidates
+from auvbench.commands.completion_words import candidates
 
 
 def complete(line: str) -> list[str]:
@@ -99,15 +99,15 @@ def test_names_flags_and_values_are_known(words, some, capsys):
 
 def test_what_is_offered_is_what_commands_accept():
     from auvbench.analysis.measures import COLUMNS, measure
-    from auvbench.commands import completing
+    from auvbench.commands import completion_words
     from auvbench.runs.status import State
     from auvbench.scheduling.listing import SORTS
 
-    for name in completing.measure_names():
+    for name in completion_words.measure_names():
         measure(name)
-    assert {f"mean_{column}" for column in COLUMNS} <= set(completing.measure_names())
-    assert list(completing.STATES) == [str(state) for state in State]
-    assert set(completing.SORTS) == set(SORTS)
+    assert {f"mean_{column}" for column in COLUMNS} <= set(completion_words.measure_names())
+    assert list(completion_words.STATES) == [str(state) for state in State]
+    assert set(completion_words.SORTS) == set(SORTS)
 
 
 def test_nobody_waits_for_heavy_imports():
@@ -121,7 +121,7 @@ def test_nobody_waits_for_heavy_imports():
 
 def test_columns_of_a_report_are_those_that_there_are() -> None:
     from auvbench.analysis.optional_columns import COLUMNS
-    from auvbench.commands.completing import FURTHER
+    from auvbench.commands.completion_words import FURTHER
 
     assert set(FURTHER) == set(COLUMNS)
     assert candidates(["report", "outputs", "--columns", "iqm"]) == ["iqm_success"]

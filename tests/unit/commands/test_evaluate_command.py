@@ -11,7 +11,7 @@ import pytest
 
 from auvbench import cli
 from auvbench.agents.classical.random import RandomAgent
-from auvbench.commands import bars
+from auvbench.commands import progress
 from tests import fake_training
 from tests.unit.runs.test_damage import frozen
 
@@ -76,9 +76,11 @@ def test_the_configuration_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
 def test_the_bar_counts_what_the_policy_can_steer(outputs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A policy of six thrusters has four of the seven conditions of `transfer`, and its test ends at 8 of 8."""
     asked: list[int] = []
-    inner = bars.counting_bar
+    inner = progress.counting_bar
     monkeypatch.setattr(
-        bars, "counting_bar", lambda total, title, parts: (asked.append(parts), inner(total, title, parts))[1]
+        progress,
+        "counting_bar",
+        lambda total, title, parts: (asked.append(parts), inner(total, title, parts))[1],
     )
     where = ["--where", "algo.name=pid", "vehicle=bluerov2"]
     assert cli.main(["evaluate", "outputs", "protocol=transfer", FEW, "workers=1", *where]) == 0

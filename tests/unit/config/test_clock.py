@@ -9,12 +9,12 @@ import pytest
 from omegaconf import OmegaConf
 
 from auvbench.agents.learned import learners
-from auvbench.config.clock import discount, step_limit
 from auvbench.config.compose import compose, typed
+from auvbench.config.time_units import discount, step_limit
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
-from auvbench.envs.chosen import at_frequency
 from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError
 from auvbench.runs import identity
 

@@ -9,8 +9,8 @@ import pytest
 from omegaconf import OmegaConf
 
 from auvbench import cli
-from auvbench.commands.completing import candidates
-from auvbench.config import answers
+from auvbench.commands.completion_words import candidates
+from auvbench.config import options
 from auvbench.config.compose import compose, typed
 from auvbench.config.plugins import find
 from auvbench.config.validate import train_config
@@ -59,7 +59,7 @@ def test_it_is_listed_and_completed_without_being_imported(
 ) -> None:
     steering(site)
     (site.folder / "mine/__init__.py").write_text("raise RuntimeError('imported')")
-    assert "mine" in answers.names("algo")
+    assert "mine" in options.names("algo")
     assert candidates(["report", "outputs", "--baseline", "mi"]) == ["mine"]
     assert cli.main(["train", "--help"]) == 0
     assert " mine," in capsys.readouterr().out

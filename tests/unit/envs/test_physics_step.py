@@ -10,7 +10,7 @@ from auvbench.config.compose import typed
 from auvbench.config.disturbance import SCALES
 from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import Batch
-from auvbench.envs.chosen import make_simulator
+from auvbench.envs.simulator_factory import make_simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant

@@ -12,7 +12,7 @@ import pytest
 from auvbench import cli
 from auvbench.agents.classical import pid, random
 from auvbench.agents.classical.mpc import MPCController
-from auvbench.commands import bars
+from auvbench.commands import progress
 from auvbench.evaluation import parallel
 from auvbench.evaluation.rollout import Rollout
 from auvbench.runs.directory import RunDirectory
@@ -133,9 +133,9 @@ def test_a_single_run_tells_of_its_episodes_in_a_log(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = iter(np.arange(0.0, 1e4, 3.0))
-    monkeypatch.setattr(bars.time, "monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr(progress.time, "monotonic", lambda: float(next(clock)))
     run = RunDirectory("mpc-k1-f10-s0-12345678")
-    with bars.counting_bar(1, "protocol test", 20) as tell:
+    with progress.counting_bar(1, "protocol test", 20) as tell:
         for _ in range(20):
             tell.doing(run, "nominal", 1)
         tell.line("done")
@@ -149,7 +149,7 @@ def test_a_single_run_tells_of_its_episodes_in_a_log(
 
 
 def test_several_runs_are_counted_as_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    with bars.counting_bar(2, "protocol test", 20) as tell:
+    with progress.counting_bar(2, "protocol test", 20) as tell:
         tell.doing(RunDirectory("a"), "nominal", 20)
         tell.line("a is done")
     assert capsys.readouterr() == ("a is done\n", "")

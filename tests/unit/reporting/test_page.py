@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 
 from auvbench.analysis.findings import SHOWN
-from auvbench.analysis.model import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.reporting import page
 from auvbench.reporting.page import figures, numbers, sources, study, table, trajectories
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables import main_table
-from auvbench.reporting.tables.model import Cell, Heading, Line, Table
+from auvbench.reporting.tables.table import Cell, Heading, Line, Table
 from auvbench.statistics.estimate import Estimate
 from tests import page_data
 
@@ -211,7 +211,7 @@ def test_failed_write_keeps_the_old_page(grid: dict[str, Any], html: str) -> Non
 
 def test_numbers_of_a_study_stand_beside_ours(grid: dict[str, Any]) -> None:
     links = Links(grid["folder"] / "report" / "index.html", grid["agents"], grid["runs"], "test")
-    shown = study.table(grid["beside"], {}, links)
+    shown = study.table(grid["comparison"], {}, links)
     assert shown is not None
     lines = {line.name: line for line in shown.lines}
     assert list(lines)[:2] == ["SAC0", "SAC1"]

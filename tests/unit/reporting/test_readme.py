@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from auvbench.analysis.model import RunRecord
+from auvbench.analysis.records import RunRecord
 from auvbench.errors import UserError
 from auvbench.reporting import readme
 

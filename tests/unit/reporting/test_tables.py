@@ -11,8 +11,8 @@ import pytest
 from rich.console import Console
 
 from auvbench.analysis.load import agents, load
-from auvbench.analysis.model import Agent, Finding, Needed, Problem, Ranking, Row
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Agent, Finding, Needed, Problem, Ranking, Row
 from auvbench.reporting import tables
 from auvbench.reporting.tables.appendix import pairs_table, ranks_table
 from auvbench.reporting.tables.latex import floats

@@ -31,7 +31,7 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
     lacking = [name for name in ("reset", "act") if not callable(getattr(made, name, None))]
     if lacking:
         raise AgentError(f"{who}: what it makes, a {type(made).__name__}, lacks {' and '.join(lacking)}")
-    kind = EnteredLearner if algo.learns else EnteredAgent
+    kind = PluginLearner if algo.learns else PluginAgent
     return kind(made, who, len(vehicle.actuators))
 
 
@@ -46,7 +46,7 @@ def _telling(who: str, what: str) -> Iterator[None]:
         raise AgentError(f"{who}: {what}: {plugins.told(error)}") from error
 
 
-class EnteredAgent:
+class PluginAgent:
     """Check every action of a plug-in agent.
 
     Args:
@@ -122,7 +122,7 @@ def action_fault(action: Any, n: int, n_u: int) -> str:
     return ""
 
 
-class EnteredLearner(EnteredAgent):
+class PluginLearner(PluginAgent):
     """A plug-in agent that learns; the worker reports faults of its training."""
 
     inner: Learner

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.model import Agent, RunRecord
 from auvbench.analysis.paths import has_paths, paths
+from auvbench.analysis.records import Agent, RunRecord
 from auvbench.statistics.intervals import FloatArray
 
 EPISODES = 1000

@@ -1,4 +1,4 @@
-"""Our test table beside the thesis's: the same cells, the same measures."""
+"""Compare our test table with the original study's: the same cells and measures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Agent
+from auvbench.analysis.records import Agent
 from auvbench.analysis.rounding import NOTHING, rounded
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence, cell
@@ -15,7 +15,7 @@ from auvbench.statistics.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class ComparisonRow:
     """One number of the thesis and ours."""
 
     agent: str
@@ -34,7 +34,7 @@ class Beside:
     """rates in percent"""
 
 
-def beside(agents: Sequence[Agent], confidence: float = 0.95) -> tuple[Beside, ...]:
+def compare(agents: Sequence[Agent], confidence: float = 0.95) -> tuple[ComparisonRow, ...]:
     """Every number of the thesis's table with ours of the same algorithm, K and training frequency."""
     evidence = Evidence((), agents, confidence, 0)
     ours = {metric: _estimates(metric, agents, confidence) for metric in thesis.TABLE}
@@ -62,15 +62,17 @@ def _estimates(metric: str, agents: Sequence[Agent], confidence: float) -> dict[
 
 def _beside(
     name: str, metric: str, reported: thesis.Reported, label: str, ours: Estimate | None, confidence: float
-) -> Beside:
+) -> ComparisonRow:
     interval = None
     if measure(metric).rate:
         low, high = wilson(reported.value / 100 * thesis.EPISODES, thesis.EPISODES, confidence)
         interval = (100 * float(low), 100 * float(high))
-    return Beside(name, label, metric, thesis.TITLES[metric], reported.value, reported.mark, interval, ours)
+    return ComparisonRow(
+        name, label, metric, thesis.TITLES[metric], reported.value, reported.mark, interval, ours
+    )
 
 
-def markdown(rows: Sequence[Beside]) -> str:
+def markdown(rows: Sequence[ComparisonRow]) -> str:
     """The comparison as a Markdown table: a line per agent, a column per measure, 'thesis / ours [interval]'."""
     titles = list(thesis.TITLES.items())
     lines = [
@@ -90,7 +92,7 @@ def markdown(rows: Sequence[Beside]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _cell(row: Beside) -> str:
+def _cell(row: ComparisonRow) -> str:
     theirs = f"{row.thesis:g}" + (f" {row.mark}" if row.mark else "")
     if row.ours is None:
         return f"{theirs} / {NOTHING}"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from auvbench.analysis.conditions import in_words, split
-from auvbench.analysis.model import Ranking
+from auvbench.analysis.records import Ranking
 from auvbench.reporting.tables.columns import DAGGER
 from auvbench.reporting.tables.main import label_of
-from auvbench.reporting.tables.model import Cell, Heading, Line, Table, estimate_cell
+from auvbench.reporting.tables.table import Cell, Heading, Line, Table, estimate_cell
 
 
 def conditions_table(ranking: Ranking) -> Table:

@@ -85,10 +85,10 @@ def nearest(key: str, known: Collection[str]) -> str | None:
     if same:
         return min(same, key=lambda name: (name.count("."), name))
     parent = key.rpartition(".")[0]
-    beside = {name.rpartition(".")[2]: name for name in known if name.rpartition(".")[0] == parent}
-    near = difflib.get_close_matches(last, beside, n=1, cutoff=0.65)
+    siblings = {name.rpartition(".")[2]: name for name in known if name.rpartition(".")[0] == parent}
+    near = difflib.get_close_matches(last, siblings, n=1, cutoff=0.65)
     if near:
-        return beside[near[0]]
+        return siblings[near[0]]
     whole = difflib.get_close_matches(key, known, n=1, cutoff=0.7)
     return whole[0] if whole else None
 

@@ -9,13 +9,13 @@ from rich.table import Table
 from rich.text import Text
 
 from auvbench.analysis.rounding import NOTHING, rounded
-from auvbench.analysis.study import Beside
+from auvbench.analysis.study import ComparisonRow
 
 ON_SCREEN = ("success_rate", "mean_steps", "mean_deviation_mean_m")
 """the measures that fit; report.md has all"""
 
 
-def beside_terminal(rows: Sequence[Beside], width: int = 80) -> RenderableType:
+def comparison_terminal(rows: Sequence[ComparisonRow], width: int = 80) -> RenderableType:
     """A line per agent of the study: its number, ours, and the interval of ours; more measures on wider terminals."""
     table = Table(box=None, header_style="bold", pad_edge=False, title_justify="left")
     table.title = Text("the study's numbers and ours", style="bold")
@@ -36,7 +36,7 @@ def beside_terminal(rows: Sequence[Beside], width: int = 80) -> RenderableType:
     return Group(table, Text(f"{note} report.md has all measures.", style="dim"))
 
 
-def _cells(row: Beside | None) -> tuple[str, str, str]:
+def _cells(row: ComparisonRow | None) -> tuple[str, str, str]:
     if row is None:
         return NOTHING, "", ""
     theirs = f"{row.thesis:g}" + (f" {row.mark}" if row.mark else "")

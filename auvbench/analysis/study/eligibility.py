@@ -9,7 +9,7 @@ import numpy as np
 from auvbench.analysis.effects import learns, matched, mean_difference
 from auvbench.analysis.formatting import counted, difference
 from auvbench.analysis.measures import measure
-from auvbench.analysis.model import Agent
+from auvbench.analysis.records import Agent
 from auvbench.analysis.study.evidence import cell
 from auvbench.analysis.study.verdict import OPEN, Levels, Part, by_interval, more_seeds, runs_of
 from auvbench.analysis.timing import budget_of

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from auvbench.agents.entered import EnteredAgent
+from auvbench.agents.plugins import PluginAgent
 from auvbench.errors import AgentError
 from auvbench.evaluation.rollout import counted
 
@@ -32,14 +32,14 @@ class Counting(Plain):
 
 
 def test_an_agent_without_them_has_none() -> None:
-    agent = EnteredAgent(Plain(), "plain of x==1", 6)
+    agent = PluginAgent(Plain(), "plain of x==1", 6)
     assert not hasattr(agent, "ended")
     assert counted(agent) == {}
 
 
 def test_they_reach_the_agent() -> None:
     inner = Counting({"solves": 3})
-    agent: Any = EnteredAgent(inner, "counting of x==1", 6)
+    agent: Any = PluginAgent(inner, "counting of x==1", 6)
     agent.ended(np.array([1, 4]))
     assert inner.over == [1, 4]
     assert counted(agent) == {"solves": 3}
@@ -47,6 +47,6 @@ def test_they_reach_the_agent() -> None:
 
 @pytest.mark.parametrize("notes", [{"solves": 1.5}, {3: 3}, {"solves": True}, 7, [("a",)]])
 def test_counts_that_are_none_are_one_line(notes: Any) -> None:
-    agent = EnteredAgent(Counting(notes), "counting of x==1", 6)
+    agent = PluginAgent(Counting(notes), "counting of x==1", 6)
     with pytest.raises(AgentError, match=r"counting of x==1: notes (fails|gives)"):
         counted(agent)

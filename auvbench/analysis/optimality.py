@@ -16,7 +16,7 @@ import numpy as np
 
 from auvbench import statistics as st
 from auvbench.analysis.formatting import counted, listed
-from auvbench.analysis.model import Agent, Limit, Ranking
+from auvbench.analysis.records import Agent, Limit, Ranking
 from auvbench.evaluation.bounds import files
 from auvbench.statistics import crossed
 from auvbench.statistics.estimate import Estimate
@@ -38,7 +38,7 @@ class Times:
     """(n,) the shorter one of `computed` and what the quickest agent of the table took"""
 
 
-def beside(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
+def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
     """The ranking with its limit and each agent's time over it, or with the line that says why there is none."""
     name = _vehicle(agents)
     if not name or not files.is_name(name) or not files.is_name(ranking.protocol):

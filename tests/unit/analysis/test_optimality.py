@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from auvbench import statistics as st
-from auvbench.analysis import limit
-from auvbench.analysis.model import Agent, Ranking, RunRecord
+from auvbench.analysis import optimality
 from auvbench.analysis.optional_columns import with_columns
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Agent, Ranking, RunRecord
 from auvbench.evaluation.bounds import files
 from auvbench.reporting import tables
 from auvbench.statistics import crossed
@@ -66,7 +66,7 @@ def write(root: Path, fingerprint: str = "0123456789abcdef", protocol: str = "te
 
 
 def ranked(agents: list[Agent], protocol: str = "test") -> Ranking:
-    return limit.beside(rank(agents, protocol=protocol), agents)
+    return optimality.add_optimality(rank(agents, protocol=protocol), agents)
 
 
 def test_the_ratio_is_a_geometric_mean_over_successes(tmp_path: Path) -> None:
@@ -81,7 +81,7 @@ def test_the_ratio_is_a_geometric_mean_over_successes(tmp_path: Path) -> None:
         ratios = one.metrics["time_to_goal_s"] * FREQUENCY / best()
         expected = np.exp(np.nanmean(np.log(ratios)))
         row = next(row for row in ranking.rows if row.label == one.label)
-        found = row.estimates[limit.COLUMN]
+        found = row.estimates[optimality.COLUMN]
         assert found.value == pytest.approx(expected)
         assert 1.0 <= found.low <= found.value <= found.high
 
@@ -93,7 +93,7 @@ def test_the_interval_does_not_reach_below_the_limit(tmp_path: Path) -> None:
     slow.metrics["time_to_goal_s"][1] *= 1.3
     ranking = ranked([quick, slow])
     row = next(row for row in ranking.rows if row.label == slow.label)
-    found = row.estimates[limit.COLUMN]
+    found = row.estimates[optimality.COLUMN]
     logs = np.log(slow.metrics["time_to_goal_s"] * FREQUENCY / best())
     free = st.means(crossed([logs], paired=False), 0.95)[0]
     assert np.exp(free.low) < 0.9, "otherwise this shows nothing"
@@ -107,7 +107,7 @@ def test_a_table_has_the_column_where_it_is_asked_for_and_the_csv_always(tmp_pat
     ranking = ranked(agents)
     assert "time over best known" not in tables.markdown(ranking)
     assert "time_over_best_known,time_over_best_known_low" in tables.csv(ranking)
-    text = tables.markdown(with_columns(ranking, agents, [limit.COLUMN]))
+    text = tables.markdown(with_columns(ranking, agents, [optimality.COLUMN]))
     assert "time over best known" in text
     assert "Best known: " in text
     assert len(tables.limit_csv(ranking).splitlines()) == EPISODES + 1
@@ -124,8 +124,8 @@ def test_who_was_quicker_than_what_was_computed_sets_the_limit_and_is_named(tmp_
     assert label == agents[0].label
     assert count == int((np.nanmin(np.where(np.isnan(quicker), np.inf, quicker), axis=0) < best() / 10).sum())
     assert seconds > 0
-    assert all(row.estimates[limit.COLUMN].value >= 1.0 for row in ranking.rows)
-    assert any("quickest agent" in line for line in limit.sentences(ranking.limit))
+    assert all(row.estimates[optimality.COLUMN].value >= 1.0 for row in ranking.rows)
+    assert any("quickest agent" in line for line in optimality.sentences(ranking.limit))
 
 
 def test_limits_of_other_scenarios_are_not_used_and_the_command_is_named(tmp_path: Path) -> None:
@@ -135,8 +135,8 @@ def test_limits_of_other_scenarios_are_not_used_and_the_command_is_named(tmp_pat
     assert ranking.limit is None
     assert "auvbench bound protocol=test vehicle=bluerov2 computes it" in ranking.no_limit
     assert "of other scenarios" in ranking.no_limit
-    assert limit.COLUMN not in ranking.rows[0].estimates
-    assert ranking.no_limit in tables.markdown(with_columns(ranking, agents, [limit.COLUMN])).replace(
+    assert optimality.COLUMN not in ranking.rows[0].estimates
+    assert ranking.no_limit in tables.markdown(with_columns(ranking, agents, [optimality.COLUMN])).replace(
         "\\", ""
     )
 
@@ -155,7 +155,7 @@ def test_an_agent_without_success_has_no_ratio(tmp_path: Path) -> None:
     )
     ranking = ranked([never, timed("sac", tmp_path, 1.5)])
     row = next(row for row in ranking.rows if row.label == never.label)
-    assert limit.COLUMN not in row.estimates
+    assert optimality.COLUMN not in row.estimates
 
 
 def test_agents_that_were_quicker_stand_in_one_sentence_the_most_frequent_first(tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ def test_agents_that_were_quicker_stand_in_one_sentence_the_most_frequent_first(
     ranking = ranked(agents)
     assert ranking.limit is not None
     counts = {label: count for label, count, _ in ranking.limit.beaten}
-    (said,) = [line for line in limit.sentences(ranking.limit) if "quickest" in line]
+    (said,) = [line for line in optimality.sentences(ranking.limit) if "quickest" in line]
     places = [said.index(label) for label in sorted(counts, key=lambda label: -counts[label])]
     assert len(places) == 2
     assert places == sorted(places)

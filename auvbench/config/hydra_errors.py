@@ -26,7 +26,7 @@ from omegaconf.errors import (
     ValidationError,
 )
 
-from auvbench.config import hints, installed
+from auvbench.config import installed, suggestions
 from auvbench.errors import ConfigError, closest
 
 Compose = Callable[[Sequence[str]], DictConfig]
@@ -170,7 +170,7 @@ def _near_key(key: str, compose: Compose, entry: str, overrides: Sequence[str]) 
         except (*FAULTS, ConfigError):
             continue
     answers = dict(group.split("=", 1) for group in groups)
-    return hints.unknown_key(key, known, answers, f"auvbench {entry}")
+    return suggestions.unknown_key(key, known, answers, f"auvbench {entry}")
 
 
 def _plain(message: str) -> str:

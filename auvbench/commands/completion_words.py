@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from auvbench.commands.grammar import WHERE, Parser
-from auvbench.config import answers
+from auvbench.config import options
 from auvbench.metrics import METRICS
 from auvbench.record import measure_names
 
@@ -19,11 +19,11 @@ KEYS = ("algo", "vehicle", "reward.k", "step.frequency", "seed", "disturbance", 
 
 
 def _protocols() -> list[str]:
-    return answers.names("protocol")
+    return options.names("protocol")
 
 
 def _algorithms() -> list[str]:
-    return answers.names("algo")
+    return options.names("algo")
 
 
 def _formats() -> list[str]:
@@ -51,7 +51,7 @@ VALUES: dict[str, Callable[[], Sequence[str]]] = {
     "--group-by": lambda: KEYS,
     "--columns": lambda: KEYS,
     "--baseline": _algorithms,
-    "--vehicle": lambda: answers.names("vehicle"),
+    "--vehicle": lambda: options.names("vehicle"),
     "--algo": _algorithms,
     "--state": lambda: STATES,
     "--sort": lambda: SORTS,
@@ -66,15 +66,15 @@ OVERRIDES: dict[str, dict[str, Callable[[], Sequence[str]]]] = {
         "protocol.episodes": lambda: (),
     },
     "serve": {
-        "vehicle": lambda: answers.names("vehicle"),
-        "simulator": lambda: answers.names("simulator"),
-        "disturbance": lambda: answers.names("disturbance"),
+        "vehicle": lambda: options.names("vehicle"),
+        "simulator": lambda: options.names("simulator"),
+        "disturbance": lambda: options.names("disturbance"),
         "step.frequency": lambda: (),
         "task.start": lambda: (),
     },
     "bound": {
         "protocol": _protocols,
-        "vehicle": lambda: answers.names("vehicle"),
+        "vehicle": lambda: options.names("vehicle"),
         "workers": lambda: (),
         "passes": lambda: ("1", "2"),
         "output": lambda: (),
@@ -87,9 +87,9 @@ OVERRIDES: dict[str, dict[str, Callable[[], Sequence[str]]]] = {
 TERMS: dict[str, Callable[[], Sequence[str]]] = {
     **{key: (lambda: ()) for key in KEYS},
     "algo": _algorithms,
-    "vehicle": lambda: answers.names("vehicle"),
-    "disturbance": lambda: answers.names("disturbance"),
-    "noise": lambda: answers.names("noise"),
+    "vehicle": lambda: options.names("vehicle"),
+    "disturbance": lambda: options.names("disturbance"),
+    "noise": lambda: options.names("noise"),
     "state": lambda: STATES,
     "id": lambda: (),
     "experiment": lambda: (),
@@ -128,7 +128,7 @@ def candidates(words: Sequence[str]) -> list[str]:
     else:
         offered += _assignments(OVERRIDES.get(command, {}), word)
         if command == "vehicles":
-            offered += answers.names("vehicle")
+            offered += options.names("vehicle")
     return sorted({name for name in offered if name.startswith(word)})
 
 
