@@ -241,7 +241,7 @@ def write(
     if options.figures and {"md", "html"} & set(options.format):
         from auvbench.reporting.figures import draw_all
 
-        figures, problems = draw_all(report.runs, report.agents, ranking, out)
+        figures, problems = draw_all(report.agents, ranking, out)
         ranking = replace(ranking, problems=(*ranking.problems, *problems))
         report = replace(report, ranking=ranking)
     if "html" in options.format:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from auvbench.errors import ReportError, UserError
 from auvbench.evaluation.replay import Replay
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.colours import COLOURS
-from auvbench.reporting.figures.style import OUTCOME_LOOK
+from auvbench.reporting.figures.style import COLOURS, OUTCOME_LOOK
 
 RATE = 25  # pictures per second
 LONGEST = 150  # pictures; a longer episode is shown faster

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure as Canvas
 from auvbench.envs.scene import panels
 from auvbench.evaluation.replay import Replay
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.colours import COLOURS
-from auvbench.reporting.figures.style import OUTCOME_LOOK
+from auvbench.reporting.figures.style import COLOURS, OUTCOME_LOOK
 
 BARS = "▁▂▃▄▅▆▇█"
 

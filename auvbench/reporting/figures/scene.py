@@ -1,15 +1,17 @@
-"""What a figure is drawn from: agents in the order of the ranking, their looks, and records read once."""
+"""Input of the figures: agents in the order of the ranking, their looks, and records read once."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
+from auvbench.analysis.conditions import of_evaluations
 from auvbench.analysis.evaluations import Damage, evaluation_of, protocols_of
 from auvbench.analysis.records import Agent, Condition, Evaluation, Problem, Ranking, RunRecord
 from auvbench.analysis.training import has_training, training
@@ -17,11 +19,24 @@ from auvbench.reporting.figures.style import Look, colour_of
 
 FloatArray = NDArray[np.float64]
 
+MAIN = "difference_from_baseline"
+"""name of the figure that stands with the main table"""
 MANY = 8
-"""more lines than this in one panel are a thicket"""
-
+"""most lines of one panel"""
 FEWEST_EPISODES = 10
-"""of a training that is worth a line"""
+"""of a training that is drawn"""
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure on disk."""
+
+    name: str
+    """file name without suffix"""
+    title: str
+    caption: str
+    png: Path
+    svg: Path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +50,7 @@ class Drawing:
 
 @dataclass(slots=True, eq=False)
 class Scene:
-    """Everything the figures of one report share."""
+    """Data that the figures of one report share."""
 
     agents: tuple[Agent, ...]
     """in the order of the ranking"""
@@ -44,11 +59,11 @@ class Scene:
     conditions: dict[tuple[str, str], tuple[Condition, ...]] = field(default_factory=dict)
     """by label and protocol, as far as a figure has read them"""
     problems: list[Problem] = field(default_factory=list)
-    """damage that came to light while drawing"""
+    """damage found while drawing"""
     _training: dict[str, pd.DataFrame | None] = field(default_factory=dict)
 
     def top(self, k: int, among: Sequence[Agent] | None = None) -> tuple[Agent, ...]:
-        """The k best-ranked agents, with the baseline in the last place if it is not among them."""
+        """Return the k best-ranked agents; the baseline takes the last place if it is not among them."""
         agents = self.agents if among is None else tuple(among)
         chosen = agents[:k]
         primary = self.ranking.primary
@@ -58,18 +73,19 @@ class Scene:
         return chosen
 
     def learners(self) -> tuple[Agent, ...]:
-        """Agents with training records."""
+        """Return the agents with training records."""
         return tuple(a for a in self.agents if any(has_training(r) for r in a.runs))
 
     def trained(self, agents: Sequence[Agent]) -> tuple[Agent, ...]:
-        """Those with a seed whose training can be drawn."""
+        """Return the agents with a training that can be drawn."""
         return tuple(a for a in agents if any(self.training(run) is not None for run in a.runs))
 
     def looks_of(self, agents: Sequence[Agent]) -> dict[str, Look]:
+        """Return the looks of some agents, by label."""
         return {agent.label: self.looks[agent.label] for agent in agents}
 
     def training(self, run: RunRecord) -> pd.DataFrame | None:
-        """train/episodes.csv; None where it is absent, too short for a line, or damaged, which becomes a problem."""
+        """Return the training episodes; None where they are absent, too few, or damaged."""
         if run.id not in self._training:
             frame = None
             try:
@@ -79,51 +95,57 @@ class Scene:
             self._training[run.id] = frame if frame is not None and len(frame) >= FEWEST_EPISODES else None
         return self._training[run.id]
 
+    def tested(self, agent: Agent, protocol: str) -> tuple[Condition, ...]:
+        """Return an agent's results by condition, of the seeds that met the same scenarios as the first."""
+        key = agent.label, protocol
+        if key not in self.conditions:
+            found: list[Evaluation] = []
+            for run in agent.runs:
+                here = self._evaluation(run, protocol)
+                if here is not None and here.fingerprint == (found[0] if found else here).fingerprint:
+                    found.append(here)
+            names = [str(condition["name"]) for condition in found[0].summary["conditions"]] if found else []
+            tested = {agent.label: found}
+            self.conditions[key] = of_evaluations(tested, names, self.ranking.confidence) if found else ()
+        return self.conditions[key]
+
+    def _evaluation(self, run: RunRecord, protocol: str) -> Evaluation | None:
+        if protocol in run.evaluations:
+            return run.evaluations[protocol]
+        if protocol not in protocols_of(run):
+            return None
+        try:
+            return evaluation_of(run, protocol)
+        except Damage as damage:
+            self.problems.append(Problem(run.id, damage.kind, f"evaluation {protocol}: {damage}"))
+            return None
+
     def problem(self, run: RunRecord, damage: Damage) -> None:
+        """Note a damaged file of a run."""
         self.problems.append(Problem(run.id, damage.kind, str(damage)))
 
 
 def scene(agents: Sequence[Agent], ranking: Ranking) -> Scene:
-    """Agents that the ranking has, in its order, with their looks."""
+    """Return the agents of the ranking, in its order, with their looks."""
     by_label = {agent.label: agent for agent in agents}
     ordered = tuple(by_label[row.label] for row in ranking.rows if row.label in by_label)
     return Scene(ordered, ranking, colour_of(ordered))
 
 
 def shown(chosen: Sequence[Agent], of: Sequence[Agent]) -> str:
-    """'' or the sentence of a caption that says what was left out."""
+    """Return the sentence of a caption on agents that are left out, or ''."""
     if len(chosen) >= len(of):
         return ""
     return f" Shown: {len(chosen)} of {len(of)} agents, the best-ranked."
 
 
 def without(wanted: Sequence[Agent], chosen: Sequence[Agent], what: str) -> str:
-    """'' or the sentence of a caption that names the agents that have nothing to draw."""
+    """Return the sentence of a caption on agents without usable data, or ''."""
     absent = [agent.label for agent in wanted if agent not in chosen]
     return f" Without usable {what}: {', '.join(absent)}." if absent else ""
 
 
-def seeds_sentence(agents: Sequence[Agent], band: str = "the range over training seeds") -> str:
-    """What lines and bands are, given the seeds there are."""
-    if all(len(agent.runs) < 2 for agent in agents):
-        return " One training seed per agent."
-    return f" Lines: mean over training seeds; bands: {band}."
-
-
 def wants_symlog(values: Sequence[FloatArray]) -> bool:
-    """Whether rewards of different K would squeeze the smaller ones onto the axis."""
+    """Return whether returns of different K need a logarithmic axis."""
     sizes = [float(np.nanpercentile(np.abs(v), 90)) for v in values if v.size and np.isfinite(v).any()]
     return len(sizes) > 1 and max(sizes) > 10 * max(min(sizes), 1.0)
-
-
-def evaluation(scene: Scene, run: RunRecord, protocol: str) -> Evaluation | None:
-    """Return an evaluation, loaded before or read now; None without one or with a damaged one, which becomes a problem."""
-    if protocol in run.evaluations:
-        return run.evaluations[protocol]
-    if protocol not in protocols_of(run):
-        return None
-    try:
-        return evaluation_of(run, protocol)
-    except Damage as damage:
-        scene.problems.append(Problem(run.id, damage.kind, f"evaluation {protocol}: {damage}"))
-        return None

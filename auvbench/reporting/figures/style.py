@@ -1,7 +1,8 @@
-"""How the figures look: colours that colour-blind readers tell apart, markers and line styles for grey print."""
+"""Style of the figures: colours for colour-blind readers, markers and line styles for grey print, legends, files."""
 
 from __future__ import annotations
 
+import colorsys
 import io
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,20 +13,23 @@ from typing import Any, Literal, NamedTuple
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
+from matplotlib.ticker import EngFormatter, FixedLocator, NullLocator
 
 from auvbench.analysis.records import Agent
 from auvbench.envs import scene
-from auvbench.reporting.figures.colours import COLOURS, palette
 from auvbench.runs.atomic_io import write_atomic
 
+COLOURS = scene.COLOURS
+"""Okabe and Ito (2008) without yellow, which does not show on white; the last from Tol's muted scheme"""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
 Linestyle = Literal["-", "--", "-.", ":"]
 LINESTYLES: tuple[Linestyle, ...] = ("-", "--", "-.", ":")
 
 OUTCOME_LOOK = {"success": ("#009E73", "o"), "collision": ("#D55E00", "X"), "timeout": ("#0072B2", "s")}
-"""colour and marker of an outcome, the same everywhere"""
+"""colour and marker of an outcome in every figure"""
 
 DPI = 150
 
@@ -48,39 +52,46 @@ class Look(NamedTuple):
 
 
 def colour_of(agents: Iterable[Agent] | Sequence[str]) -> dict[str, Look]:
-    """The look of each agent, by label.
+    """Return the look of each agent by label; no two agents have one colour.
 
-    No two agents have one colour. Handed agents in the order of the ranking, the eight best have those that are told
-    apart most easily; the more agents, the closer the rest of them: marker and line style tell them apart then.
+    The first eight, usually the best-ranked, have the colours that are easiest to tell apart.
     """
     labels = [agent if isinstance(agent, str) else agent.label for agent in agents]
-    colours = palette(len(labels))
     return {
         label: Look(
-            colours[i],
+            colour,
             MARKERS[i % len(MARKERS)],
             LINESTYLES[(i + i // len(COLOURS)) % len(LINESTYLES)],
         )
-        for i, label in enumerate(labels)
+        for i, (label, colour) in enumerate(zip(labels, palette(len(labels)), strict=True))
     }
+
+
+def palette(n: int) -> tuple[str, ...]:
+    """Return n different colours: `COLOURS`, then hues a golden ratio apart."""
+    hues = [
+        to_hex(colorsys.hsv_to_rgb(0.618034 * i % 1.0, (0.55, 0.95)[i % 2], (0.75, 0.55, 0.4)[i % 3]))
+        for i in range(n - len(COLOURS))
+    ]
+    return (*COLOURS[:n], *hues)
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The style of the figures, without touching that of the caller."""
+    """Apply the style of the figures, and restore that of the caller."""
     with mpl.rc_context(_RC):
         yield
 
 
 def canvas(width: float, height: float) -> Canvas:
-    """An empty figure, inches; not one of pyplot's, so nothing is kept open."""
+    """Return an empty figure, sizes in inches. It is not one of pyplot's, so nothing is kept open."""
     figure = Canvas(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def title(ax: Axes, text: str, width: int = 26, more: str = "") -> None:
-    """A panel's title, in lines of at most `width` characters where its words allow, and `more` in a line below."""
+    """Set a panel's title, wrapped at `width` characters, with `more` on the next line."""
     ax.set_title(
         "\n".join([*textwrap.wrap(text, width, break_long_words=False), *([more] if more else [])]),
         loc="left",
@@ -88,10 +99,7 @@ def title(ax: Axes, text: str, width: int = 26, more: str = "") -> None:
 
 
 def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
-    """Writes `path`.png and `path`.svg; returns both. A dot in the name is part of it: current=0.5.
-
-    Each is there whole or not at all, and on the disk when this returns: a page that shows them comes after them.
-    """
+    """Write `path`.png and `path`.svg, each whole or not at all; return both. A name may hold dots: current=0.5."""
     if engine := figure.get_layout_engine():
         engine.execute(figure)  # once for both formats
     figure.set_layout_engine(None)  # with any engine, "none" included, savefig draws everything a second time
@@ -107,7 +115,7 @@ def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
 
 
 def legend(figure: Canvas, looks: dict[str, Look], *, lines: bool = True, markers: bool = True) -> None:
-    """One legend for the whole figure, under the panels, in as many columns as its width holds."""
+    """Add one legend under the panels, in as many columns as the figure holds."""
     handles = [
         Line2D(
             [],
@@ -129,6 +137,7 @@ def legend(figure: Canvas, looks: dict[str, Look], *, lines: bool = True, marker
 
 
 def outcome_legend(figure: Canvas) -> None:
+    """Add the legend of the outcomes under the panels."""
     handles = [
         Line2D([], [], color=colour, marker=marker, linestyle="", label=name)
         for name, (colour, marker) in OUTCOME_LOOK.items()
@@ -137,16 +146,12 @@ def outcome_legend(figure: Canvas) -> None:
 
 
 def engineering(axis: Any) -> None:
-    """Ticks such as 250k for 250000."""
-    from matplotlib.ticker import EngFormatter
-
+    """Write ticks as 250k for 250000."""
     axis.set_major_formatter(EngFormatter(sep=""))
 
 
 def symlog(ax: Axes) -> None:
-    """A return axis that holds K = 1 and K = 100: linear up to ±1000, logarithmic beyond."""
-    from matplotlib.ticker import FixedLocator, NullLocator
-
+    """Scale a return axis for K = 1 and K = 100: linear up to ±1000, logarithmic beyond."""
     ax.set_yscale("symlog", linthresh=1000)
     powers = [1e3, 1e4, 1e5, 1e6]
     ax.yaxis.set_major_locator(FixedLocator([*(-p for p in reversed(powers)), 0.0, *powers]))

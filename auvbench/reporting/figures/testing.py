@@ -1,4 +1,4 @@
-"""Figures of the test: cumulative means, steps against deviation, success over time, profiles, where failures lie."""
+"""Figures of the test: cumulative means, steps against deviation, success over time, places of failures."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ from auvbench.reporting.figures.scene import (
     Drawing,
     FloatArray,
     Scene,
-    seeds_sentence,
     shown,
     wants_symlog,
 )
 from auvbench.statistics.estimate import Estimate
 
 MOST_LABELS = 12
-"""points with their names next to them; more would overlap"""
+"""most agents in colour"""
 
 
 def cumulative_means(scene: Scene) -> Drawing | None:
-    """Mean of the first n test episodes, over n: whether the number of episodes suffices (thesis, figure 3.4)."""
+    """Draw the mean of the first n test episodes over n (original study, figure 3.4)."""
     chosen = scene.top(MANY)
     figure = style.canvas(9.6, 3.6)
     panels = {"final_distance_m": "final distance (m)", "return": "return", "steps": "steps"}
@@ -53,7 +52,7 @@ def cumulative_means(scene: Scene) -> Drawing | None:
     style.legend(figure, scene.looks_of(chosen))
     caption = (
         "Mean over the first n test episodes. Where the lines have become level, more episodes would change little."
-        + seeds_sentence(chosen)
+        + _seeds_sentence(chosen)
         + (" The return's axis is linear up to ±1000 and logarithmic beyond." if log else "")
         + shown(chosen, scene.agents)
     )
@@ -61,14 +60,20 @@ def cumulative_means(scene: Scene) -> Drawing | None:
 
 
 def _span(ax: Axes, settled: Sequence[FloatArray]) -> None:
-    """Limits from the means after the first twentieth: the leaps of the first few say nothing."""
+    """Set limits from the means after the first twentieth, since the first few leap."""
     low, high = min(float(v.min()) for v in settled), max(float(v.max()) for v in settled)
     margin = 0.06 * (high - low) or 1.0
     ax.set_ylim(low - margin, high + margin)
 
 
+def _seeds_sentence(agents: Sequence[Agent]) -> str:
+    if all(len(agent.runs) < 2 for agent in agents):
+        return " One training seed per agent."
+    return " Lines: mean over training seeds; bands: the range over training seeds."
+
+
 def _line_and_band(ax: Axes, scene: Scene, agent: Agent, x: FloatArray, y: FloatArray) -> None:
-    """Mean over seeds and their range; x (n,), y (seeds, n)."""
+    """Draw the mean over seeds and their range; x (n,), y (seeds, n)."""
     look = scene.looks[agent.label]
     alpha = 0.15 if len(scene.agents) <= 4 else 0.08
     # A few markers, at other places for each agent, tell lines apart where they run together or in grey.
@@ -88,7 +93,7 @@ def _line_and_band(ax: Axes, scene: Scene, agent: Agent, x: FloatArray, y: Float
 
 
 def steps_deviation(scene: Scene) -> Drawing | None:
-    """One point per agent: how long against how straight (thesis, figure 3.5)."""
+    """Draw mean steps against mean deviation, a point per agent (original study, figure 3.5)."""
     rows = {row.label: row for row in scene.ranking.rows}
     figure = style.canvas(6.4, 4.6)
     ax = figure.subplots()
@@ -120,28 +125,20 @@ def steps_deviation(scene: Scene) -> Drawing | None:
 
 
 def _crosses(ax: Axes, points: Sequence[tuple[Estimate, Estimate]], **style_: Any) -> None:
-    """Points with their intervals in x and y."""
+    """Draw points with their intervals in x and y."""
     x, y = zip(*points, strict=True)
+    centre = [[e.value for e in line] for line in (x, y)]
     bars = [
         np.nan_to_num([[max(0.0, e.value - e.low) for e in line], [max(0.0, e.high - e.value) for e in line]])
         for line in (x, y)
     ]
-    centre = [[e.value for e in line] for line in (x, y)]
     ax.errorbar(
-        centre[0],
-        centre[1],
-        xerr=bars[0],
-        yerr=bars[1],
-        linestyle="",
-        elinewidth=1,
-        capsize=2,
-        alpha=0.95,
-        **style_,
+        centre[0], centre[1], xerr=bars[0], yerr=bars[1], linestyle="", elinewidth=1, capsize=2, **style_
     )
 
 
 def success_over_time(scene: Scene) -> Drawing | None:
-    """Share of the test episodes that have reached the goal, over simulated time."""
+    """Draw the share of the test episodes that have reached the goal over simulated time."""
     chosen = scene.top(MANY)
     arrivals = [a.metrics["duration_s"][a.outcome == 0] for a in chosen]
     if not any(times.size for times in arrivals):
@@ -161,50 +158,13 @@ def success_over_time(scene: Scene) -> Drawing | None:
     style.legend(figure, scene.looks_of(chosen))
     caption = (
         "Share of the test episodes that have ended in success by a simulated time: the faster, the further left; "
-        "the end of a line is the success rate." + seeds_sentence(chosen) + shown(chosen, scene.agents)
+        "the end of a line is the success rate." + _seeds_sentence(chosen) + shown(chosen, scene.agents)
     )
     return Drawing(figure, "Test: success over simulated time", caption)
 
 
-def performance_profiles(scene: Scene) -> Drawing | None:
-    """Dolan and Moré's profiles of the time to goal (Math. Program. 91, 2002)."""
-    chosen = scene.top(MANY)
-    if len(chosen) < 2:
-        return None
-    times = [np.where(a.outcome == 0, a.metrics["duration_s"], np.inf) for a in chosen]
-    best = np.min([row.min(axis=0) for row in times], axis=0)  # (E,) over all seeds of the agents shown
-    solved = np.isfinite(best)
-    if not solved.any():
-        return None
-    tau = np.geomspace(1, 5, 200)
-    figure = style.canvas(6.4, 4.2)
-    ax = figure.subplots()
-    for agent, time in zip(chosen, times, strict=True):
-        ratio = np.sort(np.divide(time, best, out=np.full_like(time, np.inf), where=solved), axis=1)
-        share = 100 * np.array(
-            [np.searchsorted(row, tau * (1 + 1e-12), side="right") / row.size for row in ratio]
-        )
-        _line_and_band(ax, scene, agent, tau, share)
-    ax.set_xscale("log")
-    ax.set_xlim(1, 5)
-    ax.set_xticks([1, 1.5, 2, 3, 4, 5], ["1", "1.5", "2", "3", "4", "5"])
-    ax.minorticks_off()
-    ax.set_ylim(0, 101)
-    ax.set_xlabel("τ, times the shortest time to goal on the same scenario")
-    ax.set_ylabel("test episodes within τ (%)")
-    style.legend(figure, scene.looks_of(chosen))
-    caption = (
-        "The share of test episodes that an agent finishes within τ times the shortest time "
-        "that any of the agents shown needed on that scenario; a failure never finishes. At the left, how often "
-        "it is the fastest; at the right, how often it arrives."
-        + seeds_sentence(chosen)
-        + shown(chosen, scene.agents)
-    )
-    return Drawing(figure, "Test: performance profiles", caption)
-
-
 def failures(scene: Scene) -> Drawing | None:
-    """Waypoints of the test coloured by outcome, from above and from the side."""
+    """Draw the waypoints of the test coloured by outcome, from above and from the side."""
     chosen = scene.top(4)
     if "waypoint_x_m" not in chosen[0].metrics:
         return None
@@ -247,10 +207,6 @@ def _waypoints(ax: Axes, x: FloatArray, y: FloatArray, outcome: np.ndarray) -> N
 
 
 def depth_limits(agent: Agent) -> tuple[float, float]:
-    """Lowest and highest z of the task, from the configuration of the runs."""
+    """Return the lowest and the highest z of the task, m."""
     config = agent.runs[0].config
     return float(config.get("task.depth_low", -60.0)), float(config.get("task.depth_high", -1.0))
-
-
-def goal_radius(agents: Sequence[Agent]) -> float:
-    return float(agents[0].runs[0].config.get("task.goal_radius", 3.0))

@@ -1,4 +1,4 @@
-"""Figures of training: curves over steps, rewards by outcome, logs over episodes."""
+"""Figures of training: success, validation, episode length and return over steps; return by outcome."""
 
 from __future__ import annotations
 
@@ -7,141 +7,230 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Canvas
 
+from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.records import Agent, RunRecord
+from auvbench.analysis.validation_curve import ValidationCurve, read_validation_curve
 from auvbench.record import OUTCOMES
-from auvbench.reporting.figures import multiples, style
-from auvbench.reporting.figures.scene import (
-    Drawing,
-    FloatArray,
-    Scene,
-    shown,
-    wants_symlog,
-    without,
-)
+from auvbench.reporting.figures import style
+from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown, wants_symlog, without
 
-RECORDS = "training records"
-BINS = 60
-FEWEST = 2
-"""spans of a training"""
+FEW = 4
+"""agents whose lines and bands one panel holds; of more, each has a panel"""
+MOST = 12
+"""agents with a panel"""
+ROBUST = 4
+"""seeds from which the interquartile mean leaves any out"""
+GREY = "#c4c9cc"
+SPANS = 30
+"""of steps, at most"""
+FEWEST_SPANS = 2
 WINDOW = 100
-"""episodes of a success share, as in the thesis"""
+"""episodes of a success share, as in the original study"""
 MOST_POINTS = 1500
 """of a scatter; every n-th episode beyond"""
 
+Curve = tuple[FloatArray, FloatArray]
+"""x (n,) and y by seed (seeds, n), NaN where a seed has no value"""
 
-def curves(scene: Scene) -> Drawing | None:
-    """Mean episode length and return over training steps (thesis, figures 3.1 and 3.7)."""
+
+def success(scene: Scene) -> Drawing | None:
+    """Draw the share of training episodes that reached the goal over environment steps."""
+    caption = f"Share of the training episodes that reached the goal, in up to {SPANS} equal spans of environment steps"
+    more = " Training explores: these episodes are not the test."
+    rows = {"success": "success (%)"}
+    return _over_steps(scene, rows, "Training: success over steps", caption, more, dots=True)
+
+
+def length_and_return(scene: Scene) -> Drawing | None:
+    """Draw mean episode length and return over environment steps (original study, figures 3.1 and 3.7)."""
+    caption = (
+        f"Mean episode length and return during training, in up to {SPANS} equal spans of environment steps"
+    )
+    rows = {"steps": "steps per episode", "return": "return per episode"}
+    return _over_steps(scene, rows, "Training: episode length and return", caption, "", dots=False)
+
+
+def _over_steps(
+    scene: Scene, rows: Mapping[str, str], title: str, caption: str, more: str, *, dots: bool
+) -> Drawing | None:
+    """Draw columns of the training records over steps; `rows` holds their axis labels."""
     learners = scene.learners()
-    wanted = scene.top(multiples.MOST, learners)
+    wanted = scene.top(MOST, learners)
     chosen = scene.trained(wanted)
     if not chosen:
         return None
-    found = {name: [binned(scene, agent, name) for agent in chosen] for name in ("steps", "return")}
-    log = wants_symlog([y for _, y in found["return"]])
-    figure = (
-        _together(scene, chosen, found) if len(chosen) <= multiples.FEW else _apart(scene, chosen, found, log)
-    )
-    if log:
-        style.symlog(figure.axes[1])
-    caption = (
-        f"Mean episode length and return during training, in up to {BINS} equal spans of environment steps, none shorter "
-        "than the longest episode of all environments together while at least two are left."
-        + multiples.lines_sentence(chosen)
-        + multiples.grey_sentence(len(chosen))
+    found = {name: [binned(scene, agent, name) for agent in chosen] for name in rows}
+    log = "return" in found and wants_symlog([y for _, y in found["return"]])
+    together = len(chosen) <= FEW
+    columns = 1 if together else _columns(len(chosen))
+    height = len(rows) * (1 if together else -(-len(chosen) // columns))
+    figure = style.canvas(*((6.6, 2.8 * height + 0.6) if together else (2.7 * columns, 1.9 * height + 0.4)))
+    grid = figure.subplots(height, columns, squeeze=False, sharex=True)
+    for ax in grid.flat:
+        ax.set_visible(False)
+    for i, agent in enumerate(chosen):
+        place = 0 if together else i
+        panels = grid[place // columns * len(rows) :, place % columns][: len(rows)]
+        for ax, first, (name, label) in zip(panels, grid[:, 0], rows.items(), strict=False):
+            ax.set_visible(True)
+            if ax is not first:
+                ax.sharey(first)
+            if not together:
+                for x, y in found[name][:i] + found[name][i + 1 :]:
+                    ax.plot(x, middle(y), color=GREY, linewidth=0.9, zorder=1)
+            _band(ax, scene, agent, found[name][i], dots=dots, alone=not together)
+            ax.tick_params(labelleft=place % columns == 0, labelbottom=False)
+            style.engineering(ax.xaxis)
+            if place % columns == 0:
+                ax.set_ylabel(label)
+            if name == "success":
+                ax.set_ylim(-2, 102)
+            if name == "return" and log:
+                style.symlog(ax)
+        if together or i + columns >= len(chosen):
+            ax.tick_params(labelbottom=True)
+            ax.set_xlabel("environment steps")
+        if not together:
+            style.title(panels[0], agent.label)
+    if together:
+        style.legend(figure, scene.looks_of(chosen), markers=False)
+    caption += (
+        ", none shorter than the longest episode of all environments together while at least two are left."
+        + more
+        + _lines_sentence(chosen, dots=dots)
+        + ("" if together else " In grey behind each agent: the others.")
         + shown(wanted, learners)
-        + without(wanted, chosen, RECORDS)
+        + without(wanted, chosen, "training records")
         + (
             " The return's axis is linear up to ±1000 and logarithmic beyond, since K scales it."
             if log
             else ""
         )
     )
-    return Drawing(figure, "Training: episode length and return", caption)
+    return Drawing(figure, title, caption)
 
 
-Found = Mapping[str, Sequence[multiples.Curve]]
-"""curves by column of the records, in the order of the agents"""
-TITLES = {"steps": "steps per episode", "return": "return per episode"}
+def _columns(n: int) -> int:
+    """Return the columns of a grid of n panels whose last row is not nearly empty."""
+    return 3 if n in (5, 6, 9) else 4
 
 
-def _together(scene: Scene, agents: Sequence[Agent], found: Found) -> Canvas:
-    """All agents in one panel, length above return."""
-    figure = style.canvas(6.4, 5.6)
-    for ax, (name, title) in zip(figure.subplots(2, 1, sharex=True), TITLES.items(), strict=True):
-        for agent, curve in zip(agents, found[name], strict=True):
-            multiples.band(ax, scene, agent, curve)
-        ax.set_ylabel(title)
-    figure.axes[1].set_xlabel("environment steps of training")
-    style.engineering(figure.axes[1].xaxis)
-    style.legend(figure, scene.looks_of(agents), markers=False)
-    return figure
+def middle(y: FloatArray) -> FloatArray:
+    """Return the interquartile mean (n,) over the seeds that have a value (seeds, n); of fewer than four the mean.
+
+    Of n values floor(n/4) are cut at either end (Agarwal et al. 2021, NeurIPS).
+    """
+    ordered = np.sort(y, axis=0)  # NaN last
+    count = np.isfinite(y).sum(axis=0)
+    place = np.arange(len(y))[:, None]
+    kept = (place >= count // 4) & (place < count - count // 4)
+    total, number = np.where(kept, ordered, 0.0).sum(axis=0), kept.sum(axis=0)
+    return np.asarray(np.divide(total, number, out=np.full(y.shape[1], np.nan), where=number > 0))
 
 
-def _apart(scene: Scene, agents: Sequence[Agent], found: Found, log: bool) -> Canvas:
-    """A pair of panels per agent, length above return, side by side on common axes."""
-    columns = -(-len(agents) // 2)  # two blocks of two rows: no taller than a screen
-    blocks = 2
-    figure = style.canvas(2.15 * columns + 0.4, 3.4 * blocks + 0.2)
-    grid = figure.subplots(2 * blocks, columns, squeeze=False, sharex=True)
-    first = dict(zip(TITLES, grid[:2, 0], strict=True))
-    for ax in grid.flat:
-        ax.set_visible(False)
-    for i, agent in enumerate(agents):
-        for row, (name, title) in enumerate(TITLES.items()):
-            ax = grid[2 * (i // columns) + row, i % columns]
-            ax.set_visible(True)
-            if ax is not first[name]:
-                ax.sharey(first[name])
-            curves = found[name]
-            multiples.behind(ax, [*curves[:i], *curves[i + 1 :]])
-            multiples.band(ax, scene, agent, curves[i], alone=True)
-            ax.tick_params(labelleft=i % columns == 0, labelbottom=False)
-            if i % columns == 0:
-                ax.set_ylabel(title)
-            style.engineering(ax.xaxis)
-            if log and name == "return" and ax is not first[name]:
-                style.symlog(ax)
-        style.title(grid[2 * (i // columns), i % columns], agent.label, 21)
-        if i + columns >= len(agents):
-            ax.tick_params(labelbottom=True)
-            ax.set_xlabel("environment steps")
-    return figure
+def _band(
+    ax: Axes, scene: Scene, agent: Agent, curve: Curve, *, dots: bool = False, alone: bool = False
+) -> None:
+    """Draw the agent's line over its seeds, their range as a band and, where asked for, a dot per seed."""
+    x, y = curve
+    there = np.isfinite(y).any(axis=0)
+    if not there.any():
+        return
+    x, y = x[there], y[:, there]
+    look = scene.looks[agent.label]
+    if len(y) > 1:
+        ax.fill_between(
+            x, np.nanmin(y, axis=0), np.nanmax(y, axis=0), color=look.colour, alpha=0.15, linewidth=0
+        )
+    if dots:
+        for row in y:
+            ax.plot(x, row, ".", color=look.colour, markersize=3.2, alpha=0.55, markeredgewidth=0)
+    ax.plot(x, middle(y), color=look.colour, linestyle="-" if alone else look.linestyle, label=agent.label)
 
 
-def binned(scene: Scene, agent: Agent, column: str, most: int = BINS) -> multiples.Curve:
-    """Centres of the spans (B,) and the means in them by seed (seeds, B), NaN where no episode ended.
+def _lines_sentence(agents: Sequence[Agent], *, dots: bool = False) -> str:
+    most = max(len(agent.runs) for agent in agents)
+    if most < 2:
+        return " One training seed per agent."
+    lines = "interquartile mean over training seeds" if most >= ROBUST else "mean over training seeds"
+    few = any(len(agent.runs) < ROBUST for agent in agents)
+    lines += " (the mean of fewer than four)" if most >= ROBUST and few else ""
+    return f" Lines: {lines}; bands: their range{'; dots: the seeds' if dots else ''}."
+
+
+def binned(scene: Scene, agent: Agent, column: str) -> Curve:
+    """Return the centres of spans (B,) and the means in them by seed (seeds, B), NaN where no episode ended.
 
     The column `success` is 100 where an episode reached the goal and else 0. A span is as long as the longest episode
-    in all environments at once, where that leaves at least `FEWEST` of them: environments that begin together end their
-    long episodes together, and a shorter span would hold nothing but failures, or nothing but what ended early.
+    in all environments at once, if at least `FEWEST_SPANS` remain: environments that begin together end their long
+    episodes together, so a shorter span would hold failures alone, or early ends alone.
     """
     found = [(f, run) for run in agent.runs if (f := scene.training(run)) is not None]
     frames = [f for f, _ in found]
     last = min(int(f["step"].iloc[-1]) for f in frames)  # where all seeds have a value
     longest = max(float(f["steps"].max()) * _environments(run) for f, run in found)
-    bins = int(np.clip(min(min(len(f) for f in frames) // 5, last // max(longest, 1.0)), FEWEST, most))
+    bins = int(np.clip(min(min(len(f) for f in frames) // 5, last // max(longest, 1.0)), FEWEST_SPANS, SPANS))
     edges = np.linspace(0, last, bins + 1)
     rows = []
     for frame in frames:
-        frame = frame[frame["step"] <= last]
-        spans = np.clip(np.searchsorted(edges, frame["step"].to_numpy(), side="left") - 1, 0, bins - 1)
-        count = np.bincount(spans, minlength=bins)
         values = 100.0 * (frame["outcome"] == "success") if column == "success" else frame[column]
-        total = np.bincount(spans, weights=values.to_numpy(np.float64), minlength=bins)
-        rows.append(np.divide(total, count, out=np.full(bins, np.nan), where=count > 0))
-    return (edges[1:] + edges[:-1]) / 2, np.array(rows).reshape(-1, bins)
+        spans = pd.cut(frame["step"], edges.tolist(), labels=False)
+        rows.append(values.groupby(spans).mean().reindex(range(bins)).to_numpy(np.float64))
+    return (edges[1:] + edges[:-1]) / 2, np.array(rows)
 
 
 def _environments(run: RunRecord) -> int:
-    """How many environments fed the learner."""
     n = run.config.get("algo.n_envs")
     return n if type(n) is int and n > 0 else 1
 
 
-def reward_by_outcome(scene: Scene) -> Drawing | None:
-    """Return of every training episode coloured by outcome, with success shares (thesis, figure 3.2)."""
+def validation(scene: Scene) -> Drawing | None:
+    """Draw success on the validation scenarios over environment steps, wall time and simulated time."""
+    curves: dict[str, list[ValidationCurve]] = {}
+    for agent in scene.learners():
+        for run in agent.runs:
+            try:
+                found = read_validation_curve(run)
+            except Damage as damage:
+                scene.problem(run, damage)
+                continue
+            if found is not None:
+                curves.setdefault(agent.label, []).append(found)
+    wanted = [agent for agent in scene.learners() if agent.label in curves]
+    if not wanted:
+        return None
+    chosen = scene.top(6, wanted)
+    figure = style.canvas(7.4, 2.9)
+    axes = (
+        ("step", 1.0, "environment steps"),
+        ("wall_s", 1 / 60, "wall time of training (min)"),
+        ("simulated_s", 1 / 3600, "simulated time (h)"),
+    )
+    panels = figure.subplots(1, 3, sharey=True)
+    for ax, (axis, scale, label) in zip(panels, axes, strict=True):
+        for agent in chosen:
+            mine = curves[agent.label]
+            grid = np.linspace(0, min(float(getattr(curve, axis)[-1]) for curve in mine), 60)
+            y = [np.interp(grid, [0.0, *getattr(c, axis)], [0.0, *(100 * c.success)]) for c in mine]
+            _band(ax, scene, agent, (scale * grid, np.array(y)))
+        ax.set_ylim(-2, 102)
+        ax.set_xlabel(label)
+    style.engineering(panels[0].xaxis)
+    panels[0].set_ylabel("success (%)")
+    style.legend(figure, scene.looks_of(chosen), markers=False)
+    caption = (
+        "Success on the scenarios of protocol validation, which no test shares, at fixed steps of the training "
+        "(train.evaluate_every); wall time without these tests, simulated time of all environments together. Lines "
+        "begin at 0, where nothing was tested, and end where the first seed does."
+        + _lines_sentence(chosen)
+        + shown(chosen, wanted)
+    )
+    return Drawing(figure, "Training: success on validation scenarios", caption)
+
+
+def return_by_outcome(scene: Scene) -> Drawing | None:
+    """Draw the return of training episodes coloured by outcome, with success shares (original study, figure 3.2)."""
     learners = scene.learners()
     wanted = scene.top(6, learners)
     chosen = [a for a in wanted if scene.training(a.runs[0]) is not None]
@@ -150,11 +239,11 @@ def reward_by_outcome(scene: Scene) -> Drawing | None:
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
     figure = style.canvas(max(4.6, 3.3 * columns), 3.5 * rows + 0.3)
-    grid = figure.subplots(2 * rows, columns, squeeze=False, sharex=False, height_ratios=[3, 1] * rows)
+    grid = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[3, 1] * rows)
     for ax in grid.flat:
         ax.set_visible(False)
     for i, agent in enumerate(chosen):
-        top, bottom = grid[2 * (i // columns) : 2 * (i // columns) + 2, i % columns]
+        top, bottom = grid[2 * (i // columns) :, i % columns][:2]
         top.set_visible(True)
         bottom.set_visible(True)
         bottom.sharex(top)
@@ -171,22 +260,22 @@ def reward_by_outcome(scene: Scene) -> Drawing | None:
     style.outcome_legend(figure)
     caption = (
         "Return of the training episodes of one seed, coloured by outcome; below, the share of successes in "
-        f"windows of at most {WINDOW} episodes." + shown(wanted, learners) + without(wanted, chosen, RECORDS)
+        f"windows of at most {WINDOW} episodes."
+        + shown(wanted, learners)
+        + without(wanted, chosen, "training records")
     )
     return Drawing(figure, "Training: return by outcome", caption)
 
 
 def _scatter_by_outcome(ax: Axes, frame: pd.DataFrame) -> None:
-    every = max(1, len(frame) // MOST_POINTS)
-    episode = np.arange(len(frame))[::every]
-    thin = frame.iloc[::every]
+    thin = frame.reset_index(drop=True).iloc[:: max(1, len(frame) // MOST_POINTS)]
     # Rare outcomes are drawn last, or the frequent ones would bury them.
     for name in sorted(OUTCOMES, key=lambda o: -int((thin["outcome"] == o).sum())):
-        here = (thin["outcome"] == name).to_numpy()
+        here = thin[thin["outcome"] == name]
         colour, marker = style.OUTCOME_LOOK[name]
         ax.scatter(
-            episode[here],
-            thin["return"].to_numpy()[here],
+            here.index,
+            here["return"],
             s=7,
             color=colour,
             marker=marker,
@@ -198,67 +287,9 @@ def _scatter_by_outcome(ax: Axes, frame: pd.DataFrame) -> None:
 
 def _success_share(ax: Axes, frame: pd.DataFrame) -> None:
     won = (frame["outcome"] == "success").to_numpy(np.float64)
-    window = min(WINDOW, len(won))
-    edges = np.arange(0, len(won), window)
-    share = 100 * np.add.reduceat(won, edges) / np.diff(np.append(edges, len(won)))
-    ax.stairs(
-        share, np.append(edges, len(won)), fill=True, color=style.OUTCOME_LOOK["success"][0], alpha=0.35
-    )
-    ax.stairs(share, np.append(edges, len(won)), color=style.OUTCOME_LOOK["success"][0], linewidth=1.2)
+    edges = np.append(np.arange(0, len(won), WINDOW), len(won))
+    share = 100 * np.add.reduceat(won, edges[:-1]) / np.diff(edges)
+    colour = style.OUTCOME_LOOK["success"][0]
+    ax.stairs(share, edges, fill=True, color=colour, alpha=0.35)
+    ax.stairs(share, edges, color=colour, linewidth=1.2)
     ax.set_ylim(0, 100)
-
-
-def logs(scene: Scene) -> Drawing | None:
-    """Final distance, return and length of every training episode, several agents side by side."""
-    learners = scene.learners()
-    wanted = scene.top(4, learners)
-    chosen = [a for a in wanted if scene.training(a.runs[0]) is not None]
-    if not chosen:
-        return None
-    titles = {"final_distance_m": "final distance (m)", "return": "return", "steps": "length (steps)"}
-    figure = style.canvas(max(4.6, 2.7 * len(chosen)), 6.0)
-    grid = figure.subplots(3, len(chosen), squeeze=False, sharex="col", sharey="row")
-    returns = []
-    for column, agent in enumerate(chosen):
-        style.title(grid[0, column], agent.label)
-        grid[2, column].set_xlabel("training episode")
-        for row, name in enumerate(titles):
-            ax = grid[row, column]
-            values = [
-                f[name].to_numpy(np.float64) for r in agent.runs if (f := scene.training(r)) is not None
-            ]
-            if name == "return":
-                returns.append(values[0])
-            _log_panel(ax, scene, agent, values)
-            if column == 0:
-                ax.set_ylabel(titles[name])
-    log = wants_symlog(returns)
-    if log:
-        style.symlog(grid[1, 0])
-    caption = (
-        "Final distance, return and length over training episodes. Dots: the episodes of the first seed; lines: "
-        "a running mean over 50 episodes, one line per training seed."
-        + (" The return's axis is linear up to ±1000 and logarithmic beyond." if log else "")
-        + shown(wanted, learners)
-        + without(wanted, chosen, RECORDS)
-    )
-    return Drawing(figure, "Training: logs over episodes", caption)
-
-
-def _log_panel(ax: Axes, scene: Scene, agent: Agent, values: Sequence[FloatArray]) -> None:
-    colour = scene.looks[agent.label].colour
-    every = max(1, len(values[0]) // MOST_POINTS)
-    episode = np.arange(len(values[0]))[::every]
-    ax.plot(episode, values[0][::every], ".", color="#9a9a9a", markersize=2, alpha=0.4, rasterized=True)
-    for i, series in enumerate(values):
-        window = min(50, len(series))
-        mean = np.convolve(series, np.ones(window) / window, mode="valid")
-        every = max(1, len(mean) // 600)
-        x = np.arange(window - 1, len(series))
-        ax.plot(
-            x[::every],
-            mean[::every],
-            color=colour,
-            linewidth=1.8 if i == 0 else 1.0,
-            alpha=1 if i == 0 else 0.6,
-        )

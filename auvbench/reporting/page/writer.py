@@ -17,7 +17,7 @@ from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.headline import headline
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
-from auvbench.reporting.figures.figure import MAIN
+from auvbench.reporting.figures.scene import MAIN
 from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import numbers, sources, study, table
 from auvbench.reporting.page import trajectories as trajectories_

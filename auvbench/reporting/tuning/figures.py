@@ -18,7 +18,7 @@ from optuna.visualization import matplotlib as plots
 
 from auvbench.analysis.measures import Measure
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.figure import Figure
+from auvbench.reporting.figures.scene import Figure
 from auvbench.tuning.outcome import Outcome
 
 COLUMNS = 4

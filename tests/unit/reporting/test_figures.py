@@ -15,8 +15,7 @@ from auvbench.analysis.conditions import successes
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.rounding import rounded
-from auvbench.reporting.figures import FIGURES, colour_of, draw_all, multiples, style, training
-from auvbench.reporting.figures.colours import _rgb, oklab
+from auvbench.reporting.figures import FIGURES, colour_of, draw_all, style, training
 from auvbench.reporting.figures.difference import LOOKS
 from auvbench.reporting.figures.scene import Drawing, Scene, scene, wants_symlog
 from auvbench.statistics import wilson
@@ -64,7 +63,7 @@ def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
 
 @pytest.mark.slow
 def test_every_figure_is_written_twice_with_title_and_caption(small: Scene, tmp_path: Path) -> None:
-    figures, problems = draw_all([], small.agents, small.ranking, tmp_path)
+    figures, problems = draw_all(small.agents, small.ranking, tmp_path)
     assert problems == []
     watched = "validation_success"  # needs trainings that were tested on their way
     assert [figure.name for figure in figures] == [name for name in FIGURES if name != watched]
@@ -81,7 +80,7 @@ def test_a_figure_of_an_earlier_report_goes_when_it_is_not_drawn_again(small: Sc
     (tmp_path / "figures" / "training_curves.png").touch()
     (tmp_path / "figures" / "mine.png").touch()
     pid = [agent for agent in small.agents if agent.label == "PID"]
-    draw_all([], pid, rank(pid), tmp_path)
+    draw_all(pid, rank(pid), tmp_path)
     names = {path.name for path in (tmp_path / "figures").iterdir()}
     assert "training_curves.png" not in names
     assert {"mine.png", "success_over_time.png"} <= names
@@ -89,7 +88,7 @@ def test_a_figure_of_an_earlier_report_goes_when_it_is_not_drawn_again(small: Sc
 
 def test_a_training_of_a_few_episodes_is_not_drawn(tmp_path: Path) -> None:
     drawn_from = build(tmp_path / "grid", algorithms=("ppo",), seeds=(0,), episodes=5, train_episodes=3)
-    for name in ("training_curves", "training_outcomes", "training_logs"):
+    for name in ("training_curves", "training_outcomes"):
         assert draw(name, drawn_from) is None
 
 
@@ -104,8 +103,6 @@ def test_one_agent_with_one_seed_and_one_episode(name: str, tmp_path: Path) -> N
         "difference_from_baseline",
         "success_over_grid",
         "success_over_conditions",
-        "performance_profiles",
-        "improvement",
         "validation_success",
         *BY_CONDITION,
     }
@@ -153,13 +150,6 @@ def test_the_best_eight_differ_in_colour_and_all_27_in_look(many: Scene) -> None
     assert colour_of([agent.label for agent in many.agents]) == looks
 
 
-def test_no_two_of_many_agents_have_colours_that_nobody_tells_apart() -> None:
-    lab = oklab(np.array([_rgb(look.colour) for look in colour_of([str(i) for i in range(54)]).values()]))
-    distance = np.linalg.norm(lab[:, None] - lab[None], axis=2)
-    np.fill_diagonal(distance, 1)
-    assert distance.min() > 0.08  # of OKLab, where black and white are 1 apart and 0.02 is just seen
-
-
 def test_few_agents_share_a_panel_and_nine_have_one_each(tmp_path: Path) -> None:
     grid = {"algorithms": ("ppo", "sac", "td3"), "reward_k": (1, 40, 100), "seeds": (0, 1), "episodes": 5}
     nine = build(tmp_path / "nine", train_episodes=60, **grid)
@@ -172,7 +162,7 @@ def test_few_agents_share_a_panel_and_nine_have_one_each(tmp_path: Path) -> None
         titles = [ax.get_title(loc="left") for ax in visible if ax.get_title(loc="left")]
         assert titles == [agent.label for agent in nine.agents]
         for ax in visible:  # one line in colour, with its band; all others grey
-            assert len({line.get_color() for line in ax.lines} - {multiples.GREY}) == 1
+            assert len({line.get_color() for line in ax.lines} - {training.GREY}) == 1
             assert len(ax.collections) == 1
         canvas = draw(name, few)
         assert canvas is not None
@@ -215,11 +205,11 @@ def test_no_span_is_shorter_than_what_all_environments_need_for_their_longest_ep
     )
     trained = SimpleNamespace(runs=[SimpleNamespace(config={"algo.n_envs": 32})])
     drawn_from = SimpleNamespace(training=lambda run: frame)
-    x, y = training.binned(drawn_from, trained, "success", 30)  # type: ignore[arg-type]
+    x, y = training.binned(drawn_from, trained, "success")  # type: ignore[arg-type]
     assert y.tolist() == [[50.0] * 6]  # with 30 spans 100 and 0 in turn, and nothing between
     assert x[0] == 16_000
     alone = SimpleNamespace(runs=[SimpleNamespace(config={"algo.n_envs": 1})])
-    assert len(training.binned(drawn_from, alone, "success", 30)[0]) == 30  # type: ignore[arg-type]
+    assert len(training.binned(drawn_from, alone, "success")[0]) == 30  # type: ignore[arg-type]
 
 
 def test_a_long_label_is_broken_into_lines(tmp_path: Path) -> None:
@@ -236,8 +226,8 @@ def test_a_long_label_is_broken_into_lines(tmp_path: Path) -> None:
 
 def test_the_interquartile_mean_is_that_of_the_seeds_that_are_there() -> None:
     y = np.array([[1.0, 5.0], [2.0, np.nan], [30.0, 7.0], [4.0, np.nan]])
-    assert multiples.middle(y).tolist() == [3.0, 6.0]
-    assert np.isnan(multiples.middle(np.full((2, 1), np.nan))).all()
+    assert training.middle(y).tolist() == [3.0, 6.0]
+    assert np.isnan(training.middle(np.full((2, 1), np.nan))).all()
 
 
 def test_the_baseline_is_always_shown(tmp_path: Path) -> None:
@@ -269,7 +259,6 @@ def test_nobody_arrives(tmp_path: Path) -> None:
     drawn_from = build(tmp_path / "grid", algorithms=("random",), seeds=(0,), episodes=4)
     assert not drawn_from.agents[0].success.any()
     assert draw("success_over_time", drawn_from) is None
-    assert draw("performance_profiles", drawn_from) is None
     assert draw("failures", drawn_from) is not None
 
 
@@ -278,18 +267,6 @@ def test_cumulative_means_end_at_the_mean(small: Scene) -> None:
     assert canvas is not None
     ends = [float(np.asarray(line.get_ydata())[-1]) for line in canvas.axes[2].lines]
     assert ends == pytest.approx([agent.metrics["steps"].mean() for agent in small.agents])
-
-
-def test_a_performance_profile_is_monotone_and_some_agent_is_the_fastest(small: Scene) -> None:
-    canvas = draw("performance_profiles", small)
-    assert canvas is not None
-    curves = np.array([np.asarray(line.get_ydata()) for line in canvas.axes[0].lines])
-    assert (np.diff(curves, axis=1) >= 0).all()
-    times = [np.where(agent.outcome == 0, agent.metrics["duration_s"], np.inf) for agent in small.agents]
-    best = np.vstack(times).min(axis=0)
-    assert np.isfinite(best).any()
-    for curve, time in zip(curves, times, strict=True):
-        assert curve[0] == pytest.approx(100 * np.mean((time == best) & np.isfinite(time)))
 
 
 def test_the_heat_map_shows_the_table(small: Scene) -> None:
@@ -304,7 +281,7 @@ def test_the_heat_map_shows_the_table(small: Scene) -> None:
 def test_a_training_without_one_finished_episode_is_not_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    only(monkeypatch, "training_curves", "training_outcomes", "training_logs", "failures")
+    only(monkeypatch, "training_curves", "training_outcomes", "failures")
     folder = tmp_path / "short"
     for run in write_experiment(folder, algorithms=("ppo", "pid"), seeds=(0,), episodes=12):
         table = run / "train" / "episodes.csv"
@@ -313,9 +290,9 @@ def test_a_training_without_one_finished_episode_is_not_damaged(
             seal(run / "manifest.json")
     runs, _ = load([folder])
     found, _ = agents(runs)
-    drawn, problems = draw_all(runs, found, rank(found), folder / "report")
+    drawn, problems = draw_all(found, rank(found), folder / "report")
     assert problems == []
-    assert not {"training_curves", "training_outcomes", "training_logs"} & {figure.name for figure in drawn}
+    assert not {"training_curves", "training_outcomes"} & {figure.name for figure in drawn}
 
 
 def test_training_figures_do_without_a_damaged_record(tmp_path: Path) -> None:
@@ -404,16 +381,16 @@ def test_robustness_has_a_panel_per_factor_with_the_undisturbed_condition_in_its
 
 def test_a_caption_says_how_many_agents_a_protocol_tested(small: Scene) -> None:
     with style.styled():
-        drawing = FIGURES["transfer"](small)
+        drawing = FIGURES["robustness"](small)
         assert drawing is not None
         assert "Tested under" not in drawing.caption
     for run in small.agents[-1].runs:
-        folder = run.directory / "evaluations" / "transfer"
+        folder = run.directory / "evaluations" / "robustness"
         folder.rename(folder.with_name("away"))
     with style.styled():
-        drawing = FIGURES["transfer"](replace(small, conditions={}))
+        drawing = FIGURES["robustness"](replace(small, conditions={}))
     for run in small.agents[-1].runs:
-        folder = run.directory / "evaluations" / "transfer"
+        folder = run.directory / "evaluations" / "robustness"
         folder.with_name("away").rename(folder)
     assert drawing is not None
     n = len(small.agents)
@@ -432,18 +409,6 @@ def test_the_sweep_has_a_line_per_agent_and_rings_the_frequency_of_training(smal
     rings = [line for line in ax.lines if len(np.asarray(line.get_xdata())) == 1]
     assert len(rings) == len(small.learners())
     assert all(abs(float(np.asarray(ring.get_xdata())[0]) - 25) < 5 for ring in rings)
-
-
-def test_transfer_has_a_group_per_vehicle_and_no_vehicle_twice(small: Scene) -> None:
-    canvas = draw("transfer", small)
-    assert canvas is not None
-    (ax,) = canvas.axes
-    words = [text.get_text() for text in ax.get_yticklabels()]
-    assert words == ["bluerov2\n(as trained)", "bluerov2-realistic-inertia", "bluerov2-wu2018"]
-    points = [line for line in ax.lines if line.get_marker() not in ("None", "")]
-    assert len(points) == 3 * len(small.agents)
-    # Each agent's own line within its group: no point covers another.
-    assert len({float(np.asarray(point.get_ydata())[0]) for point in points}) == len(points)
 
 
 def test_all_agents_stand_under_all_conditions_each_once(small: Scene) -> None:
@@ -526,14 +491,14 @@ def test_returns_of_different_k_ask_for_another_axis() -> None:
             "train/episodes.csv",
             b"a,b\n1,2\n",
             "train/episodes.csv lacks the columns outcome, step, steps",
-            "training_logs",
+            "training_outcomes",
             "training records",
         ),
         (
             "train/episodes.csv",
             bytes(range(128, 256)),
             "train/episodes.csv cannot be read",
-            "training_logs",
+            "training_outcomes",
             "training records",
         ),
         (
@@ -565,7 +530,7 @@ def test_damage_met_while_drawing_is_named_in_a_problem_and_in_the_caption(
     written = write_experiment(tmp_path / "grid", algorithms=("ppo", "sac"), seeds=(0,), episodes=8)
     (written[0] / file).write_bytes(content)
     found, _ = agents(load([tmp_path / "grid"])[0])
-    figures, problems = draw_all([], found, rank(found), tmp_path)
+    figures, problems = draw_all(found, rank(found), tmp_path)
     assert [(p.where, p.kind) for p in problems] == [(written[0].name, "damaged")]
     assert problems[0].message.startswith(message)
     caption = next(f.caption for f in figures if f.name == figure)
@@ -580,7 +545,7 @@ def test_trajectories_of_another_shape_are_damage(tmp_path: Path, monkeypatch: p
     with np.load(path) as arrays:
         np.savez(path, **{**arrays, "position_nominal_0": np.zeros((5, 2))})
     found, _ = agents(load([tmp_path / "grid"])[0])
-    _, problems = draw_all([], found, rank(found), tmp_path)
+    _, problems = draw_all(found, rank(found), tmp_path)
     assert "position_nominal_0 has shape (5, 2), expected (steps + 1, 3)" in problems[0].message
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.ranking import rank
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.learning import validation
 from auvbench.reporting.figures.scene import Scene, scene
+from auvbench.reporting.figures.training import validation
 from tests.synthetic import write_experiment
 
 HEADER = "step,simulated_s,training_episodes,fingerprint,episodes,success_rate,wall_s\n"

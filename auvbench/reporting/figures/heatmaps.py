@@ -1,0 +1,128 @@
+"""Heat maps: success over K and step frequency, and under the conditions of protocols."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
+
+from auvbench.analysis.conditions import UNDISTURBED, in_words, split
+from auvbench.analysis.labels import part
+from auvbench.analysis.records import Row
+from auvbench.analysis.rounding import rounded
+from auvbench.reporting.figures import style
+from auvbench.reporting.figures.conditions import agents_sentence, curves, names
+from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene
+
+MOST_AGENTS = 40
+MOST_CELLS = 150
+"""of a grid of K and frequency; values drawn at random have more"""
+
+
+def success_over_grid(scene: Scene) -> Drawing | None:
+    """Draw success over K and step frequency, a panel per algorithm; None where neither varies."""
+    rows = [r for r in scene.ranking.rows if {"reward.k", "step.frequency"} <= r.key.keys()]
+    algos: dict[str, list[Row]] = {}
+    for row in rows:
+        algos.setdefault(str(row.key.get("algo", "")), []).append(row)
+    algos = {name: members for name, members in sorted(algos.items()) if len(members) > 1}
+    members = [row for group in algos.values() for row in group]
+    ks = sorted({float(row.key["reward.k"]) for row in members})
+    fs = sorted({float(row.key["step.frequency"]) for row in members}, reverse=True)
+    if not algos or len(ks) * len(fs) > MOST_CELLS:
+        return None
+    columns = min(3, len(algos))
+    lines = -(-len(algos) // columns)
+    width = max(1.0, 0.62 * len(ks)) + 0.9
+    figure = style.canvas(max(4.2, columns * width + 1.0), max(2.2, lines * (0.5 * len(fs) + 0.9)))
+    grid = figure.subplots(lines, columns, squeeze=False)
+    for ax in grid.flat[len(algos) :]:
+        ax.set_visible(False)
+    lowest = min(90.0, 10 * np.floor(10 * min(row.estimates["success_rate"].value for row in members)))
+    for ax, (name, group) in zip(grid.flat, algos.items(), strict=False):
+        values = np.full((len(fs), len(ks)), np.nan)
+        texts = np.full(values.shape, "", dtype=object)
+        for row in group:
+            where = fs.index(float(row.key["step.frequency"])), ks.index(float(row.key["reward.k"]))
+            values[where] = 100 * row.estimates["success_rate"].value
+            texts[where] = rounded(row.estimates["success_rate"], 100)[0]  # as in the table
+        image = _heat(ax, values, lowest, texts)
+        ax.set_title(part("algo", name) if name else "all", loc="left")
+        ax.set_xticks(range(len(ks)), [f"{k:g}" for k in ks])
+        ax.set_yticks(range(len(fs)), [f"{f:g}" for f in fs])
+        ax.set_xlabel("K")
+    for ax in grid[:, 0]:
+        ax.set_ylabel("step frequency (Hz)")
+    figure.colorbar(image, ax=grid, label="test success (%)", shrink=0.8)
+    caption = (
+        "Test success over reward coefficient K and training step frequency. A cell with a cross has no evaluated "
+        "run. Intervals are in the table."
+    )
+    return Drawing(figure, "Success over K and step frequency", caption)
+
+
+def success_over_conditions(scene: Scene) -> Drawing | None:
+    """Draw success of every agent under each condition of robustness and on each vehicle of transfer."""
+    values: dict[str, dict[str, float]] = {}
+    conditions: list[str] = []
+    for protocol in ("robustness", "transfer"):
+        found = curves(scene, protocol, MOST_AGENTS)
+        # The vehicle that all agents were trained on is the undisturbed condition again.
+        own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in found}
+        again = (
+            {f"vehicle={vehicle}" for vehicle in own}
+            if len(own) == 1 and UNDISTURBED in names(found)
+            else set()
+        )
+        new = [name for name in names(found) if name not in again and name not in conditions]
+        conditions += new
+        for label, curve in found.items():
+            here = {name: 100 * curve[name].value for name in new if name in curve}
+            values[label] = values.get(label, {}) | here
+    tested = [agent for agent in scene.agents if agent.label in values][:MOST_AGENTS]
+    if not tested or len(conditions) < 2:
+        return None
+    cells = np.array([[values[a.label].get(name, np.nan) for name in conditions] for a in tested])
+    texts = np.array([_whole(value) for value in cells.flat], dtype=object).reshape(cells.shape)
+    figure = style.canvas(2.4 + 0.34 * len(conditions), 1.5 + 0.23 * len(tested))
+    ax = figure.subplots()
+    image = _heat(ax, cells, 0, texts)
+    factors = [split(name)[0] for name in conditions]
+    for i in range(1, len(factors)):
+        if factors[i] != factors[i - 1]:
+            ax.axvline(i - 0.5, color="white", linewidth=4)
+    words = [" ".join(in_words(name)).strip().removeprefix("vehicle ") for name in conditions]
+    ax.set_xticks(range(len(words)), words, rotation=45, ha="right", rotation_mode="anchor")
+    ax.set_yticks(range(len(tested)), [agent.label for agent in tested])
+    figure.colorbar(image, ax=ax, label="test success (%)", shrink=0.8)
+    caption = (
+        "Test success of the same policies under each condition of robustness and on the vehicles of transfer, agents "
+        "in the order of the ranking; 100 is every episode. Intervals are in conditions.csv."
+        + (" A cross: not tested." if np.isnan(cells).any() else "")
+        + agents_sentence(tested, scene, MOST_AGENTS)
+    )
+    return Drawing(figure, "Success under each condition", caption)
+
+
+def _whole(percent: float) -> str:
+    """Return whole percents; only every episode is 100 and only no episode is 0.
+
+    >>> _whole(99.97), _whole(100.0), _whole(0.2), _whole(54.5)
+    ('99', '100', '1', '54')
+    """
+    return f"{percent if percent in (0.0, 100.0) else min(max(percent, 1.0), 99.0):.0f}"
+
+
+def _heat(ax: Axes, values: FloatArray, low: float, texts: NDArray[np.object_]) -> AxesImage:
+    """Draw an image from `low` to 100 with the `texts` written in; NaN cells are crossed out."""
+    image = ax.imshow(values, cmap="cividis", vmin=low, vmax=100, aspect="auto")
+    ax.grid(visible=False)
+    ax.spines[:].set_visible(False)
+    ax.tick_params(length=0)
+    for (i, j), value in np.ndenumerate(values):
+        known = bool(np.isfinite(value))
+        colour = ("white" if (value - low) / (100 - low) < 0.5 else "black") if known else "#a0a0a0"
+        text = str(texts[i, j]) if known else "✕"
+        ax.text(j, i, text, ha="center", va="center", color=colour, size=7.5 if known else None)
+    return image
