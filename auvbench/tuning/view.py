@@ -8,7 +8,7 @@ from optuna.trial import TrialState
 from rich.console import Console, Group
 from rich.text import Text
 
-from auvbench.analysis.formatting import amount, name
+from auvbench.analysis.formatting import name, named
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling import live_table
 from auvbench.scheduling.base import Job
@@ -110,4 +110,4 @@ def worth(score: Score, objective: Objective) -> str:
     """Return `success rate 98.0 % [93.0, 99.4], PAR-1 steps 312`."""
     first, then = objective.measure, objective.then
     value = f"{100 * score.then:.1f} %" if then.rate else f"{score.then:.4g}"
-    return f"{name(first)} {amount(score.estimate, first)}, {name(then)} {value}"
+    return f"{named(score.estimate, first)}, {name(then)} {value}"

@@ -1,10 +1,10 @@
-"""Figures of a study, by `optuna.visualization.matplotlib`: history, importances, each key alone, and rungs."""
+"""Figures of a study, by `optuna.visualization.matplotlib`: history, each key alone, and rungs."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -17,8 +17,7 @@ from optuna.trial import TrialState, create_trial
 from optuna.visualization import matplotlib as plots
 
 from auvbench.analysis.measures import Measure
-from auvbench.reporting.figures import style
-from auvbench.reporting.figures.scene import Figure
+from auvbench.reporting.figures import Figure, style
 from auvbench.tuning.outcome import Outcome
 
 COLUMNS = 4
@@ -30,51 +29,23 @@ def draw(found: Outcome, out: Path) -> list[Figure]:
     study, measure = in_units(found)
     label = f"{measure.name}, %" if measure.rate else measure.name
     better = f"{'Higher' if measure.higher_is_better else 'Lower'} is better."
-    complete = found.complete
-    climbed = sum(len(trial.intermediate_values) > 1 for trial in study.trials)
-    drawn: list[tuple[str, str, str, bool, Callable[[], Canvas]]] = [
-        (
-            "history",
-            "Search history",
-            f"Trials with the whole budget, and the best so far. {better}",
-            complete > 1,
-            lambda: _history(study, label),
-        ),
-        (
-            "importances",
-            "Importance of keys",
-            f"PED-ANOVA: how far the best trials' values of a key differ from those of all {complete} trials with the whole budget.",
-            bool(found.importances),
-            lambda: _importances(found),
-        ),
-        (
-            "slices",
-            "Each key alone",
-            f"Trials with the whole budget over each key. {better}",
-            complete > 2,
-            lambda: _slices(study, label),
-        ),
-        (
-            "rungs",
-            "Rungs",
-            f"A line per trial over the environment steps of its training. {better}",
-            climbed > 0,
-            lambda: _rungs(study, label, found.plan.budgets),
-        ),
-    ]
-    figures = []
-    for name, title, caption, enough, draw_one in drawn:
-        path = out / "figures" / name
-        if not enough:
-            for suffix in (".png", ".svg"):
-                path.with_suffix(suffix).unlink(missing_ok=True)
-            continue
-        with style.styled(), plt.ioff(), warnings.catch_warnings():
-            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            figure = draw_one()
-            png, svg = style.save(figure, path)
-            plt.close(figure)
-        figures.append(Figure(name, title, caption, png, svg))
+    drawn = []
+    with style.styled(), plt.ioff(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        if found.complete > 1:
+            caption = f"Trials with the whole budget, and the best so far. {better}"
+            drawn.append(("history", "Search history", caption, _history(study, label)))
+        if found.complete > 2:
+            caption = f"Trials with the whole budget over each key. {better}"
+            drawn.append(("slices", "Each key alone", caption, _slices(study, label)))
+        if any(len(trial.intermediate_values) > 1 for trial in study.trials):
+            caption = f"A line per trial over the environment steps of its training. {better}"
+            drawn.append(("rungs", "Rungs", caption, _rungs(study, label, found.plan.budgets)))
+        figures = []
+        for name, title, caption, canvas in drawn:
+            png, svg = style.save(canvas, out / "figures" / name)
+            plt.close(canvas)
+            figures.append(Figure(name, title, caption, png, svg))
     return figures
 
 
@@ -90,9 +61,9 @@ def in_units(found: Outcome) -> tuple[Study, Measure]:
     measure = found.objective.then if second else found.objective.measure
     study = optuna.create_study(direction="maximize" if measure.higher_is_better else "minimize")
     for trial in sorted(found.trials, key=lambda trial: trial.number):
-        scores = found.results(trial)
         values = [
-            (100 if measure.rate else 1) * (score.then if second else score.objective) for score in scores
+            (100 if measure.rate else 1) * (score.then if second else score.objective)
+            for score in found.results(trial)
         ]
         complete = trial.state is TrialState.COMPLETE and math.isfinite(values[-1])
         study.add_trial(
@@ -114,14 +85,7 @@ def _short(key: str) -> str:
 def _history(study: Study, label: str) -> Canvas:
     ax = plots.plot_optimization_history(study, target_name=label)
     ax.legend(loc="best")
-    return _plain([ax], 5.4, 3.4)
-
-
-def _importances(found: Outcome) -> Canvas:
-    ax = plots.plot_param_importances(found.study, evaluator=found.evaluator)
-    if legend := ax.get_legend():
-        legend.remove()
-    return _plain([ax], 5.4, 0.9 + 0.28 * len(found.importances))
+    return _restyled([ax], 5.4, 3.4)
 
 
 def _slices(study: Study, label: str) -> Canvas:
@@ -142,7 +106,7 @@ def _slices(study: Study, label: str) -> Canvas:
             ax.xaxis.set_minor_locator(NullLocator())
             ax.xaxis.set_major_formatter("{x:g}")
         ax.set_ylabel(label if place % columns == 0 else "")
-    return _plain(panels, 2.35 * columns, 2.1 * rows)
+    return _restyled(panels, 2.35 * columns, 2.1 * rows)
 
 
 def _rungs(study: Study, label: str, budgets: Sequence[int]) -> Canvas:
@@ -154,10 +118,10 @@ def _rungs(study: Study, label: str, budgets: Sequence[int]) -> Canvas:
     ax.xaxis.set_minor_locator(NullLocator())
     ax.set_xlabel("environment steps of training")
     ax.set_ylabel(label)
-    return _plain([ax], 5.4, 3.4)
+    return _restyled([ax], 5.4, 3.4)
 
 
-def _plain(panels: Sequence[Axes], width: float, height: float) -> Canvas:
+def _restyled(panels: Sequence[Axes], width: float, height: float) -> Canvas:
     """Return the figure in the style of the other figures, without Optuna's titles."""
     figure = panels[0].get_figure()
     assert isinstance(figure, Canvas)

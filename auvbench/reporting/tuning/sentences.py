@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from auvbench.analysis.formatting import amount, counted, difference, listed, name
+from auvbench.analysis.formatting import amount, counted, difference, listed, named
 from auvbench.analysis.measures import Measure
 from auvbench.statistics.estimate import Estimate
 from auvbench.tuning.outcome import Outcome, state_of
@@ -46,7 +46,7 @@ def gain(found: Outcome) -> str:
     seeds = len(found.plan.tune.fresh_seeds)
     on = f"{seeds} fresh training seeds and " if found.plan.learns and seeds > 1 else ""
     parts = [
-        f"{name(of.measure)} {amount(of.tuned, of.measure)} tuned, {amount(of.untuned, of.measure)} untuned, "
+        f"{named(of.tuned, of.measure)} tuned, {amount(of.untuned, of.measure)} untuned, "
         f"difference {difference(of.difference, of.measure)}, {verdict(of.difference, of.measure)}"
         for of in found.gains
     ]
