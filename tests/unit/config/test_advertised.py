@@ -7,13 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
+from omegaconf import OmegaConf
 
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.straightness import WEAK, partial_rank_correlation
 from auvbench.analysis.study.trend import trend
 from auvbench.commands import COMMANDS
+from auvbench.config.compose import compose
+from tests import configuration_page
 
 ROOT = Path(__file__).parents[3]
 
@@ -60,3 +64,14 @@ def _uncorrelated(n: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     rng = np.random.default_rng(0)
     every = (rng.permutation(n).astype(float) for _ in range(2000))
     return min(every, key=lambda order: abs(np.corrcoef(np.arange(n), order)[0, 1]))
+
+
+def test_the_page_of_configuration_keys_is_that_of_the_files() -> None:
+    text = configuration_page.page()
+    assert configuration_page.PAGE.read_text(encoding="utf-8") == text, "python -m tests.configuration_page"
+    shown = set(re.findall(r"^\| `([\w.]+)`", text, re.M))
+    composed = pd.json_normalize(OmegaConf.to_container(compose("train", ["algo=sac", "launcher=slurm"])))
+    for key in composed.columns:
+        parts = key.split(".")
+        if parts[0] != "vehicle" and parts[-1] not in configuration_page.FIXED:
+            assert shown & {".".join(parts[: i + 1]) for i in range(len(parts))}, key
