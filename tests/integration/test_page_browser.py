@@ -280,19 +280,16 @@ def test_time_scrubs_and_plays_to_the_end(opened: Driver) -> None:
     assert picture(opened) == end
 
 
-def test_figures_enlarge_and_close(opened: Driver) -> None:
+def test_figures_are_shown_and_lead_to_their_files(
+    opened: Driver, report: tuple[Path, dict[str, Any]]
+) -> None:
     sizes = opened.execute_script(
-        "return [...document.querySelectorAll('.enlarge img')].map((i) => i.naturalWidth)"
+        "return [...document.querySelectorAll('figure img')].map((i) => i.naturalWidth)"
     )
     assert len(sizes) == 2
     assert min(sizes) > 100
-    find(opened, ".enlarge").click()
-    assert find(opened, "#lightbox").is_displayed()
-    caption = find(opened, "#lightbox .caption").text
-    find(opened, "#lightbox").send_keys(Keys.ARROW_RIGHT)
-    assert find(opened, "#lightbox .caption").text != caption
-    ActionChains(opened).send_keys(Keys.ESCAPE).perform()
-    assert not find(opened, "#lightbox").is_displayed()
+    link = find(opened, "figure a").get_attribute("href")
+    assert link == report[1]["figures"][0].svg.as_uri()
 
 
 def test_numbers_lead_to_their_runs(opened: Driver) -> None:

@@ -1,8 +1,7 @@
-"""Numbers as the page prints them: rounded as everywhere in a report, set with typographic signs."""
+"""Numbers as the page prints them: rounded as in all tables, with typographic signs."""
 
 from __future__ import annotations
 
-import math
 import re
 
 from auvbench.analysis import rounding
@@ -15,7 +14,7 @@ _THIN = "\u202f"
 
 
 def fixed(value: float | None, places: int) -> str:
-    """The value with so many decimals; a dash where there is none.
+    """Return the value with so many decimals; a dash for a missing one.
 
     >>> fixed(-1234.56, 1), fixed(None, 1)
     ('−1234.6', '–')
@@ -24,7 +23,7 @@ def fixed(value: float | None, places: int) -> str:
 
 
 def estimate(of: Estimate, scale: float = 1.0) -> tuple[str, str]:
-    """Value and interval: ('98.0', '96.4 – 98.9'); the interval is '' where there is none.
+    """Return value and interval; the interval may be ''.
 
     >>> estimate(Estimate(0.98, 0.964, 0.989), 100.0)
     ('98.0', '96.4 – 98.9')
@@ -35,7 +34,7 @@ def estimate(of: Estimate, scale: float = 1.0) -> tuple[str, str]:
 
 
 def typeset(number: str) -> str:
-    """A real minus sign, and thousands parted by a narrow space from five digits on."""
+    """Return the number with a real minus sign; a narrow space parts thousands from five digits on."""
     sign = MINUS if number.startswith("-") else ""
     whole, point, rest = number.removeprefix("-").partition(".")
     if whole.isdecimal() and len(whole) > 4:
@@ -44,26 +43,9 @@ def typeset(number: str) -> str:
 
 
 def minus(sentence: str) -> str:
-    """The sentence with real minus signs before its numbers; dates, names and ranges keep their hyphens.
+    """Return the sentence with real minus signs; dates, names and ranges keep their hyphens.
 
     >>> minus("-4.1 points [-6.7, -1.5] of run sac-1, 10-20 m")
     '−4.1 points [−6.7, −1.5] of run sac-1, 10-20 m'
     """
     return re.sub(r"(?<![\w.)\]-])-(?=\.?\d)", MINUS, sentence)
-
-
-def duration(seconds: float | None) -> str:
-    """A length of time as one says it.
-
-    >>> duration(42240.0), duration(250.0), duration(12.34)
-    ('11 h 44 min', '4 min 10 s', '12.3 s')
-    """
-    if seconds is None or not math.isfinite(seconds) or seconds < 0:
-        return NOTHING
-    if seconds < 59.95:
-        return f"{seconds:.1f} s"
-    whole = round(seconds)
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    minutes = round(seconds / 60)
-    return f"{minutes // 60} h {minutes % 60} min"

@@ -1,4 +1,4 @@
-"""The first page of a report of several sections: the ranked table and the findings of each, and where the rest is."""
+"""The first page of a report of several sections: table and findings of each, with links to the rest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from auvbench.analysis.headline import headline
 from auvbench.analysis.records import Agent, Finding, Ranking, RunRecord
 from auvbench.reporting.page import numbers, sources, table
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.page.sources import Sentence
 from auvbench.reporting.page.writer import over_all, render, title_of
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes
@@ -32,44 +31,30 @@ class Part:
     findings: Sequence[Finding]
 
 
-@dataclass(frozen=True, slots=True)
-class _Shown:
-    """What the template draws of a section."""
-
-    title: str
-    heading: str
-    headline: str
-    fingerprint: str
-    href: str
-    table: table.ShownTable
-    notes: list[str]
-    findings: list[Sentence]
-
-
 def write_overview(path: Path, parts: Sequence[Part], command: str = "", over: Across | None = None) -> Path:
-    """Writes the page of all sections; each has a page of its own at `<folder>/index.html` next to it.
+    """Write the page of all sections; each has its own page at `<folder>/index.html`.
 
     Raises:
         OSError: the file cannot be written.
     """
     shown = []
     for part in parts:
-        links = Links(path, part.agents, part.runs, part.ranking.protocol, f"./{part.folder}/index.html")
+        href = f"./{part.folder}/index.html"
+        links = Links(path, part.agents, part.runs, part.ranking.protocol, href)
         shown.append(
-            _Shown(
-                part.title,
-                part.title[:1].upper() + part.title[1:],
-                numbers.minus(headline(part.ranking)),
-                part.ranking.fingerprint,
-                f"./{part.folder}/index.html",
-                table.of_agents(main_table(part.ranking), part.ranking, {}, links),
-                [numbers.minus(line) for line in notes(part.ranking)],
-                sources.findings(part.findings[:SHOWN], links),
-            )
+            {
+                "title": part.title,
+                "heading": part.title[:1].upper() + part.title[1:],
+                "headline": numbers.minus(headline(part.ranking)),
+                "fingerprint": part.ranking.fingerprint,
+                "href": href,
+                "table": table.of_agents(main_table(part.ranking), part.ranking, {}, links),
+                "notes": [numbers.minus(line) for line in notes(part.ranking)],
+                "findings": sources.findings(part.findings[:SHOWN], links),
+            }
         )
     first = parts[0].ranking
     runs = [run for part in parts for run in part.runs]
-    problems = tuple(dict.fromkeys(problem for part in parts for problem in part.ranking.problems))
     facts = sources.facts(first, [agent for part in parts for agent in part.agents], runs)
     html = render(
         runs,
@@ -77,8 +62,10 @@ def write_overview(path: Path, parts: Sequence[Part], command: str = "", over: A
         title=title_of(runs),
         headline=f"{len(parts)} sections: agents are compared on one vehicle and the same scenarios, never across.",
         parts=shown,
-        problems=grouped(problems),
-        facts=[fact for fact in facts if fact.name != "Scenarios"],  # each section has its own
+        problems=grouped(
+            tuple(dict.fromkeys(problem for part in parts for problem in part.ranking.problems))
+        ),
+        facts=[fact for fact in facts if fact[0] != "Scenarios"],  # each section has its own
         command=command,
         over=over_all(over),
     )

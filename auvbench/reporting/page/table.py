@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
+from typing import TYPE_CHECKING
 
 from auvbench.analysis.records import Ranking
+from auvbench.analysis.rounding import NOTHING, rounded
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.columns import column_of, definition_of, in_order
-from auvbench.reporting.tables.main import label_of
+from auvbench.reporting.tables.main import label_of, main_table
 from auvbench.reporting.tables.split import split
 from auvbench.reporting.tables.table import (
     Cell,
@@ -20,6 +22,9 @@ from auvbench.reporting.tables.table import (
     estimate_cell,
     heading_of,
 )
+
+if TYPE_CHECKING:
+    from auvbench.analysis.study import ComparisonRow
 
 PAGE = 1200.0
 """px that the page is wide at most, without its margins"""
@@ -45,7 +50,6 @@ class ShownLine:
     colour: str = ""
     href: str = ""
     """where the agent's numbers come from"""
-    one_seed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,31 +84,61 @@ def of_agents(table: Table, ranking: Ranking, colours: Mapping[str, str], links:
             line,
             colour=colours.get(row.label, ""),
             href=links.of_runs(row.label, row.run_ids),
-            one_seed=not row.compared,
         )
         for line, row in zip(shown.lines, ranking.rows, strict=True)
     )
     return replace(shown, lines=lines)
 
 
-def parts(table: Table) -> list[Table]:
-    """Return the table in as many parts as the page's width asks for."""
-    return [table.part(part) for part in split(table, lambda i: _width(table, i), PAGE)]
+def parts(
+    table: Table | None, ranking: Ranking, colours: Mapping[str, str], links: Links
+) -> list[ShownTable]:
+    """Return a table of agents in as many parts as the page's width asks for."""
+    if table is None or not ranking.rows:
+        return []
+    return [
+        of_agents(table.part(part), ranking, colours, links)
+        for part in split(table, lambda i: _width(table, i), PAGE)
+    ]
 
 
-def metrics_table(ranking: Ranking, shown: Table) -> Table | None:
+def metrics_table(ranking: Ranking) -> Table | None:
     """Return every metric that the main table leaves out; None without any."""
-    there = {heading.metric for heading in shown.headings}
+    there = {heading.metric for heading in main_table(ranking).headings}
     held = dict.fromkeys(metric for row in ranking.rows for metric in row.estimates)
-    rest = in_order(m for m in held if m not in there)
-    if not rest:
+    columns = [column_of(metric) for metric in in_order(m for m in held if m not in there)]
+    if not columns:
         return None
-    columns = [column_of(metric) for metric in rest]
     lines = [
         Line((Cell(label_of(row)), *(estimate_cell(row.estimates.get(c.metric), c.scale) for c in columns)))
         for row in ranking.rows
     ]
     return Table((Heading("agent", words=True), *map(heading_of, columns)), tuple(lines))
+
+
+def of_study(rows: Sequence[ComparisonRow]) -> ShownTable:
+    """Return our numbers with those of a study below them, a row per agent of the study."""
+    titles = {row.measure: row.title.rpartition(", ") for row in rows}
+    headings = [Heading(title or unit, unit if title else "") for title, _, unit in titles.values()]
+    lines = []
+    for name in dict.fromkeys(row.agent for row in rows):
+        mine = {row.measure: row for row in rows if row.agent == name}
+        label = next(iter(mine.values())).label
+        cells = [_study_cell(mine[measure]) if measure in mine else Cell(NOTHING) for measure in titles]
+        lines.append(Line((Cell(name), Cell(label or "not run"), *cells)))
+    words = (Heading("study", words=True), Heading("here", words=True))
+    return printed(Table((*words, *headings), tuple(lines)))
+
+
+def _study_cell(row: ComparisonRow) -> Cell:
+    theirs = numbers.fixed(row.thesis, 0 if abs(row.thesis) >= 1000 else 1 if row.thesis_interval else 2)
+    if row.thesis_interval is not None:
+        theirs += f" [{row.thesis_interval[0]:.1f}, {row.thesis_interval[1]:.1f}]"
+    theirs = f"study {theirs}{f' ({row.mark})' if row.mark else ''}"
+    if row.ours is None:
+        return Cell(NOTHING, theirs)
+    value, low, high = rounded(row.ours)
+    return Cell(value, f"[{low}, {high}]; {theirs}" if low else theirs, row.ours.value)
 
 
 def _width(table: Table, i: int) -> float:

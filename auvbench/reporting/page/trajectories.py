@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -69,12 +69,6 @@ class Scenes:
     """runs whose paths were left out to keep the page small"""
 
 
-@dataclass(slots=True)
-class _Collected:
-    waypoints: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    tracks: dict[int, list[Track]] = field(default_factory=dict)
-
-
 def read(
     agents: Sequence[Agent], *, protocol: str, condition: str, runs: int = RUNS, episodes: int = EPISODES
 ) -> Scenes:
@@ -88,26 +82,29 @@ def read(
         episodes: most episodes to read of a run.
 
     Returns:
-        The episodes in ascending order; a file that cannot be read becomes a `Problem`, never an exception.
+        The episodes in ascending order; a file that cannot be read becomes a `Problem`.
     """
     candidates = [
-        (index, row, run, evaluation)
-        for index, row, run in _by_seed(agents)
+        (row, index, run, evaluation)
+        for index, agent in enumerate(agents)
+        for row, run in enumerate(agent.runs)
         if (evaluation := run.evaluations.get(protocol)) is not None and has_paths(evaluation)
     ]
+    candidates.sort(key=lambda candidate: candidate[:2])
     problems: list[Problem] = []
-    found = _Collected()
-    for index, row, run, evaluation in candidates[:runs]:
+    waypoints: dict[int, tuple[float, float, float]] = {}
+    tracks: dict[int, list[Track]] = {}
+    for row, index, run, evaluation in candidates[:runs]:
         try:
             for episode, waypoint, position, time in paths(run.id, evaluation, condition, episodes):
                 outcome = _outcome(agents[index], row, episode)
-                found.waypoints.setdefault(episode, waypoint)
-                found.tracks.setdefault(episode, []).append(Track(index, run, position, time, outcome))
+                waypoints.setdefault(episode, waypoint)
+                tracks.setdefault(episode, []).append(Track(index, run, position, time, outcome))
         except Damage as damage:
             problems.append(Problem(where=run.id, kind=damage.kind, message=str(damage)))
     scenes = tuple(
-        Scene(episode, found.waypoints[episode], tuple(sorted(tracks, key=lambda t: (t.agent, t.run.seed))))
-        for episode, tracks in sorted(found.tracks.items())
+        Scene(episode, waypoints[episode], tuple(sorted(found, key=lambda t: (t.agent, t.run.seed))))
+        for episode, found in sorted(tracks.items())
     )
     return Scenes(scenes, tuple(problems), max(0, len(candidates) - runs))
 
@@ -147,17 +144,9 @@ def _pack_track(track: Track, points: int) -> dict[str, Any]:
         "outcome": track.outcome,
         "dt": round(duration / max(1, steps) * stride, 9),
         "end": round(duration, 6),
-        "unit": unit if unit > UNIT else UNIT,
+        "unit": unit,
         "points": base64.b64encode(counts.tobytes()).decode("ascii"),
     }
-
-
-def _by_seed(agents: Sequence[Agent]) -> Iterator[tuple[int, int, RunRecord]]:
-    """(agent, row, run): the first run of every agent, then the second of every agent, and so on."""
-    for row in range(max((len(agent.runs) for agent in agents), default=0)):
-        for index, agent in enumerate(agents):
-            if row < len(agent.runs):
-                yield index, row, agent.runs[row]
 
 
 def _outcome(agent: Agent, row: int, episode: int) -> str:

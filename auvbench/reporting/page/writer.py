@@ -1,4 +1,4 @@
-"""Writes the page: gathers what the template shows, and puts style, script and data inside it."""
+"""Write the page: gather what the template shows, and put style, script and data inside it."""
 
 from __future__ import annotations
 
@@ -17,12 +17,11 @@ from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.headline import headline
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
-from auvbench.reporting.figures.scene import MAIN
+from auvbench.reporting.figures import MAIN, Figure
 from auvbench.reporting.page import figures as figures_
-from auvbench.reporting.page import numbers, sources, study, table
+from auvbench.reporting.page import numbers, sources, table
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.tables import table as tables
 from auvbench.reporting.tables.aggregate import across_table
 from auvbench.reporting.tables.aggregate import notes as notes_of
 from auvbench.reporting.tables.appendix import pairs_table, ranks_table
@@ -31,20 +30,14 @@ from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines, notes, of_pairs
 from auvbench.reporting.write import text
 
-if TYPE_CHECKING:  # drawing needs matplotlib, showing does not
+if TYPE_CHECKING:
     from auvbench.analysis.study import ComparisonRow
-    from auvbench.reporting.figures import Figure
 
-SCRIPTS = ("tables.js", "lightbox.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
+SCRIPTS = ("tables.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
 """Joined in this order into the page's one script."""
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 _GREY = "#7f7f7f"
-_DASHES = {"-": "solid", "solid": "solid", "--": "dashed", "dashed": "dashed"} | {
-    "-.": "dashdot",
-    "dashdot": "dashdot",
-    ":": "dotted",
-    "dotted": "dotted",
-}
+_DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 
 
 def write(
@@ -58,14 +51,13 @@ def write(
     claims: Sequence[ClaimVerdict] = (),
     comparison: Sequence[ComparisonRow] = (),
     problems: Sequence[Problem] = (),
-    trajectories: trajectories_.Scenes | None = None,
     colours: Mapping[str, tuple[str, Any, Any]],
     command: str = "",
     title: str = "",
     section: str = "",
     over: Across | None = None,
 ) -> Path:
-    """Write the report as one HTML file that needs nothing but a browser.
+    """Write the report as one HTML file that needs nothing but a browser; return its path.
 
     Everything is inside the file: style, script, figures, trajectories. Links lead by relative paths to the
     files of the runs, so the page and the runs move together. The same arguments give the same bytes.
@@ -75,20 +67,16 @@ def write(
         ranking: the ranked table.
         agents: the agents of the ranking, in any order.
         runs: every run that was found, with or without an evaluation.
-        figures: objects with `name`, `title`, `caption`, `png`, `svg`, in the order to show.
+        figures: in the order to show.
         findings: what the data show in addition to the primary analysis.
         claims: the claims of a study with their verdicts.
         comparison: the numbers of a study's own table with ours.
         problems: what was found while loading; those of the ranking are added.
-        trajectories: the paths of the 3-D view; None reads them from the agents' runs.
         colours: by label (colour as #rrggbb, marker, line style), as in the figures.
         command: the command line that made the report.
         title: the page's title; by default it names the experiments that the runs belong to.
-        section: the section that the page is of, where the report has several and `../index.html` shows all.
-        over: the agents over all tasks, where that was asked for.
-
-    Returns:
-        The path that was written.
+        section: the section of a report that has several; `../index.html` then shows all.
+        over: the agents over all tasks.
 
     Raises:
         OSError: the file cannot be written.
@@ -98,31 +86,38 @@ def write(
     styles = _styles(agents, colours)
     hues = {label: colour for label, (colour, _) in styles.items()}
     links = Links(path, agents, runs, ranking.protocol)
-    scenes = trajectories
-    if scenes is None:
-        scenes = trajectories_.read(agents, protocol=ranking.protocol, condition=ranking.condition)
+    scenes = trajectories_.read(agents, protocol=ranking.protocol, condition=ranking.condition)
     embedded, figure_problems = figures_.embed(figures, links)
-    everything = _distinct((*ranking.problems, *problems, *figure_problems, *scenes.problems))
+    everything = (*ranking.problems, *problems, *figure_problems, *scenes.problems)
     found = sources.findings(findings, links)
+    pairs = ranking.comparisons
     html = render(
         runs,
         ranking,
         title=(title or title_of(runs)) + (f", {section}" if section else ""),
         headline=numbers.minus(headline(ranking)),
         above="../index.html" if section else "",
-        **tables_of(ranking, hues, links),
+        table=table.of_agents(
+            main_table(ranking), ranking, {}, links
+        ),  # its colours are those of the verdicts
+        conditions=table.parts(conditions_table(ranking), ranking, hues, links) if ranking.conditions else [],
+        further=table.parts(table.metrics_table(ranking), ranking, hues, links),
+        ranks=table.of_agents(ranks_table(ranking), ranking, hues, links),
+        pairs=table.printed(pairs_table(pairs)) if pairs else None,
         notes=[numbers.minus(line) for line in notes(ranking)],
         over=over_all(over),
         findings=found[:SHOWN],
         more_findings=found[SHOWN:],
         claims=sources.claims(claims, links),
-        comparison=study.table(comparison, hues, links),
+        comparison=table.of_study(comparison) if comparison else None,
         main_figure=next((figure for figure in embedded if figure.name == MAIN), None),
         figures=[figure for figure in embedded if figure.name != MAIN],
-        scenes=scenes,
+        scenes=scenes.scenes,
+        left_out=scenes.left_out,
         data=_data(scenes, agents, styles, runs),
         runs=sources.run_lines(runs, agents, hues, links),
-        problems=grouped(tuple(everything)),
+        run_columns=sources.RUN_COLUMNS,
+        problems=grouped(tuple(dict.fromkeys(everything))),
         facts=sources.facts(ranking, agents, runs),
         command=command,
         limit=limit_lines(ranking),
@@ -130,60 +125,18 @@ def write(
     return text(path, html)
 
 
-def tables_of(ranking: Ranking, hues: Mapping[str, str], links: Links) -> dict[str, Any]:
-    """Return the tables of one section as the template draws them."""
-
-    def shown(whole: tables.Table | None) -> list[table.ShownTable]:
-        wanted = [] if whole is None or not ranking.rows else table.parts(whole)
-        return [table.of_agents(part, ranking, hues, links) for part in wanted]
-
-    main = main_table(ranking)
-    pairs = ranking.comparisons
-    return {
-        "table": table.of_agents(main, ranking, {}, links),  # its colours are those of the verdicts
-        "conditions": shown(conditions_table(ranking)) if ranking.conditions else [],
-        "further": shown(table.metrics_table(ranking, main)),
-        "ranks": table.of_agents(ranks_table(ranking), ranking, hues, links),
-        "pairs": table.printed(pairs_table(pairs)) if pairs else None,
-    }
-
-
 def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
-    """Return the page of some runs as HTML; `shown` replaces parts of a page that shows nothing."""
-    nothing: dict[str, Any] = {
-        "parts": (),
-        "above": "",
-        "table": None,
-        "notes": (),
-        "further": (),
-        "conditions": (),
-        "over": None,
-        "ranks": None,
-        "pairs": None,
-        "findings": (),
-        "more_findings": (),
-        "claims": (),
-        "comparison": None,
-        "marks": study.MARKS,
-        "main_figure": None,
-        "figures": (),
-        "scenes": trajectories_.Scenes(),
-        "data": {},
-        "runs": (),
-        "run_columns": sources.RUN_COLUMNS,
-        "problems": (),
-        "facts": (),
-        "command": "",
-        "limit": (),
-    }
-    always = {
-        "ranking": ranking,
-        "pairs_note": of_pairs(ranking),
-        "vehicles": sources.vehicles(found),
-        "runs_found": len(found),
-        "confidence": f"{100 * ranking.confidence:g}",
-    }
-    return filled("page.html", SCRIPTS, **(nothing | always | shown))
+    """Return the page of some runs as HTML; it leaves out what `shown` does not name."""
+    return filled(
+        "page.html",
+        SCRIPTS,
+        ranking=ranking,
+        pairs_note=of_pairs(ranking),
+        vehicles=sources.distinct(run.config.get("vehicle.name") for run in found),
+        runs_found=len(found),
+        confidence=f"{100 * ranking.confidence:g}",
+        **shown,
+    )
 
 
 def over_all(found: Across | None) -> dict[str, Any] | None:
@@ -191,12 +144,8 @@ def over_all(found: Across | None) -> dict[str, Any] | None:
     return None if found is None else {"table": table.printed(across_table(found)), "notes": notes_of(found)}
 
 
-def hues_of(agents: Sequence[Agent], colours: Mapping[str, tuple[str, Any, Any]]) -> dict[str, str]:
-    """Colour by label."""
-    return {label: colour for label, (colour, _) in _styles(agents, colours).items()}
-
-
 def title_of(runs: Sequence[RunRecord]) -> str:
+    """Return the title that names the first experiments of the runs."""
     names = sorted({str(name) for run in runs if (name := run.config.get("name"))})
     if not names:
         return "auvbench report"
@@ -205,24 +154,19 @@ def title_of(runs: Sequence[RunRecord]) -> str:
 
 
 def filled(template: str, scripts: Sequence[str], **shown: Any) -> str:
-    """A page of the templates in `assets/`, with its style, its one script and the policy that lets only this one run.
-
-    Args:
-        template: its name.
-        scripts: of `assets/`, joined in this order.
-        shown: what the template names.
-    """
+    """Return a template of `assets/` with its style, its one script, and the policy that lets only this script run."""
     script = "\n".join(_asset(name) for name in scripts)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    policy = (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
+        f"script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
+    )
+    # Labels, ids and messages come from foreign files, so everything is escaped.
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_asset),
-        # Labels, ids and messages come from foreign files.
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=jinja2.FunctionLoader(_asset), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     return environment.get_template(template).render(
-        style=Markup(_asset("page.css")), script=Markup(script), policy=_policy(script), **shown
+        style=Markup(_asset("page.css")), script=Markup(script), policy=policy, **shown
     )
 
 
@@ -230,24 +174,14 @@ def _asset(name: str) -> str:
     return files("auvbench.reporting.page").joinpath("assets", name).read_text(encoding="utf-8")
 
 
-def _policy(script: str) -> str:
-    """A content security policy: nothing from a network, no script but the page's own."""
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
-    return (
-        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
-        f"script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
-    )
-
-
 def _styles(
     agents: Sequence[Agent], colours: Mapping[str, tuple[str, Any, Any]]
 ) -> dict[str, tuple[str, str]]:
-    """(colour, dash) by label; what is not a colour becomes grey, so that nothing else enters a style."""
+    """Return (colour, dash) by label; any other text becomes grey, so that it cannot enter a style."""
     found = {}
     for agent in agents:
         colour, _, line = colours.get(agent.label, (_GREY, "", "-"))
-        dash = _DASHES.get(line, "dashed") if isinstance(line, str) else "dashed"
-        found[agent.label] = (colour if _COLOUR.fullmatch(colour) else _GREY, dash)
+        found[agent.label] = (colour if _COLOUR.fullmatch(colour) else _GREY, _DASHES.get(line, "dashed"))
     return found
 
 
@@ -257,15 +191,15 @@ def _data(
     styles: Mapping[str, tuple[str, str]],
     runs: Sequence[RunRecord],
 ) -> dict[str, Any]:
-    """What the 3-D view reads; the template's tojson filter escapes it for a script element."""
+    """Return what the 3-D view reads; the template's tojson filter escapes it for a script element."""
     config: Mapping[str, Any] = runs[0].config if runs else {}
-    start = [scene.tracks[0].position[0].tolist() for scene in scenes.scenes[:1]]
+    start = scenes.scenes[0].tracks[0].position[0].tolist() if scenes.scenes else [0.0, 0.0, -20.0]
     return {
         "agents": [
             {"label": agent.label, "colour": styles[agent.label][0], "dash": styles[agent.label][1]}
             for agent in agents
         ],
-        "start": [round(value, 3) for value in start[0]] if start else [0.0, 0.0, -20.0],
+        "start": [round(value, 3) for value in start],
         "goal_radius": _length(config.get("task.goal_radius"), 3.0),
         "depth": [_length(config.get("task.depth_low"), -60.0), _length(config.get("task.depth_high"), -1.0)],
         "episodes": trajectories_.pack(scenes),
@@ -274,7 +208,3 @@ def _data(
 
 def _length(value: Any, default: float) -> float:
     return float(value) if isinstance(value, int | float) and abs(value) < 1e6 else default
-
-
-def _distinct(problems: Sequence[Problem]) -> list[Problem]:
-    return list(dict.fromkeys(problems))

@@ -23,7 +23,7 @@ from auvbench.tuning.outcome import Outcome, state_of
 from auvbench.tuning.search import ERROR
 from auvbench.untrusted import path_safety
 
-SCRIPTS = ("tables.js", "lightbox.js")
+SCRIPTS = ("tables.js",)
 
 
 def report(found: Outcome) -> Path:

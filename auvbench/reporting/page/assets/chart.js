@@ -1,13 +1,13 @@
 // Distance to the waypoint over time, under the picture.
 const Chart = (() => {
   "use strict";
-  const { DASHES, PAPER, palette, contrast, prepare, halo, text } = Pen;
+  const { DASHES, palette, contrast, prepare, halo, text } = Pen;
 
   /** Distance to the waypoint over time, with the moment shown in the picture above. */
   function draw(canvas, show) {
-    const { context, width, height } = prepare(canvas, show.printing && [PAPER[0], 130]);
+    const { context, width, height } = prepare(canvas);
     const { world, tracks, time, longest } = show;
-    const colours = palette(show.printing);
+    const colours = palette();
     const area = { left: 40, right: width - 12, top: 12, bottom: height - 30 };
     let most = 10;
     for (const track of tracks) for (const d of track.distance) most = Math.max(most, d);

@@ -2,14 +2,12 @@
 const Pen = (() => {
   "use strict";
   const DASHES = { solid: [], dashed: [7, 4], dashdot: [8, 3, 2, 3], dotted: [2, 3] };
-  const LIGHT = { ink: "#1c2830", soft: "#566570", rule: "#c9d2d6", raised: "#ffffff", water: "#2b7a8c" };
-  const PAPER = [560, 400]; // px of the picture in print
+  const COLOURS = ["ink", "soft", "rule", "raised", "water"];
 
-  /** Colours of the page as it looks now; those of paper while printing. */
-  function palette(printing) {
-    if (printing) return LIGHT;
+  /** Colours of the page as it looks now. */
+  function palette() {
     const style = getComputedStyle(document.documentElement);
-    return Object.fromEntries(Object.keys(LIGHT).map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+    return Object.fromEntries(COLOURS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
   }
 
   function luminance(hex) {
@@ -24,10 +22,10 @@ const Pen = (() => {
     return (high + 0.05) / (low + 0.05);
   }
 
-  /** A canvas that keeps to its size on the page and the screen's pixels, or to a given size on paper. */
-  function prepare(canvas, paper) {
-    const scale = paper ? 3 : Math.min(3, window.devicePixelRatio || 1);
-    const [width, height] = paper || [canvas.clientWidth || 600, canvas.clientHeight || 300];
+  /** Fit a canvas to its size on the page and the screen's pixels. */
+  function prepare(canvas) {
+    const scale = Math.min(3, window.devicePixelRatio || 1);
+    const [width, height] = [canvas.clientWidth || 600, canvas.clientHeight || 300];
     const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
     if (canvas.width !== w) canvas.width = w;
     if (canvas.height !== h) canvas.height = h;
@@ -48,5 +46,5 @@ const Pen = (() => {
 
   const text = (value) => String(value).replace("-", "−");
 
-  return { DASHES, PAPER, palette, contrast, prepare, halo, text };
+  return { DASHES, palette, contrast, prepare, halo, text };
 })();

@@ -1,7 +1,7 @@
 // Drawing the water volume and the paths on a canvas. World ENU: x east, y north, z up, metres.
 const Scene = (() => {
   "use strict";
-  const { DASHES, PAPER, palette, contrast, prepare, halo, text } = Pen;
+  const { DASHES, palette, contrast, prepare, halo, text } = Pen;
 
   /** The box around start, waypoint, depth limits and the paths shown, in whole tens of metres sideways. */
   function bounds(world, waypoint, tracks) {
@@ -231,11 +231,11 @@ const Scene = (() => {
     context.stroke();
   }
 
-  /** Draw everything. `show` = {world, waypoint, tracks, time, printing}. */
+  /** Draw everything. `show` = {world, waypoint, tracks, time}. */
   function draw(canvas, camera, show) {
-    const { context, width, height } = prepare(canvas, show.printing && PAPER);
+    const { context, width, height } = prepare(canvas);
     const { world, waypoint, tracks, time } = show;
-    const colours = palette(show.printing);
+    const colours = palette();
     const project = camera.projector(width, height);
     const box = bounds(world, waypoint, tracks);
     const below = camera.elevation < 0;

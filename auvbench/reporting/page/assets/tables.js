@@ -1,4 +1,4 @@
-// Sorting by a click on a heading, filtering of the table of runs, folded parts opened for print.
+// Sorting by a click on a heading, and filtering of the table of runs.
 (() => {
   "use strict";
   const collator = new Intl.Collator("en", { numeric: true, sensitivity: "base" });
@@ -73,13 +73,4 @@
     // What is folded has no width; an image has one when it is there.
     for (const inside of part.children) stops.observe(inside);
   }
-
-  let opened = [];
-  window.addEventListener("beforeprint", () => {
-    opened = [...document.querySelectorAll("details.more:not([open], .long)")];
-    for (const part of opened) part.open = true;
-  });
-  window.addEventListener("afterprint", () => {
-    for (const part of opened) part.open = false;
-  });
 })();

@@ -7,7 +7,6 @@
   const by = (id) => document.getElementById(id);
   const [canvas, plot, picker, clock, play] = ["scene", "distance", "episode", "clock", "play"].map(by);
   const body = by("tracks").tBodies[0];
-  const OUTCOMES = { success: "success", collision: "collision", timeout: "timeout", "": "unknown" };
   const PLAY_SECONDS = 9;
 
   const camera = new Camera();
@@ -16,7 +15,6 @@
   let tracks = [];
   let time = 0;
   let toTime = null;
-  let printing = false;
   let queued = false;
 
   /** Positions as metres and distances to the waypoint, unpacked once per track. */
@@ -36,7 +34,7 @@
 
   function draw() {
     queued = false;
-    const show = { world, waypoint: episode.waypoint, tracks: shown(), time, longest: longest(), printing };
+    const show = { world, waypoint: episode.waypoint, tracks: shown(), time, longest: longest() };
     Scene.draw(canvas, camera, show);
     toTime = Chart.draw(plot, show).toTime;
     by("now").value = `${time.toFixed(1)} s of ${longest().toFixed(1)} s`;
@@ -71,17 +69,12 @@
     redraw();
   }
 
-  /** A short line in the path's colour and dash: the key of the picture. */
+  /** A short line in the path's colour: the key of the picture. */
   function key(track) {
-    const space = "http://www.w3.org/2000/svg";
-    const svg = document.createElementNS(space, "svg");
-    const line = document.createElementNS(space, "line");
-    for (const [name, value] of Object.entries({ width: 26, height: 10, "aria-hidden": "true" })) svg.setAttribute(name, value);
-    const look = { x1: 1, x2: 25, y1: 5, y2: 5, stroke: track.colour, "stroke-width": 3, "stroke-dasharray": Pen.DASHES[track.dash]?.join(" ") ?? "" };
-    for (const [name, value] of Object.entries(look)) line.setAttribute(name, value);
-    if (Pen.contrast(track.colour, "#172026") < 2) svg.classList.add("dim");
-    svg.append(line);
-    return svg;
+    const line = document.createElement("span");
+    line.className = "key";
+    line.style.borderTop = `3px ${track.dash === "dashdot" ? "dashed" : track.dash} ${track.colour}`;
+    return line;
   }
 
   function cell(row, kind, content) {
@@ -106,7 +99,7 @@
       const name = world.agents[track.agent].label + (several ? `, seed ${track.seed}` : "");
       label.append(box, key(track), name);
       cell(row, "text", label);
-      cell(row, "text", OUTCOMES[track.outcome] ?? "unknown");
+      cell(row, "text", track.outcome || "unknown");
       cell(row, "number", track.end.toFixed(1));
       cell(row, "number", "");
     });
@@ -247,16 +240,4 @@
   choose(0);
   new ResizeObserver(redraw).observe(canvas);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-  let before = null;
-  window.addEventListener("beforeprint", () => {
-    before = { ...camera };
-    printing = true;
-    camera.fit(Scene.bounds(world, episode.waypoint, shown()), ...Pen.PAPER);
-    draw();
-  });
-  window.addEventListener("afterprint", () => {
-    Object.assign(camera, before);
-    printing = false;
-    draw();
-  });
 })();
