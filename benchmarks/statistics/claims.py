@@ -42,7 +42,7 @@ class World:
 
 
 WORLDS: tuple[World, ...] = (
-    World("half of the trainings converge, whatever K", converging([0.5, 0.5, 0.5]), {"1": EITHER}),
+    World("half of the trainings converge, for any K", converging([0.5, 0.5, 0.5]), {"1": EITHER}),
     World("half of those with K=1 converge, no other", converging([0.5, 0.0, 0.0]), {"1": EITHER}),
     World("20 % of the trainings converge", converging([0.2, 0.2, 0.2]), {"1": (FAILS,)}),
     World("none converges", converging([0.0, 0.0, 0.0]), {"1": (FAILS,)}),

@@ -16,8 +16,8 @@ PAGE = Path(__file__).parents[2] / "docs" / "verification.md"
 INTRODUCTION = """\
 # Verification
 
-Does the simulator compute what a marine engineer would expect? Each line below takes a number that somebody else
-published, or that somebody else's program prints, puts the same question to auvbench's compiled simulator (the one
+Does the simulator compute what a marine engineer would expect? Each line below takes a number that others
+published, or that another program prints, puts the same question to auvbench's compiled simulator (the one
 that trains and tests agents) and compares. Nothing here was tuned to fit.
 
 {summary}
