@@ -97,6 +97,15 @@ TERMS: dict[str, Callable[[], Sequence[str]]] = {
 """What `--where` asks for."""
 
 
+HYDRA_FLAGS = {
+    "train": ("-m", "--cfg", "--help"),
+    "tune": ("--cfg", "--trust", "--help"),
+    "evaluate": (WHERE, "--cfg", "--trust", "--help"),
+    "bound": ("--check", "--help"),
+}
+"""Flags of the commands that Hydra parses."""
+
+
 def candidates(words: Sequence[str]) -> list[str]:
     """What the last word may become.
 
@@ -107,16 +116,16 @@ def candidates(words: Sequence[str]) -> list[str]:
     ['protocol=thesis']
     >>> candidates(["runs", "--state", "failed,pe"])
     ['failed,pending']
+    >>> candidates(["tune", "--t"])
+    ['--trust']
     """
     if len(words) < 2:
         return []
     command, *before, word = words
     parser = _parser(command)
     offered = [name for name in parser.flags() if word.startswith("-")] if parser is not None else []
-    if command == "evaluate" and word.startswith("-"):
-        offered = [WHERE, "--cfg", "--trust", "--help"]
-    if command == "bound" and word.startswith("-"):
-        offered = ["--check", "--help"]
+    if word.startswith("-"):
+        offered += HYDRA_FLAGS.get(command, ())
     flag = before[-1] if before else ""
     known = parser.flags() if parser is not None else []
     if (command, flag) == ("report", "--columns"):
