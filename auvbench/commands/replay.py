@@ -1,4 +1,4 @@
-"""`auvbench replay RUN`: one episode of a test once more, on the terminal, as a figure, as a film."""
+"""`auvbench replay RUN`: run one episode of a test again, and show it as text, figure and film."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench replay",
-        description="Runs one episode of a test once more (its row is the same) and shows it.",
+        description="Run one episode of a test again, with the same result, and show it.",
     )
     parser.add_argument(
         "run", type=Path, metavar="RUN", help="a run directory, or a folder of `auvbench pilot --record`"
@@ -70,7 +70,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _show(episode: Replay, stem: Path, video: Path | None) -> int:
-    """On the terminal, as a figure `stem`.png and .svg, and as a film where one is asked for."""
+    """Print the episode, draw `stem`.png and .svg, and make a film if `video` is given."""
     from auvbench.reporting.replay import draw, summary
     from auvbench.runs.atomic_io import storage
 

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from auvbench.errors import ReportError, UserError
 from auvbench.evaluation.replay import Replay
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.style import COLOURS, OUTCOME_LOOK
 
 RATE = 25  # pictures per second
 LONGEST = 150  # pictures; a longer episode is shown faster
@@ -29,7 +28,7 @@ Picture = NDArray[np.uint8]
 
 
 def check(path: Path) -> None:
-    """Whether a film can be written there, asked before anything is computed.
+    """Check that a film can be written to a path.
 
     Raises:
         UserError: another suffix, an MP4 without ffmpeg, a folder, or a place that cannot be written.
@@ -38,8 +37,6 @@ def check(path: Path) -> None:
         raise UserError(f"--video {path}: must end in .mp4 or .gif")
     if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise UserError(f"--video {path}: an MP4 needs ffmpeg, which is not installed; name a .gif instead")
-    if path.is_dir():
-        raise UserError(f"--video {path}: is a folder, name a file")
     fresh = not path.exists()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -51,7 +48,7 @@ def check(path: Path) -> None:
 
 
 def steps_shown(steps: int) -> list[int]:
-    """The steps of an episode that become pictures.
+    """Return the steps of an episode that become pictures.
 
     >>> steps_shown(3), len(steps_shown(1000))
     ([0, 1, 2, 3], 150)
@@ -60,7 +57,7 @@ def steps_shown(steps: int) -> list[int]:
 
 
 def film(episode: Replay, path: Path, tell: Callable[[int, int], None] = lambda done, of: None) -> Path:
-    """Writes the episode as a film.
+    """Write the episode as a film.
 
     Args:
         episode: as replayed.
@@ -84,47 +81,40 @@ def film(episode: Replay, path: Path, tell: Callable[[int, int], None] = lambda 
 
 
 def pictures(episode: Replay, steps: list[int]) -> Iterator[Picture]:
-    """The scene at some steps, (352, 832, 3) each."""
-    from auvbench.reporting.replay import heading, scene
+    """Yield the scene at some steps, (352, 832, 3) each."""
+    from auvbench.reporting.replay import heading, lines, scene
 
     with style.styled():
         figure = style.canvas(*SIZE)
         figure.set_dpi(DPI)
-        space, above, time, command = scene(figure, episode)
+        axes = scene(figure, episode)
         figure.suptitle(heading(episode), x=0.01, ha="left", fontsize=10)
-        colour = OUTCOME_LOOK.get(str(episode.record["outcome"]), OUTCOME_LOOK["timeout"])[0]
-        (path3,) = space.plot([], [], [], color=colour)
-        (nose3,) = space.plot([], [], [], color="black", linewidth=3)
-        (path2,) = above.plot([], [], color=colour)
-        (nose2,) = above.plot([], [], color="black", linewidth=3)
-        (line,) = time.plot([], [], color=colour)
-        thrusters = [
-            command.step([], [], where="post", color=COLOURS[j % len(COLOURS)], linewidth=0.9)[0]
-            for j in range(episode.command.shape[1])
-        ]
-        moving: list[tuple[Any, Any]] = [(space, path3), (space, nose3), (above, path2), (above, nose2)]
-        moving += [(time, line), *((command, thruster) for thruster in thrusters)]
-        for _, artist in moving:
+        path3, path2, distance, *commands = lines(axes, episode)
+        (nose3,) = axes[0].plot([], [], [], color="black", linewidth=3)
+        (nose2,) = axes[1].plot([], [], color="black", linewidth=3)
+        moving = [path3, nose3, path2, nose2, distance, *commands]
+        for artist in moving:
             artist.set_animated(True)
         figure.draw_without_rendering()  # settles the layout
         figure.set_layout_engine("none")
         canvas: Any = figure.canvas
         canvas.draw()
         background = canvas.copy_from_bbox(figure.bbox)
-        arm = 0.05 * (above.get_xlim()[1] - above.get_xlim()[0])
+        left, right = axes[1].get_xlim()
         for step in steps:
-            p = episode.position[: step + 1]
-            tip = p[-1] + arm * np.array([np.cos(episode.yaw[step]), np.sin(episode.yaw[step]), 0.0])
+            p, yaw = episode.position[: step + 1], episode.yaw[step]
+            tip = p[-1] + 0.05 * (right - left) * np.array([np.cos(yaw), np.sin(yaw), 0.0])
+            nose = np.stack([p[-1], tip]).T
             path3.set_data_3d(*p.T)
-            nose3.set_data_3d(*np.stack([p[-1], tip]).T)
-            path2.set_data(p[:, 0], p[:, 1])
-            nose2.set_data([p[-1, 0], tip[0]], [p[-1, 1], tip[1]])
-            line.set_data(episode.time[: step + 1], episode.distance[: step + 1])
-            for j, thruster in enumerate(thrusters):
-                thruster.set_data(episode.time[:step], episode.command[:step, j])
+            nose3.set_data_3d(*nose)
+            path2.set_data(*p[:, :2].T)
+            nose2.set_data(*nose[:2])
+            distance.set_data(episode.time[: step + 1], episode.distance[: step + 1])
+            for j, command in enumerate(commands):
+                command.set_data(episode.time[:step], episode.command[:step, j])
             canvas.restore_region(background)
-            for axes, artist in moving:
-                axes.draw_artist(artist)
+            for artist in moving:
+                artist.axes.draw_artist(artist)
             yield np.array(canvas.buffer_rgba())[..., :3]
 
 
@@ -150,7 +140,7 @@ def _mp4(frames: Iterator[Picture], path: Path) -> None:
         for frame in frames:
             encoder.stdin.write(frame.tobytes())
     except BrokenPipeError:
-        pass  # it says why
+        pass  # its message follows
     _, said = encoder.communicate()
     if encoder.returncode:
         lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {encoder.returncode}"]

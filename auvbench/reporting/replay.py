@@ -1,4 +1,4 @@
-"""A replayed episode for people: a summary with sparklines and a figure; film.py makes a film of it."""
+"""A replayed episode: a summary with sparklines, and a figure; film.py makes a film."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BARS = "▁▂▃▄▅▆▇█"
 
 
 def sparkline(values: Any, width: int = 48, low: float | None = None, high: float | None = None) -> str:
-    """A series as a line of block characters, means over equal parts; as short as the series at least.
+    """Return a series as a line of block characters, means over equal parts.
 
     >>> sparkline([0, 1, 2, 3], width=4)
     '▁▃▆█'
@@ -32,10 +32,9 @@ def sparkline(values: Any, width: int = 48, low: float | None = None, high: floa
 
 
 def summary(episode: Replay) -> str:
-    """What happened, in a dozen lines."""
+    """Return the episode in a dozen lines."""
     r, config = episode.record, episode.config
     wx, wy, wz = (float(v) for v in episode.waypoint)
-    limits = episode.position[:, 2]
     lines = [
         f"{episode.run}, protocol {episode.protocol}, condition {episode.condition}, episode {r['episode']}",
         f"{r['outcome']} after {r['steps']} steps ({float(r['duration_s']):.1f} s at "
@@ -50,7 +49,7 @@ def summary(episode: Replay) -> str:
     ]
     series: list[tuple[str, Any, str, float | None, float | None]] = [
         ("distance", episode.distance, "m", 0.0, None),
-        ("z", limits, "m", None, None),
+        ("z", episode.position[:, 2], "m", None, None),
         ("yaw", np.degrees(episode.yaw), "deg", -180.0, 180.0),
     ]
     bound = float(np.abs(episode.command).max()) or 1.0
@@ -64,7 +63,7 @@ def summary(episode: Replay) -> str:
 
 
 def scene(figure: Canvas, episode: Replay) -> tuple[Any, Axes, Axes, Axes]:
-    """Axes in space, from above, distance and commands over time, with all that does not move."""
+    """Return the axes in space, from above, of distance and of commands, with all that does not move."""
     return panels(
         figure,
         episode.config.task,
@@ -79,40 +78,35 @@ def scene(figure: Canvas, episode: Replay) -> tuple[Any, Axes, Axes, Axes]:
 
 
 def heading(episode: Replay) -> str:
+    """Return the title of the pictures of an episode."""
     r = episode.record
     return f"{episode.run}   episode {r['episode']}: {r['outcome']} after {r['steps']} steps"
 
 
+def lines(axes: tuple[Any, Axes, Axes, Axes], episode: Replay) -> list[Any]:
+    """Add the moving lines to the axes of `scene`, with the whole episode: path twice, distance, commands."""
+    space, above, time, command = axes
+    colour = OUTCOME_LOOK.get(str(episode.record["outcome"]), OUTCOME_LOOK["timeout"])[0]
+    x, y, z = episode.position.T
+    drawn = [space.plot(x, y, z, color=colour)[0], above.plot(x, y, color=colour)[0]]
+    drawn += time.plot(episode.time, episode.distance, color=colour)
+    for j, name in enumerate(episode.actuators):
+        forces, hue = episode.command[:, j], COLOURS[j % len(COLOURS)]
+        drawn += command.step(episode.time[:-1], forces, where="post", color=hue, linewidth=0.9, label=name)
+    return drawn
+
+
 def draw(episode: Replay, path: Path) -> tuple[Path, Path]:
-    """The figure of an episode, `path`.png and `path`.svg; returns both."""
+    """Draw the figure of an episode as `path`.png and `path`.svg; return both."""
     with style.styled():
         figure = style.canvas(11.0, 4.6)
-        space, above, time, command = scene(figure, episode)
-        colour = OUTCOME_LOOK.get(str(episode.record["outcome"]), OUTCOME_LOOK["timeout"])[0]
-        x, y, z = episode.position.T
-        space.plot(x, y, z, color=colour)
-        above.plot(x, y, color=colour)
-        stride = max(1, len(x) // 12)
-        above.quiver(
-            x[::stride],
-            y[::stride],
-            np.cos(episode.yaw[::stride]),
-            np.sin(episode.yaw[::stride]),
-            color=colour,
-            angles="xy",
-            width=0.006,
-            scale=18,
-        )
-        time.plot(episode.time, episode.distance, color=colour)
-        for j, name in enumerate(episode.actuators):
-            command.step(
-                episode.time[:-1],
-                episode.command[:, j],
-                where="post",
-                color=COLOURS[j % len(COLOURS)],
-                linewidth=0.9,
-                label=name,
-            )
+        axes = scene(figure, episode)
+        path_above = lines(axes, episode)[1]
+        _, above, _, command = axes
+        stride = max(1, len(episode.yaw) // 12)
+        (x, y, _), yaw = episode.position[::stride].T, episode.yaw[::stride]
+        colour = path_above.get_color()
+        above.quiver(x, y, np.cos(yaw), np.sin(yaw), color=colour, angles="xy", width=0.006, scale=18)
         command.legend(ncols=4, fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.3))
         figure.suptitle(heading(episode), x=0.01, ha="left", fontsize=10)
         return style.save(figure, path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from auvbench.reporting.figures import Figure
 from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import numbers, writer
 from auvbench.reporting.page.links import Links
+from auvbench.reporting.page.table import ShownTable, printed
+from auvbench.reporting.tables.table import Cell, Heading, Line, Table, estimate_cell
 from auvbench.reporting.tuning import figures, sentences
 from auvbench.reporting.write import text
 from auvbench.tuning import preset, runs
@@ -62,7 +65,6 @@ def page(found: Outcome, drawn: Sequence[Figure], path: Path) -> str:
     """Return the page as HTML; links are relative to its place."""
     plan = found.plan
     embedded, _ = figures_.embed(drawn, Links(path, [], [], plan.protocol.name))
-    name = preset.name_of(plan)
     return writer.filled(
         "study.html",
         SCRIPTS,
@@ -70,37 +72,35 @@ def page(found: Outcome, drawn: Sequence[Figure], path: Path) -> str:
         algorithm=str(plan.base["algo"]["name"]),
         vehicle=str(plan.base["vehicle"]["name"]),
         protocol=plan.protocol.name,
-        dimensions=plan.dimensions,
+        keys=len(plan.dimensions),
         sentences=[numbers.minus(sentence) for sentence in sentences.summary(found)],
-        best=_best(found),
-        important=bool(found.importances),
+        best=_best(found, found.best) if found.best else None,
         best_number=found.best.number if found.best else None,
         preset_href=os.path.relpath(found.folder.best, path.parent),
-        usage=f"cp {shlex.quote(str(found.folder.best))} conf/algo/{name}.yaml\n"
-        f"auvbench train algo={name} seed=0",
+        usage=f"cp {shlex.quote(str(found.folder.best))} conf/algo/{preset.name_of(plan)}.yaml\n"
+        f"auvbench train algo={preset.name_of(plan)} seed=0",
         figures=embedded,
-        measures=[(m.name, "%" if m.rate else "") for m in (found.objective.measure, found.objective.then)],
-        learns=plan.learns,
-        trials=[_line(found, trial, path) for trial in found.ordered],
+        trials=_trials(found, path),
         failures=[(trial.number, error) for trial in found.ordered if (error := _error(trial))],
         facts=_facts(found),
         command=plan.command,
     )
 
 
-def _best(found: Outcome) -> list[dict[str, str]]:
-    if found.best is None:
-        return []
-    return [
-        {
-            "key": dimension.key,
-            "found": _plain(found.best.params[dimension.key]),
-            "untuned": _plain(_at(found.plan.base, dimension.key)),
-            "range": dimension.text,
-            "importance": f"{100 * found.importances.get(dimension.key, 0.0):.0f}",
-        }
-        for dimension in found.plan.dimensions
-    ]
+def _best(found: Outcome, best: FrozenTrial) -> ShownTable:
+    """Return a row per key: the best value, the untuned one, the range, and the importance."""
+    headings = [Heading(title, words=True) for title in ("key", "found", "untuned", "searched")]
+    lines = []
+    for dimension in found.plan.dimensions:
+        values = best.params[dimension.key], _at(found.plan.base, dimension.key)
+        cells = [Cell(dimension.key), *(Cell(_plain(value)) for value in values), Cell(dimension.text)]
+        if found.importances:
+            share = found.importances.get(dimension.key, 0.0)
+            cells.append(Cell(f"{100 * share:.0f}", sort=share))
+        lines.append(Line(tuple(cells)))
+    if found.importances:
+        headings.append(Heading("importance", "%"))
+    return printed(Table(tuple(headings), tuple(lines)))
 
 
 def _at(config: Mapping[str, Any], key: str) -> Any:
@@ -112,28 +112,37 @@ def _at(config: Mapping[str, Any], key: str) -> Any:
 
 def _plain(value: Any) -> str:
     if isinstance(value, float):
-        return numbers.typeset(f"{value:.4g}")
+        return f"{value:.4g}"
     return f"[{','.join(map(str, value))}]" if isinstance(value, list) else str(value)
 
 
-def _line(found: Outcome, trial: FrozenTrial, path: Path) -> dict[str, Any]:
-    """Return a trial as the template shows it; a `sort` value goes with each number."""
-    shown = found.results(trial)
-    cells: list[tuple[str, str, Any]] = [(rounding.NOTHING, "", "")] * 2
-    if shown:
-        last, measure, then = shown[-1], found.objective.measure, found.objective.then
-        value, between = numbers.estimate(last.estimate, 100.0 if measure.rate else 1.0)
-        second = numbers.fixed((100 if then.rate else 1) * last.then, 1)
-        cells = [(value, between, last.objective), (second, "", last.then)]
-    params = [trial.params.get(dimension.key, "") for dimension in found.plan.dimensions]
-    return {
-        "number": trial.number,
-        "state": state_of(trial),
-        "steps": trial.last_step or 0,
-        "measures": cells,
-        "params": [(_plain(value), value) for value in params],
-        "href": _run(found, trial, path) if shown else "",
-    }
+def _trials(found: Outcome, path: Path) -> ShownTable:
+    """Return a row per trial, best first, linked to its run."""
+    learns = found.plan.learns
+    measures = found.objective.measure, found.objective.then
+    headings = [Heading("trial"), Heading("state", words=True), *([Heading("steps")] if learns else [])]
+    headings += [Heading(measure.name, "%" if measure.rate else "") for measure in measures]
+    headings += [Heading(dimension.key.partition(".")[2]) for dimension in found.plan.dimensions]
+    lines, links = [], []
+    for trial in found.ordered:
+        shown = found.results(trial)
+        cells = [Cell(str(trial.number), sort=trial.number), Cell(state_of(trial))]
+        if learns:
+            cells.append(Cell(str(trial.last_step or 0), sort=trial.last_step or 0))
+        if shown:
+            then = (100 if measures[1].rate else 1) * shown[-1].then
+            cells.append(estimate_cell(shown[-1].estimate, 100.0 if measures[0].rate else 1.0))
+            cells.append(Cell(rounding.fixed(then, 1), sort=then))
+        else:
+            cells += [Cell(rounding.NOTHING)] * 2
+        for dimension in found.plan.dimensions:
+            value = trial.params.get(dimension.key, "")
+            cells.append(Cell(_plain(value), sort=value if isinstance(value, int | float) else None))
+        lines.append(Line(tuple(cells)))
+        links.append(_run(found, trial, path) if shown else "")
+    table = printed(Table(tuple(headings), tuple(lines)))
+    linked = [replace(line, href=href) for line, href in zip(table.lines, links, strict=True)]
+    return replace(table, lines=tuple(linked))
 
 
 def _run(found: Outcome, trial: FrozenTrial, path: Path) -> str:
@@ -143,21 +152,17 @@ def _run(found: Outcome, trial: FrozenTrial, path: Path) -> str:
     return Path(os.path.relpath(run.manifest_path, path.parent)).as_posix() if run.exists() else ""
 
 
-def _facts(found: Outcome) -> list[tuple[str, str]]:
+def _facts(found: Outcome) -> list[tuple[str, list[str]]]:
     plan, tune = found.plan, found.plan.tune
     budgets = " / ".join(f"{budget:,}" for budget in plan.budgets)
-    training = [
-        ("Training seeds", f"{', '.join(map(str, tune.seeds))} for every trial"),
-        ("Budget", f"{budgets} steps, pruner {tune.pruner}, reduction {tune.reduction}"),
-    ]
-    return [
-        ("Sampler", f"{tune.sampler}, {tune.startup} trials at random first; seed {plan.seed}"),
-        ("Chosen by", f"{found.objective.measure.name}, then {found.objective.then.name}"),
-        (
-            "Validation",
-            f"protocol {plan.protocol.name}: {plan.protocol.episodes} episodes, scenario seed {plan.protocol.seed}; "
-            "no test has these scenarios. The runs with fresh seeds have the next scenario seed",
-        ),
-        *(training if plan.learns else []),
-        ("Intervals", "95 %, over validation episodes, and over training seeds where a trial has several"),
-    ]
+    facts = {
+        "Sampler": f"{tune.sampler}, {tune.startup} trials at random first; seed {plan.seed}",
+        "Chosen by": f"{found.objective.measure.name}, then {found.objective.then.name}",
+        "Validation": f"protocol {plan.protocol.name}: {plan.protocol.episodes} episodes, scenario seed {plan.protocol.seed}; "
+        "no test has these scenarios. The runs with fresh seeds have the next scenario seed",
+        "Intervals": "95 %, over validation episodes, and over training seeds where a trial has several",
+    }
+    if plan.learns:
+        facts["Training seeds"] = f"{', '.join(map(str, tune.seeds))} for every trial"
+        facts["Budget"] = f"{budgets} steps, pruner {tune.pruner}, reduction {tune.reduction}"
+    return [(name, [value]) for name, value in facts.items()]
