@@ -43,7 +43,7 @@ def _telling(who: str, what: str) -> Iterator[None]:
     except AuvbenchError:
         raise
     except Exception as error:
-        raise AgentError(f"{who}: {what}: {plugins.told(error)}") from error
+        raise AgentError(f"{who}: {what}: {plugins.describe_error(error)}") from error
 
 
 class PluginAgent:

@@ -128,7 +128,7 @@ ALWAYS = "action_ms"
 """computed for every table"""
 
 
-def check(names: Sequence[str]) -> None:
+def validate_columns(names: Sequence[str]) -> None:
     """Validate the names of --columns: optional columns and measures.
 
     Raises:
@@ -146,7 +146,7 @@ def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]
     Raises:
         ReportError: there is no column of that name.
     """
-    check(names)
+    validate_columns(names)
     by_label = {agent.label: agent for agent in agents}
     rows, problems = [], list(ranking.problems)
     computed = [name for name in dict.fromkeys((ALWAYS, *names)) if name in COLUMNS]

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 
-def check(arguments: Sequence[str]) -> None:
+def read_named_sheets(arguments: Sequence[str]) -> None:
     """Read the sheets that `vehicle=NAME` or `vehicle=A,B` name; numbers are checked later, after overrides.
 
     Raises:

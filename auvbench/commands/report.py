@@ -80,7 +80,7 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
     from auvbench.analysis.conditions import default
     from auvbench.analysis.load import load, require
     from auvbench.analysis.measures import to_rank_by
-    from auvbench.analysis.optional_columns import check as check_columns
+    from auvbench.analysis.optional_columns import validate_columns as check_columns
     from auvbench.analysis.sections import sections, split_problems
 
     to_rank_by(options.rank_by)  # a wrong name is said before anything is read

@@ -58,7 +58,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.config.compose import run
     from auvbench.config.simulation import Simulation
 
-    own_sheets.check(arguments)
+    own_sheets.read_named_sheets(arguments)
     ConfigStore.instance().store(name="simulate_schema", node=Simulation)
     run("simulate", _plot_as_override(arguments), simulate)
     return 0

@@ -16,7 +16,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.commands import own_sheets
     from auvbench.config.compose import run
 
-    own_sheets.check(arguments)
+    own_sheets.read_named_sheets(arguments)
     command = shlex.join(["auvbench", "train", *arguments])
     result = run(
         "train",
@@ -43,7 +43,7 @@ def _one(config: DictConfig, command: str) -> int:
     from auvbench.runs.progress import WINDOW, telling
     from auvbench.training import preflight
 
-    preflight.check(train_config(config))
+    preflight.check_runnable(train_config(config))
     run = prepare(config, command)
     now = status.of(run, deep=True)
     if now.state is status.State.COMPLETE:

@@ -24,7 +24,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.config.compose import run
 
     arguments, trusted = trust.take(arguments)
-    own_sheets.check(arguments)
+    own_sheets.read_named_sheets(arguments)
     words, ranges, fixed = split(arguments)
     command = shlex.join(["auvbench", "tune", *arguments])
 
@@ -155,7 +155,7 @@ def plan_of(
     base["train"]["total_steps"] = tune.rungs[-1]
     checked = typed(OmegaConf.create({**base, "name": name, "output": output, "seed": seed}))
     runs_plan.check_vehicle(checked)
-    preflight.check(checked)
+    preflight.check_runnable(checked)
     searched = OmegaConf.to_container(config)
     assert isinstance(searched, dict)
     written = searched.get("search")
@@ -164,7 +164,7 @@ def plan_of(
     known = space.keys_of(base["algo"])
     typed_ranges = {**{str(key): str(text) for key, text in tune.space.items()}, **ranges}
     dimensions = space.read(written if isinstance(written, dict) else {}, typed_ranges, fixed, known)
-    space.check(dimensions, checked, base["algo"])
+    space.validate_space(dimensions, checked, base["algo"])
     strategy.trial_limit(tune.sampler, dimensions)
     study = StudyFolder(Path(output) / "tune" / name)
     tune.space = {dimension.key: dimension.text for dimension in dimensions}

@@ -9,8 +9,8 @@ SCALES = ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust")
 """Factors of the domain randomisation, in the order in which simulators take them."""
 
 
-def check(disturbance: schema.Disturbance) -> None:
-    """Checks what spans several values; single values are `validate.check`'s.
+def validate_disturbance(disturbance: schema.Disturbance) -> None:
+    """Checks what spans several values; single values are `validate.validate_fields`'s.
 
     Raises:
         ConfigError: a range is upside down.

@@ -140,7 +140,7 @@ def schema_of(one: plugins.Declared, thing: Any, base: type) -> type:
     except (OmegaConfBaseException, TypeError, ValueError) as error:
         raise ConfigError(
             f"{plugins.KEYS[one.group]}={one.name}: Config of {one.value} in {one.release} is no schema: "
-            f"{plugins.told(error)}"
+            f"{plugins.describe_error(error)}"
         ) from error
     return found
 

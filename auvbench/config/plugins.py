@@ -108,12 +108,12 @@ def load(one: Declared) -> Any:
         raise
     except BaseException as error:  # all that a package may do when it is imported, an exit included
         raise ConfigError(
-            f"{KEYS[one.group]}={one.name}: {one.value} of {one.release} cannot be imported: {told(error)}"
+            f"{KEYS[one.group]}={one.name}: {one.value} of {one.release} cannot be imported: {describe_error(error)}"
         ) from error
     return found
 
 
-def told(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """An exception of foreign code in one line."""
     text = next(iter(str(error).splitlines()), "")
     return short(f"{type(error).__name__}: {text}" if text else type(error).__name__, 200)

@@ -1,7 +1,7 @@
 """The schema of the configuration: types and admissible ranges, no defaults.
 
 The YAML files in `conf/` hold the only defaults and the comments that explain them. A field's range is checked
-by `validate.check`, its type by OmegaConf while Hydra composes.
+by `validate.validate_fields`, its type by OmegaConf while Hydra composes.
 """
 
 from __future__ import annotations

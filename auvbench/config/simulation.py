@@ -59,7 +59,7 @@ def simulation_config(config: DictConfig) -> Simulation:
     typed = OmegaConf.to_object(config)
     if not isinstance(typed, Simulation):
         raise ConfigError("this is no configuration of a simulation")
-    validate.check(typed)
+    validate.validate_fields(typed)
     given = typed.input
     _vector("input.wrench", given.wrench, "[Fx, Fy, Fz, Mx, My, Mz] in N and N m", 6)
     _vector("input.pose", given.pose, "[x, y, z, qw, qx, qy, qz]", 7)

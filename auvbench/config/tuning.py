@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from auvbench.config import schema
 from auvbench.config.schema import choice, number
-from auvbench.config.validate import check, evaluate_protocol
+from auvbench.config.validate import evaluate_protocol, validate_fields
 from auvbench.errors import ConfigError
 
 STREAM = "validation"
@@ -59,7 +59,7 @@ def read(config: DictConfig) -> tuple[Tune, schema.Protocol]:
     tune, protocol = OmegaConf.to_object(config.tune), OmegaConf.to_object(config.protocol)
     assert isinstance(tune, Tune)
     assert isinstance(protocol, schema.Protocol)
-    check(tune, "tune.")
+    validate_fields(tune, "tune.")
     evaluate_protocol(protocol)
     refuse_test(protocol)
     if len(protocol.conditions) > 1:

@@ -21,7 +21,7 @@ MOST_STEPS = 10_000_000
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
 
 
-def check(config: Any, prefix: str = "") -> None:
+def validate_fields(config: Any, prefix: str = "") -> None:
     """Checks a schema dataclass and everything below it.
 
     Raises:
@@ -34,7 +34,7 @@ def check(config: Any, prefix: str = "") -> None:
         key = f"{prefix}{field.name}"
         value = getattr(config, field.name)
         if dataclasses.is_dataclass(value):
-            check(value, f"{key}.")
+            validate_fields(value, f"{key}.")
         elif value is not None:
             _check_value(key, value, dict(field.metadata))
         elif not any(word in str(field.type) for word in ("None", "Any", "Optional")):
@@ -94,7 +94,7 @@ def train_config(config: DictConfig) -> schema.TrainConfig:
         raise ConfigError(
             "simulator: name one, e.g. simulator=fossen; its file must start from a schema (see conf/simulator)"
         )
-    check(typed)
+    validate_fields(typed)
     _across(typed)
     return typed
 
@@ -105,7 +105,7 @@ def again(config: schema.TrainConfig) -> schema.TrainConfig:
     Raises:
         ConfigError: a value is out of range, or at odds with another.
     """
-    check(config.algo, "algo.")
+    validate_fields(config.algo, "algo.")
     _across(config)
     return config
 
@@ -121,7 +121,7 @@ def evaluate_config(config: DictConfig) -> schema.EvaluateConfig:
         raise ConfigError(f"{missing[0]}: a value is missing")
     typed = OmegaConf.to_object(config)
     assert isinstance(typed, schema.EvaluateConfig)
-    check(typed)
+    validate_fields(typed)
     evaluate_protocol(typed.protocol)
     return typed
 
@@ -132,12 +132,12 @@ def evaluate_protocol(protocol: schema.Protocol) -> None:
     Raises:
         ConfigError: a value is out of range, or there is no condition, or two have one name.
     """
-    check(protocol, "protocol.")
+    validate_fields(protocol, "protocol.")
     names = [condition.name for condition in protocol.conditions]
     if not names:
         raise ConfigError("protocol.conditions: at least one condition is needed")
     for index, condition in enumerate(protocol.conditions):
-        check(condition, f"protocol.conditions[{index}].")
+        validate_fields(condition, f"protocol.conditions[{index}].")
         if not re.fullmatch(r"[A-Za-z0-9.+=-]+", condition.name):
             raise ConfigError(
                 f"protocol.conditions[{index}].name={condition.name!r}: must be letters, digits, dots, dashes, ="
@@ -173,7 +173,7 @@ def _across(config: schema.TrainConfig) -> None:
             f"task.time_limit={task.time_limit:g}: is {limit} steps at {config.step.frequency:g} Hz; must be from "
             f"{1 / config.step.frequency:g} to {MOST_STEPS / config.step.frequency:g} s there"
         )
-    disturbance.check(config.disturbance)
+    disturbance.validate_disturbance(config.disturbance)
     simulators.check_disturbance(config.simulator, config.disturbance)
     _algorithm(config.algo)
 

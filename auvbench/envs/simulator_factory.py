@@ -48,7 +48,7 @@ def make_simulator(
         stand_in: what is simulated in the vehicle's place, with the vehicle's step: the same, commanded otherwise.
     """
     limit = _shortest_time_constant(vehicle, drawn)
-    pace.check(vehicle.name, limit)
+    pace.refuse_stiff_vehicle(vehicle.name, limit)
     vehicle = stand_in or vehicle
     if isinstance(config, simulators.Fossen):
         return FossenSimulator(vehicle, n, min(config.max_step, limit), config.threads)

@@ -170,7 +170,7 @@ def evaluate(
     state = run.manifest()["state"]
     if state != "complete":
         raise RunError(f"{run.path}: {state}, not complete; auvbench train finishes it")
-    path_safety.check(run.path)
+    path_safety.refuse_links(run.path)
     with _locked(run, protocol.name):
         if unless_done and is_done(run, protocol):
             return None
@@ -236,7 +236,7 @@ def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | Non
     try:
         return inference.measure(make_agent(run, config.step.frequency), config)
     except Exception as error:  # an installed agent may raise any of them
-        reason = f"{run.id}: the time of an action is missing: {plugins.told(error)}"
+        reason = f"{run.id}: the time of an action is missing: {plugins.describe_error(error)}"
         warnings.warn(AuvbenchWarning(reason), stacklevel=2)
         return None
 
@@ -258,7 +258,9 @@ def _named_packages(run: RunDirectory) -> Iterator[None]:
         releases = installed.releases_of(run.config())
         if not releases:
             raise
-        raise AgentError(f"{run.id}, with {' and '.join(releases)}: {plugins.told(error)}") from error
+        raise AgentError(
+            f"{run.id}, with {' and '.join(releases)}: {plugins.describe_error(error)}"
+        ) from error
 
 
 def _condition_summary(condition: ResolvedCondition, rollout: Rollout) -> dict[str, Any]:

@@ -89,7 +89,7 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
     manifest = run.manifest()
     if manifest["state"] != "complete":
         raise RunError(f"{run.path}: {manifest['state']}, not complete; auvbench train finishes it")
-    path_safety.check(run.path)
+    path_safety.refuse_links(run.path)
     config = load_config(run)
     if config.algo.agent == "onnx":
         raise NoNetworkError(f"{run.path}: its policy is an ONNX file already: {run.model / NETWORK}")
@@ -175,7 +175,7 @@ def make_card(
     """Return the card of a run's policy, without the result of the comparison."""
     task = config.task
     plain = run.config()
-    found = exported.check(data, name)
+    found = exported.parse_policy(data, name)
     manifest = run.manifest()
     return {
         "format": FORMAT,

@@ -66,7 +66,9 @@ class Policy:
         self.where = where
         self.card = card
         self.sha256 = hashlib.sha256(data).hexdigest()
-        self.network = check(data, where, observations=observations, actions=actions, card=card, rows=rows)
+        self.network = parse_policy(
+            data, where, observations=observations, actions=actions, card=card, rows=rows
+        )
         self.n_observations, self.n_actions = self.network.n_observations, self.network.n_actions
         self._session = _session(self.network.file.serialised(), where)
         self._input, self._output = self.network.input, self.network.output
@@ -175,7 +177,7 @@ class Network:
         return self.file.outputs[0]
 
 
-def check(
+def parse_policy(
     data: bytes,
     where: str,
     *,

@@ -159,7 +159,7 @@ class RunDirectory:
         Raises:
             RunError: `config.yaml` was changed since the run was made, or a link lies in the run.
         """
-        path_safety.check(self.path)
+        path_safety.refuse_links(self.path)
         config = self.config()
         wrong = identity.mismatch(config, self.id)
         if wrong:
@@ -194,7 +194,7 @@ def freeze(
         TrainingError: the disk is full or failing.
     """
     run = place(config)
-    path_safety.check(run.path)
+    path_safety.refuse_links(run.path)
     if analysis is not None:  # before the first run's manifest, which carries its digest
         try:
             declared.write(run.path.parent, analysis)

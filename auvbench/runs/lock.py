@@ -140,7 +140,7 @@ def acquire(run: str | Path, *, job: str | None = None) -> RunLock:
         TrainingError: the disk is full or failing.
     """
     run = Path(run)
-    path_safety.check(run)
+    path_safety.refuse_links(run)
     before = current(run)
     requeued = job is not None and before is not None and before.job == job
     try:

@@ -30,7 +30,7 @@ def load_config(run: RunDirectory) -> schema.TrainConfig:
     return typed(OmegaConf.create(run.check()))
 
 
-def check(config: DictConfig) -> RunDirectory:
+def resolve_run(config: DictConfig) -> RunDirectory:
     """Checks types, values, the vehicle's sheet and a policy's file; returns where the run will lie. Writes nothing.
 
     Raises:
@@ -48,7 +48,7 @@ def check_vehicle(config: schema.TrainConfig) -> VehicleModel:
         ConfigError, VehicleError: it is not.
     """
     vehicle = sheet.load(config.vehicle)
-    pace.check(vehicle.name, shortest_time_constant(vehicle))
+    pace.refuse_stiff_vehicle(vehicle.name, shortest_time_constant(vehicle))
     return vehicle
 
 

@@ -83,7 +83,7 @@ def keep(run: RunDirectory, config: dict[str, Any]) -> None:
     algo = config["algo"]
     if algo.get("agent") != "onnx":
         return
-    path_safety.check(run.path)
+    path_safety.refuse_links(run.path)
     target = run.model / exported.NETWORK
     if target.is_file() and _digest_of(target) == algo["sha256"]:
         return

@@ -38,9 +38,9 @@ def carry_out(
     """
     distinct: dict[Path, DictConfig] = {}
     for config in configs:
-        distinct.setdefault(plan.check(config).path, config)
+        distinct.setdefault(plan.resolve_run(config).path, config)
     for config in distinct.values():
-        preflight.check(train_config(config))
+        preflight.check_runnable(train_config(config))
     learning = any(learns(config.algo) for config in distinct.values())
     chosen = backend(configs[0].launcher, target=target, learning=learning)
     if any(config.launcher != configs[0].launcher for config in configs):

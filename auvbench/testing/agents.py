@@ -109,11 +109,11 @@ def nothing_outlives_an_episode(config: schema.TrainConfig, make: Make) -> None:
 
 def actions_are_deterministic(config: schema.TrainConfig, make: Make) -> None:
     """Two agents of one configuration do the same, also after other draws of the process; neither moves its generators."""
-    draws.stir(1)
+    draws.reseed_generators(1)
     agent = make()
     with draws.untouched("steering"):
         flight = fly(config, agent)
-    draws.stir(2)
+    draws.reseed_generators(2)
     replay(flight, make(), range(EPISODES), "made a second time")
 
 
@@ -147,7 +147,7 @@ class Trainings:
     def whole(self) -> RunDirectory:
         """The run that nothing happened to."""
         if "whole" not in self._made:
-            draws.stir(3)
+            draws.reseed_generators(3)
             run = self.run("whole")
             execute(run)
             self._made["whole"] = run
@@ -169,7 +169,7 @@ def _compare(there: RunDirectory, here: RunDirectory, what: str) -> None:
 
 def training_is_deterministic(trainings: Trainings) -> None:
     """The same configuration gives the same bits, also after other draws of the process."""
-    draws.stir(4)
+    draws.reseed_generators(4)
     again = trainings.run("again")
     execute(again)
     _compare(trainings.whole(), again, "the same training")
@@ -229,7 +229,7 @@ def a_stopped_training_ends_as_it_says(trainings: Trainings) -> None:
         pass
     else:
         raise ConformanceError(f"learn ends without a step of the environment after step {3 * total // 4}")
-    draws.stir(5)
+    draws.reseed_generators(5)
     saved = struck.checkpoints.is_dir() and any(path.name.isdigit() for path in struck.checkpoints.iterdir())
     execute(struck)
     manifest = struck.manifest()

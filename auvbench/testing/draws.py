@@ -26,7 +26,7 @@ def generators() -> dict[str, bytes]:
     return found
 
 
-def stir(seed: int) -> None:
+def reseed_generators(seed: int) -> None:
     """Seeds the process's generators, so that every draw from them changes."""
     random.seed(seed)
     np.random.seed(seed)  # noqa: NPY002

@@ -123,12 +123,12 @@ def nothing_outlives_a_reset(make: Make) -> None:
 
 def motion_is_deterministic(make: Make) -> None:
     """The same commands give the same bits, if it says so, and no generator of the process moves."""
-    draws.stir(1)
+    draws.reseed_generators(1)
     simulator = make(N)
     start(simulator)
     with draws.untouched("stepping"):
         first = fly(simulator)
-    draws.stir(2)
+    draws.reseed_generators(2)
     again = make(N)
     start(again)
     if simulator.capabilities.deterministic:

@@ -8,7 +8,7 @@ from auvbench.config.agents import AGENTS, learns
 from auvbench.vehicles import sheet
 
 
-def check(config: schema.TrainConfig) -> None:
+def check_runnable(config: schema.TrainConfig) -> None:
     """Make the controller that a checked configuration names, and load its simulator.
 
     Learners are left out: they work with every vehicle and take seconds to build. So are ROS 2 servers, which may

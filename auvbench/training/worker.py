@@ -55,7 +55,7 @@ def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
     streams.forgiving()
     try:
         run = RunDirectory(Path(path))
-        path_safety.check(run.path)
+        path_safety.refuse_links(run.path)
         if log:
             redirect(run.path / LOG)
         with interruption.immediate() as request:

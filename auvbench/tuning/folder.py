@@ -11,7 +11,7 @@ from auvbench import __version__
 from auvbench.config import schema
 from auvbench.config.agents import learns
 from auvbench.config.tuning import Tune, refuse_test
-from auvbench.config.validate import check, evaluate_protocol
+from auvbench.config.validate import evaluate_protocol, validate_fields
 from auvbench.errors import AuvbenchError, ConfigError, RunError
 from auvbench.runs import identity, lock, ownership
 from auvbench.runs.atomic_io import make_folder, storage, write_json
@@ -111,7 +111,7 @@ class StudyFolder:
             plan = typed_json.read(self.plan_path, Plan)
             if plan.schema_version != SCHEMA_VERSION:
                 raise ValueError(f"schema_version is {plan.schema_version}, must be {SCHEMA_VERSION}")
-            check(plan.tune, "tune.")
+            validate_fields(plan.tune, "tune.")
             evaluate_protocol(plan.protocol)
             refuse_test(plan.protocol)
             if not plan.dimensions or not plan.budgets:

@@ -184,7 +184,9 @@ def _numbers(
     return IntDistribution(int(low), int(high), log=bool(tags), step=1 if tags else int(step or 1))
 
 
-def check(dimensions: Sequence[Dimension], base: schema.TrainConfig, algo: Mapping[str, Any]) -> None:
+def validate_space(
+    dimensions: Sequence[Dimension], base: schema.TrainConfig, algo: Mapping[str, Any]
+) -> None:
     """Check that the algorithm takes the ends of every range, and all choices together.
 
     Raises:

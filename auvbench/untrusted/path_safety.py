@@ -56,7 +56,7 @@ def is_plain(name: str) -> bool:
     )
 
 
-def check(run: Path | str) -> None:
+def refuse_links(run: Path | str) -> None:
     """Search a run's folder for what leads out of it; a folder that does not exist is fine.
 
     Raises:

@@ -8,7 +8,7 @@ SHORTEST = 1e-5
 """s of the shortest time constant; those of real vehicles have some milliseconds (docs/physics.md)"""
 
 
-def check(name: str, shortest: float) -> None:
+def refuse_stiff_vehicle(name: str, shortest: float) -> None:
     """Refuses a vehicle whose damping acts so fast that the physics step would have to be next to nothing.
 
     Args:

@@ -25,7 +25,7 @@ def seed(source: Path, checkpoint: Checkpoint, target: Path) -> None:
         TrainingError: the disk is full, read-only or failing.
         RunError: a link lies in `target`.
     """
-    path_safety.check(target)
+    path_safety.refuse_links(target)
     there, here = CheckpointStore(source), CheckpointStore(target)
     with storage(f"cannot copy the checkpoint of step {checkpoint.step} to {target}"):
         for name, mark in checkpoint.logs.items():

@@ -113,4 +113,4 @@ def test_columns_that_there_are() -> None:
     with pytest.raises(
         ReportError, match="--columns 'iqm_succes' is not a column; did you mean 'iqm_success'"
     ):
-        optional_columns.check(["iqm_succes"])
+        optional_columns.validate_columns(["iqm_succes"])

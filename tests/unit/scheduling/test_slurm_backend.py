@@ -166,7 +166,7 @@ def test_a_submitted_run_holds_no_link_so_that_whoever_works_on_it_takes_it(
     cluster: Cluster, run: RunDirectory
 ) -> None:
     backend().submit(run.path)
-    path_safety.check(run.path)
+    path_safety.refuse_links(run.path)
     assert [file.name for file in (run.path / slurm.SCRIPTS).iterdir()] == ["101_submission.sh"]
 
 
