@@ -1,4 +1,4 @@
-"""Results under the conditions of a protocol: curves over the levels of a factor, and Gazebo."""
+"""Success over K and step frequency, under the conditions of protocols, and in Gazebo."""
 
 from __future__ import annotations
 
@@ -6,29 +6,120 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
 
-from auvbench.analysis.conditions import UNDISTURBED, UNITS, split
-from auvbench.analysis.records import Agent
+from auvbench.analysis.conditions import UNDISTURBED, in_words, split
+from auvbench.analysis.labels import part
+from auvbench.analysis.records import Agent, Row
+from auvbench.analysis.rounding import rounded
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.scene import MANY, Drawing, FloatArray, Scene, shown
+from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
 from auvbench.statistics.estimate import Estimate
 
-NOMINAL_VALUES = {"current": 0.0, "delay": 0.0, "noise": 1.0, "mass": 1.0, "drag": 1.0}
-"""level of the undisturbed condition on a factor's axis; other factors show its name"""
-OTHER = "other conditions"
-"""title of the panel of conditions without a level"""
-ROOM = 0.35
-"""share of the distance between two levels over which the agents' points are spread"""
+PROTOCOLS = ("robustness", "transfer", "frequency_sweep")
+"""whose conditions stand side by side"""
+MOST_AGENTS = 40
+MOST_CELLS = 150
+"""of a grid of K and frequency; values drawn at random have more"""
+
 
 Curve = Mapping[str, Estimate]
 """success rate with its interval, by condition"""
 
 
-def curves(scene: Scene, protocol: str, most: int = MANY) -> dict[str, Curve]:
-    """Return success by label and condition, of at most `most` tested agents, the best-ranked first."""
+def success_over_grid(scene: Scene) -> Drawing | None:
+    """Draw success over K and step frequency, a panel per algorithm; None where neither varies."""
+    rows = [r for r in scene.ranking.rows if {"reward.k", "step.frequency"} <= r.key.keys()]
+    algos: dict[str, list[Row]] = {}
+    for row in rows:
+        algos.setdefault(str(row.key.get("algo", "")), []).append(row)
+    algos = {name: members for name, members in sorted(algos.items()) if len(members) > 1}
+    members = [row for group in algos.values() for row in group]
+    ks = sorted({float(row.key["reward.k"]) for row in members})
+    fs = sorted({float(row.key["step.frequency"]) for row in members}, reverse=True)
+    if not algos or len(ks) * len(fs) > MOST_CELLS:
+        return None
+    columns = min(3, len(algos))
+    lines = -(-len(algos) // columns)
+    width = max(1.0, 0.62 * len(ks)) + 0.9
+    figure = style.canvas(max(4.2, columns * width + 1.0), max(2.2, lines * (0.5 * len(fs) + 0.9)))
+    grid = figure.subplots(lines, columns, squeeze=False)
+    for ax in grid.flat[len(algos) :]:
+        ax.set_visible(False)
+    lowest = min(90.0, 10 * np.floor(10 * min(row.estimates["success_rate"].value for row in members)))
+    for ax, (name, group) in zip(grid.flat, algos.items(), strict=False):
+        values = np.full((len(fs), len(ks)), np.nan)
+        texts = np.full(values.shape, "", dtype=object)
+        for row in group:
+            where = fs.index(float(row.key["step.frequency"])), ks.index(float(row.key["reward.k"]))
+            values[where] = 100 * row.estimates["success_rate"].value
+            texts[where] = rounded(row.estimates["success_rate"], 100)[0]  # as in the table
+        image = _heat(ax, values, lowest, texts)
+        ax.set_title(part("algo", name) if name else "all", loc="left")
+        ax.set_xticks(range(len(ks)), [f"{k:g}" for k in ks])
+        ax.set_yticks(range(len(fs)), [f"{f:g}" for f in fs])
+        ax.set_xlabel("K")
+    for ax in grid[:, 0]:
+        ax.set_ylabel("step frequency (Hz)")
+    figure.colorbar(image, ax=grid, label="test success (%)", shrink=0.8)
+    caption = (
+        "Test success over reward coefficient K and training step frequency. A cell with a cross has no evaluated "
+        "run. Intervals are in the table."
+    )
+    return Drawing(figure, "Success over K and step frequency", caption)
+
+
+def success_over_conditions(scene: Scene) -> Drawing | None:
+    """Draw success of every agent under each condition of `PROTOCOLS`."""
+    values: dict[str, dict[str, float]] = {}
+    conditions: list[str] = []
+    for protocol in PROTOCOLS:
+        found = curves(scene, protocol)
+        # The vehicle that all agents were trained on is the undisturbed condition again.
+        own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in found}
+        again = (
+            {f"vehicle={vehicle}" for vehicle in own}
+            if len(own) == 1 and UNDISTURBED in names(found)
+            else set()
+        )
+        new = [name for name in names(found) if name not in again and name not in conditions]
+        conditions += new
+        for label, curve in found.items():
+            here = {name: 100 * curve[name].value for name in new if name in curve}
+            values[label] = values.get(label, {}) | here
+    tested = [agent for agent in scene.agents if agent.label in values][:MOST_AGENTS]
+    if not tested or len(conditions) < 2:
+        return None
+    cells = np.array([[values[a.label].get(name, np.nan) for name in conditions] for a in tested])
+    texts = np.array([_whole(value) for value in cells.flat], dtype=object).reshape(cells.shape)
+    figure = style.canvas(2.4 + 0.34 * len(conditions), 1.5 + 0.23 * len(tested))
+    ax = figure.subplots()
+    image = _heat(ax, cells, 0, texts)
+    factors = [split(name)[0] for name in conditions]
+    for i in range(1, len(factors)):
+        if factors[i] != factors[i - 1]:
+            ax.axvline(i - 0.5, color="white", linewidth=4)
+    words = [" ".join(in_words(name)).strip().removeprefix("vehicle ") for name in conditions]
+    ax.set_xticks(range(len(words)), words, rotation=45, ha="right", rotation_mode="anchor")
+    ax.set_yticks(range(len(tested)), [agent.label for agent in tested])
+    figure.colorbar(image, ax=ax, label="test success (%)", shrink=0.8)
+    caption = (
+        "Test success of the same policies under each condition of robustness, on the vehicles of transfer and at the "
+        "frequencies of frequency_sweep, agents in the order of the ranking; 100 is every episode. Intervals are in conditions.csv."
+        + (" A cross: not tested." if np.isnan(cells).any() else "")
+        + agents_sentence(tested, scene)
+    )
+    return Drawing(figure, "Success under each condition", caption)
+
+
+def curves(scene: Scene, protocol: str) -> dict[str, Curve]:
+    """Return success by label and condition, of the best-ranked tested agents."""
     found: dict[str, Curve] = {}
     for agent in scene.agents:
-        tested = {c.name: c.success for c in scene.tested(agent, protocol)} if len(found) < most else {}
+        tested = (
+            {c.name: c.success for c in scene.tested(agent, protocol)} if len(found) < MOST_AGENTS else {}
+        )
         if curve := {name: of[agent.label] for name, of in tested.items() if agent.label in of}:
             found[agent.label] = curve
     return found
@@ -39,27 +130,35 @@ def names(found: Mapping[str, Curve]) -> list[str]:
     return list(dict.fromkeys(name for curve in found.values() for name in curve))
 
 
-def agents_sentence(chosen: Sequence[Agent], scene: Scene, most: int = MANY) -> str:
-    """Return the sentence of a caption on agents that are not shown, or ''; `most` is how many there is room for."""
-    if len(chosen) == most:
+def agents_sentence(chosen: Sequence[Agent], scene: Scene) -> str:
+    """Return the sentence of a caption on agents that are not shown, or ''."""
+    if len(chosen) == MOST_AGENTS:
         return shown(chosen, scene.agents)
     few = len(chosen) < len(scene.agents)
     return f" Tested under these: {len(chosen)} of {len(scene.agents)} agents." if few else ""
 
 
-def robustness(scene: Scene) -> Drawing | None:
-    """Draw success over the level of each factor of the robustness protocol."""
-    caption = "Test success under disturbances, one factor at a time, and undisturbed (protocol robustness)."
-    return _panels(scene, "robustness", "Robustness", caption)
+def _whole(percent: float) -> str:
+    """Return whole percents; only every episode is 100 and only no episode is 0.
+
+    >>> _whole(99.97), _whole(100.0), _whole(0.2), _whole(54.5)
+    ('99', '100', '1', '54')
+    """
+    return f"{percent if percent in (0.0, 100.0) else min(max(percent, 1.0), 99.0):.0f}"
 
 
-def frequency_sweep(scene: Scene) -> Drawing | None:
-    """Draw success over the frequency of the test."""
-    caption = (
-        "Test success of the same policies at other frequencies (protocol frequency_sweep). Circled: the frequency of "
-        "the training. The step limit is the same everywhere, so that a high frequency leaves less time."
-    )
-    return _panels(scene, "frequency_sweep", "Test frequency", caption)
+def _heat(ax: Axes, values: FloatArray, low: float, texts: NDArray[np.object_]) -> AxesImage:
+    """Draw an image from `low` to 100 with the `texts` written in; NaN cells are crossed out."""
+    image = ax.imshow(values, cmap="cividis", vmin=low, vmax=100, aspect="auto")
+    ax.grid(visible=False)
+    ax.spines[:].set_visible(False)
+    ax.tick_params(length=0)
+    for (i, j), value in np.ndenumerate(values):
+        known = bool(np.isfinite(value))
+        colour = ("white" if (value - low) / (100 - low) < 0.5 else "black") if known else "#a0a0a0"
+        text = str(texts[i, j]) if known else "✕"
+        ax.text(j, i, text, ha="center", va="center", color=colour, size=7.5 if known else None)
+    return image
 
 
 def gazebo(scene: Scene) -> Drawing | None:
@@ -94,31 +193,6 @@ def gazebo(scene: Scene) -> Drawing | None:
     return Drawing(figure, "In Gazebo", caption)
 
 
-def _panels(scene: Scene, protocol: str, title: str, caption: str) -> Drawing | None:
-    """Draw a panel per factor of the protocol and a curve per agent."""
-    found = curves(scene, protocol)
-    chosen = [agent for agent in scene.agents if agent.label in found]
-    if not chosen:
-        return None
-    factors = _factors(names(found))
-    columns = min(4, len(factors))
-    lines = -(-len(factors) // columns)
-    figure = style.canvas(max(6.4, 2.9 * columns), 2.7 * lines + 0.9)
-    grid = figure.subplots(lines, columns, squeeze=False, sharey=True)
-    for ax in grid.flat[len(factors) :]:
-        ax.set_visible(False)
-    for ax, (factor, conditions) in zip(grid.flat, factors.items(), strict=False):
-        for place, agent in enumerate(chosen):
-            side = (place + 0.5) / len(chosen) - 0.5
-            _curve(ax, scene, agent, found[agent.label], factor, conditions, side)
-        _axis(ax, factor, conditions)
-    for ax in grid[:, 0]:
-        ax.set_ylabel("success (%)")
-    style.legend(figure, scene.looks_of(chosen))
-    more = f"{_intervals(scene, chosen)}; agents stand side by side at each level."
-    return Drawing(figure, title, caption + more + agents_sentence(chosen, scene))
-
-
 def _intervals(scene: Scene, chosen: Sequence[Agent]) -> str:
     percent = f"{100 * scene.ranking.confidence:g} %"
     several = [len(agent.runs) > 1 for agent in chosen]
@@ -126,76 +200,3 @@ def _intervals(scene: Scene, chosen: Sequence[Agent]) -> str:
     if any(several) and not all(several):
         over += ", and training seeds where there are several"
     return f" Bars: {percent} intervals over {over}"
-
-
-def _factors(conditions: Sequence[str]) -> dict[str, list[str]]:
-    """Return the conditions by factor in the order of the protocol; each factor begins with the undisturbed one."""
-    factors: dict[str, list[str]] = {}
-    for condition in conditions:
-        if condition != UNDISTURBED:
-            factor, level = split(condition)
-            factors.setdefault(factor if level else OTHER, []).append(condition)
-    if UNDISTURBED in conditions:
-        factors = {name: [UNDISTURBED, *members] for name, members in factors.items()}
-    return factors or {OTHER: list(conditions)}
-
-
-def _curve(
-    ax: Axes,
-    scene: Scene,
-    agent: Agent,
-    curve: Curve,
-    factor: str,
-    conditions: Sequence[str],
-    side: float,
-) -> None:
-    """Draw points with their intervals; `side` in (-0.5, 0.5) is the agent's place at each level."""
-    x = _positions(factor, conditions)
-    there = [i for i in np.argsort(x) if conditions[i] in curve]
-    if not there:
-        return
-    gaps = np.diff(np.unique(x))
-    at = x[there] + side * ROOM * (float(gaps.min()) if gaps.size else 1.0)
-    points = np.array([[e.value, e.low, e.high] for e in (curve[conditions[i]] for i in there)]) * 100
-    look = scene.looks[agent.label]
-    line = "" if factor == OTHER else look.linestyle  # nothing lies between conditions without a level
-    ax.vlines(at, points[:, 1], points[:, 2], color=look.colour, linewidth=1, alpha=0.6)
-    ax.plot(
-        at,
-        points[:, 0],
-        color=look.colour,
-        marker=look.marker,
-        linestyle=line,
-        linewidth=1.2,
-        markersize=4,
-        label=agent.label,
-    )
-    if factor == "frequency" and agent in scene.learners():
-        ring = x[there] == agent.runs[0].config.get("step.frequency")
-        rings = ax.plot(at[ring], points[ring, 0], "o", markersize=11, color=look.colour, clip_on=False)
-        rings[0].set_markerfacecolor("none")
-
-
-def _positions(factor: str, conditions: Sequence[str]) -> FloatArray:
-    """Return the places on the factor's axis: levels where all are numbers, else the order of the protocol."""
-    try:
-        return np.array(
-            [NOMINAL_VALUES[factor] if c == UNDISTURBED else float(split(c)[1]) for c in conditions]
-        )
-    except (KeyError, ValueError):
-        return np.arange(len(conditions), dtype=np.float64)
-
-
-def _axis(ax: Axes, factor: str, conditions: Sequence[str]) -> None:
-    unit = UNITS.get(factor)
-    ax.set_title(factor + (f" ({unit})" if unit else ""), loc="left")
-    x = _positions(factor, conditions)
-    words = [split(condition)[1] or condition for condition in conditions]
-    if factor in NOMINAL_VALUES:
-        words = [
-            f"{value:g}" if c == UNDISTURBED else w for value, c, w in zip(x, conditions, words, strict=True)
-        ]
-    order = np.argsort(x)
-    ax.set_xticks(x[order], [words[i] for i in order])
-    ax.set_xmargin(0.3 if factor == OTHER else 0.08)
-    ax.set_ylim(-2, 102)

@@ -6,20 +6,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from auvbench.analysis.records import Agent, Problem, Ranking
-from auvbench.reporting.figures import conditions, difference, heatmaps, paths, style, testing, training
+from auvbench.reporting.figures import conditions, difference, paths, style, testing, training
 from auvbench.reporting.figures.scene import MAIN, Drawing, Figure, Scene, scene
 
 FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     MAIN: difference.difference_from_baseline,
-    "success_over_grid": heatmaps.success_over_grid,
+    "success_over_grid": conditions.success_over_grid,
     "success_over_time": testing.success_over_time,
     "steps_deviation": testing.steps_deviation,
     "trajectories": paths.trajectories,
     "failures": testing.failures,
     "cumulative_means": testing.cumulative_means,
-    "success_over_conditions": heatmaps.success_over_conditions,
-    "robustness": conditions.robustness,
-    "frequency_sweep": conditions.frequency_sweep,
+    "success_over_conditions": conditions.success_over_conditions,
     "gazebo": conditions.gazebo,
     "training_success": training.success,
     "validation_success": training.validation,
