@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from auvbench.commands.report_options import STORED, Options, defaults
 
 if TYPE_CHECKING:
-    from auvbench.analysis.records import RunRecord
+    from auvbench.analysis.records import Ranking, RunRecord
     from auvbench.commands.report import Report
     from auvbench.runs.declared import Declared
 
@@ -73,16 +73,17 @@ def _blocks(study: Study, options: Options) -> list[str]:
 
 
 def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> tuple[int, int]:
-    """Computes the report from what was shipped, and writes it.
+    """Compute the report from the published files, and write it.
 
     Args:
-        study: what was typed.
+        study: own options of publish.
         options: of the report.
-        sources: the runs as they were found, by id: where the weights are.
+        sources: the runs as they were found, by id; they have the weights of policies.
 
     Returns:
-        how many runs the report has, and how many policies should have been exported and were not.
+        Number of runs in the report, and number of policies that could not be exported.
     """
+    from auvbench.commands.report import analysed, over_all, write_over
     from auvbench.reporting import readme
     from auvbench.reporting import write as files
     from auvbench.runs import declared
@@ -93,32 +94,48 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     chosen = replace(
         options, format=("csv",), where=(), out=folder, declared=analysis, instead=(), undecided=""
     )
-    source = [folder]
-    reports = _tables(source, chosen, folder)
-    for name in study.also:
-        _tables(source, _further(chosen, name), folder / name)
+    reports = analysed([folder], chosen)
+    further = [(name, analysed([folder], _further(chosen, name))) for name in study.also]
+    _tables([(options.protocol, reports), *further], folder)
+    write_over(over_all(reports, chosen), chosen, folder)
     runs = [run for report in reports for run in report.runs]
-    missing = 0
-    texts = {}
-    for name in _blocks(study, options):
-        if name == "table":
-            texts[name] = _ranked(reports, folder)
-        elif name == "findings":
-            texts[name] = _findings(reports)
-        elif name == "figures":
-            texts[name] = "\n\n".join(_figures(reports, study.pictures, folder)) or "No figure."
-        elif name == "claims":
-            texts[name] = _claims(reports)
-        elif name == "policies":
-            texts[name], missing = _policies(reports, study, sources)
-        else:
-            texts[name] = readme.provenance(runs, study.command)
+    names = _blocks(study, options)
+    policies, missing = _policies(reports, study, sources) if "policies" in names else ("", 0)
+    made = {
+        "table": lambda: _ranked(reports, folder),
+        "findings": lambda: _findings(reports),
+        "figures": lambda: "\n\n".join(_figures(reports, study.pictures, folder)) or "No figure.",
+        "claims": lambda: _claims(reports),
+        "policies": lambda: policies,
+        "provenance": lambda: readme.provenance(runs, study.command),
+    }
     path = folder / "README.md"
-    _say_kept(path, study)
-    text = files.text(path, readme.fill(path, study.title, study.question, texts)).read_text("utf-8")
+    if path.exists() and study.question and study.question not in path.read_text("utf-8"):
+        print(f"{path}: keeps its own question, not that of --question")
+    blocks = {name: made[name]() for name in names}
+    text = readme.fill(path, study.title, study.question, blocks)
+    files.text(path, text)
     if readme.QUESTION in text or readme.ANSWER in text:
-        print(f"next: write what stands in brackets in {path}: question and answer are the author's")
+        print(f"next: write the question and the answer in brackets in {path}")
     return len(runs), missing
+
+
+def _tables(protocols: Sequence[tuple[str, Sequence[Report]]], folder: Path) -> None:
+    """Write table.csv and verdicts.json of the first protocol, and conditions.csv of all protocols."""
+    from auvbench.reporting import tables
+    from auvbench.reporting import write as files
+
+    def of_sections(reports: Sequence[Report], draw: Callable[[Ranking], str]) -> str:
+        if len(reports) == 1:
+            return draw(reports[0].ranking)
+        return tables.joined("vehicle", [(r.section.vehicle, draw(r.ranking)) for r in reports])
+
+    reports = protocols[0][1]
+    files.text(folder / "table.csv", of_sections(reports, tables.csv))
+    parts = [(r.section.title, r.claims, r.findings) for r in reports]
+    files.if_any(folder / "verdicts.json", files.verdicts(parts))
+    conditions = [(name, of_sections(found, tables.conditions_csv)) for name, found in protocols]
+    files.if_any(folder / "conditions.csv", tables.joined("protocol", conditions))
 
 
 def _stored(options: Options) -> Declared:
@@ -134,38 +151,20 @@ def _stored(options: Options) -> Declared:
     return Declared(options.rank_by, options.baseline, options.margin, planned, report)
 
 
-def _say_kept(path: Path, study: Study) -> None:
-    """A README that is there keeps its author's title and question."""
-    if path.exists():
-        text = path.read_text("utf-8")
-        if study.question and study.question not in text:
-            print(f"{path}: its own question stays, not that of --question")
-
-
 def _policies(reports: Sequence[Report], study: Study, sources: Mapping[str, RunRecord]) -> tuple[str, int]:
-    """The block, and how many files are missing that should be there."""
+    """Return the block, and the number of policies that could not be exported."""
     from auvbench.reporting import best_policies
 
-    chosen = [pair for r in reports for pair in best_policies.best(r.agents, r.ranking.rank_by)]
-    rows = best_policies.renew(chosen, sources, study.folder, export=study.policies)
+    rows = best_policies.renew(
+        [best_policies.best(r.agents, r.ranking.rank_by) for r in reports],
+        sources,
+        study.folder,
+        export=study.policies,
+    )
     for row in rows:
         if row.reason and study.policies:
             print(f"no policy of {row.agent} ({row.run}): {row.reason}")
     return best_policies.markdown(rows), sum(row.failed for row in rows)
-
-
-def _tables(source: Sequence[Path], options: Options, folder: Path) -> list[Report]:
-    """table.csv and its companions of one protocol, in folders of their own where there are several sections."""
-    from auvbench.commands.report import analysed, over_all, write
-    from auvbench.commands.report_sections import write_sections
-
-    reports = analysed(source, options)
-    over = over_all(reports, options)
-    if len(reports) == 1:
-        write(reports[0], options, "", folder, over=over)
-    else:
-        write_sections(reports, options, "", folder, over)
-    return reports
 
 
 def _ranked(reports: Sequence[Report], folder: Path) -> str:

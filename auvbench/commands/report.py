@@ -256,7 +256,9 @@ def write(
         written.append(files.text(out / "table.csv", tables.csv(ranking)))
         written += files.if_any(out / "comparisons.csv", tables.comparisons_csv(ranking.comparisons))
         written += files.if_any(out / "conditions.csv", tables.conditions_csv(ranking))
-        written += files.if_any(out / "verdicts.json", files.verdicts(report.claims, report.findings))
+        written += files.if_any(
+            out / "verdicts.json", files.verdicts([(title, report.claims, report.findings)])
+        )
         written += files.if_any(out / "limit.csv", tables.limit_csv(ranking))
     return report, written + write_over(over, options, out)
 

@@ -23,7 +23,9 @@ def write_sections(
         none, of the sections.
     """
     from auvbench.reporting import sections as files
+    from auvbench.reporting import tables
     from auvbench.reporting.page.overview import Part, write_overview
+    from auvbench.reporting.write import text
 
     whole, below = [], []
     for report in reports:
@@ -38,7 +40,8 @@ def write_sections(
     if "md" in options.format:
         above.append(files.markdown(out / "report.md", parts, over))
     if "csv" in options.format:
-        above.append(files.csv(out / "table.csv", [(r.section.vehicle, r.ranking) for r in whole]))
+        rows = tables.joined("vehicle", [(r.section.vehicle, tables.csv(r.ranking)) for r in whole])
+        above.append(text(out / "table.csv", rows))
     above += write_over(over, options, out)
     files.clear(out)
     return whole, above + [path for path in below if path.suffix not in {p.suffix for p in above}]

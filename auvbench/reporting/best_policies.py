@@ -1,4 +1,4 @@
-"""The best policy of each agent of a study as a file, in `<folder>/policies/`, and the table that names them."""
+"""The best policy of each learning algorithm of a study as a file in `<folder>/policies/`, and their table."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ FOLDER = "policies"
 MARK = "published"
 """true on the cards of files that publish may remove again"""
 
-NO_WEIGHTS = "its weights are not in the folders that were named"
+NO_WEIGHTS = "its weights are not in the given folders"
 NOT_ASKED = "--policies exports it"
-CHOSEN = "Each is the best of its agent's runs by this very test, so that its success is likely to be less elsewhere."
+CHOSEN = "This test chose each policy, so its success is likely to be lower on other scenarios."
 
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """An agent's best run, and its policy's file or why there is none."""
+    """An agent's best run, and why its policy has no file."""
 
     agent: str
     run: str
@@ -39,11 +39,11 @@ class Best:
     reason: str = ""
     """empty where there is a file"""
     failed: bool = False
-    """whether there should have been one"""
+    """whether the export was tried in vain"""
 
 
 def best(agents: Sequence[Agent], rank_by: str) -> list[tuple[Agent, int]]:
-    """Each agent with the row of its best run: by the measure of the table and, of equals, the first by id."""
+    """Return each agent, in the order given, with the row of its best run; of equals the first by id."""
     measure = to_rank_by(rank_by)
     found = []
     for agent in agents:
@@ -60,15 +60,19 @@ def best(agents: Sequence[Agent], rank_by: str) -> list[tuple[Agent, int]]:
 
 
 def renew(
-    chosen: Sequence[tuple[Agent, int]], sources: Mapping[str, RunRecord], folder: Path, *, export: bool
+    sections: Sequence[Sequence[tuple[Agent, int]]],
+    sources: Mapping[str, RunRecord],
+    folder: Path,
+    *,
+    export: bool,
 ) -> list[Best]:
-    """Exports what is not there yet, and removes policies of ours that are no agent's best any more.
+    """Export the best policy of each learning algorithm, and remove published ones that are no longer the best.
 
     Args:
-        chosen: as `best` returns it.
-        sources: the runs that were named, by id: where the weights are.
+        sections: agents as `best` returns them.
+        sources: the runs with their weights, by id.
         folder: of the study.
-        export: without it nothing is written or removed, and only what is there is looked at.
+        export: False only looks at the files that exist.
 
     Raises:
         RunError: a link is in the way.
@@ -78,46 +82,63 @@ def renew(
     there = folder / FOLDER
     path_safety.check_output(there)
     rows = []
-    for agent, i in chosen:
-        run = agent.runs[i]
-        reason, failed = _there(there, run.id), False
-        if reason is None:
-            reason = _nothing(run)
-        if reason is None:
-            reason, failed = _export(sources.get(run.id), there, run.id) if export else (NOT_ASKED, False)
-        rows.append(
-            Best(agent.label, run.id, float(agent.success[i].mean()), reason, failed or bool(_taken(reason)))
-        )
+    for chosen in sections:
+        done: dict[str, str] = {}
+        for agent, i in chosen:
+            run = agent.runs[i]
+            algorithm = str(run.config.get("algo.agent"))
+            failed = False
+            if (reason := _nothing(run)) is None and algorithm in done:
+                reason = f"{done[algorithm]} is the best of its algorithm"
+            if reason is None:
+                reason, failed = _file(there, run, sources.get(run.id), export)
+            if not reason:
+                done[algorithm] = agent.label
+            rows.append(Best(agent.label, run.id, float(agent.success[i].mean()), reason, failed))
     if export:
-        _remove_others(there, {row.run for row in rows})
+        _remove_others(there, {row.run for row in rows if not row.reason or row.failed})
     return rows
 
 
 def _nothing(run: RunRecord) -> str | None:
-    """Why there is nothing to export, also of a copy; None of an agent that learns, and of a policy that was a file."""
+    """Return why a run has no policy to export; None where it has one."""
     from auvbench.evaluation.exporting import why_no_network
 
     agent, name = str(run.config.get("algo.agent")), str(run.config.get("algo.name"))
     return None if agent == "onnx" else why_no_network(name, agent, run_learns(run)) or None
 
 
-def _taken(reason: str) -> bool:
-    return reason.startswith("another file")
+def _file(there: Path, run: RunRecord, source: RunRecord | None, export: bool) -> tuple[str, bool]:
+    """Return why a run has no file, empty where it has one, and whether that is a failure."""
+    from auvbench.evaluation import exporting
+
+    file = there / f"{run.id}.onnx"
+    card = cards.card_path(file)
+    if file.exists() or file.is_symlink():
+        return ("", False) if _names_run(file, run.id) else (_other(file), True)
+    if card.exists() and not _ours(card, run.id):
+        return _other(file), True
+    if not export:
+        return NOT_ASKED, False
+    if source is None or source.archive is not None:
+        return NO_WEIGHTS, False
+    try:
+        exporting.export(RunDirectory(source.directory), there, {MARK: True})
+    except AuvbenchError as error:
+        if error.exit_code == 1:  # the disk's
+            raise
+        reason = str(error).removeprefix(f"{source.directory}: ")
+        return reason, not isinstance(error, exporting.NoNetworkError)
+    return "", False
 
 
-def _there(there: Path, run: str) -> str | None:
-    """Empty where the run's policy lies there already, why it cannot be put there, None where there is room."""
-    file = there / f"{run}.onnx"
-    if not file.exists() and not file.is_symlink():
-        return (
-            None if _ours(cards.card_path(file), run) or not cards.card_path(file).exists() else _other(file)
-        )
+def _names_run(file: Path, run: str) -> bool:
     try:
         _, card, _ = exported.read(file)
     except AuvbenchError:
-        card = None
+        return False
     named = card.document.get("run") if card is not None else None
-    return "" if isinstance(named, Mapping) and named.get("id") == run else _other(file)
+    return isinstance(named, Mapping) and named.get("id") == run
 
 
 def _other(file: Path) -> str:
@@ -125,28 +146,13 @@ def _other(file: Path) -> str:
 
 
 def _ours(card: Path, run: str) -> bool:
-    """Whether a card was written by publish, for this run."""
+    """Return whether a card was written by publish, for this run."""
     try:
         document = cards.read_card(card).document
     except AuvbenchError:
         return False
     named = document.get("run")
     return document.get(MARK) is True and isinstance(named, Mapping) and named.get("id") == run
-
-
-def _export(run: RunRecord | None, there: Path, name: str) -> tuple[str, bool]:
-    """Why there is no file, and whether there should be."""
-    from auvbench.evaluation.exporting import NoNetworkError, export
-
-    if run is None or run.archive is not None:
-        return NO_WEIGHTS, False
-    try:
-        export(RunDirectory(run.directory), there, {MARK: True})
-    except AuvbenchError as error:
-        if error.exit_code == 1:  # the disk's
-            raise
-        return str(error).removeprefix(f"{run.directory}: "), not isinstance(error, NoNetworkError)
-    return "", False
 
 
 def _remove_others(there: Path, wanted: set[str]) -> None:
@@ -161,16 +167,16 @@ def _remove_others(there: Path, wanted: set[str]) -> None:
                 continue
             file.unlink()
         card.unlink()
-        print(f"removed {file}: no longer an agent's best")
+        print(f"removed {file}: no longer the best of its algorithm")
 
 
 def any_of_ours(folder: Path) -> bool:
-    """Whether publish has put policies into a study's folder."""
+    """Return whether publish has put policies into a study's folder."""
     return any(_ours(card, card.stem) for card in (folder / FOLDER).glob("*.json"))
 
 
 def markdown(rows: Sequence[Best]) -> str:
-    """The block of the README: agent, run, success in the test, file; and who has no file, and why."""
+    """Return the block of the README: the policies, then the agents without a file and why."""
     files = [row for row in rows if not row.reason]
     table = rows_of(
         [
@@ -193,6 +199,6 @@ def markdown(rows: Sequence[Best]) -> str:
         if row.reason:
             by_reason.setdefault(row.reason, []).append(row.agent)
     none = "\n".join(
-        f"* no file of {escape(', '.join(names))}: {escape(why)}" for why, names in by_reason.items()
+        f"* no file for {escape(', '.join(names))}: {escape(why)}" for why, names in by_reason.items()
     )
     return "\n\n".join(part for part in (*((table, CHOSEN) if files else ()), none) if part)

@@ -1,4 +1,4 @@
-"""Puts the parts of a report into files."""
+"""Write the parts of a report into files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from auvbench.runs.atomic_io import as_json, write_atomic
 
 
 def text(path: Path, content: str) -> Path:
-    """Writes a file whole or not at all, so that a report that was interrupted leaves the last one.
+    """Write a file atomically, and return its path.
 
     Raises:
         OSError: it cannot be written.
@@ -31,7 +31,7 @@ def text(path: Path, content: str) -> Path:
 
 
 def if_any(path: Path, content: str) -> list[Path]:
-    """Writes the file where there is content; else an earlier report's goes."""
+    """Write a file; without content remove that of an earlier report."""
     if content:
         return [text(path, content)]
     path.unlink(missing_ok=True)
@@ -84,11 +84,18 @@ def figure_in_markdown(figure: Figure, folder: Path) -> str:
     return f"![{escape(figure.title)}](<{link}>)\n\n{escape(figure.caption)}"
 
 
-def verdicts(claims: Sequence[ClaimVerdict], findings: Sequence[Finding]) -> str:
-    """Return verdicts.json: each claim of a study, then each finding, as data; empty without any."""
-    said = [{"claim": i, **asdict(claim)} for i, claim in enumerate(claims, 1)]
-    said += [{"finding": i, **_plain(finding)} for i, finding in enumerate(findings, 1)]
-    return as_json(said).decode() if said else ""
+def verdicts(parts: Sequence[tuple[str, Sequence[ClaimVerdict], Sequence[Finding]]]) -> str:
+    """Return verdicts.json: each claim, then each finding, as data; empty without any.
+
+    Args:
+        parts: title, claims and findings of each section; the title is written where there are several.
+    """
+    rows = []
+    for title, claims, findings in parts:
+        section = {"section": title} if len(parts) > 1 else {}
+        rows += [{**section, "claim": i, **asdict(claim)} for i, claim in enumerate(claims, 1)]
+        rows += [{**section, "finding": i, **_plain(finding)} for i, finding in enumerate(findings, 1)]
+    return as_json(rows).decode() if rows else ""
 
 
 def _plain(finding: Finding) -> dict[str, Any]:

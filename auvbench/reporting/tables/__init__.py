@@ -7,7 +7,7 @@ from auvbench.reporting.tables.aggregate import (
     across_table,
     across_terminal,
 )
-from auvbench.reporting.tables.csv import comparisons_csv, conditions_csv, csv, limit_csv
+from auvbench.reporting.tables.csv import comparisons_csv, conditions_csv, csv, joined, limit_csv
 from auvbench.reporting.tables.latex import conditions_latex, latex
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.markdown import conditions_markdown, markdown, ranks_markdown
@@ -36,6 +36,7 @@ __all__ = [
     "conditions_terminal",
     "csv",
     "findings_terminal",
+    "joined",
     "latex",
     "limit_csv",
     "main_table",

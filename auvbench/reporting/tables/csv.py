@@ -120,6 +120,23 @@ def _comparison(x: Comparison) -> list[Any]:
     return [*line, better.value, better.low, better.high]
 
 
+def joined(column: str, parts: Sequence[tuple[str, str]]) -> str:
+    """Return the rows of several CSV texts; the first column has the name of each text. A missing column is empty."""
+    rows = [
+        {column: cell(name), **row}
+        for name, text in parts
+        for row in csv_module.DictReader(io.StringIO(text))
+    ]
+    if not rows:
+        return ""
+    buffer = io.StringIO()
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    writer = csv_module.DictWriter(buffer, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return buffer.getvalue()
+
+
 def lines(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """CSV whose floats are written by repr, so that they read back as the same number; NaN is an empty cell."""
     buffer = io.StringIO()

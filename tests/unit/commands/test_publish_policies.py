@@ -66,7 +66,7 @@ def test_the_best_of_each_agent_is_exported_and_named(runs, capsys):
     assert f"no policy of PID ({runs[2].id}): pid is a controller" in said
     readme = (TO / "README.md").read_text()
     assert f"100.0 | [{name}.onnx](<policies/{name}.onnx>)" in readme
-    assert "no file of PID" in readme
+    assert "no file for PID" in readme
     assert table(str(TO)) == (TO / "table.csv").read_text()
     assert_same_numbers(table(str(TO)), table("outputs"), rel=1e-2)  # a wide interval ends near zero
 
@@ -85,7 +85,7 @@ def test_what_is_there_is_kept_also_without_the_weights(runs, capsys):
         (TO / "policies" / name).unlink()
     assert publish(str(TO), "--policies") == 0
     said = capsys.readouterr().out
-    assert f"no policy of PPO ({runs[1].id}): its weights are not in the folders that were named" in said
+    assert f"no policy of PPO ({runs[1].id}): its weights are not in the given folders" in said
     assert f"no policy of PID ({runs[2].id}): pid is a controller" in said
     assert "weights are not" in (TO / "README.md").read_text()
     assert there() == []
@@ -119,7 +119,7 @@ def test_one_that_is_no_longer_best_goes_and_others_files_stay(runs, capsys):
     (policies / "mine.json").write_text(json.dumps(card | {"published": False}))
     better(runs[1], runs[0])
     assert publish("outputs", "--policies") == 0
-    assert "no longer an agent's best" in capsys.readouterr().out
+    assert "no longer the best of its algorithm" in capsys.readouterr().out
     assert there() == sorted([f"{runs[0].id}.json", f"{runs[0].id}.onnx", "mine.json", "mine.onnx"])
     better(runs[0], runs[1])
     (policies / f"{runs[0].id}.onnx").write_bytes(b"somebody's own")
