@@ -14,7 +14,7 @@ from auvbench.untrusted.text import short
 
 NAME = "train/episodes.csv"
 
-NUMBERS = ("step", "steps", "return", "final_distance_m")
+NUMBERS = ("step", "steps", "return")
 """columns of train/episodes.csv that a report uses, without the outcome"""
 
 

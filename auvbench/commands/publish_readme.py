@@ -202,7 +202,7 @@ def _findings(reports: Sequence[Report]) -> str:
 
 def _claims(reports: Sequence[Report]) -> str:
     """Return the verdicts of a study and its numbers next to ours, of each section that has them."""
-    from auvbench.analysis import study
+    from auvbench.reporting import tables
     from auvbench.reporting.write import claims_in_markdown
 
     parts = []
@@ -210,7 +210,7 @@ def _claims(reports: Sequence[Report]) -> str:
         if report.claims:
             parts.append(claims_in_markdown(report.claims))
         if report.comparison:
-            parts.append("\n" + study.markdown(report.comparison).rstrip())
+            parts.append("\n" + tables.comparison_markdown(report.comparison).rstrip())
     return "\n".join(parts) or "Nothing can be said of the study's claims."
 
 
@@ -227,14 +227,18 @@ def _figures(reports: Sequence[Report], pictures: Sequence[str], folder: Path) -
     return [f"![{escape(f.title)}](figures/{f.png.name})\n\n{escape(f.caption)}" for f in drawn]
 
 
+COLOURS = 128
+"""of a picture; lines and areas need no more"""
+
+
 def _shrink(png: Path) -> None:
-    """The picture with 256 colours instead of 16 million, which lines and areas do not need: a third of the room."""
+    """Reduce a picture to `COLOURS`, which takes a third of the bytes."""
     from PIL import Image  # matplotlib's own
 
     from auvbench.runs.atomic_io import write_atomic
 
     stream = io.BytesIO()
     with Image.open(png) as image:
-        flat = image.convert("RGB").quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        flat = image.convert("RGB").quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
         flat.save(stream, "png", optimize=True)
     write_atomic(png, stream.getvalue())

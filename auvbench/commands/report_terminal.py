@@ -35,7 +35,7 @@ def show(report: Report, options: Options) -> None:
         console.print(tables.claims_terminal(report.claims))
     if report.comparison:
         console.print()
-        console.print(tables.comparison_terminal(report.comparison, console.width))
+        console.print(tables.comparison_terminal(report.comparison))
     if options.pairs:
         console.print()
         console.print(tables.appendix_terminal(report.ranking))

@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from auvbench.analysis import study
 from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.records import ClaimVerdict, Finding, Ranking
@@ -69,7 +68,7 @@ def markdown(
     if claims:
         parts += ["## Claims of the study", claims_in_markdown(claims)]
     if comparison:
-        parts += ["## The study's table and ours", study.markdown(comparison).rstrip()]
+        parts += ["## The study's table and ours", tables.comparison_markdown(comparison).rstrip()]
     others = [figure for figure in figures if figure is not main]
     if others:
         parts.append("## Figures")

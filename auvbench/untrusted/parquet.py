@@ -65,8 +65,12 @@ def written(frame: pd.DataFrame, notes: dict[str, str]) -> bytes:
 
     # Without pandas' own entry, so that the bytes do not depend on its version.
     table = pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata(None)
-    # Trajectories are int32 and change little from row to row: differences take half the bytes of a dictionary.
-    delta = {field.name: "DELTA_BINARY_PACKED" for field in table.schema if field.type == pa.int32()}
+    # Counters and trajectories change little from row to row: differences take half the bytes of a dictionary.
+    delta = {
+        field.name: "DELTA_BINARY_PACKED"
+        for field in table.schema
+        if pa.types.is_integer(field.type) and field.name != "steps"
+    }
     sink = pa.BufferOutputStream()
     with parquet.ParquetWriter(
         sink,

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord
 from auvbench.analysis.study.claims import CLAIMS
 from auvbench.analysis.study.evidence import Evidence
-from auvbench.analysis.study.thesis_comparison import ComparisonRow, compare, markdown
+from auvbench.analysis.study.thesis_comparison import ComparisonRow, compare
 from auvbench.errors import ReportError, closest
 
-__all__ = ["STUDIES", "ComparisonRow", "answer", "compare", "markdown"]
+__all__ = ["STUDIES", "ComparisonRow", "answer", "compare"]
 
 STUDIES = {"thesis": CLAIMS}
 

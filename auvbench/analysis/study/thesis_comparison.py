@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Agent
-from auvbench.analysis.rounding import NOTHING, rounded
 from auvbench.analysis.study import thesis
 from auvbench.analysis.study.evidence import Evidence, cell
 from auvbench.statistics import means, wilson
@@ -70,31 +69,3 @@ def _beside(
     return ComparisonRow(
         name, label, metric, thesis.TITLES[metric], reported.value, reported.mark, interval, ours
     )
-
-
-def markdown(rows: Sequence[ComparisonRow]) -> str:
-    """The comparison as a Markdown table: a line per agent, a column per measure, 'thesis / ours [interval]'."""
-    titles = list(thesis.TITLES.items())
-    lines = [
-        "| agent | " + " | ".join(title for _, title in titles) + " |",
-        "|---" * (len(titles) + 1) + "|",
-    ]
-    for name in thesis.AGENTS:
-        mine = {row.measure: row for row in rows if row.agent == name}
-        label = next((row.label for row in mine.values()), "")
-        cells = [_cell(mine[metric]) if metric in mine else NOTHING for metric, _ in titles]
-        k, f = thesis.CELLS[name[3:]]
-        lines.append(f"| {name} ({label or f'K={k:g} {f:g} Hz, not run'}) | " + " | ".join(cells) + " |")
-    lines += [
-        "",
-        "Thesis (200 episodes, one training seed) / ours with its interval. r: restored from the row's sums.",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _cell(row: ComparisonRow) -> str:
-    theirs = f"{row.thesis:g}" + (f" {row.mark}" if row.mark else "")
-    if row.ours is None:
-        return f"{theirs} / {NOTHING}"
-    value, low, high = rounded(row.ours)
-    return f"{theirs} / {value}" + (f" [{low}, {high}]" if low else "")

@@ -11,16 +11,18 @@ from auvbench.analysis.records import Ranking
 from auvbench.analysis.rounding import NOTHING, rounded
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.tables.columns import column_of, definition_of, in_order
 from auvbench.reporting.tables.main import label_of, main_table
-from auvbench.reporting.tables.split import split
 from auvbench.reporting.tables.table import (
     Cell,
     Heading,
     Line,
     Table,
+    column_of,
+    definition_of,
     estimate_cell,
     heading_of,
+    in_order,
+    split,
 )
 
 if TYPE_CHECKING:

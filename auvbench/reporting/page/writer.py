@@ -22,10 +22,13 @@ from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import numbers, sources, table
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.tables.aggregate import across_table
-from auvbench.reporting.tables.aggregate import notes as notes_of
-from auvbench.reporting.tables.appendix import pairs_table, ranks_table
-from auvbench.reporting.tables.by_condition import conditions_table
+from auvbench.reporting.tables.appendix import (
+    across_notes,
+    across_table,
+    conditions_table,
+    pairs_table,
+    ranks_table,
+)
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines, notes, of_pairs
 from auvbench.reporting.write import text
@@ -141,7 +144,9 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
 
 def over_all(found: Across | None) -> dict[str, Any] | None:
     """Return the agents over all tasks as the template draws them."""
-    return None if found is None else {"table": table.printed(across_table(found)), "notes": notes_of(found)}
+    return (
+        None if found is None else {"table": table.printed(across_table(found)), "notes": across_notes(found)}
+    )
 
 
 def title_of(runs: Sequence[RunRecord]) -> str:

@@ -1,33 +1,39 @@
 """The tables of a report in every format. Each function draws what a `Ranking` holds and computes nothing."""
 
-from auvbench.reporting.tables.aggregate import (
+from auvbench.reporting.tables.csv import (
     across_csv,
-    across_latex,
-    across_markdown,
-    across_table,
-    across_terminal,
+    comparisons_csv,
+    conditions_csv,
+    csv,
+    joined,
+    limit_csv,
 )
-from auvbench.reporting.tables.csv import comparisons_csv, conditions_csv, csv, joined, limit_csv
-from auvbench.reporting.tables.latex import conditions_latex, latex
-from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.markdown import conditions_markdown, markdown, ranks_markdown
+from auvbench.reporting.tables.latex import across_latex, conditions_latex, latex
+from auvbench.reporting.tables.markdown import (
+    across_markdown,
+    comparison_markdown,
+    conditions_markdown,
+    markdown,
+    ranks_markdown,
+)
 from auvbench.reporting.tables.terminal import (
+    across_terminal,
     appendix_terminal,
     claims_terminal,
+    comparison_terminal,
     conditions_terminal,
     findings_terminal,
     terminal,
 )
-from auvbench.reporting.tables.thesis_comparison import comparison_terminal
 
 __all__ = [
     "across_csv",
     "across_latex",
     "across_markdown",
-    "across_table",
     "across_terminal",
     "appendix_terminal",
     "claims_terminal",
+    "comparison_markdown",
     "comparison_terminal",
     "comparisons_csv",
     "conditions_csv",
@@ -39,7 +45,6 @@ __all__ = [
     "joined",
     "latex",
     "limit_csv",
-    "main_table",
     "markdown",
     "ranks_markdown",
     "terminal",

@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from auvbench.analysis.aggregate import Across, Over
 from auvbench.analysis.records import Comparison, Ranking, Row
 from auvbench.untrusted.text import cell
 
@@ -118,6 +119,20 @@ def _comparison(x: Comparison) -> list[Any]:
     line = [x.first, x.second, x.metric, x.difference.value, x.difference.low, x.difference.high]
     line += [x.p_value, x.p_adjusted, x.verdict]
     return [*line, better.value, better.low, better.high]
+
+
+def across_csv(table: Across) -> str:
+    """A row per agent in full precision, shares from 0 to 1; the seeds of each section in its own column."""
+    keys = list(dict.fromkeys(key for row in table.rows for key in row.key))
+    header = ["agent", *keys, "tasks", "confidence"]
+    header += [f"{name}{end}" for name in ("iqm_success", "optimality_gap") for end in ("", "_low", "_high")]
+    header += [f"seeds: {title}" for title in table.sections]
+    return lines(header, [_over(row, keys, table.confidence) for row in table.rows])
+
+
+def _over(row: Over, keys: Sequence[str], confidence: float) -> list[object]:
+    ends = [number for e in (row.iqm, row.gap) for number in (e.value, e.low, e.high)]
+    return [row.label, *(row.key.get(key) for key in keys), row.tasks, confidence, *ends, *row.trainings]
 
 
 def joined(column: str, parts: Sequence[tuple[str, str]]) -> str:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+from auvbench.analysis.aggregate import Across
 from auvbench.analysis.formatting import name
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Ranking
-from auvbench.reporting.tables.by_condition import conditions_note, conditions_table
+from auvbench.reporting.tables.appendix import across_notes, across_table, conditions_note, conditions_table
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes
-from auvbench.reporting.tables.split import split
-from auvbench.reporting.tables.table import Cell, Heading, Table
+from auvbench.reporting.tables.table import Cell, Heading, Table, split
 
 ROWS_PER_FLOAT = 25
 """a float does not break across pages, so a long table continues in another one"""
@@ -74,6 +74,11 @@ def conditions_latex(ranking: Ranking) -> str:
     if not ranking.conditions:
         return ""
     return _document(conditions_table(ranking), conditions_note(ranking), "conditions")
+
+
+def across_latex(table: Across) -> str:
+    r"""Return the agents over all tasks to `\input`."""
+    return _document(across_table(table), " ".join(across_notes(table)), "across")
 
 
 def _document(table: Table, caption: str, label: str, below: str = "") -> str:

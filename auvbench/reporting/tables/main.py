@@ -12,8 +12,16 @@ from auvbench.analysis.planning import MOST_EPISODES
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
 from auvbench.analysis.records import Needed, Ranking, Row
 from auvbench.analysis.rounding import NOTHING
-from auvbench.reporting.tables.columns import DAGGER, column_of
-from auvbench.reporting.tables.table import Cell, Heading, Line, Table, estimate_cell, heading_of
+from auvbench.reporting.tables.table import (
+    DAGGER,
+    Cell,
+    Heading,
+    Line,
+    Table,
+    column_of,
+    estimate_cell,
+    heading_of,
+)
 from auvbench.statistics.intervals import wilson
 from auvbench.statistics.power import MOST_SEEDS
 

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
+from auvbench.analysis.aggregate import Across
 from auvbench.analysis.headline import headline
 from auvbench.analysis.records import Ranking
-from auvbench.reporting.tables.appendix import ranks_table
-from auvbench.reporting.tables.by_condition import conditions_note, conditions_table
+from auvbench.analysis.study import ComparisonRow
+from auvbench.reporting.tables.appendix import (
+    COMPARISON_NOTE,
+    across_notes,
+    across_table,
+    comparison_table,
+    conditions_note,
+    conditions_table,
+    ranks_table,
+)
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes
 from auvbench.reporting.tables.table import Table
@@ -62,3 +71,13 @@ def conditions_markdown(ranking: Ranking) -> str:
 def ranks_markdown(ranking: Ranking) -> str:
     """Return the ranks with their intervals and group letters: the exploratory part."""
     return pipes(ranks_table(ranking)) + "\n"
+
+
+def across_markdown(table: Across) -> str:
+    """Return the agents over all tasks, and their notes."""
+    return pipes(across_table(table)) + "\n\n" + "\n".join(map(escape, across_notes(table))) + "\n"
+
+
+def comparison_markdown(rows: Sequence[ComparisonRow]) -> str:
+    """Return the original study's numbers and ours."""
+    return f"{pipes(comparison_table(rows))}\n\n{COMPARISON_NOTE}\n"

@@ -9,7 +9,7 @@ from auvbench.analysis.measures import measure
 from auvbench.analysis.primary import OPEN
 from auvbench.analysis.records import Primary, Problem, Ranking
 from auvbench.reporting.tables.appendix import readable_letters
-from auvbench.reporting.tables.columns import DAGGER
+from auvbench.reporting.tables.table import DAGGER
 from auvbench.statistics.binomial import SUCCEEDED
 
 KINDS = {

@@ -1,13 +1,58 @@
-"""A table as data: every format renders the same headings and cells."""
+"""A table as data: every format renders the same columns and cells."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 from auvbench.analysis.rounding import NOTHING, rounded
-from auvbench.reporting.tables.columns import Column
+from auvbench.metrics import METRICS
 from auvbench.statistics.estimate import Estimate
+
+DAGGER = "†"
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One metric as it stands in a table."""
+
+    metric: str
+    """key of `Row.estimates`"""
+    title: str
+    unit: str = ""
+    tex: str = ""
+    """the title in LaTeX where it has a symbol"""
+    scale: float = 1.0
+
+    @property
+    def heading(self) -> str:
+        return f"{self.title} ({self.unit})" if self.unit else self.title
+
+
+_METRICS = {metric.measure: metric for metric in METRICS}
+
+
+def column_of(metric: str) -> Column:
+    """Return the column of a metric; one that auvbench does not know is named after its key.
+
+    >>> column_of("mean_path_length_m").heading, column_of("success_rate").heading
+    ('path length (m)', 'success (%)')
+    """
+    if known := _METRICS.get(metric):
+        return Column(metric, known.title, known.table_unit, known.latex, known.scale)
+    return Column(metric, metric.removeprefix("mean_").replace("_", " "))
+
+
+def definition_of(metric: str) -> str:
+    """Return what a metric is; empty where auvbench does not know it."""
+    return _METRICS[metric].definition if metric in _METRICS else ""
+
+
+def in_order(metrics: Iterable[str]) -> list[str]:
+    """Return metrics in the order of the registry, unknown ones last."""
+    order = {metric: place for place, metric in enumerate(_METRICS)}
+    return sorted(metrics, key=lambda metric: (order.get(metric, len(order)), metric))
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,3 +133,29 @@ def estimate_cell(estimate: Estimate | None, scale: float = 1.0, *, signed: bool
     sign = "+" if signed and estimate.value > 0 and value != NOTHING else ""
     sort = estimate.value if value != NOTHING else None
     return Cell(f"{sign}{value}", f"[{low}, {high}]" if low else "", sort)
+
+
+def split(table: Table, width: Callable[[int], float], room: float) -> list[list[int]]:
+    """Return the columns of each part of a table, as indices; every part begins with the lead columns.
+
+    Args:
+        table: the columns in their order; neighbours of one `Heading.group` stay together where they can.
+        width: of a column.
+        room: that all columns of a part have together.
+    """
+    lead = list(range(table.lead))
+    whole = room - sum(map(width, lead))
+    parts: list[list[int]] = [list(lead)]
+    left = whole
+    columns = range(table.lead, len(table.headings))
+    for _, members in groupby(columns, key=lambda i: table.headings[i].group or i):
+        found = list(members)
+        needed = sum(map(width, found))
+        for i in found:
+            full = width(i) > left or (i == found[0] and left < needed <= whole)
+            if full and len(parts[-1]) > table.lead:
+                parts.append(list(lead))
+                left = whole
+            parts[-1].append(i)
+            left -= width(i)
+    return parts

@@ -10,16 +10,25 @@ from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.headline import headline
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
 from auvbench.analysis.records import ClaimVerdict, Finding, Ranking
-from auvbench.reporting.tables.appendix import pairs_table, ranks_table
-from auvbench.reporting.tables.by_condition import conditions_note, conditions_table
+from auvbench.analysis.study import ComparisonRow
+from auvbench.reporting.tables.appendix import (
+    COMPARISON_NOTE,
+    across_notes,
+    across_table,
+    comparison_table,
+    conditions_note,
+    conditions_table,
+    pairs_table,
+    ranks_table,
+)
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes, of_pairs
-from auvbench.reporting.tables.split import split
-from auvbench.reporting.tables.table import Cell, Line, Table
+from auvbench.reporting.tables.table import Cell, Line, Table, split
 
 MOST_PROBLEMS = 6
 """per kind on screen; the files list all"""
@@ -159,3 +168,15 @@ def _problems(ranking: Ranking) -> list[RenderableType]:
             lines.append(Text(f"and {len(problems) - MOST_PROBLEMS} more (the written report lists all)"))
         found += [Padding(line, (0, 0, 0, 2), expand=False) for line in lines]
     return found
+
+
+def across_terminal(table: Across) -> RenderableType:
+    """Return the agents over all tasks."""
+    lines = [Text(line, style="dim") for line in across_notes(table)]
+    return Group(Text("over all tasks", style="bold"), TableView(across_table(table)), *lines)
+
+
+def comparison_terminal(rows: Sequence[ComparisonRow]) -> RenderableType:
+    """Return the original study's numbers and ours, as many measures as fit."""
+    title = Text("the original study's numbers and ours", style="bold")
+    return Group(title, TableView(comparison_table(rows), drop=True), Text(COMPARISON_NOTE, style="dim"))

@@ -18,6 +18,7 @@ from auvbench.analysis.study.straightness import independent, partial_rank_corre
 from auvbench.analysis.study.trend import trend
 from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Levels, Part, by_interval, together
 from auvbench.errors import ReportError
+from auvbench.reporting import tables
 from auvbench.runs.integrity import entry, sealed
 from auvbench.statistics.estimate import Estimate
 from tests import configs
@@ -640,6 +641,6 @@ def test_beside_the_thesis():
     assert success.thesis_interval == pytest.approx((98.12, 100), abs=0.01)
     assert mine["SAC1", "success_rate"].ours is None
     assert mine["SAC3", "success_rate"].mark == "r"
-    text = study.markdown(rows)
+    text = tables.comparison_markdown(rows)
     assert "| SAC1 (K=1 55 Hz, not run) | 54.5 / – |" in text
     assert len(text.splitlines()) == 2 + len(thesis.AGENTS) + 2

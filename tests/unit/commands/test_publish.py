@@ -136,7 +136,7 @@ def test_an_entry_of_another_type_costs_its_run_alone(
     assert len(pd.read_parquet("results/grid/runs.parquet")) == len(runs) - 1
 
 
-@pytest.mark.parametrize("old", ["outcome", "final_distance_m", "step,"])
+@pytest.mark.parametrize("old", ["outcome", "return", "step,"])
 def test_a_renamed_training_column_costs_the_training_rows_alone(runs, tmp_path, capsys, old: str):
     learner = next(run for run in runs if "ppo" in run.name)
     path = learner / "train" / "episodes.csv"

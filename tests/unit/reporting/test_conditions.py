@@ -20,8 +20,7 @@ from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Ranking
 from auvbench.commands.report import main
 from auvbench.reporting import tables
-from auvbench.reporting.tables.split import split
-from auvbench.reporting.tables.table import Heading, Table
+from auvbench.reporting.tables.table import Heading, Table, split
 from auvbench.statistics import wilson
 from tests.paper import compile_article, needs_pdflatex
 from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, write_experiment
