@@ -241,6 +241,8 @@ def run(
     _check_flags(parser, arguments, entry)
     parsed = parser.parse_args(list(arguments))
     parsed.overrides = typing.read(parsed.overrides)
+    if parsed.package and not re.fullmatch(r"[\w.]+", parsed.package):
+        raise ConfigError(f"--package {parsed.package}: must be a key, for example --package algo")
     shows = next((flag for flag in ("cfg", "info") if getattr(parsed, flag) is not None), None)
     if parsed.multirun and shows is not None:
         raise ConfigError(f"--{shows} shows one configuration: leave out -m, and give each key one value")

@@ -177,3 +177,8 @@ def test_a_protocol_nobody_was_tested_by_is_told_from_a_misspelt_one(
     prepare(compose("train", ["algo=pid", "output=trained"]))
     message = "--protocol tset: no such protocol; did you mean 'test'?"
     assert message in told(capsys, "report", "trained", "--protocol", "tset")
+
+
+def test_a_package_that_is_no_key_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["train", "--cfg", "job", "--package", "~x=\x1b[31m"]) == 2
+    assert "must be a key" in capsys.readouterr().err
