@@ -196,7 +196,7 @@ def test_the_thesis_is_answered_and_stands_beside_our_table(
         assert screen.count(verdict) == claims.count(f"**{verdict}**")
     assert claims.count("**") == 2 * 7
     assert "SAC4 (SAC K=1)" in text  # 25 Hz, as all of the grid
-    assert "SAC4 SAC K=1 100 " in screen
+    assert "SAC4 (SAC K=1) 100 / " in screen
     assert "straightness and step count" in page
 
 

@@ -14,7 +14,7 @@ from auvbench.analysis.findings import find
 from auvbench.analysis.optional_columns import with_columns
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, Evaluation
-from auvbench.reporting.tables import main_table
+from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import notes
 from tests.unit.analysis.agents import agent
 

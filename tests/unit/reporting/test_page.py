@@ -21,7 +21,7 @@ from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, Run
 from auvbench.reporting import page
 from auvbench.reporting.page import figures, numbers, sources, table, trajectories
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.tables import main_table
+from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.table import Cell, Heading, Line, Table
 from auvbench.statistics.estimate import Estimate
 from tests import page_data
