@@ -100,7 +100,7 @@ def _take_cfg(words: list[str]) -> bool:
 def _refuse_flags(words: Sequence[str]) -> None:
     from auvbench.config.suggestions import unknown_flag
 
-    for word, following in zip(words, [*words[1:], None], strict=True):
+    for word, following in zip(words, [*words[1:], "-"], strict=True):
         if word.startswith("-"):
             raise UserError(unknown_flag("evaluate", word, FLAGS, KEYS, following))
 
@@ -111,11 +111,12 @@ KEYS = ("protocol", "workers", "force", *(f"protocol.{key}" for key in ("episode
 
 def _refuse_keys_of_runs(overrides: Sequence[str]) -> None:
     """`evaluate outputs reward.k=1`: a test has no such key, but the runs have."""
-    from auvbench.config.suggestions import RUN_KEYS
+    from auvbench.config.schema import TrainConfig
 
+    keys = TrainConfig.__annotations__
     for word in overrides:
         group = word.partition("=")[0].partition(".")[0]
-        if group in RUN_KEYS:
+        if group in keys:
             raise UserError(
                 f"{word}: a key of runs, not of a test; to test only such runs type --where {word}"
             )

@@ -76,7 +76,7 @@ def _is_override(text: str) -> bool:
 
 def _budget(overrides: Sequence[str]) -> tuple[int | None, list[str]]:
     """Return the number in `train.total_steps=N`, and the other overrides."""
-    from auvbench.config.suggestions import whole
+    from auvbench.config.overrides import whole
 
     total, others = None, []
     for override in overrides:

@@ -52,14 +52,11 @@ def main(arguments: Sequence[str]) -> int:
     wrong = next((a for a in arguments if a.startswith("--plot") and a.partition("=")[0] != "--plot"), None)
     if wrong is not None:  # Hydra's parser would print its whole usage
         raise ConfigError(f"{wrong}: simulate has no such flag; did you mean '--plot'?")
-    from hydra.core.config_store import ConfigStore
 
     from auvbench.commands import own_sheets
     from auvbench.config.compose import run
-    from auvbench.config.simulation import Simulation
 
     own_sheets.read_named_sheets(arguments)
-    ConfigStore.instance().store(name="simulate_schema", node=Simulation)
     run("simulate", _plot_as_override(arguments), simulate)
     return 0
 
@@ -71,8 +68,7 @@ def _help() -> None:
     from auvbench.vehicles.reader import sheet_names
 
     text = (resources.files("auvbench.conf") / "simulate.yaml").read_text(encoding="utf-8")
-    # The file documents itself; what it says to Hydra is of no use to a reader.
-    keys = text[text.index("\ninput:") : text.index("\nhydra:")].strip()
+    keys = text[text.index("\ninput:") :].strip()
     keys = "".join(f"  {line}\n" for line in keys.splitlines())
     print(HELP.format(vehicles=", ".join(sheet_names()), keys=keys, header=HEADER), end="")
 

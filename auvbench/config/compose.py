@@ -1,8 +1,8 @@
-"""Composing configurations with Hydra, and saying in one line what is wrong with them.
+"""Compose configurations with Hydra.
 
-`compose` is for commands and tests; `run` is Hydra's own command line (`--cfg`, `--help`, `-m`, completion)
-around a function. Both search `./conf` of the working directory first, so that a user's own vehicle or preset
-needs no change to the package; `compose` can be told to search another folder, or none.
+`compose` is for commands and tests; `run` is a command line (`--cfg`, `--help`, `-m`, completion) around a function. Both
+search `./conf` of the working directory first, so a user's own vehicle or preset needs no change to the package.
+Hydra composes and completes; it starts no job, calls no plug-in and sets up no logging.
 """
 
 from __future__ import annotations
@@ -10,36 +10,33 @@ from __future__ import annotations
 import argparse
 import copy
 import dataclasses
-import os
 import re
-import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextvars import ContextVar
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NoReturn
 
-from hydra.core.config_search_path import ConfigSearchPath
+from hydra import version
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra._internal.config_search_path_impl import ConfigSearchPathImpl
+from hydra._internal.hydra import Hydra
 from hydra.core.config_store import ConfigStore
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
 from hydra.core.plugins import Plugins
-from hydra.errors import (
-    OverrideParseException,
-)
-from hydra.plugins.search_path_plugin import SearchPathPlugin
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import (
-    OmegaConfBaseException,
-)
+from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import (
+    grids,
     hydra_errors,
     installed,
-    isolated,
     launchers,
+    plugins,
     restricted_yaml,
     schema,
+    simulation,
     simulators,
     suggestions,
     tuning,
@@ -47,11 +44,20 @@ from auvbench.config import (
 from auvbench.config import overrides as typing
 from auvbench.config.agents import AGENTS
 from auvbench.errors import ConfigError, closest
-from hydra_plugins import auvbench_launcher
 
 CONFIG_MODULE = "auvbench.conf"
+WORKING_DIRECTORY = Path("conf")
+"""of the folder in which the program runs"""
 
-ALGORITHM_SCHEMAS = {f"{name}_schema": spec.schema for name, spec in AGENTS.items()}
+_LOCK = threading.RLock()
+
+
+@dataclasses.dataclass
+class Sweeper:
+    """hydra.sweeper of an experiment: axes that apply to every grid, and grids."""
+
+    params: dict[str, Any] | None = None
+    grids: list[Any] = dataclasses.field(default_factory=list)
 
 
 def register_schemas() -> None:
@@ -59,74 +65,74 @@ def register_schemas() -> None:
     store.store(name="train_schema", node=schema.TrainConfig)
     store.store(name="evaluate_schema", node=schema.EvaluateConfig)
     store.store(name="tune_schema", node=tuning.TuneConfig)
+    store.store(name="simulate_schema", node=simulation.Simulation)
+    store.store(group="hydra/sweeper", name="auvbench", node=Sweeper)
     # At the top level: the folders algo, launcher and simulator then list their answers alone.
-    for name, node in (ALGORITHM_SCHEMAS | launchers.SCHEMAS | simulators.SCHEMAS).items():
+    agents = {f"{name}_schema": spec.schema for name, spec in AGENTS.items()}
+    for name, node in (agents | launchers.SCHEMAS | simulators.SCHEMAS).items():
         store.store(name=name, node=node)
 
 
-class WorkingDirectory(SearchPathPlugin):
-    """Puts installed packages' folders and `./conf` of the working directory on Hydra's search path, the latter first."""
+@contextmanager
+def _loader(*folders: Path | None) -> Iterator[ConfigLoaderImpl]:
+    """Lend a loader that searches these folders, then the package; Hydra's global state is restored.
 
-    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
-        for provider, path in restricted_yaml.installed_sources():
-            search_path.prepend(provider=provider, path=path, anchor="main")
-        own = Path.cwd() / "conf"
-        if own.is_dir():
-            search_path.prepend(provider="working-directory", path=f"{restricted_yaml.SCHEME}://{own}")
-
-
-# Hydra accepts plugin classes only from `hydra_plugins` or its own core package.
-WorkingDirectory.__module__ = "hydra_plugins.auvbench_search_path"
-
-
-def _store() -> None:
-    register_schemas()
-    auvbench_launcher.store()
-    restricted_yaml.register()
-
-
-def _prepare() -> None:
-    from hydra import version
-
-    version.setbase("1.3")
-    register_schemas()
-    auvbench_launcher.register()
-    restricted_yaml.register()
-    plugins = Plugins.instance()
-    if WorkingDirectory not in plugins.discover(SearchPathPlugin):
-        plugins.register(WorkingDirectory)
+    The caller's program may use Hydra itself: its version base and its schemas stay as they were.
+    """
+    path = ConfigSearchPathImpl()
+    for folder in folders:
+        if folder is not None and folder.is_dir():
+            path.append("own", f"{restricted_yaml.SCHEME}://{folder.absolute()}")
+    path.append("hydra", "pkg://hydra.conf")
+    path.append("main", f"pkg://{CONFIG_MODULE}")
+    for package in plugins.folders():
+        path.append(package.release, f"{restricted_yaml.SCHEME}://{package.path}")
+    path.append("schema", "structured://")
+    with _LOCK:
+        Plugins.instance()  # stores schemas of its own, once; they are to stay
+        store, base = ConfigStore.instance(), version.VersionBase.instance()
+        theirs, repository = base.version_base, store.repo
+        store.repo = _copied(repository)
+        try:
+            version.setbase("1.3")
+            register_schemas()
+            restricted_yaml.register()
+            yield ConfigLoaderImpl(config_search_path=path)
+        finally:
+            store.repo, base.version_base = repository, theirs
 
 
-WORKING_DIRECTORY = Path("conf")
-"""of the folder in which the program runs"""
+def _copied(tree: dict[str, Any]) -> dict[str, Any]:
+    return {name: _copied(node) if isinstance(node, dict) else node for name, node in tree.items()}
 
-_folder: ContextVar[Path | None] = ContextVar("folder", default=WORKING_DIRECTORY)
+
+def _compose(entry: str, overrides: Sequence[str], folder: Path | None = WORKING_DIRECTORY) -> DictConfig:
+    given = typing.read(overrides)
+    with _loader(folder) as loader:
+        return grids.without_hydra(loader.load_configuration(entry, given, RunMode.RUN, from_shell=False))
 
 
 def compose(
     entry: str, overrides: Sequence[str] = (), *, folder: Path | None = WORKING_DIRECTORY
 ) -> DictConfig:
-    """The configuration `conf/<entry>.yaml` with overrides applied, types checked.
+    """Return the configuration `conf/<entry>.yaml` with overrides applied, types checked.
 
     Args:
-        entry: train or evaluate.
+        entry: train, evaluate, tune or simulate.
         overrides: in Hydra's grammar, e.g. `["vehicle=rexrov", "reward.k=40"]`.
         folder: searched before the package's own files if it exists; None searches the package alone.
 
     Raises:
         ConfigError: an unknown key, group or option, a value of the wrong type, or a grammar error.
     """
-    token = _folder.set(folder)
     try:
-        return installed.complete(_compose(entry, overrides))
+        return installed.complete(_compose(entry, overrides, folder))
     except hydra_errors.FAULTS as error:
         raise translate(error, entry, overrides) from error
-    finally:
-        _folder.reset(token)
 
 
 def typed(config: DictConfig) -> schema.TrainConfig:
-    """The typed, checked configuration of a plain one, e.g. of a run's `config.yaml`.
+    """Return the typed, checked configuration of a plain one, e.g. of a run's `config.yaml`.
 
     Raises:
         ConfigError: a key is unknown or missing, a type or a value is wrong.
@@ -136,8 +142,10 @@ def typed(config: DictConfig) -> schema.TrainConfig:
     try:
         config = installed.complete(config, frozen=True)
         merged = OmegaConf.structured(schema.TrainConfig)
-        merged.algo = _algorithm(config)
-        merged.simulator = _simulator(config)
+        merged.algo = _empty(config, "algo.agent", {name: spec.schema for name, spec in AGENTS.items()})
+        merged.simulator = _empty(
+            config, "simulator.name", {name: simulators.schema_of(name) for name in simulators.CAPABILITIES}
+        )
         merged = OmegaConf.merge(merged, config)
     except OmegaConfBaseException as error:
         raise translate(error) from error
@@ -145,15 +153,26 @@ def typed(config: DictConfig) -> schema.TrainConfig:
     return train_config(merged)
 
 
+def _empty(config: DictConfig, key: str, schemas: Mapping[str, type | None]) -> Any:
+    """Return the typed, still empty `algo` or `simulator` of a configuration."""
+    known = OmegaConf.get_type(config, key.partition(".")[0])
+    if isinstance(known, type) and issubclass(known, installed.AgentConfig | installed.SimulatorConfig):
+        return OmegaConf.structured(known)
+    name = str(OmegaConf.select(config, key))
+    if name not in schemas:
+        raise ConfigError(f"{key}={name}: unknown; {closest(name, schemas)}")
+    return OmegaConf.structured(schemas[name])
+
+
 def with_algorithm(config: schema.TrainConfig, algo: Mapping[str, Any]) -> schema.TrainConfig:
-    """A checked configuration with other values of `algo`, checked as well: a hundredth of the time of `typed`.
+    """Return a checked configuration with other values of `algo`, in a hundredth of the time of `typed`.
 
     Args:
         config: as `typed` returns it.
         algo: the plain values of the group.
 
     Raises:
-        ConfigError: a key is unknown, a type or a value is wrong, or it is at odds with another.
+        ConfigError: a key is unknown, a type or a value is wrong, or it contradicts another.
     """
     from auvbench.config.validate import again
 
@@ -164,34 +183,11 @@ def with_algorithm(config: schema.TrainConfig, algo: Mapping[str, Any]) -> schem
     return again(dataclasses.replace(config, algo=OmegaConf.to_object(merged)))
 
 
-def _algorithm(config: DictConfig) -> Any:
-    """The typed, still empty `algo` of a configuration."""
-    typed_already = OmegaConf.get_type(config, "algo")
-    if isinstance(typed_already, type) and issubclass(typed_already, installed.AgentConfig):
-        return OmegaConf.structured(typed_already)
-    agent = str(OmegaConf.select(config, "algo.agent"))
-    if agent not in AGENTS:
-        raise ConfigError(f"algo.agent={agent}: unknown; {closest(agent, AGENTS)}")
-    return OmegaConf.structured(AGENTS[agent].schema)
-
-
-def _simulator(config: DictConfig) -> Any:
-    """The typed, still empty `simulator` of a configuration."""
-    typed_already = OmegaConf.get_type(config, "simulator")
-    if isinstance(typed_already, type) and issubclass(typed_already, installed.SimulatorConfig):
-        return OmegaConf.structured(typed_already)
-    name = str(OmegaConf.select(config, "simulator.name"))
-    found = simulators.schema_of(name)
-    if found is None:
-        raise ConfigError(f"simulator.name={name}: unknown; {closest(name, simulators.CAPABILITIES)}")
-    return OmegaConf.structured(found)
-
-
 def option(group: str, choice: str) -> DictConfig:
-    """The configuration that `group=choice` stands for, e.g. `vehicle=rexrov`.
+    """Return the configuration that `group=choice` stands for, e.g. `vehicle=rexrov`.
 
     Raises:
-        ConfigError: there is no such group or option.
+        ConfigError: an unknown group or option.
     """
     return copy.deepcopy(_option(group, choice))
 
@@ -204,125 +200,92 @@ def _option(group: str, choice: str) -> DictConfig:
     return node
 
 
-def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:
-    folder = _folder.get()
-    return isolated.load(
-        CONFIG_MODULE,
-        entry,
-        typing.read(overrides),
-        folder=folder.absolute() if folder is not None and folder.is_dir() else None,
-        register=_store,
-    )
-
-
 def run(
     entry: str,
     arguments: Sequence[str],
     job: Callable[[DictConfig], Any],
     grid: Callable[[list[DictConfig]], Any] | None = None,
-    program: str = "auvbench",
 ) -> Any:
-    """Hydra's command line for `conf/<entry>.yaml`: flags, `-m` and overrides.
+    """Read the command line of `conf/<entry>.yaml`: flags, `-m` and overrides.
 
-    Calls `job` with the configuration, or `grid` with those of all jobs when there may be several: with `-m`, or
-    for an experiment that sets `hydra.mode: MULTIRUN`.
+    Calls `job` with the configuration, or `grid` with those of all jobs: with `-m`, or for an experiment that sets
+    `hydra.mode: MULTIRUN`.
 
     Raises:
         ConfigError: as `compose`.
     """
-    from hydra._internal.utils import _run_hydra, get_args_parser
-
-    _prepare()
-    # Otherwise Hydra prints and exits by itself, with exit code 1 and a hint to set this variable.
-    os.environ["HYDRA_FULL_ERROR"] = "1"
-    sys.argv = [f"{program} {entry}", *arguments]
-    parser: argparse.ArgumentParser = get_args_parser()
-    parser.prog = f"{program} {entry}"
-    _check_flags(parser, arguments, entry)
-    parsed = parser.parse_args(list(arguments))
-    parsed.overrides = typing.read(parsed.overrides)
-    if parsed.package and not re.fullmatch(r"[\w.]+", parsed.package):
-        raise ConfigError(f"--package {parsed.package}: must be a key, for example --package algo")
-    shows = next((flag for flag in ("cfg", "info") if getattr(parsed, flag) is not None), None)
-    if parsed.multirun and shows is not None:
-        raise ConfigError(f"--{shows} shows one configuration: leave out -m, and give each key one value")
-    if grid is not None:
-        parsed.overrides = _as_axes(parsed.overrides, parsed.multirun)
-    composed: list[DictConfig] = []
-
-    def task(config: DictConfig) -> None:
-        composed.append(config)
-
+    parsed = _parse(entry, arguments)
+    if parsed.shell_completion:
+        with _loader(WORKING_DIRECTORY) as loader:
+            return Hydra("auvbench", loader).shell_completion(entry, parsed.overrides)
+    overrides = typing.read(parsed.overrides)
     try:
-        with restricted_yaml.checked():
-            _run_hydra(
-                args=parsed,
-                args_parser=parser,
-                task_function=task,
-                config_path=f"pkg://{CONFIG_MODULE}",
-                config_name=entry,
-            )
+        with _loader(parsed.config_dir, WORKING_DIRECTORY) as loader:
+            if parsed.help or parsed.cfg or parsed.info:
+                return _show(Hydra("auvbench", loader), entry, overrides, parsed)
+            if grid is not None:
+                composed = grids.compose(loader, entry, overrides, parsed.multirun)
+            else:
+                single = loader.load_configuration(entry, overrides, RunMode.RUN, from_shell=False)
+                composed = [grids.without_hydra(single)]
         composed = [installed.complete(config) for config in composed]
     except hydra_errors.FAULTS as error:
         raise translate(error, entry, arguments) from error
-    # Outside Hydra's job, which would print a line of its own before an error reaches us.
     if grid is not None and (parsed.multirun or len(composed) > 1):
         return grid(composed)
-    return job(composed[0]) if composed else None
+    return job(composed[0])
 
 
-def _check_flags(parser: argparse.ArgumentParser, arguments: Sequence[str], entry: str) -> None:
-    """Refuses what Hydra's parser would answer with its whole usage, and what would do harm.
+def _show(hydra: Hydra, entry: str, overrides: list[str], parsed: argparse.Namespace) -> None:
+    if parsed.help:
+        config = hydra.compose_config(entry, overrides, RunMode.RUN)
+        shown = hydra.get_sanitized_cfg(copy.deepcopy(config), "job")
+        print(hydra.get_help(config.hydra.help, shown, _parser(entry), resolve=parsed.resolve))
+    elif parsed.info:
+        hydra.show_info(parsed.info, entry, overrides)
+    else:
+        hydra.show_cfg(entry, overrides, parsed.cfg, parsed.package, resolve=parsed.resolve)
 
-    Raises:
-        ConfigError: names the override, or the flag, that was probably meant.
-    """
-    known = {name: action for action in parser._actions for name in action.option_strings}
-    before = ""
-    for index, word in enumerate(arguments):
-        takes_this = before in known and known[before].nargs is None
-        before = "" if takes_this else word
-        if takes_this or not re.match(r"--?[A-Za-z]", word):
-            continue
-        flag = word.partition("=")[0]
-        if flag in typing.FLAGS:
-            raise ConfigError(f"{flag}: has no meaning here; {typing.FLAGS[flag]}")
-        if flag not in known:
-            following = arguments[index + 1] if index + 1 < len(arguments) else None
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise ConfigError(f"{self.prog}: {message} (auvbench {self.prog} --help)")
+
+
+def _parser(entry: str) -> argparse.ArgumentParser:
+    parser = _Parser(prog=entry, add_help=False, allow_abbrev=False)
+    parser.add_argument("overrides", nargs="*", help="key=value")
+    for names in (("-h", "--help"), ("-m", "--multirun"), ("-sc", "--shell-completion"), ("--resolve",)):
+        parser.add_argument(*names, action="store_true")
+    parser.add_argument("-c", "--cfg", choices=("job", "hydra", "all"))
+    parser.add_argument("-i", "--info", choices=("all", "config", "defaults", "defaults-tree", "searchpath"))
+    parser.add_argument("-p", "--package")
+    parser.add_argument("-cd", "--config-dir", type=Path)
+    return parser
+
+
+def _parse(entry: str, arguments: Sequence[str]) -> argparse.Namespace:
+    """Raise ConfigError for an unknown flag, with the override or the flag that was probably meant."""
+    parser = _parser(entry)
+    parsed, rest = parser.parse_known_args(list(arguments))
+    for word in rest:
+        if re.match(r"--?[A-Za-z]", word):
+            following = [*arguments[list(arguments).index(word) + 1 :], "-"][0]
             keys = hydra_errors.leaves(OmegaConf.to_container(_compose(entry, ())))
-            flags = [name for name in known if name.startswith("--") and name not in typing.FLAGS]
+            flags = [name for action in parser._actions for name in action.option_strings]
             raise ConfigError(suggestions.unknown_flag(entry, word, flags, keys, following))
-
-    def error(message: str) -> NoReturn:
-        raise ConfigError(f"{entry}: {message} (auvbench {entry} --help)")
-
-    parser.error = error  # type: ignore[method-assign]
-
-
-def _as_axes(overrides: Sequence[str], multirun: bool) -> list[str]:
-    """Of a grid, single values as axes of one value each.
-
-    Hydra sets single values before it chooses the swept files: `algo=sac,td3 algo.learning_starts=300` would look
-    for the key in the default algorithm.
-    """
-    try:
-        parsed = OverridesParser.create().parse_overrides(list(overrides))
-    except OverrideParseException:
-        return list(overrides)  # Hydra says what is wrong with them
-    if not multirun and not any(override.is_sweep_override() for override in parsed):
-        return list(overrides)
-    return [_as_axis(line, override) for line, override in zip(overrides, parsed, strict=True)]
-
-
-def _as_axis(line: str, override: Override) -> str:
-    key, _, value = line.partition("=")
-    is_group = "." not in override.key_or_group
-    if is_group or not value or override.is_sweep_override() or override.is_hydra_override():
-        return line
-    # Not what is deleted, and not a mapping, which is merged with what is there.
-    return line if override.is_delete() or isinstance(override.value(), dict) else f"{key}=choice({value})"
+    parsed.overrides += rest
+    if parsed.package and not re.fullmatch(r"[\w.]+", parsed.package):
+        raise ConfigError(f"--package {parsed.package}: must be a key, for example --package algo")
+    if parsed.config_dir is not None and not parsed.config_dir.is_dir():
+        raise ConfigError(f"-cd {parsed.config_dir}: no such folder")
+    if parsed.multirun and (parsed.cfg or parsed.info):
+        raise ConfigError(
+            "--cfg and --info show one configuration: leave out -m, and give each key one value"
+        )
+    return parsed
 
 
 def translate(error: BaseException, entry: str = "train", overrides: Sequence[str] = ()) -> ConfigError:
-    """One line that names the value and what would be right, from Hydra's and OmegaConf's messages."""
+    """Return an error of Hydra or OmegaConf in one line, with the value and the closest valid name."""
     return hydra_errors.translate(error, lambda given: _compose(entry, given), entry, overrides)

@@ -19,10 +19,10 @@ from omegaconf.errors import OmegaConfBaseException
 from auvbench.config import plugins
 from auvbench.config.agents import AGENTS
 from auvbench.config.algorithms import Tuned
+from auvbench.config.overrides import whole
 from auvbench.config.schema import name as path_name
 from auvbench.config.schema import number
 from auvbench.config.simulators import CAPABILITIES, Capabilities, InstalledSimulator
-from auvbench.config.suggestions import whole
 from auvbench.errors import ConfigError
 from auvbench.untrusted.text import short
 
@@ -212,15 +212,3 @@ def releases_of(config: Mapping[str, Any]) -> list[str]:
     """The packages behind a plain configuration, with their versions."""
     nodes = (config.get(group.key) for group in GROUPS)
     return [str(node["package"]) for node in nodes if isinstance(node, Mapping) and node.get("package")]
-
-
-def without_file(group: str, name: str) -> ConfigError | None:
-    """The error of an agent or a simulator that is installed without a file that would choose it; None otherwise."""
-    points = next((each.points for each in GROUPS if each.key == group), "")
-    found = plugins.find(points, name) if points else None
-    if found is None:
-        return None
-    return ConfigError(
-        f"{group}={name}: {found.release} brings it without {group}/{name}.yaml in a folder that an auvbench.conf entry "
-        "point names"
-    )

@@ -15,8 +15,8 @@ def folders(group: str) -> list[Traversable]:
     Raises:
         ConfigError: the folder of an installed package is not there.
     """
-    installed = [found.path / group for found in plugins.folders()]
-    return [resources.files("auvbench.conf") / group, *installed, Path("conf") / group]
+    installed = [found.path / group for found in reversed(plugins.folders())]
+    return [*installed, resources.files("auvbench.conf") / group, Path("conf") / group]
 
 
 def names(group: str) -> list[str]:

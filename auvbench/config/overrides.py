@@ -1,14 +1,9 @@
-"""What is typed, before Hydra reads it: whole numbers, paths and letters that its grammar does not take as they are.
-
-Also names the overrides of Hydra that have no meaning here, with what has.
-"""
+"""Overrides as they are typed, before Hydra reads them: whole numbers and texts that its grammar does not take."""
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import re
-import unicodedata
 from collections.abc import Sequence
 from functools import cache
 
@@ -17,98 +12,52 @@ from hydra.errors import HydraException
 
 from auvbench.config import launchers, schema, simulation, simulators, tuning
 from auvbench.config.agents import AGENTS
-from auvbench.config.suggestions import whole
+from auvbench.config.restricted_yaml import ALLOWED
 from auvbench.errors import ConfigError
-
-_LAYOUT = "runs lie in <output>/<name>/<run id>: output=FOLDER and name=NAME choose where"
-_PLACE = "where runs are carried out is launcher=local, slurm or ray"
-
-REFUSED = {
-    "hydra.run.dir": _LAYOUT,
-    "hydra.sweep.dir": _LAYOUT,
-    "hydra.sweep.subdir": _LAYOUT,
-    "hydra.output_subdir": "a run's configuration is config.yaml in its folder",
-    "hydra.job.chdir": "a command stays in the working directory",
-    "hydra/launcher": _PLACE,
-    "hydra/sweeper": "grids are made by -m and by hydra.sweeper.grids of an experiment",
-    "hydra/job_logging": "a run's log is train/log.txt in its folder",
-    "hydra/hydra_logging": "a run's log is train/log.txt in its folder",
-}
-"""Overrides of Hydra that nothing here obeys, and what does what they are for."""
-
-_OWN_FILES = "files of your own go to ./conf, or to a folder that -cd FOLDER names"
-_OWN_PRESET = "a preset of your own goes to ./conf/experiment/NAME.yaml and is chosen by experiment=NAME"
-
-FLAGS = {
-    "--config-path": _OWN_FILES,
-    "-cp": _OWN_FILES,
-    "--config-name": _OWN_PRESET,
-    "-cn": _OWN_PRESET,
-    "--experimental-rerun": "it would unpickle a file; type the command again instead",
-}
-"""Flags of Hydra that would do harm here, and what does what they are for."""
 
 PATHS = ("output", "plot")
 """Keys that hold a path."""
 
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d[\d_]*(?:\.\d*)?(?:[eE][+-]?\d+)?(?![\w.])")
 
-# What Hydra's grammar takes unquoted in a value.
-_PLAIN = re.compile(r"[A-Za-z0-9_.,:/\\+*%@?|$=\[\]{}()'\" \t-]*")
-
 
 def read(overrides: Sequence[str]) -> list[str]:
-    """The overrides as Hydra's grammar wants them.
+    """Return the overrides in Hydra's grammar.
 
     Raises:
-        ConfigError: one is an override of Hydra that has no meaning here, or has an invisible character.
+        ConfigError: one sets a key of Hydra's own that has no effect.
 
     >>> read(["train.total_steps=1e6", "output=Größe", "algo.gamma=0.9"])
     ['train.total_steps=1000000', "output='Größe'", 'algo.gamma=0.9']
     """
     for override in overrides:
         key = override.partition("=")[0].lstrip("+~")
-        if key in REFUSED:
-            raise ConfigError(f"{override}: has no effect here; {REFUSED[key]}")
-        hidden = [c for c in override if unicodedata.category(c) == "Cf"]
-        if hidden:
-            raise ConfigError(f"{override}: contains U+{ord(hidden[0]):04X}, a character that is not shown")
+        if re.match("hydra[./]", key) and not key.startswith(ALLOWED):
+            raise ConfigError(
+                f"{override}: has no effect here; output=FOLDER and name=NAME choose where runs lie, launcher=NAME where "
+                "they are carried out"
+            )
     return [_read(override) for override in overrides]
 
 
 def _read(override: str) -> str:
     key, separator, value = override.partition("=")
-    if not separator:
-        return override
     if key.lstrip("+") in whole_keys():
-        return f"{key}={_NUMBER.sub(_whole, value)}"
-    if key in PATHS and value.startswith("~"):
+        value = _NUMBER.sub(_whole, value)
+    if key in PATHS:
         value = os.path.expanduser(value)  # leaves an unknown user as it is, where pathlib raises
-    if value and (key in PATHS or not _PLAIN.fullmatch(value)) and value[0] not in "'\"[{":
-        return _quoted(key, value)
-    return f"{key}={value}"
+    written = f"{key}{separator}{value}"
+    if not value or value[0] in "'\"[{" or _is_valid(written):
+        return written
+    return f"{key}={_quote(value)}"
 
 
-def _whole(match: re.Match[str]) -> str:
-    """1e6 and 1000000.0 are whole numbers; 1.5 is left for the schema to refuse."""
-    text = match[0]
-    number = whole(text) if set(text) & set(".eE") else None
-    return text if number is None else str(number)
-
-
-def _quoted(key: str, value: str) -> str:
-    """In quotes where Hydra cannot read it otherwise; the parts of a list each in its own."""
-    written = f"{key}={value}"
+def _is_valid(override: str) -> bool:
     try:
-        parsed = OverridesParser.create().parse_override(written)
-        if key not in PATHS or parsed.value() is None or isinstance(parsed.value(), str):
-            return written
-        if parsed.is_sweep_override():
-            return written
-    except HydraException:
-        pass
-    parts = value.split(",") if key not in PATHS else [value]
-    return f"{key}={','.join(map(_quote, parts))}"
+        OverridesParser.create().parse_override(override)
+    except (HydraException, RecursionError):
+        return False
+    return True
 
 
 def _quote(text: str) -> str:
@@ -117,28 +66,41 @@ def _quote(text: str) -> str:
     return f"'{escaped}{escaped[len(escaped) - trailing :]}'"
 
 
+def whole(text: str) -> int | None:
+    """Return the whole number that a text stands for: 1e6 is one, 1.5 is not.
+
+    >>> whole("1e6"), whole("2_000"), whole("1.5"), whole("many")
+    (1000000, 2000, None, None)
+    """
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    # Beyond 2^53 a float does not say which whole number is meant.
+    return int(number) if number.is_integer() and abs(number) <= 2**53 else None
+
+
+def _whole(match: re.Match[str]) -> str:
+    number = whole(match[0])
+    return match[0] if number is None else str(number)
+
+
 @cache
 def whole_keys() -> frozenset[str]:
-    """The dotted keys of all configurations that hold a whole number."""
-    found: set[str] = set()
-    for root in (schema.TrainConfig, schema.EvaluateConfig, simulation.Simulation):
-        found |= _whole_below(root, "")
-    found |= _whole_below(tuning.Tune, "tune.")
-    for spec in AGENTS.values():
-        found |= _whole_below(spec.schema, "algo.")
-    for group, kinds in (("launcher", launchers.SCHEMAS), ("simulator", simulators.SCHEMAS)):
-        for kind in kinds.values():
-            found |= _whole_below(kind, f"{group}.")
-    return frozenset(found)
-
-
-def _whole_below(kind: type, prefix: str) -> set[str]:
-    found = set()
-    for field in dataclasses.fields(kind):
-        key = f"{prefix}{field.name}"
-        if str(field.type) in ("int", "int | None", "list[int]"):
-            found.add(key)
-        nested = getattr(schema, str(field.type), None)
-        if isinstance(nested, type) and dataclasses.is_dataclass(nested):
-            found |= _whole_below(nested, f"{key}.")
-    return found
+    """Return the dotted keys of all configurations that hold a whole number."""
+    kinds: list[tuple[type, str]] = [
+        (root, "") for root in (schema.TrainConfig, schema.EvaluateConfig, simulation.Simulation)
+    ]
+    kinds += [(tuning.Tune, "tune."), *((spec.schema, "algo.") for spec in AGENTS.values())]
+    kinds += [(kind, "launcher.") for kind in launchers.SCHEMAS.values()]
+    kinds += [(kind, "simulator.") for kind in simulators.SCHEMAS.values()]
+    return frozenset(
+        key
+        for kind, prefix in kinds
+        for key, hint in schema.keys(kind, prefix).items()
+        if hint in (int, int | None, list[int])
+    )

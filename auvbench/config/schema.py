@@ -7,8 +7,8 @@ by `validate.validate_fields`, its type by OmegaConf while Hydra composes.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, is_dataclass
+from typing import Any, get_type_hints
 
 from auvbench.record import measure_names
 
@@ -33,6 +33,16 @@ def later(declared: Any, default: Any = None) -> Any:
 def name() -> Any:
     """A field that becomes part of a path: letters, digits, dots, dashes and underscores."""
     return field(metadata={"name": True})
+
+
+def keys(kind: type, prefix: str = "") -> dict[str, Any]:
+    """Return the dotted keys of a schema, those of nested schemas too, with their types."""
+    found = {}
+    for key, hint in get_type_hints(kind).items():
+        found[f"{prefix}{key}"] = hint
+        if isinstance(hint, type) and is_dataclass(hint):
+            found |= keys(hint, f"{prefix}{key}.")
+    return found
 
 
 @dataclass(kw_only=True)

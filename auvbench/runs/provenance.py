@@ -63,7 +63,7 @@ def git() -> dict[str, Any]:
 
     changed = ask("status", "--porcelain", "--untracked-files=no")
     # A new file there is read or imported as the others are; elsewhere it is a note or a result.
-    added = ask("status", "--porcelain", "--untracked-files=all", "--", "auvbench", "conf", "hydra_plugins")
+    added = ask("status", "--porcelain", "--untracked-files=all", "--", "auvbench", "conf")
     dirty = None if changed is None or added is None else bool(changed or added)
     return {"commit": ask("rev-parse", "HEAD"), "dirty": dirty}
 

@@ -135,7 +135,7 @@ def _dimension(key: str, text: Any, known: Sequence[str]) -> Dimension:
     if key in IDENTITY or not key.startswith(GROUP):
         raise ConfigError(f"{key}: only settings of the algorithm (algo.KEY) can be searched")
     if key not in known:
-        raise ConfigError(f"{key}: unknown key; {suggestions.unknown_key(key, known, {}, 'auvbench tune')}")
+        raise ConfigError(f"{key}: unknown key; {suggestions.unknown_key(key, known, 'auvbench tune')}")
     try:
         sweep = OverridesParser.create().parse_override(f"{key}={text}").value()
     except (HydraException, RecursionError) as error:

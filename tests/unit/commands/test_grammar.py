@@ -72,7 +72,6 @@ def test_the_wrong_one_names_the_right_one(
     ("arguments", "words"),
     [
         (["train", "--bogus"], "unknown option '--bogus' of train"),
-        (["train", "--device", "cuda"], "trains on the processor"),
         (["train", "--cfg"], "--cfg"),
         (["train", "--cfg", "all of it"], "invalid choice"),
         (["train", "--multi"], "did you mean '--multirun'"),
@@ -85,11 +84,10 @@ def test_the_wrong_one_names_the_right_one(
         (["runs", "--where"], "must be followed by KEY=VALUE"),
         (["runs", "--where", "outputs"], "must be followed by KEY=VALUE"),
         (["evaluate", "outputs", "--where", "seed=0", "protocol=thesis"], "type it before --where"),
-        (["train", "-cp", "elsewhere"], "-cd FOLDER"),
-        (["train", "--config-name=mine"], "experiment=NAME"),
+        (["train", "--config-name=mine"], "unknown option '--config-name'"),
         (["train", "hydra.run.dir=here"], "output=FOLDER"),
         (["train", "-m", "hydra.sweep.dir=here", "seed=0,1"], "output=FOLDER"),
-        (["train", "hydra/launcher=joblib"], "launcher=local"),
+        (["train", "hydra/launcher=joblib"], "launcher=NAME"),
     ],
 )
 def test_a_mistake_is_one_line(
@@ -101,29 +99,18 @@ def test_a_mistake_is_one_line(
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("device=cuda", "trains on the processor"),
-        ("algo=ppo,sac", r"several values make a grid: auvbench train -m algo=ppo,sac$"),
-        ("algo.net_arch=64,64", r"\(a list is written \[64,64\]\)"),
-        ("algo.tau=0.1", r"ppo has none; sac, ddpg, td3, tqc and sac_residual have it \(algo=sac\)"),
-        ("algo.bufer_size=3", "did you mean algo.buffer_size of sac, ddpg, td3, tqc, crossq"),
-        (
-            "algo.residual.share=0.1",
-            r"ppo has none; ppo_residual and sac_residual have it \(algo=ppo_residual\)",
-        ),
+        ("algo=ppo,sac", "several values make a grid: auvbench train -m algo=ppo,sac;"),
+        ("algo.net_arch=64,64", r"a list is written \[64,64\]"),
+        ("algo.tau=0.1", "only sac, ddpg, td3, tqc, sac_residual have it"),
+        ("algo.residual.share=0.1", "only ppo_residual, sac_residual have it"),
         ("learning_rate=0.1", "did you mean algo.learning_rate"),
         ("k=40", "did you mean reward.k"),
-        ("protocol=test", "auvbench evaluate outputs protocol=NAME"),
         ("train.total_steps=1.5", "'1.5' is not a whole number"),
     ],
 )
 def test_hints_lead_to_the_key(override: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         train_config(compose("train", [override]))
-
-
-def test_the_hint_knows_the_chosen_algorithm() -> None:
-    with pytest.raises(ConfigError, match=r"sac has none; ppo, trpo, .* have it \(algo=ppo\)"):
-        compose("train", ["algo=sac", "algo.n_steps=64"])
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def test_plot(arguments: tuple[str, ...], file: str) -> None:
     ("arguments", "message"),
     [
         (("vehicle=bluerov22",), "did you mean 'bluerov2'?"),
-        (("vehicle=./mine.yaml",), "goes to ./conf/vehicle/mine.yaml"),
+        (("vehicle=./mine.yaml",), "goes to ./conf/vehicle"),
         (("input.wrench=[40,0,0,0,0]",), "has 5 numbers, needs 6"),
         (("input.wrench=[40,0,0,0,0,x]",), "input.wrench"),
         (("input.current=[nan,0,0]",), "must be finite"),

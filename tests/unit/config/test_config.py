@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
 import pytest
@@ -81,10 +80,9 @@ def test_every_file_begins_with_a_comment_that_says_what_it_is(path):
         ("name=a/b", "name='a/b': must be a plain name"),
         ("train.total_steps=0", "train.total_steps=0: must be at least 1"),
         ("reward.k=1,2", r"reward.k=1,2: several values make a grid: auvbench train -m reward.k=1,2"),
-        ("reward.name=\u00ad3", r"reward.name=.*: contains U\+00AD"),
         ("nonsense", "'nonsense': an override is written key=value"),
         ("train.progress=maybe", "train.progress: .*'maybe'"),
-        ("algo.gamma=(1", r"algo.gamma=\(1: the value cannot be read"),
+        ("algo.gamma=(1", r"algo.gamma: '\(1' is not a number"),
     ],
 )
 def test_a_mistake_is_one_line(override, message):
@@ -103,7 +101,7 @@ def test_a_mistake_is_one_line(override, message):
         ("crossq", "ent_coef=low", "must be auto"),
         ("crossq", "critic_net_arch=[64,0]", "widths must be at least 1"),
         ("crossq", "batch_norm_momentum=0", "must be more than 0 and at most 1"),
-        ("crossq", "tau=0.1", "crossq has none; sac, ddpg, td3, tqc and sac_residual have it"),
+        ("crossq", "tau=0.1", "only sac, ddpg, td3, tqc, sac_residual have it"),
         ("trpo", "batch_size=1000", "must divide .* = 4096"),
         ("trpo", "target_kl=0", "must be more than 0 and at most 10"),
         ("trpo", "line_search_shrinking_factor=1", "must be less than 1"),
@@ -115,18 +113,6 @@ def test_a_mistake_in_an_algorithm_is_one_line(algo, override, message):
     with pytest.raises(ConfigError, match=rf"algo\.{override.partition('=')[0]}.*{message}") as caught:
         train_config(compose("train", [f"algo={algo}", f"algo.{override}"]))
     assert "\n" not in str(caught.value)
-
-
-def test_a_text_that_needs_quotes_is_shown_with_them():
-    typed = "protocol.conditions=[{name: calm, overrides: [noise=none]}]"
-    with pytest.raises(ConfigError) as caught:
-        compose("evaluate", [typed])
-    assert str(caught.value).startswith(f"{typed}: ")
-    (shown,) = shlex.split(str(caught.value).partition(" in double quotes: ")[2])
-    assert compose("evaluate", [shown]).protocol.conditions[0].overrides == ["noise=none"]
-    # A shell splits what is not quoted at all.
-    with pytest.raises(ConfigError, match=r"^protocol.conditions=\[\{name:: .*single quotes"):
-        compose("evaluate", ["protocol.conditions=[{name:", "calm}]"])
 
 
 def test_an_algorithms_own_keys_are_suggested():

@@ -129,29 +129,12 @@ def test_two_packages_with_one_name(site: Site, capsys: pytest.CaptureFixture[st
     assert "pip uninstall" in error
 
 
-def test_two_packages_with_one_file(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
-    steering(site)
-    site.install("other", {"other/__init__.py": "", "other/conf/algo/mine.yaml": MINE}, conf="other.conf")
-    assert "algo=mine: mine-package==1.0 and other==1.0 have a file of that name each" in refused(
-        capsys, "train", "algo=mine"
-    )
-
-
 def test_names_of_auvbench_itself_are_taken(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     steering(site)
-    site.install(
-        "thief",
-        {"thief/__init__.py": "", "thief/conf/algo/pid.yaml": MINE},
-        agents={"ppo": "thief:PPO"},
-        conf="thief.conf",
-    )
-    assert "algo=pid: thief==1.0 and auvbench itself have a file" in refused(capsys, "train", "algo=pid")
+    files = {"thief/__init__.py": "", "thief/conf/algo/pid.yaml": MINE}
+    site.install("thief", files, agents={"ppo": "thief:PPO"}, conf="thief.conf")
+    assert compose("train", ["algo=pid"]).algo.agent == "pid"
     assert "algo.agent=ppo: auvbench has one of that name, and thief" in refused(capsys, "train", "algo=ppo")
-
-
-def test_an_agent_without_a_file(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
-    site.install("bare", {"bare.py": ""}, agents={"bare": "bare:Agent"})
-    assert "algo=bare: bare==1.0 brings it without algo/bare.yaml" in refused(capsys, "train", "algo=bare")
 
 
 def test_a_folder_that_is_not_there(site: Site, capsys: pytest.CaptureFixture[str]) -> None:

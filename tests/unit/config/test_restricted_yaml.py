@@ -25,7 +25,7 @@ FILES: dict[str, dict[str, str]] = {
     "search path": {"train.yaml": "defaults: [train_schema]\nhydra: {searchpath: ['pkg://evil']}"},
     "launcher": {"experiment/evil.yaml": f"{PRESET}hydra: {{launcher: {CALL}}}"},
     "sweeper": {"hydra/sweeper/auvbench.yaml": "_target_: evil.Sweeper\n"},
-    "a group of Hydra's": {"hydra/job_logging/none.yaml": "version: 1\n"},
+    "a group of Hydra's": {"hydra/job_logging/default.yaml": "version: 1\n"},
     "a package in the header": {"experiment/evil.yaml": "# @package hydra.callbacks\nx: {y: 1}"},
     "a package in the defaults": {
         "experiment/evil.yaml": f"{PRESET}defaults: [/noise@hydra.job_logging: evil]",

@@ -47,7 +47,6 @@ def ends(*overrides: str) -> str:
 def played_elsewhere(folder: Path, file: str = "", old: str = "", new: str = "") -> tuple[str, str]:
     """Return both digests of a copy of the package in which one file was changed, interpreted instead of compiled."""
     shutil.copytree(PACKAGE, folder / "auvbench", ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copytree(PACKAGE.parent / "hydra_plugins", folder / "hydra_plugins")
     shutil.copytree(PACKAGE.parent / "conf", folder / "auvbench" / "conf", dirs_exist_ok=True)
     if file:
         source = folder / "auvbench" / file

@@ -60,7 +60,7 @@ def test_jobs_do_not_share_what_they_may_change() -> None:
         (["reward.kk=1,2"], "reward.kk: unknown key; did you mean reward.k"),
         (
             ["algo=ppo,sac", "algo.n_epochs=3"],
-            "algo.n_epochs: unknown key; ppo, recurrent_ppo and ppo_residual have it, not every algorithm of the grid",
+            "algo.n_epochs: unknown key; only ppo, recurrent_ppo, ppo_residual have it",
         ),
     ],
 )
@@ -113,8 +113,8 @@ def test_an_option_is_a_name(override: str) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"name: w\n  foo: [1,2\n", r"w\.yaml line 2: no YAML"),
-        (b"a: 1\n\tb: 2\n", r"w\.yaml line 2: no YAML"),
+        (b"name: w\n  foo: [1,2\n", r"w\.yaml.* line 2: "),
+        (b"a: 1\n\tb: 2\n", r"w\.yaml.* line 2: "),
         (b"\xff\xfe\x00", "no text in UTF-8"),
         (b"defaults: [w, _self_]\n", "in a circle"),
     ],

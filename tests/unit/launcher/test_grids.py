@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
+from auvbench.config import grids
 from auvbench.errors import ConfigError
-from hydra_plugins.auvbench_launcher import grids
 
 STUDY = [{"algo": "sac,ppo", "reward.k": "1,40,100", "seed": "range(0,2)"}, {"algo": "pid", "seed": [0]}]
 

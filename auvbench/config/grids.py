@@ -1,29 +1,91 @@
-"""Grids: the union of products that an experiment asks for, narrowed by what is typed after it.
+"""Grids: the union of products that an experiment asks for, narrowed by the command line.
 
 A grid maps keys to axes, for example `{algo: "sac,ppo", reward.k: "1,40,100"}`: 2 x 3 jobs. An experiment may
 hold several, `{algo: pid}` as well for example. For each key that is typed on the command line:
 
-* when no grid varies it, it applies to all jobs, itself an axis when it has several values;
-* else, for each typed value: when some grid's axis has it, it selects that value there, and a grid whose axis
-  has none of the typed values is dropped; when no grid's axis has it, it replaces each axis of the key that is
-  varied. Grids that do not vary the key stay as they are: `reward.k=40` takes the column K = 40 of the grid
-  above and leaves PID, which has no K, as the baseline that it is.
+* if no grid varies it, it applies to all jobs, itself an axis if it has several values;
+* else a typed value that is in some grid's axis selects that value there, and a grid whose axis has none of the typed
+  values is dropped. A value that is in no axis replaces each axis of the key. Grids that do not vary the key stay as
+  they are: `reward.k=40` takes the column K = 40 of the grid above and keeps PID, which has no K, as the baseline.
 """
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
-from omegaconf import DictConfig, ListConfig
+from hydra.types import RunMode
+from omegaconf import DictConfig, ListConfig, open_dict
 
 from auvbench.errors import ConfigError
 
 Axis = list[str]
 Grid = dict[str, Axis]
+
+
+def compose(
+    loader: ConfigLoaderImpl, entry: str, overrides: Sequence[str], multirun: bool
+) -> list[DictConfig]:
+    """Return the configurations of all jobs: of one without `multirun` and without `hydra.mode: MULTIRUN`.
+
+    Raises:
+        ConfigError, HydraException, OmegaConfBaseException: a mistake in any of the jobs.
+    """
+    parser = OverridesParser.create(config_loader=loader)
+    parsed = parser.parse_overrides(list(overrides))
+    own = [line for line, one in zip(overrides, parsed, strict=True) if one.is_hydra_override()]
+    choices = [line for line, one in zip(overrides, parsed, strict=True) if not _sets_a_value(loader, one)]
+    # Values may belong to a swept file, so they are set per job: `algo=sac,td3 algo.learning_starts=300`.
+    chosen = loader.load_configuration(entry, choices, RunMode.MULTIRUN).hydra
+    if not multirun and chosen.mode != RunMode.MULTIRUN:
+        single = loader.load_configuration(entry, list(overrides), RunMode.RUN, from_shell=False)
+        return [without_hydra(single)]
+    union, shared = chosen.sweeper.get("grids"), chosen.sweeper.get("params") or {}
+    common = from_config(parser, [shared])[0]
+    typed = axes(parser, [line for line in overrides if line not in own])
+    product = [{**common, **grid} for grid in from_config(parser, union)]
+    lines = jobs(narrow(product or [common], typed))
+    if not lines:
+        raise ConfigError(f"{' '.join(overrides)}: leaves no job of the experiment's grids")
+    # Jobs that differ in values alone, for example seeds, share the choice of files, which takes a tenth of a second.
+    bases: dict[tuple[str, ...], DictConfig] = {}
+    composed = []
+    for line in lines:
+        words = parser.parse_overrides(line)
+        values = [word for word in words if _sets_a_value(loader, word)]
+        files = tuple(text for text, word in zip(line, words, strict=True) if word not in values)
+        if files not in bases:
+            base = loader.load_configuration(entry, [*own, *files], RunMode.RUN, from_shell=False)
+            if base.hydra.sweeper.get("grids") != union:
+                raise ConfigError(
+                    f"{' '.join(files)}: an experiment with grids is swept alone, one at a time"
+                )
+            bases[files] = without_hydra(base)
+        config = copy.deepcopy(bases[files])
+        loader._apply_overrides_to_config(values, config)
+        composed.append(config)
+    return composed
+
+
+def without_hydra(config: DictConfig) -> DictConfig:
+    """Remove Hydra's own keys from a configuration."""
+    with open_dict(config):
+        del config["hydra"]
+    return config
+
+
+def _sets_a_value(loader: ConfigLoaderImpl, override: Override) -> bool:
+    """Whether Hydra applies an override after it has composed the files."""
+    if override.is_hydra_override() or override.package is not None:
+        return False
+    if not override.is_sweep_override() and isinstance(override.value(), dict):
+        return False
+    return not loader.repository.group_exists(override.key_or_group)
 
 
 def axes(parser: OverridesParser, lines: Iterable[str]) -> Grid:
