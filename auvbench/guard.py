@@ -21,8 +21,7 @@ from pathlib import Path
 
 from auvbench import __version__
 from auvbench.errors import AuvbenchError
-from auvbench.untrusted import streams
-from auvbench.untrusted.text import message, short
+from auvbench.untrusted.text import forgiving, message, say, short, silence
 
 DEFECT = 70
 
@@ -37,19 +36,19 @@ def guarded(command: Callable[[], int], arguments: Sequence[str]) -> int:
         command: does the work.
         arguments: the command line, for the report about a defect.
     """
-    streams.forgiving()
+    forgiving()
     code = _carried_out(command, arguments)
     try:
         sys.stdout.flush()
     except BrokenPipeError:
-        streams.silence(sys.stdout)  # its reader (head, less) went away: no error
+        silence(sys.stdout)  # its reader (head, less) went away: no error
     except (OSError, ValueError) as error:
         code = code or _failed(error, arguments)
-        streams.silence(sys.stdout)
+        silence(sys.stdout)
     try:
         sys.stderr.flush()
     except (OSError, ValueError):
-        streams.silence(sys.stderr)
+        silence(sys.stderr)
     return code
 
 
@@ -60,10 +59,10 @@ def _carried_out(command: Callable[[], int], arguments: Sequence[str]) -> int:
         return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
     except KeyboardInterrupt as interruption:
         # One of ours says what is saved and which signal it was.
-        streams.say(f"auvbench: {message(str(interruption) or 'interrupted')}")
+        say(f"auvbench: {message(str(interruption) or 'interrupted')}")
         return int(getattr(interruption, "exit_code", 130))
     except BrokenPipeError:
-        streams.silence(sys.stdout)
+        silence(sys.stdout)
         return 0
     except Exception as error:
         return _failed(error, arguments)
@@ -71,29 +70,29 @@ def _carried_out(command: Callable[[], int], arguments: Sequence[str]) -> int:
 
 def _failed(error: Exception, arguments: Sequence[str]) -> int:
     if isinstance(error, AuvbenchError):
-        streams.say(f"auvbench: {message(error)}")
+        say(f"auvbench: {message(error)}")
         return error.exit_code
     if type(error).__module__.partition(".")[0] in ("omegaconf", "hydra"):
         # ${nope} in a value: it is resolved where the value is first asked for, which may be anywhere.
         from auvbench.config.compose import translate
 
-        streams.say(f"auvbench: {message(translate(error))}")
+        say(f"auvbench: {message(translate(error))}")
         return 2
     if isinstance(error, MemoryError):
-        streams.say("auvbench: there is not enough memory for this; nothing that was written before is lost")
+        say("auvbench: there is not enough memory for this; nothing that was written before is lost")
         return 1
     if isinstance(error, OSError) and error.errno in _DISK:
         from auvbench.runs.atomic_io import storage_error
 
-        streams.say(f"auvbench: {message(storage_error(error, 'cannot go on'))}")
+        say(f"auvbench: {message(storage_error(error, 'cannot go on'))}")
         return 1
     if isinstance(error, OSError) and error.errno in _NAMED:
-        streams.say(f"auvbench: {short(error.filename or 'a path')}: {error.strerror}")
+        say(f"auvbench: {short(error.filename or 'a path')}: {error.strerror}")
         return 2
     saved = _save(error, arguments)
     where = f"; details: {saved}" if saved else " (and no details could be saved)"
     reason = short(f"{type(error).__name__}: {_text(error)}")
-    streams.say(f"auvbench: a defect of auvbench, not of what you typed: {reason}{where}")
+    say(f"auvbench: a defect of auvbench, not of what you typed: {reason}{where}")
     return DEFECT
 
 

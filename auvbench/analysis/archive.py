@@ -23,7 +23,7 @@ from auvbench.analysis.evaluations import Damage
 from auvbench.record import RECORD_COLUMNS
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import sha256
-from auvbench.untrusted import documents, parquet, reading, typed_json
+from auvbench.untrusted import documents, reading, tables, typed_json
 from auvbench.untrusted.text import short
 
 RUNS, EPISODES, TRAJECTORIES = "runs.parquet", "episodes.parquet", "trajectories.parquet"
@@ -180,7 +180,7 @@ class Archive:
 
     def _table(self, name: str, needed: set[str]) -> pd.DataFrame:
         try:
-            data = reading.content(self.folder / name, parquet.FILE)
+            data = reading.content(self.folder / name, tables.FILE)
         except (OSError, ValueError) as error:
             raise Damage(f"{name} cannot be read ({short(error)})") from error
         if wrong := integrity.difference(self._files, name, data):
@@ -192,7 +192,7 @@ class Archive:
 
     def _read(self, name: str) -> tuple[pd.DataFrame, dict[str, str]]:
         try:
-            return parquet.read(self.folder / name)
+            return tables.read_parquet(self.folder / name)
         except (OSError, ValueError) as error:
             raise Damage(f"{name} cannot be read ({short(error)})") from error
 

@@ -25,7 +25,7 @@ from auvbench.analysis.evaluations import (
 )
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.records import Problem, RunRecord
-from auvbench.config import options
+from auvbench.config import plugins
 from auvbench.errors import ReportError, closest
 from auvbench.runs import run_filter as filters
 from auvbench.runs import schemas
@@ -116,7 +116,7 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
     if any(protocol in run.evaluations for run in runs):
         return
     there = available_protocols(runs)
-    if not there and protocol not in (known := options.names("protocol")):
+    if not there and protocol not in (known := plugins.options("protocol")):
         raise ReportError(f"--protocol {protocol}: no such protocol; {closest(protocol, known)}")
     if there and protocol not in there:
         raise ReportError(

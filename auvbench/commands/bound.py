@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from auvbench.commands.grammar import Parser
 from auvbench.errors import RunError, UserError, closest
 
 if TYPE_CHECKING:
@@ -36,20 +37,16 @@ examples:
 """
 
 KEYS = ("protocol", "vehicle", "simulator", "workers", "passes", "output", "force")
-FLAGS = ("--check", "--help")
 OUTPUT = "outputs/bounds"
 
 
 def main(arguments: Sequence[str]) -> int:
-    if any(a in ("-h", "--help") for a in arguments):
+    given = parser().read(arguments, overrides=True)
+    if given.help:
         print(USAGE, end="")
         return 0
-    checks = "--check" in arguments
-    words = [word for word in arguments if word != "--check"]
-    _refuse(words)
-    own, run, test = _sorted(words)
-    passes = _passes(own.get("passes", "2"))
-    root = Path(own.get("output", OUTPUT))
+    own, run, test = _sorted(given.words)
+    passes, root = int(own["passes"]), Path(own["output"])
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config, train_config
 
@@ -61,7 +58,7 @@ def main(arguments: Sequence[str]) -> int:
     plain = OmegaConf.to_container(composed, resolve=True)
     assert isinstance(plain, dict)
     config = {str(key): value for key, value in plain.items()}
-    if checks:
+    if given.check:
         return _check(settings.protocol, config, root)
     if not settings.force and (there := _there(settings.protocol, config, root)) is not None:
         print(_summary(there))
@@ -70,35 +67,35 @@ def main(arguments: Sequence[str]) -> int:
     return _compute(settings.protocol, config, root, settings.workers, passes, force=settings.force)
 
 
-def _refuse(words: Sequence[str]) -> None:
-    for word in words:
-        if word.startswith("-"):
-            raise UserError(f"{word}: bound has no such flag; {closest(word, FLAGS)}")
-        key, separator, _ = word.partition("=")
-        if not separator:
-            raise UserError(f"{word}: bound takes key=value; keys: {', '.join(KEYS)} (auvbench bound --help)")
-        if key.partition(".")[0] not in KEYS:
-            raise UserError(f"{key}: bound has no such key; {closest(key, KEYS)}")
+def parser() -> Parser:
+    parser = Parser(prog="auvbench bound", add_help=False, keys=KEYS)
+    parser.add_argument("words", nargs="*")
+    parser.add_argument("--check", action="store_true")
+    parser.add_argument("-h", "--help", action="store_true")
+    return parser
 
 
 def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str], list[str]]:
-    """Split the words into keys of this command, of a run's configuration, and of a test."""
-    own, run, test = {}, [], []
+    """Split the words into keys of this command, of a run's configuration, and of a test.
+
+    Raises:
+        UserError: an unknown key or a value out of range.
+    """
+    own = {"passes": "2", "output": OUTPUT}
+    run: list[str] = []
+    test: list[str] = []
     for word in words:
         key, _, value = word.partition("=")
-        if key in ("passes", "output"):
+        group = key.partition(".")[0]
+        if group not in KEYS:
+            raise UserError(f"{word}: bound has no such key; {closest(key, KEYS)}")
+        if key in own:
             own[key] = value
-        elif key.partition(".")[0] in ("vehicle", "simulator"):
-            run.append(word)
         else:
-            test.append(word)
+            (run if group in ("vehicle", "simulator") else test).append(word)
+    if own["passes"] not in ("1", "2"):
+        raise UserError(f"passes={own['passes']}: must be 1 or 2")
     return own, run, test
-
-
-def _passes(text: str) -> int:
-    if text not in ("1", "2"):
-        raise UserError(f"passes={text}: must be 1 or 2")
-    return int(text)
 
 
 def _there(protocol: Protocol, config: dict[str, Any], root: Path) -> Limits | None:

@@ -1,71 +1,47 @@
-"""`auvbench completion SHELL`: prints what a shell needs to complete commands, overrides and paths."""
+"""`auvbench completion SHELL`: print a script that completes commands, overrides, flags, values and paths.
+
+The script asks `auvbench completion query WORDS` for each Tab, which imports nothing heavy unless Hydra must answer.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import glob
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from importlib import import_module
 
 from auvbench.commands import COMMANDS
+from auvbench.commands.grammar import WHERE, Parser
+from auvbench.commands.report_options import FORMATS, STUDIES
+from auvbench.config import plugins
 from auvbench.errors import UserError, closest
-
-# Hydra completes overrides when it is asked with the line in COMP_LINE; a command's name must be taken out first.
-_HYDRA_COMMANDS = ("train", "tune", "simulate")
+from auvbench.metrics import METRICS
+from auvbench.record import measure_names
 
 _BASH = """\
 _auvbench() {
-    local word="${COMP_WORDS[COMP_CWORD]}" rest choices
-    if [ "$COMP_CWORD" -eq 1 ]; then
-        COMPREPLY=($(compgen -W "@COMMANDS@" -- "$word"))
-        [ "${#COMPREPLY[@]}" -eq 1 ] && COMPREPLY[0]="${COMPREPLY[0]} "
-        return
+    local word="${COMP_WORDS[COMP_CWORD]}"
+    local choices=$(auvbench completion query "${COMP_WORDS[@]:1:COMP_CWORD}" 2>/dev/null)
+    local IFS=$'\\n'
+    COMPREPLY=($(compgen -W "$choices" -- "$word"))
+    if [ "${#COMPREPLY[@]}" -eq 1 ]; then
+        case "${COMPREPLY[0]}" in *=|*/) ;; *) COMPREPLY[0]="${COMPREPLY[0]} " ;; esac
     fi
-    case "${COMP_WORDS[1]}" in
-        @HYDRA@)
-            if [ "${word#algo.path=}" != "$word" ]; then
-                COMPREPLY=($(compgen -f -P "algo.path=" -- "${word#algo.path=}"))
-                [ "${#COMPREPLY[@]}" -eq 1 ] && [ -d "${COMPREPLY[0]#algo.path=}" ] && COMPREPLY[0]="${COMPREPLY[0]}/"
-                return
-            fi
-            rest="${COMP_LINE#*"${COMP_WORDS[1]}"}"
-            choices=$(COMP_LINE="auvbench$rest" COMP_POINT=0 auvbench "${COMP_WORDS[1]}" -sc query=bash 2>/dev/null)
-            COMPREPLY=($(compgen -o nospace -o default -W "$choices" -- "$word"))
-            ;;
-        *)
-            choices=$(auvbench completion query "${COMP_WORDS[@]:1:COMP_CWORD}" 2>/dev/null)
-            COMPREPLY=($(compgen -W "$choices" -- "$word"))
-            if [ "${#COMPREPLY[@]}" -eq 1 ] && [ "${COMPREPLY[0]: -1}" != "=" ]; then
-                COMPREPLY[0]="${COMPREPLY[0]} "
-            elif [ "${#COMPREPLY[@]}" -eq 0 ]; then
-                COMPREPLY=($(compgen -o default -- "$word"))
-            fi
-            ;;
-    esac
 }
 COMP_WORDBREAKS=${COMP_WORDBREAKS//=}
-complete -o nospace -o default -F _auvbench auvbench
+complete -o nospace -F _auvbench auvbench
 """
 
 _ZSH = "autoload -U +X compinit && compinit\nautoload -U +X bashcompinit && bashcompinit\n"
 
 _FISH = """\
-function _auvbench_overrides
-    set -l words (commandline -opc) (commandline -ct)
-    COMP_LINE="auvbench $words[3..-1]" COMP_POINT=0 auvbench $words[2] -sc query=bash 2>/dev/null | string split ' '
-end
-complete -c auvbench -f -n __fish_use_subcommand -a "@COMMANDS@"
-complete -c auvbench -f -n "__fish_seen_subcommand_from @HYDRA_WORDS@" -a "(_auvbench_overrides)"
-function _auvbench_words
+function _auvbench
     set -l token (commandline -ct)
-    set -l words (commandline -opc) "$token"
-    set -l found (auvbench completion query $words[2..-1] 2>/dev/null | string match -v '' | string match -- "$token*")
-    if set -q found[1]
-        printf '%s\\n' $found
-    else
-        for path in "$token"*
-            test -d $path; and echo $path/; or echo $path
-        end
-    end
+    set -l words (commandline -opc)
+    auvbench completion query $words[2..-1] "$token" 2>/dev/null
 end
-complete -c auvbench -f -a "(_auvbench_words)" -n "not __fish_use_subcommand; and not __fish_seen_subcommand_from @HYDRA_WORDS@"
+complete -c auvbench -f -a "(_auvbench)"
 """
 
 SCRIPTS = {"bash": _BASH, "zsh": _ZSH + _BASH, "fish": _FISH}
@@ -81,24 +57,117 @@ Prints a script that completes commands, overrides (algo=<TAB>, reward.<TAB>, pr
   fish   auvbench completion fish | source       (in ~/.config/fish/config.fish)
 """
 
+HYDRA = {"train": ("-m", "--cfg", "--help"), "tune": ("--cfg", "--trust", "--help"), "simulate": ("--plot",)}
+"""Commands whose overrides Hydra completes, with their flags"""
+
+OVERRIDES = {
+    "evaluate": ("protocol", "force", "workers", "protocol.episodes"),
+    "serve": ("vehicle", "simulator", "disturbance", "step.frequency", "task.start"),
+    "bound": ("protocol", "vehicle", "workers", "passes", "output", "force"),
+    "resume": ("train.total_steps",),
+}
+"""Keys of commands that take some `key=value`"""
+
+KEYS = ("algo", "vehicle", "reward.k", "step.frequency", "seed", "disturbance", "noise", "train.total_steps")
+"""of a configuration, that runs are told apart by"""
+TERMS = (*KEYS, "state", "id", "experiment")
+"""of `--where`"""
+STATES = ("pending", "running", "interrupted", "failed", "complete")
+SORTS = ("name", "id", "state", "algo", "seed", "progress", "success", "wall", "created")
+FURTHER = tuple(metric.name for metric in METRICS if metric.kind == "agent")
+"""of `report --columns`; those of `analysis.optional_columns`, whose import takes too long for a key press"""
+
+VALUES: Mapping[str, Sequence[str]] = {
+    **dict.fromkeys(("--rank-by", "--then", "--metric"), measure_names()),
+    **dict.fromkeys(("--group-by", "--columns"), KEYS),
+    **dict.fromkeys(("--state", "state"), STATES),
+    "report --columns": FURTHER,
+    "--format": FORMATS,
+    "--study": STUDIES,
+    "--sort": SORTS,
+    "force": ("true",),
+    "passes": ("1", "2"),
+}
+"""Values of flags and keys; those of other keys are files in the folder of that name"""
+
 
 def main(arguments: Sequence[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help"):
         print(USAGE, end="")
         return 0 if arguments else 2
     if arguments[0] == "query":  # asked by the scripts: the words of the line, the last being typed
-        from auvbench.commands.completion_words import candidates
-
-        print("\n".join(candidates(arguments[1:])))
+        with suppress(Exception):  # a line that is typed half may mean nothing
+            print("\n".join(candidates(arguments[1:]) or _paths(arguments[-1])))
         return 0
     if len(arguments) > 1 or arguments[0] not in SCRIPTS:
         raise UserError(f"completion {' '.join(arguments)}: no such shell; {closest(arguments[0], SCRIPTS)}")
-    script = SCRIPTS[arguments[0]]
-    for placeholder, text in (
-        ("@COMMANDS@", " ".join(COMMANDS)),
-        ("@HYDRA@", "|".join(_HYDRA_COMMANDS)),
-        ("@HYDRA_WORDS@", " ".join(_HYDRA_COMMANDS)),
-    ):
-        script = script.replace(placeholder, text)
-    print(script, end="")
+    print(SCRIPTS[arguments[0]], end="")
     return 0
+
+
+def candidates(words: Sequence[str]) -> list[str]:
+    """Return what the last word may become.
+
+    Args:
+        words: those typed after `auvbench`; the last is the one being typed, perhaps empty.
+
+    >>> candidates(["evaluate", "outputs", "protocol=th"])
+    ['protocol=thesis']
+    >>> candidates(["runs", "--state", "failed,pe"])
+    ['failed,pending']
+    """
+    command, *before, word = words if len(words) > 1 else ("", *words)
+    known = _flags(command)
+    flag = before[-1] if before else ""
+    if not command:
+        offered = list(COMMANDS)
+    elif word.startswith("-"):
+        offered = known
+    elif flag.startswith("--") and flag in known and (values := _values(flag, command)):
+        offered = _listed(values, word)
+    elif WHERE in before and all("=" in one for one in before[before.index(WHERE) + 1 :]):
+        offered = _assignments(TERMS, word)
+    elif command in HYDRA:
+        from auvbench.config.compose import complete_override
+
+        offered = complete_override(command, " ".join([*before, word]))
+    else:
+        offered = _assignments(OVERRIDES.get(command, ()), word)
+        offered += plugins.options("vehicle") if command == "vehicles" else []
+    return sorted({name for name in offered if name.startswith(word)})
+
+
+def _flags(command: str) -> list[str]:
+    if command in HYDRA or command not in COMMANDS:
+        return list(HYDRA.get(command, ()))
+    module = import_module(f"auvbench.commands.{'report_options' if command == 'report' else command}")
+    parser = module.parser() if hasattr(module, "parser") else None
+    return parser.flags() if isinstance(parser, Parser) else []
+
+
+def _values(name: str, command: str = "") -> Sequence[str]:
+    """Return the values of a flag or a key."""
+    listed = VALUES.get(f"{command} {name}", VALUES.get(name))
+    group = "algo" if name == "--baseline" else name.removeprefix("--")
+    return plugins.options(group) if listed is None else listed
+
+
+def _assignments(keys: Sequence[str], word: str) -> list[str]:
+    """Return `key=` while the key is typed, then `key=value`."""
+    key, separator, value = word.partition("=")
+    if not separator:
+        return [f"{name}=" for name in keys]
+    return [f"{key}={one}" for one in _listed(_values(key), value)] if key in keys else []
+
+
+def _listed(values: Sequence[str], word: str) -> list[str]:
+    """Return the values for the last place of a comma list."""
+    done, comma, _ = word.rpartition(",")
+    return [f"{done}{comma}{value}" for value in values if value not in done.split(",")]
+
+
+def _paths(word: str) -> list[str]:
+    """Return the paths that a word, or the value behind its `=`, begins."""
+    key, separator, start = word.rpartition("=")
+    found = sorted(glob.glob(f"{glob.escape(start)}*"))
+    return [f"{key}{separator}{path}{'/' if os.path.isdir(path) else ''}" for path in found]

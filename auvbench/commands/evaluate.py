@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import sys
 from collections import Counter
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from auvbench.commands import trust
+from auvbench.commands.grammar import Parser
 from auvbench.errors import AuvbenchError, RunError, UserError
 
 if TYPE_CHECKING:
@@ -47,27 +49,33 @@ examples:
   auvbench evaluate outputs/default protocol=thesis
 """
 
-FLAGS = ("--where", "--cfg", "--trust", "--help")
+KEYS = ("protocol", "workers", "force", *(f"protocol.{key}" for key in ("episodes", "batch", "trajectories")))
+"""Keys of a test"""
+
+
+def parser() -> Parser:
+    parser = Parser(prog="auvbench evaluate", add_help=False, where=True, keys=KEYS)
+    parser.add_argument("words", nargs="*")
+    parser.add_argument("-c", "--cfg", choices=("job",))
+    parser.add_argument(trust.FLAG, action="store_true")
+    parser.add_argument("-h", "--help", action="store_true")
+    return parser
 
 
 def main(arguments: Sequence[str]) -> int:
-    if not arguments or any(a in ("-h", "--help") for a in arguments):
+    given = parser().read(arguments, overrides=True)
+    if not arguments or given.help:
         print(USAGE, end="")
         return 0 if arguments else 2
-    from auvbench.commands.grammar import take_where
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
     from auvbench.runs import run_filter
 
-    words, trusted = trust.take(arguments)
-    rest, terms = take_where(words)
-    shows = _take_cfg(rest)
-    _refuse_flags(rest)
-    paths = [word for word in rest if "=" not in word or Path(word).exists()]
-    overrides = [word for word in rest if word not in paths]
-    _refuse_keys_of_runs(overrides)
+    paths = [word for word in given.words if "=" not in word or Path(word).exists()]
+    overrides = [word for word in given.words if word not in paths]
+    _refuse_mixed(overrides, given.where)
     composed = compose("evaluate", overrides)
-    if shows:
+    if given.cfg:
         from omegaconf import OmegaConf
 
         print(OmegaConf.to_yaml(composed), end="")
@@ -77,53 +85,22 @@ def main(arguments: Sequence[str]) -> int:
         raise UserError("name a run directory or a folder that holds runs, e.g. auvbench evaluate outputs")
     from auvbench.runs.directory import find_runs
 
-    wanted = run_filter.parse(terms)
-    _refuse_own(terms)
+    wanted = run_filter.parse(given.where)
     runs = find_runs(paths)
     runs = run_filter.select(runs, wanted, run_filter.facts) if wanted else runs
-    trust.require_runs(runs, trusted, "evaluate", packages=True)
+    trust.require_runs(runs, given.trust, "evaluate", packages=True)
     return _evaluate_all(runs, config)
 
 
-def _take_cfg(words: list[str]) -> bool:
-    """Removes `--cfg job` from the words; whether it was there."""
-    for index, word in enumerate(words):
-        if word in ("--cfg", "-c", "--cfg=job"):
-            kind = words[index + 1] if index + 1 < len(words) else ""
-            if word != "--cfg=job" and kind != "job":
-                raise UserError(f"{word} {kind}".rstrip() + ": evaluate shows one configuration: --cfg job")
-            del words[index : index + (1 if word == "--cfg=job" else 2)]
-            return True
-    return False
-
-
-def _refuse_flags(words: Sequence[str]) -> None:
-    from auvbench.config.suggestions import unknown_flag
-
-    for word, following in zip(words, [*words[1:], "-"], strict=True):
-        if word.startswith("-"):
-            raise UserError(unknown_flag("evaluate", word, FLAGS, KEYS, following))
-
-
-KEYS = ("protocol", "workers", "force", *(f"protocol.{key}" for key in ("episodes", "batch", "trajectories")))
-"""what is typed key=value"""
-
-
-def _refuse_keys_of_runs(overrides: Sequence[str]) -> None:
-    """`evaluate outputs reward.k=1`: a test has no such key, but the runs have."""
+def _refuse_mixed(overrides: Sequence[str], terms: Sequence[str]) -> None:
+    """Refuse keys of runs among those of the test, and keys of the test among the terms of `--where`."""
     from auvbench.config.schema import TrainConfig
 
-    keys = TrainConfig.__annotations__
     for word in overrides:
-        group = word.partition("=")[0].partition(".")[0]
-        if group in keys:
+        if re.split(r"[.=]", word)[0] in TrainConfig.__annotations__:
             raise UserError(
                 f"{word}: a key of runs, not of a test; to test only such runs type --where {word}"
             )
-
-
-def _refuse_own(terms: Sequence[str]) -> None:
-    """`--where seed=0 protocol=thesis`: the second is no property of a run."""
     for term in terms:
         if term.partition("=")[0] in KEYS:
             raise UserError(f"--where {term}: says which runs; to set {term} type it before --where")

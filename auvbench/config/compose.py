@@ -21,6 +21,7 @@ from typing import Any, NoReturn
 from hydra import version
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra._internal.config_search_path_impl import ConfigSearchPathImpl
+from hydra._internal.core_plugins.bash_completion import BashCompletion
 from hydra._internal.hydra import Hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.plugins import Plugins
@@ -85,8 +86,8 @@ def _loader(*folders: Path | None) -> Iterator[ConfigLoaderImpl]:
             path.append("own", f"{restricted_yaml.SCHEME}://{folder.absolute()}")
     path.append("hydra", "pkg://hydra.conf")
     path.append("main", f"pkg://{CONFIG_MODULE}")
-    for package in plugins.folders():
-        path.append(package.release, f"{restricted_yaml.SCHEME}://{package.path}")
+    for release, installed_folder in plugins.folders():
+        path.append(release, f"{restricted_yaml.SCHEME}://{installed_folder}")
     path.append("schema", "structured://")
     with _LOCK:
         Plugins.instance()  # stores schemas of its own, once; they are to stay
@@ -215,9 +216,6 @@ def run(
         ConfigError: as `compose`.
     """
     parsed = _parse(entry, arguments)
-    if parsed.shell_completion:
-        with _loader(WORKING_DIRECTORY) as loader:
-            return Hydra("auvbench", loader).shell_completion(entry, parsed.overrides)
     overrides = typing.read(parsed.overrides)
     try:
         with _loader(parsed.config_dir, WORKING_DIRECTORY) as loader:
@@ -234,6 +232,12 @@ def run(
     if grid is not None and (parsed.multirun or len(composed) > 1):
         return grid(composed)
     return job(composed[0])
+
+
+def complete_override(entry: str, line: str) -> list[str]:
+    """Return what the last word of a line of overrides may become."""
+    with _loader(WORKING_DIRECTORY) as loader:
+        return list(BashCompletion(loader)._query(config_name=entry, line=line))
 
 
 def _show(hydra: Hydra, entry: str, overrides: list[str], parsed: argparse.Namespace) -> None:
@@ -255,7 +259,7 @@ class _Parser(argparse.ArgumentParser):
 def _parser(entry: str) -> argparse.ArgumentParser:
     parser = _Parser(prog=entry, add_help=False, allow_abbrev=False)
     parser.add_argument("overrides", nargs="*", help="key=value")
-    for names in (("-h", "--help"), ("-m", "--multirun"), ("-sc", "--shell-completion"), ("--resolve",)):
+    for names in (("-h", "--help"), ("-m", "--multirun"), ("--resolve",)):
         parser.add_argument(*names, action="store_true")
     parser.add_argument("-c", "--cfg", choices=("job", "hydra", "all"))
     parser.add_argument("-i", "--info", choices=("all", "config", "defaults", "defaults-tree", "searchpath"))

@@ -47,7 +47,8 @@ def _read(override: str) -> str:
     if key in PATHS:
         value = os.path.expanduser(value)  # leaves an unknown user as it is, where pathlib raises
     written = f"{key}{separator}{value}"
-    if not value or value[0] in "'\"[{" or _is_valid(written):
+    is_text = key in PATHS or not re.match(r"""\w*[(\[{'"]""", value)
+    if not value or not is_text or _is_valid(written):
         return written
     return f"{key}={_quote(value)}"
 

@@ -1,8 +1,7 @@
-"""What installed packages bring along: agents, simulators and folders of configuration, found by their entry points.
+"""Agents, simulators and folders of configuration that installed packages declare as entry points.
 
-A package declares them in its metadata (the Python packaging standard's entry points); nothing else is ever loaded, no
-path and no code that a configuration or a run directory names. What there is, is read from the metadata alone; a
-package is imported when something of it is chosen.
+Nothing else is ever loaded: no path and no code that a configuration or a run directory names. Names come from the
+metadata alone; a package is imported when something of it is chosen.
 """
 
 from __future__ import annotations
@@ -12,79 +11,76 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from importlib import metadata
+from importlib import metadata, resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
 from auvbench.errors import ConfigError
-from auvbench.untrusted.text import short
+from auvbench.untrusted.text import first_line, short
 
 AGENTS, SIMULATORS, CONF = "auvbench.agents", "auvbench.simulators", "auvbench.conf"
-"""The groups of entry points. `module:object` of an agent or a simulator; of the third, the dotted path of a folder."""
+"""The groups of entry points: `module:object` of an agent or a simulator, and the dotted path of a folder."""
 
 KEYS = {AGENTS: "algo.agent", SIMULATORS: "simulator.name"}
-"""The key of a configuration that names one of a group."""
+"""The key of a configuration that names an entry point of a group"""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, order=True)
 class Declared:
-    """An entry point, and the package whose it is."""
+    """An entry point with its package."""
 
     group: str
     name: str
-    value: str
     package: str
+    value: str
     version: str
 
     @property
     def release(self) -> str:
-        """The package as a requirement, `auvbench-example==1.0`: part of a run's configuration, and so of its identity."""
+        """The package as a requirement, `auvbench-example==1.0`: part of a run's configuration and identity."""
         return f"{self.package}=={self.version}"
+
+    def error(self, reason: str) -> ConfigError:
+        """Return an error that names key, entry point and package."""
+        return ConfigError(f"{KEYS[self.group]}={self.name}: {self.value} of {self.release} {reason}")
 
 
 @cache
 def declared(group: str) -> tuple[Declared, ...]:
-    """All entry points of a group, by name and package; nothing is imported."""
-    found = set()
-    for point in metadata.entry_points(group=group):
-        package = point.dist.name if point.dist is not None else "?"
-        version = point.dist.version if point.dist is not None else "?"
-        found.add(Declared(group, point.name, point.value, package, version))
-    return tuple(sorted(found, key=lambda one: (one.name, one.package, one.value)))
+    """Return all entry points of a group, by name and package; nothing is imported."""
+    return tuple(
+        sorted({
+            Declared(group, point.name, point.dist.name, point.value, point.dist.version)
+            for point in metadata.entry_points(group=group)
+            if point.dist is not None
+        })
+    )  # fmt: skip
 
 
 def find(group: str, name: str, own: Iterable[str] = ()) -> Declared | None:
-    """The entry point of this name; None where there is none.
+    """Return the entry point of this name, or None.
 
     Args:
         group: `AGENTS` or `SIMULATORS`.
         name: its name.
-        own: the names that auvbench has itself.
+        own: the names that auvbench itself has.
 
     Raises:
-        ConfigError: several packages declare it, or auvbench has one of that name itself.
+        ConfigError: several packages declare it, or auvbench has the name itself.
     """
     found = [one for one in declared(group) if one.name == name]
-    if not found:
-        return None
-    packages = sorted({one.package for one in found})
-    key = KEYS[group]
-    if name in own:
+    holders = [*(["auvbench"] if name in own else []), *(one.package for one in found)]
+    if found and len(holders) > 1:
         raise ConfigError(
-            f"{key}={short(name)}: auvbench has one of that name, and {_and(packages)} declares another; uninstall it: "
-            f"pip uninstall {packages[0]}"
+            f"{KEYS[group]}={short(name)}: {' and '.join(holders)} have one of that name each; uninstall one: pip uninstall "
+            f"{holders[-1]}"
         )
-    if len(found) > 1:
-        several = f"{_and(packages)} declare" if len(packages) > 1 else f"{packages[0]} declares"
-        raise ConfigError(
-            f"{key}={short(name)}: {several} {'one each' if len(packages) > 1 else 'it twice'}, and a name must stand "
-            f"for one; uninstall one of them: pip uninstall {packages[-1]}"
-        )
-    return found[0]
+    return found[0] if found else None
 
 
 def missing(group: str, name: str, release: str) -> ConfigError:
-    """The error of a configuration whose package is not installed, or in another version."""
+    """Return the error of a configuration whose package is not installed in its version."""
     here = find(group, name)
     now = "is not installed" if here is None else f"{here.release} is installed"
     return ConfigError(
@@ -94,53 +90,36 @@ def missing(group: str, name: str, release: str) -> ConfigError:
 
 @cache
 def load(one: Declared) -> Any:
-    """Imports what an entry point names.
+    """Import the object of an entry point.
 
     Raises:
-        ConfigError: it cannot be imported, or is not there.
+        ConfigError: it cannot be imported, or does not exist.
     """
-    module, _, name = one.value.partition(":")
     try:
-        found = importlib.import_module(module.strip())
-        for part in filter(None, name.split("[")[0].strip().split(".")):
-            found = getattr(found, part)
+        return metadata.EntryPoint(one.name, one.value, one.group).load()
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # all that a package may do when it is imported, an exit included
-        raise ConfigError(
-            f"{KEYS[one.group]}={one.name}: {one.value} of {one.release} cannot be imported: {describe_error(error)}"
-        ) from error
-    return found
+        raise one.error(f"cannot be imported: {describe_error(error)}") from error
 
 
 def describe_error(error: BaseException) -> str:
-    """An exception of foreign code in one line."""
-    text = next(iter(str(error).splitlines()), "")
-    return short(f"{type(error).__name__}: {text}" if text else type(error).__name__, 200)
-
-
-@dataclass(frozen=True, slots=True)
-class Folder:
-    """A folder of YAML files for Hydra's search path."""
-
-    path: Path
-    release: str
+    """Return an exception of foreign code in one line."""
+    kind = type(error).__name__
+    return short(f"{kind}: {first_line(error)}" if str(error) else kind)
 
 
 @cache
-def folders() -> tuple[Folder, ...]:
-    """The folders that `auvbench.conf` entry points name, found without importing their packages.
+def folders() -> tuple[tuple[str, Path], ...]:
+    """Return release and path of the folders of `auvbench.conf` entry points; no package is imported.
 
     Raises:
-        ConfigError: a folder is not there.
+        ConfigError: a folder does not exist.
     """
     found = []
     for one in declared(CONF):
-        top, *below = one.value.partition(":")[0].strip().split(".")
-        try:
-            spec = importlib.util.find_spec(top) if re.fullmatch(r"\w+", top) else None
-        except (ImportError, ValueError):
-            spec = None
+        top, *below = one.value.split(".")
+        spec = importlib.util.find_spec(top) if re.fullmatch(r"\w+", top) else None
         places = [Path(place, *below) for place in (spec.submodule_search_locations or ())] if spec else []
         path = next((place for place in places if place.is_dir()), None)
         if path is None:
@@ -148,15 +127,31 @@ def folders() -> tuple[Folder, ...]:
                 f"auvbench.conf: {one.value} of {one.release} is no folder of an installed package; "
                 f"pip uninstall {one.package}, or install one that has it"
             )
-        found.append(Folder(path, one.release))
+        found.append((one.release, path))
     return tuple(found)
 
 
-def _and(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def option_folders(group: str) -> list[Traversable]:
+    """Return the folders with the options of a group; a file in a later folder wins.
+
+    Raises:
+        ConfigError: the folder of an installed package does not exist.
+    """
+    installed = [path / group for _, path in reversed(folders())]
+    return [*installed, resources.files("auvbench.conf") / group, Path("conf") / group]
+
+
+def options(group: str) -> list[str]:
+    """Return the names that `group=NAME` takes, without waiting for Hydra.
+
+    >>> "thesis" in options("protocol")
+    True
+    """
+    entries = [entry for folder in option_folders(group) if folder.is_dir() for entry in folder.iterdir()]
+    return sorted({e.name.removesuffix(".yaml") for e in entries if e.name.endswith(".yaml")})
 
 
 def forget() -> None:
-    """Looks at what is installed anew: for tests, and for programs that install packages as they run."""
+    """Clear what is cached: for tests, and for programs that install packages while they run."""
     for cached in (declared, load, folders):
         cached.cache_clear()

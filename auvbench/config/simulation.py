@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from auvbench.config import validate
 from auvbench.config.schema import choice, number
@@ -53,13 +53,7 @@ def simulation_config(config: DictConfig) -> Simulation:
     Raises:
         ConfigError: a value is missing, out of range, or of the wrong length.
     """
-    missing = sorted(str(key) for key in OmegaConf.missing_keys(config))
-    if missing:
-        raise ConfigError(f"{missing[0]}: a value is missing")
-    typed = OmegaConf.to_object(config)
-    if not isinstance(typed, Simulation):
-        raise ConfigError("this is no configuration of a simulation")
-    validate.validate_fields(typed)
+    typed = validate.structured(config, Simulation)
     given = typed.input
     _vector("input.wrench", given.wrench, "[Fx, Fy, Fz, Mx, My, Mz] in N and N m", 6)
     _vector("input.pose", given.pose, "[x, y, z, qw, qx, qy, qz]", 7)

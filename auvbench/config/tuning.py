@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from auvbench.config import schema
 from auvbench.config.schema import choice, number
-from auvbench.config.validate import evaluate_protocol, validate_fields
+from auvbench.config.validate import evaluate_protocol, structured
 from auvbench.errors import ConfigError
 
 STREAM = "validation"
@@ -53,13 +53,7 @@ def read(config: DictConfig) -> tuple[Tune, schema.Protocol]:
     Raises:
         ConfigError: a value is out of range, or the test is not one of validation scenarios.
     """
-    missing = sorted(str(key) for key in OmegaConf.missing_keys(config))
-    if missing:
-        raise ConfigError(f"{missing[0]}: a value is missing")
-    tune, protocol = OmegaConf.to_object(config.tune), OmegaConf.to_object(config.protocol)
-    assert isinstance(tune, Tune)
-    assert isinstance(protocol, schema.Protocol)
-    validate_fields(tune, "tune.")
+    tune, protocol = structured(config, Tune, "tune"), structured(config, schema.Protocol, "protocol")
     evaluate_protocol(protocol)
     refuse_test(protocol)
     if len(protocol.conditions) > 1:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from typing import Any
+from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 
-from auvbench.config import algorithms, disturbance, plugins, schema, simulators
+from auvbench.config import algorithms, schema, simulators
 from auvbench.config.agents import AGENTS
-from auvbench.config.time_units import step_limit
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.text import short
+
+T = TypeVar("T")
 
 MOST_STEPS = 10_000_000
 """of an episode"""
@@ -68,33 +69,39 @@ def _range(low: float, high: float, open_low: bool) -> str:
     return upper if math.isinf(low) else f"{lower} and {upper}"
 
 
-def train_config(config: DictConfig) -> schema.TrainConfig:
-    """The typed configuration of a run, its values checked.
+def structured(config: DictConfig, kind: type[T], key: str = "") -> T:
+    """Return a composed configuration, or its part `key`, as a schema dataclass with checked values.
 
     Raises:
-        ConfigError: a value is out of range, missing, or at odds with another.
+        ConfigError: a value is missing or out of range.
     """
-    if isinstance(config.get("algo"), DictConfig) and OmegaConf.is_missing(config.algo, "agent"):
-        raise ConfigError("algo: a value is missing; algo=ppo chooses an algorithm")
-    missing = sorted(str(key) for key in OmegaConf.missing_keys(config))
-    if missing:
-        raise ConfigError(f"{missing[0]}: a value is missing")
-    typed = OmegaConf.to_object(config)
-    if not isinstance(typed, schema.TrainConfig):
-        raise ConfigError("this is no training configuration")
-    if not dataclasses.is_dataclass(typed.algo):
-        agent = typed.algo.get("agent") if isinstance(typed.algo, dict) else None
-        if agent is not None and agent not in AGENTS:
-            known = [*AGENTS, *(one.name for one in plugins.declared(plugins.AGENTS))]
-            raise ConfigError(f"algo.agent={short(agent)}: unknown; {closest(str(agent), known)}")
-        raise ConfigError(
-            "algo: name an algorithm, e.g. algo=ppo; its file must start from a schema (see conf/algo)"
-        )
-    if not isinstance(typed.simulator, simulators.Simulator):
-        raise ConfigError(
-            "simulator: name one, e.g. simulator=fossen; its file must start from a schema (see conf/simulator)"
-        )
-    validate_fields(typed)
+    node = config[key] if key else config
+    prefix = f"{key}." if key else ""
+    if missing := sorted(f"{prefix}{name}" for name in OmegaConf.missing_keys(node)):
+        hint = "; algo=ppo chooses an algorithm" if missing[0].startswith("algo.") else ""
+        raise ConfigError(f"{missing[0]}: a value is missing{hint}")
+    typed = OmegaConf.to_object(node)
+    if not isinstance(typed, kind):
+        raise ConfigError(f"{key or 'this'}: is no {kind.__name__}; start from the file in conf/")
+    for group, wanted in (("algo", object), ("simulator", simulators.Simulator)):
+        answer = getattr(typed, group, None) if isinstance(typed, schema.TrainConfig) else None
+        if answer is not None and not (dataclasses.is_dataclass(answer) and isinstance(answer, wanted)):
+            agent = str(answer.get("agent", "")) if isinstance(answer, dict) else ""
+            unknown = f".agent={short(agent)}: unknown; {closest(agent, AGENTS)}" if agent else ""
+            raise ConfigError(
+                f"{group}{unknown or f': its file must start from a schema (see conf/{group})'}"
+            )
+    validate_fields(typed, prefix)
+    return typed
+
+
+def train_config(config: DictConfig) -> schema.TrainConfig:
+    """Return the typed configuration of a run, its values checked.
+
+    Raises:
+        ConfigError: a value is out of range or missing, or contradicts another.
+    """
+    typed = structured(config, schema.TrainConfig)
     _across(typed)
     return typed
 
@@ -111,17 +118,12 @@ def again(config: schema.TrainConfig) -> schema.TrainConfig:
 
 
 def evaluate_config(config: DictConfig) -> schema.EvaluateConfig:
-    """The typed configuration of a test, its values checked.
+    """Return the typed configuration of a test, its values checked.
 
     Raises:
         ConfigError: a value is out of range or missing.
     """
-    missing = sorted(str(key) for key in OmegaConf.missing_keys(config))
-    if missing:
-        raise ConfigError(f"{missing[0]}: a value is missing")
-    typed = OmegaConf.to_object(config)
-    assert isinstance(typed, schema.EvaluateConfig)
-    validate_fields(typed)
+    typed = structured(config, schema.EvaluateConfig)
     evaluate_protocol(typed.protocol)
     return typed
 
@@ -146,90 +148,94 @@ def evaluate_protocol(protocol: schema.Protocol) -> None:
             raise ConfigError(f"protocol.conditions: the name {condition.name!r} occurs twice")
 
 
+def _require(holds: bool, key: str, value: Any, what: str) -> None:
+    if not holds:
+        raise ConfigError(f"{key}={_show(value)}: must {what}")
+
+
 def _across(config: schema.TrainConfig) -> None:
-    task = config.task
+    """Check rules that span several keys."""
+    task, noise, frequency = config.task, config.noise, config.step.frequency
     for key in ("start", "waypoint_low", "waypoint_high"):
         value = getattr(task, key)
-        if len(value) != 3 or not all(math.isfinite(v) for v in value):
-            raise ConfigError(f"task.{key}={value}: must be three finite numbers [x, y, z] in m")
-    if task.depth_low >= task.depth_high:
-        raise ConfigError(
-            f"task.depth_low={task.depth_low:g}: must be below task.depth_high={task.depth_high:g}"
-        )
+        fits = len(value) == 3 and all(map(math.isfinite, value))
+        _require(fits, f"task.{key}", value, "be three finite numbers [x, y, z] in m")
+    _below("task.depth_low", task.depth_low, "task.depth_high", task.depth_high, strictly=True)
     for axis, low, high in zip("xyz", task.waypoint_low, task.waypoint_high, strict=True):
-        if low > high:
-            raise ConfigError(f"task.waypoint_low={task.waypoint_low}: {axis} exceeds task.waypoint_high")
-    if not task.depth_low <= task.start[2] <= task.depth_high:
-        raise ConfigError(f"task.start={task.start}: z must lie within the depth limits")
+        _require(
+            low <= high, "task.waypoint_low", task.waypoint_low, f"be at most task.waypoint_high in {axis}"
+        )
+    inside = task.depth_low <= task.start[2] <= task.depth_high
+    _require(inside, "task.start", task.start, "have a z within the depth limits")
     for name in ("position", "yaw", "command"):
-        span = getattr(config.noise, name)
-        if span.low > span.high:
-            raise ConfigError(
-                f"noise.{name}.low={span.low:g}: must be at most noise.{name}.high={span.high:g}"
-            )
-    limit = step_limit(task, config.step.frequency)
+        span = getattr(noise, name)
+        _below(f"noise.{name}.low", span.low, f"noise.{name}.high", span.high)
+    limit = schema.step_limit(task, frequency)
     if not 1 <= limit <= MOST_STEPS:
         raise ConfigError(
-            f"task.time_limit={task.time_limit:g}: is {limit} steps at {config.step.frequency:g} Hz; must be from "
-            f"{1 / config.step.frequency:g} to {MOST_STEPS / config.step.frequency:g} s there"
+            f"task.time_limit={task.time_limit:g}: is {limit} steps at {frequency:g} Hz; must be from "
+            f"{1 / frequency:g} to {MOST_STEPS / frequency:g} s there"
         )
-    disturbance.validate_disturbance(config.disturbance)
+    current, fault = config.disturbance.current, config.disturbance.fault
+    _below("disturbance.current.speed", current.speed, "disturbance.current.speed_high", current.speed_high)
+    _below("disturbance.fault.time", fault.time, "disturbance.fault.time_high", fault.time_high)
+    top, bottom, key = current.profile.top, current.profile.bottom, "disturbance.current.profile"
+    _below(f"{key}.top", top, f"{key}.bottom", bottom, strictly=True)
+    for name in schema.SCALES:
+        scale, key = getattr(config.disturbance.randomisation, name), f"disturbance.randomisation.{name}"
+        _below(f"{key}.low", scale.low, f"{key}.high", scale.high)
     simulators.check_disturbance(config.simulator, config.disturbance)
     _algorithm(config.algo)
 
 
+def _below(low_key: str, low: float, high_key: str, high: float | None, strictly: bool = False) -> None:
+    if high is not None:
+        fits = low < high if strictly else low <= high
+        _require(fits, low_key, low, f"be {'below' if strictly else 'at most'} {high_key}={high:g}")
+
+
 def _algorithm(algo: algorithms.Algorithm) -> None:
-    """What spans several keys of `algo`."""
+    """Check rules that span several keys of `algo`."""
     if isinstance(algo, algorithms.OnPolicy):
         rollout = algo.n_steps * algo.n_envs
-        if rollout % algo.batch_size:
-            raise ConfigError(
-                f"algo.batch_size={algo.batch_size}: must divide algo.n_steps x algo.n_envs = {rollout}"
-            )
-        if rollout < 2:
-            raise ConfigError(
-                f"algo.n_steps=1: with one environment {algo.agent.upper()} needs at least 2 steps"
-            )
-    if isinstance(algo, algorithms.TRPO) and algo.n_steps * algo.n_envs < 2 * algo.sub_sampling_factor:
-        raise ConfigError(
-            f"algo.sub_sampling_factor={algo.sub_sampling_factor}: must leave at least 2 of the "
-            f"algo.n_steps x algo.n_envs = {algo.n_steps * algo.n_envs} samples"
-        )
-    if isinstance(algo, algorithms.TRPO) and algo.line_search_shrinking_factor == 1.0:
-        raise ConfigError("algo.line_search_shrinking_factor=1: must be less than 1, or no step gets shorter")
-    if isinstance(algo, algorithms.Network):
-        for key in ("net_arch", "critic_net_arch"):
-            if not all(width > 0 for width in getattr(algo, key, ())):
-                raise ConfigError(f"algo.{key}={getattr(algo, key)}: widths must be at least 1")
+        samples = f"algo.n_steps x algo.n_envs = {rollout}"
+        _require(rollout % algo.batch_size == 0, "algo.batch_size", algo.batch_size, f"divide {samples}")
+        _require(rollout >= 2, "algo.n_steps", algo.n_steps, "be at least 2 with one environment")
+        if isinstance(algo, algorithms.TRPO):
+            factor, shrinking = algo.sub_sampling_factor, algo.line_search_shrinking_factor
+            left = f"leave at least 2 of the {samples} samples"
+            _require(rollout >= 2 * factor, "algo.sub_sampling_factor", factor, left)
+            _require(shrinking < 1.0, "algo.line_search_shrinking_factor", shrinking, "be less than 1")
+    for key in ("net_arch", "critic_net_arch"):
+        widths = getattr(algo, key, ())
+        fits = not isinstance(algo, algorithms.Network) or all(width > 0 for width in widths)
+        _require(fits, f"algo.{key}", widths, "hold widths of at least 1")
     if isinstance(algo, algorithms.OffPolicy):
-        if algo.gradient_steps == 0:
-            raise ConfigError(
-                "algo.gradient_steps=0: must be at least 1, or -1 for as many as environment steps"
-            )
-        if algo.buffer_size < algo.n_envs:
-            raise ConfigError(
-                f"algo.buffer_size={algo.buffer_size}: must be at least algo.n_envs={algo.n_envs}"
-            )
+        steps, size, n = algo.gradient_steps, algo.buffer_size, algo.n_envs
+        every = "be at least 1, or -1 for as many as environment steps"
+        _require(steps != 0, "algo.gradient_steps", steps, every)
+        _require(size >= n, "algo.buffer_size", size, f"be at least algo.n_envs={n}")
     if isinstance(algo, algorithms.Entropy):
-        _number_or_auto("algo.ent_coef", algo.ent_coef)
-        _number_or_auto("algo.target_entropy", algo.target_entropy)
-    if isinstance(algo, algorithms.TQC) and algo.top_quantiles_to_drop_per_net >= algo.n_quantiles:
-        raise ConfigError(
-            f"algo.top_quantiles_to_drop_per_net={algo.top_quantiles_to_drop_per_net}: must be less than "
-            f"algo.n_quantiles={algo.n_quantiles}"
-        )
-    if isinstance(algo, algorithms.CrossQ) and algo.batch_size < 2:
-        raise ConfigError("algo.batch_size=1: batch normalisation needs at least 2 samples")
+        for key in ("ent_coef", "target_entropy"):
+            value = getattr(algo, key)
+            fits = value == "auto" or _is_number(value.removeprefix("auto").removeprefix("_"))
+            _require(fits, f"algo.{key}", value, "be auto, auto_<initial value> or a number")
+    if isinstance(algo, algorithms.TQC):
+        dropped, quantiles = algo.top_quantiles_to_drop_per_net, f"algo.n_quantiles={algo.n_quantiles}"
+        key = "algo.top_quantiles_to_drop_per_net"
+        _require(dropped < algo.n_quantiles, key, dropped, f"be less than {quantiles}")
+    if isinstance(algo, algorithms.CrossQ):
+        what = "be at least 2 for batch normalisation"
+        _require(algo.batch_size >= 2, "algo.batch_size", algo.batch_size, what)
     residual = getattr(algo, "residual", None)
-    if isinstance(residual, algorithms.Residual) and residual.pid.agent != "pid":
-        raise ConfigError(f"algo.residual.pid.agent={residual.pid.agent}: must be pid")
+    if isinstance(residual, algorithms.Residual):
+        agent = residual.pid.agent
+        _require(agent == "pid", "algo.residual.pid.agent", agent, "be pid")
 
 
-def _number_or_auto(key: str, value: str) -> None:
-    body = value.removeprefix("auto").removeprefix("_")
-    if value == "auto":
-        return
+def _is_number(text: str) -> bool:
     try:
-        float(body)
+        float(text)
     except ValueError:
-        raise ConfigError(f"{key}={value}: must be auto, auto_<initial value> or a number") from None
+        return False
+    return True

@@ -12,7 +12,7 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.config.time_units import step_limit
+from auvbench.config.schema import step_limit
 from auvbench.envs import info, options, rendering, settings, spaces
 from auvbench.envs.batch import Batch
 from auvbench.errors import ActionError, AuvbenchWarning

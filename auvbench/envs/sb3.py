@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from auvbench.config.time_units import step_limit
+from auvbench.config.schema import step_limit
 from auvbench.envs import info, options, rendering, settings, spaces
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import ConfigError

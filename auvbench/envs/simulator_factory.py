@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from auvbench.config import installed, plugins, schema, simulators
-from auvbench.config.disturbance import SCALES
+from auvbench.config.schema import SCALES
 from auvbench.errors import ConfigError, closest
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator

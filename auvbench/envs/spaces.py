@@ -10,7 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.config.time_units import step_limit
+from auvbench.config.schema import step_limit
 from auvbench.vehicles.inspect import net_buoyancy, terminal_speed
 from auvbench.vehicles.model import VehicleModel
 

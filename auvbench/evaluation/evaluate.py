@@ -17,7 +17,7 @@ from auvbench.agents import base as agents
 from auvbench.agents.base import Agent
 from auvbench.config import installed, plugins, schema, simulators
 from auvbench.config.agents import learns
-from auvbench.config.time_units import step_limit
+from auvbench.config.schema import step_limit
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import AgentError, AuvbenchError, AuvbenchWarning, RunError
 from auvbench.evaluation import inference

@@ -16,7 +16,7 @@ import numpy as np
 from auvbench.agents.base import Agent
 from auvbench.config import schema
 from auvbench.config.agents import AGENTS, learns
-from auvbench.config.time_units import step_limit
+from auvbench.config.schema import step_limit
 from auvbench.errors import RunError
 from auvbench.evaluation.evaluate import make_agent, read_summary
 from auvbench.evaluation.policy_check import observe_edges, observe_episodes

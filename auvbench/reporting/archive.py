@@ -22,7 +22,7 @@ from auvbench.record import MEASURED, SCENARIO_COLUMNS
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import write_atomic
 from auvbench.runs.directory import RunDirectory
-from auvbench.untrusted import parquet
+from auvbench.untrusted import tables
 from auvbench.untrusted.text import short
 
 OUTPUT = "outputs"
@@ -79,9 +79,9 @@ def write(
         if trained is not None and len(trained):
             episodes.append(_labelled(_rounded(trained, digits), run.id, archive.TRAIN))
         rows.append(_row(run, summaries))
-    files = {archive.EPISODES: parquet.written(_joined(episodes), {})}
+    files = {archive.EPISODES: tables.parquet(_joined(episodes), {})}
     if tracks:
-        files[archive.TRAJECTORIES] = parquet.written(pd.concat(tracks, ignore_index=True), {})
+        files[archive.TRAJECTORIES] = tables.parquet(pd.concat(tracks, ignore_index=True), {})
     folder.mkdir(parents=True, exist_ok=True)
     for name, data in files.items():
         write_atomic(folder / name, data)
@@ -89,7 +89,7 @@ def write(
         (folder / archive.TRAJECTORIES).unlink(missing_ok=True)
     # Last, because it vouches for the others.
     table = pd.DataFrame(rows)
-    write_atomic(folder / archive.RUNS, parquet.written(table, archive.note(table, files)))
+    write_atomic(folder / archive.RUNS, tables.parquet(table, archive.note(table, files)))
     return problems
 
 

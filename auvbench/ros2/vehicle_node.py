@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config.disturbance import SCALES
+from auvbench.config.schema import SCALES
 from auvbench.ros2 import interface, messages
 
 if TYPE_CHECKING:

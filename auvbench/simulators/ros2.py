@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auvbench.config import simulators
-from auvbench.config.disturbance import SCALES
+from auvbench.config.schema import SCALES
 from auvbench.dynamics.commands import commanded
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.ros2.connection import Connection

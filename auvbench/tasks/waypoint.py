@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.config.time_units import step_limit
+from auvbench.config.schema import step_limit
 from auvbench.dynamics.random import TEST, VALIDATION
 from auvbench.errors import TrainingError
 from auvbench.metrics import Totals

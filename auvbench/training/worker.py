@@ -29,7 +29,7 @@ from auvbench.runs import interruption, lock, processes, status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Interrupted, Request
 from auvbench.runs.pool import ONE_THREAD
-from auvbench.untrusted import path_safety, streams
+from auvbench.untrusted import path_safety, text
 
 TARGET = "auvbench.training.execute:execute"
 """What a worker calls with the run directory, as module:function."""
@@ -52,7 +52,7 @@ def limit_torch() -> None:
 def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
     """Carries out a run in this process and returns the exit code; never raises."""
     plain_warnings()
-    streams.forgiving()
+    text.forgiving()
     try:
         run = RunDirectory(Path(path))
         path_safety.refuse_links(run.path)

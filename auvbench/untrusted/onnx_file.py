@@ -42,14 +42,14 @@ KEPT = {
 DROPPED = "doc_string metadata_props producer_name producer_version model_version domain value_info denotation overload"
 """Fields without an effect on the numbers, where they are not in `KEPT`"""
 
+GRAPH = "an operator in it holds a graph of its own (control flow), which is not run"
 REFUSED = {
-    "external_data": "its weights lie in another file (external data), which is not read; save it as one file "
-    "(onnx.save with save_as_external_data=False, torch.onnx.export with external_data=False)",
-    "functions": "it defines functions of its own; write them out as operators (onnx.inliner.inline_local_functions)",
-    "training_info": "it holds training information; export the network alone",
-    "g": "an operator in it holds a graph of its own (control flow), which is not run",
-    "graphs": "an operator in it holds a graph of its own (control flow), which is not run",
+    "external_data": "its weights lie in another file (external data), which is not read; export one file",
+    "functions": "it defines functions of its own; write them out (onnx.inliner.inline_local_functions)",
+    "g": GRAPH,
+    "graphs": GRAPH,
 }
+"""Reasons for refused fields"""
 
 OPERATORS = frozenset((
     "Abs", "Acos", "Acosh", "Add", "And", "ArgMax", "ArgMin", "Asin", "Asinh", "Atan", "Atanh",

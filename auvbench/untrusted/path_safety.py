@@ -9,7 +9,7 @@ folder that the user typed are the user's own.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import stat
 from pathlib import Path
 
 from auvbench.errors import RunError
@@ -62,18 +62,28 @@ def refuse_links(run: Path | str) -> None:
     Raises:
         RunError: a link, a pipe or a device lies in it, or a growing file has a second name.
     """
-    for entry in _entries(str(run)):
-        if entry.is_symlink():
-            raise RunError(_link(entry.path))
-        if entry.is_file(follow_symlinks=False):
-            if _parent(entry) == GROWING and _links(entry) > 1:
+    waiting = [str(run)]  # a stack: a folder may be nested deeper than Python recurses
+    while waiting:
+        try:
+            entries = sorted(os.scandir(waiting.pop()), key=lambda entry: entry.name)
+        except (FileNotFoundError, NotADirectoryError):
+            continue
+        for entry in entries:
+            if entry.is_symlink():
+                raise RunError(_link(entry.path))
+            try:
+                status = entry.stat(follow_symlinks=False)
+            except FileNotFoundError:  # a lock's temporary file
+                continue
+            if stat.S_ISDIR(status.st_mode):
+                waiting.append(entry.path)
+            elif not stat.S_ISREG(status.st_mode):
+                raise RunError(f"{entry.path}: neither a file nor a folder; remove it")
+            elif status.st_nlink > 1 and Path(entry.path).parent.name == GROWING:
                 raise RunError(
                     f"{entry.path}: the file has a second name (a hard link), which would grow with it; "
                     f"make it a copy: cp {entry.path} COPY && mv COPY {entry.path}"
                 )
-        # A lock's temporary file may be gone by now.
-        elif not entry.is_dir(follow_symlinks=False) and os.path.lexists(entry.path):
-            raise RunError(f"{entry.path}: neither a file nor a folder; remove it")
 
 
 def check_output(folder: Path | str, names: tuple[str, ...] = ()) -> None:
@@ -85,31 +95,6 @@ def check_output(folder: Path | str, names: tuple[str, ...] = ()) -> None:
     for path in (Path(folder), *(Path(folder) / name for name in names)):
         if path.is_symlink():
             raise RunError(_link(path))
-
-
-def _entries(folder: str) -> Iterator[os.DirEntry[str]]:
-    """Yield all files and folders below a folder, each folder in the order of its names."""
-    waiting = [folder]  # a stack: a folder may be nested deeper than Python recurses
-    while waiting:
-        try:
-            entries = sorted(os.scandir(waiting.pop()), key=lambda entry: entry.name)
-        except (FileNotFoundError, NotADirectoryError):
-            continue
-        for entry in entries:
-            yield entry
-            if entry.is_dir(follow_symlinks=False):
-                waiting.append(entry.path)
-
-
-def _parent(entry: os.DirEntry[str]) -> str:
-    return os.path.basename(os.path.dirname(entry.path))
-
-
-def _links(entry: os.DirEntry[str]) -> int:
-    try:
-        return entry.stat(follow_symlinks=False).st_nlink
-    except FileNotFoundError:
-        return 0
 
 
 def _link(path: Path | str) -> str:

@@ -29,11 +29,12 @@ def content(path: Path | str, limit: int = DOCUMENT) -> bytes:
         os.close(descriptor)
         if stat.S_ISDIR(status.st_mode):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        raise ValueError(f"it is {_kind(status.st_mode)}, not a file")
+        raise ValueError("it is a pipe, a socket or a device, not a file")
     with open(descriptor, "rb") as file:
         data = file.read() if status.st_size <= limit else b""
     if len(data) > limit or status.st_size > limit:
-        raise ValueError(f"it has more than {_size(limit)}, the most that is read")
+        size = f"{limit // 1024**2} MiB" if limit >= 1024**2 else f"{limit} bytes"
+        raise ValueError(f"it has more than {size}, the most that is read")
     return data
 
 
@@ -44,17 +45,3 @@ def text(path: Path | str, limit: int = DOCUMENT) -> str:
         OSError, ValueError: as `content`; a UnicodeDecodeError, which is a ValueError, where it is no UTF-8.
     """
     return content(path, limit).decode("utf-8")
-
-
-def _kind(mode: int) -> str:
-    kinds = {
-        stat.S_IFIFO: "a pipe",
-        stat.S_IFSOCK: "a socket",
-        stat.S_IFCHR: "a device",
-        stat.S_IFBLK: "a device",
-    }
-    return kinds.get(stat.S_IFMT(mode), "something else")
-
-
-def _size(count: int) -> str:
-    return f"{count // 1024**2} MiB" if count >= 1024**2 else f"{count} bytes"

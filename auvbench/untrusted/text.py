@@ -1,8 +1,12 @@
-"""Text of other people on its way to a terminal, a table or a figure."""
+"""Text of other people on its way to a terminal, a table or a figure; streams that survive it."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
+import sys
+from typing import TextIO
 
 LONGEST = 200
 """characters of a name; ours have a dozen"""
@@ -62,3 +66,24 @@ def cell(value: object) -> object:
     except ValueError:
         return f"'{value}"
     return value
+
+
+def forgiving() -> None:
+    """Replace characters that the terminal's encoding lacks by question marks."""
+    for stream in (sys.stdout, sys.stderr):
+        if getattr(stream, "errors", None) == "strict" and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+
+
+def say(text: str) -> None:
+    """Print a line to standard error; do nothing where it is closed or full."""
+    with contextlib.suppress(OSError, ValueError):
+        print(text, file=sys.stderr, flush=True)
+
+
+def silence(stream: TextIO) -> None:
+    """Discard what a stream has buffered, so that Python does not write it while it ends."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from auvbench.config import options
+from auvbench.config import plugins
 from auvbench.errors import VehicleError, closest
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.path_safety import is_plain
@@ -22,7 +22,7 @@ def sheets() -> dict[str, Traversable]:
     The latter win, as they do in Hydra's search path.
     """
     found: dict[str, Traversable] = {}
-    for folder in options.folders("vehicle"):
+    for folder in plugins.option_folders("vehicle"):
         if folder.is_dir():
             for entry in folder.iterdir():
                 if entry.name.endswith(".yaml"):

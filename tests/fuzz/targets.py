@@ -35,15 +35,12 @@ FLAGS = (
     "-m",
     "--cfg",
     "job",
-    "-cn",
-    "evaluate",
-    "-cp",
+    "-cd",
     "/tmp",
     "--info",
     "--resolve",
     "--package",
     "x",
-    "-sc",
     "--x",
 )
 
@@ -102,11 +99,7 @@ def overrides(draw: st.DrawFn) -> list[str]:
 
 
 def command_line(folder: Path, words: list[str], choice: int) -> None:
-    if any(
-        word in ("-sc", "--shell-completion", "--hydra-help", "--help", "-h", "--info", "-i")
-        for word in words
-    ):
-        words = [word for word in words if word not in ("-sc", "--shell-completion", "--info", "-i")]
+    words = [word for word in words if word not in ("--info", "-i")]
     command = (
         ["train"],
         ["train", "-m"],

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from auvbench import testing
-from auvbench.config import options
+from auvbench.config import plugins
 from auvbench.config.agents import AGENTS, learns
 from auvbench.simulators.gazebo import bindings
 
@@ -51,7 +51,7 @@ absent = bindings.missing()
 
 def test_no_agent_and_no_simulator_is_left_out() -> None:
     assert OVERRIDES.keys() == AGENTS.keys()
-    assert set(options.names("simulator")) <= {"fossen", "gazebo", "ros2"}
+    assert set(plugins.options("simulator")) <= {"fossen", "gazebo", "ros2"}
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ metrics.METRICS += (
 USED = """
 import numpy as np
 from auvbench.analysis.ranking import rank
-from auvbench.commands.completion_words import measure_names
+from auvbench.commands.completion import measure_names
 from auvbench.envs.batch import Batch
 from auvbench.evaluation.protocol import resolve_conditions, fingerprint
 from auvbench.reporting import tables

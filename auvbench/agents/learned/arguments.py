@@ -11,7 +11,7 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv
 
 from auvbench.config import algorithms, schema
-from auvbench.config.time_units import discount
+from auvbench.config.schema import discount
 
 ACTIVATIONS = {
     "tanh": torch.nn.Tanh,

@@ -18,7 +18,7 @@ from auvbench.agents.base import Actions, Agent, Callbacks, Environment, Integer
 from auvbench.agents.components import Components
 from auvbench.agents.learned import finite, learners, state
 from auvbench.config import schema
-from auvbench.config.time_units import discount
+from auvbench.config.schema import discount
 from auvbench.envs.sb3 import WaypointVecEnv
 from auvbench.vehicles.model import VehicleModel
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from auvbench.config.disturbance import SCALES
+from auvbench.config.schema import SCALES
 from auvbench.config.simulators import CAPABILITIES
 from auvbench.errors import ConfigError
 from auvbench.simulators.gazebo import bindings, sdf

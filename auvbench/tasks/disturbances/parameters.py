@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.config.disturbance import SCALES
+from auvbench.config.schema import SCALES
 from auvbench.errors import ConfigError, closest
 from auvbench.simulators.base import Simulator
 from auvbench.tasks.disturbances import kernels as k

@@ -18,7 +18,7 @@ from auvbench.analysis import archive
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.load import load
 from auvbench.errors import ReportError
-from auvbench.untrusted import parquet
+from auvbench.untrusted import tables
 from tests.conftest import Once
 from tests.synthetic import write_experiment
 
@@ -40,15 +40,15 @@ def study(once: Once, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def change(study: Path, name: str, edit) -> None:  # type: ignore[no-untyped-def]
     """Edit a table and make the digests fit, as an attacker would."""
-    tables = {each: (study / each).read_bytes() for each in (archive.EPISODES, archive.TRAJECTORIES)}
-    runs, _ = parquet.read(study / archive.RUNS)
+    files = {each: (study / each).read_bytes() for each in (archive.EPISODES, archive.TRAJECTORIES)}
+    runs, _ = tables.read_parquet(study / archive.RUNS)
     if name == archive.RUNS:
         runs = edit(runs.astype(object))
     else:
-        frame, _ = parquet.read(study / name)
-        tables[name] = parquet.written(edit(frame), {})
-        (study / name).write_bytes(tables[name])
-    (study / archive.RUNS).write_bytes(parquet.written(runs, archive.note(runs, tables)))
+        frame, _ = tables.read_parquet(study / name)
+        files[name] = tables.parquet(edit(frame), {})
+        (study / name).write_bytes(files[name])
+    (study / archive.RUNS).write_bytes(tables.parquet(runs, archive.note(runs, files)))
 
 
 def test_pandas_opens_it(study: Path) -> None:
@@ -135,16 +135,16 @@ def test_a_file_that_expands_without_end_is_refused(tmp_path: Path) -> None:
     wide = pa.table({f"c{i}": np.zeros(200_001) for i in range(1001)})
     files.write_table(table, tmp_path / "small.parquet", store_schema=False)
     files.write_table(wide, tmp_path / "wide.parquet", compression="zstd")
-    frame, _ = parquet.read(tmp_path / "small.parquet")
+    frame, _ = tables.read_parquet(tmp_path / "small.parquet")
     assert isinstance(frame["run"].dtype, pd.CategoricalDtype)
     with pytest.raises(ValueError, match="values"):
-        parquet.read(tmp_path / "wide.parquet")
+        tables.read_parquet(tmp_path / "wide.parquet")
 
 
 def test_nested_columns_are_refused(tmp_path: Path) -> None:
     files.write_table(pa.table({"run": [["a"], ["b"]]}), tmp_path / "nested.parquet")
     with pytest.raises(ValueError, match="type"):
-        parquet.read(tmp_path / "nested.parquet")
+        tables.read_parquet(tmp_path / "nested.parquet")
 
 
 def test_trajectories_are_read_back_to_a_millimetre(study: Path) -> None:

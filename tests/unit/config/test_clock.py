@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from auvbench.agents.learned import learners
 from auvbench.config.compose import compose, typed
-from auvbench.config.time_units import discount, step_limit
+from auvbench.config.schema import discount, step_limit
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv

@@ -9,8 +9,8 @@ import pytest
 from omegaconf import OmegaConf
 
 from auvbench import cli
-from auvbench.commands.completion_words import candidates
-from auvbench.config import options
+from auvbench.commands.completion import candidates
+from auvbench.config import plugins
 from auvbench.config.compose import compose, typed
 from auvbench.config.plugins import find
 from auvbench.config.validate import train_config
@@ -59,7 +59,7 @@ def test_it_is_listed_and_completed_without_being_imported(
 ) -> None:
     steering(site)
     (site.folder / "mine/__init__.py").write_text("raise RuntimeError('imported')")
-    assert "mine" in options.names("algo")
+    assert "mine" in plugins.options("algo")
     assert candidates(["report", "outputs", "--baseline", "mi"]) == ["mine"]
     assert cli.main(["train", "--help"]) == 0
     assert " mine," in capsys.readouterr().out
@@ -75,9 +75,9 @@ def test_it_is_listed_and_completed_without_being_imported(
         ("algo.patience=1.5", "algo.patience: '1.5' is not a whole number"),
         (
             "+algo.package=other",
-            "algo.package=other: is written by itself (mine-package==1.0); leave it out",
+            "algo.package=other: auvbench sets it (mine-package==1.0); leave it out",
         ),
-        ("+algo.learns=true", "algo.learns=True: is written by itself (False); leave it out"),
+        ("+algo.learns=true", "algo.learns=True: auvbench sets it (False); leave it out"),
         ("algo.name=../up", "must be a plain name"),
     ],
 )
@@ -97,10 +97,10 @@ def test_what_is_typed_wrong_is_one_line(
             "def other(): pass",
             "cannot be imported: AttributeError: module 'mine.steering' has no attribute 'Mine'",
         ),
-        ("Mine = 3", "is a int; it must be a class, or a function"),
+        ("Mine = 3", "is a int; it must be a class or a function"),
         (
             "class Mine:\n    Config = 3",
-            "Config of mine.steering:Mine in mine-package==1.0 must be a dataclass",
+            "mine.steering:Mine of mine-package==1.0 has a Config that is no dataclass below",
         ),
         ("class Mine:\n    def learn(self): pass", "learns and lacks save, load, exact_resume"),
         (
@@ -125,7 +125,7 @@ def test_two_packages_with_one_name(site: Site, capsys: pytest.CaptureFixture[st
     steering(site)
     site.install("other", {"other.py": ""}, agents={"mine": "other:Mine"})
     error = refused(capsys, "train", "algo=mine")
-    assert "algo.agent=mine: mine-package and other declare one each" in error
+    assert "algo.agent=mine: mine-package and other have one of that name each" in error
     assert "pip uninstall" in error
 
 
@@ -134,7 +134,9 @@ def test_names_of_auvbench_itself_are_taken(site: Site, capsys: pytest.CaptureFi
     files = {"thief/__init__.py": "", "thief/conf/algo/pid.yaml": MINE}
     site.install("thief", files, agents={"ppo": "thief:PPO"}, conf="thief.conf")
     assert compose("train", ["algo=pid"]).algo.agent == "pid"
-    assert "algo.agent=ppo: auvbench has one of that name, and thief" in refused(capsys, "train", "algo=ppo")
+    assert "algo.agent=ppo: auvbench and thief have one of that name each" in refused(
+        capsys, "train", "algo=ppo"
+    )
 
 
 def test_a_folder_that_is_not_there(site: Site, capsys: pytest.CaptureFixture[str]) -> None:

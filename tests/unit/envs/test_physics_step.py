@@ -7,7 +7,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from auvbench.config.compose import typed
-from auvbench.config.disturbance import SCALES
+from auvbench.config.schema import SCALES
 from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import make_simulator

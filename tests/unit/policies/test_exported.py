@@ -132,7 +132,7 @@ REFUSED = [
     (two_outputs, r"has 2 outputs .*; a policy has one, the action"),
     (custom, "com.evil:Evil"),
     (with_functions, "defines functions of its own"),
-    (with_training, "training information"),
+    (with_training, "training_info"),
     (loop, "control flow"),
     (lambda: onnx_files.ending("RandomNormalLike"), "RandomNormalLike"),
     (lambda: onnx_files.ending("NoSuchOperator"), "NoSuchOperator"),

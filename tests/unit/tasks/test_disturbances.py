@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from auvbench.config.disturbance import SCALES
+from auvbench.config.schema import SCALES
 from auvbench.envs.batch import Batch
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks.disturbances import Disturbances

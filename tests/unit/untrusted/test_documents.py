@@ -95,7 +95,7 @@ def test_what_is_right_is_what_the_safe_loader_says(data: bytes) -> None:
 def test_a_pipe_a_folder_and_a_device_are_no_files(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    for path, kind in ((pipe, "a pipe"), (Path("/dev/zero"), "a device")):
+    for path, kind in ((pipe, "a pipe"), (Path("/dev/zero"), "or a device")):
         with pytest.raises(ValueError, match=kind):
             reading.content(path)
     with pytest.raises(IsADirectoryError):
