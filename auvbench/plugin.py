@@ -12,7 +12,7 @@ from auvbench.config.schema import TrainConfig, choice, number
 from auvbench.config.simulators import Capabilities
 from auvbench.errors import AgentError, ConfigError, RunError, TrainingError
 from auvbench.simulators.base import Simulator
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 __all__ = [
     "Agent",

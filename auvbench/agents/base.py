@@ -14,7 +14,7 @@ from auvbench.agents.components import Components
 from auvbench.config import schema
 from auvbench.config.agents import AGENTS
 from auvbench.record import Record
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Integers = NDArray[np.int64]
 Observations = NDArray[np.float32]

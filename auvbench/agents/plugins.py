@@ -13,7 +13,7 @@ from auvbench.agents.base import Actions, Agent, Callbacks, Environment, Integer
 from auvbench.agents.components import Components
 from auvbench.config import installed, plugins, schema
 from auvbench.errors import AgentError, AuvbenchError
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:

@@ -8,7 +8,7 @@ from pathlib import Path
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.config import algorithms, schema
 from auvbench.policies import cards, exported
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 class PolicyFile:

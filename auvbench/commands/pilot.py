@@ -19,7 +19,7 @@ from auvbench.errors import ConfigError, UserError, closest
 
 if TYPE_CHECKING:
     from auvbench.ros2.steering import Controller, Limits
-    from auvbench.vehicles.model import VehicleModel
+    from auvbench.vehicles.vehicle_model import VehicleModel
 
 CONTROLLERS = ("pid", "smc", "lqr")
 """Controllers that need only NumPy (lqr: SciPy)."""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
     from auvbench.simulators.openloop import Trajectory
-    from auvbench.vehicles.model import VehicleModel
+    from auvbench.vehicles.vehicle_model import VehicleModel
 
 PICTURES = (".png", ".svg", ".pdf")
 

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from auvbench.untrusted.text import plain
 from auvbench.vehicles import inspect
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 from auvbench.vehicles.warnings import warnings
 
 FloatArray = NDArray[np.float64]
@@ -106,7 +106,7 @@ def show(vehicle: VehicleModel) -> None:
     _hydrostatics(console, vehicle)
     console.print(_matrix("mass matrix M = M_RB + M_A, kg, kg m, kg m2", vehicle.M, inspect.SYMBOLS))
     if vehicle.units:
-        thrusters = [k for k, unit in enumerate(vehicle.units) if unit.kind == "thruster"]
+        thrusters = [k for k, _ in vehicle.thrusters]
         names = [vehicle.actuators[k] for k in thrusters]
         title = f"allocation: wrench per newton, rank {inspect.rank(vehicle)} of 6"
         # Transposed, so that eight thrusters fit into 80 columns.
@@ -196,12 +196,9 @@ def _actuators(console: Console, vehicle: VehicleModel) -> None:
         "actuator", "kind", "at -1", "at +1", "force, N", title="actuators: what commands -1 and +1 stand for"
     )
     table.columns[1].justify = "left"
-    units = {"fin": "rad", "mass_shifter": "m", "buoyancy_engine": "m3", "drop_weight": ""}
     for unit, force in zip(vehicle.units, vehicle.force_limits, strict=True):
-        rotor = "rad/s" if unit.rotor_constant else "N"
-        symbol = units.get(unit.kind, rotor)
-        low, high = (f"{limit:.5g} {symbol}".strip() for limit in unit.curve.limits)
-        newtons = f"{force[0]:+.4g} {force[1]:+.4g}" if unit.kind == "thruster" else ""
+        low, high = (f"{limit:.5g} {unit.unit}".removesuffix(" 1") for limit in unit.curve.limits)
+        newtons = f"{force[0]:+.4g} {force[1]:+.4g}" if unit.name not in vehicle.others else ""
         table.add_row(_text(unit.name), unit.kind.replace("_", " "), low, high, newtons)
     console.print(table)
 

@@ -11,7 +11,7 @@ from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import pace, sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def at_once(config: schema.TrainConfig, wanted: int) -> int:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from auvbench.config import schema
 from auvbench.config.schema import step_limit
 from auvbench.vehicles.inspect import net_buoyancy, terminal_speed
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 if TYPE_CHECKING:
     from auvbench.envs.batch import Batch

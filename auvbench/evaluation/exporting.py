@@ -31,7 +31,7 @@ from auvbench.untrusted import path_safety
 from auvbench.untrusted.onnx_file import Port
 from auvbench.vehicles import sheet
 from auvbench.vehicles.actuators import Actuator
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 LIMIT = 1e-5
 """largest accepted difference of actions, unless the last bits of an observation change the run's own by more: large
@@ -51,8 +51,6 @@ TESTED = (
     "mean_return",
 )
 """of a test's conditions, in a card"""
-UNITS = {"fin": "rad", "mass_shifter": "m", "buoyancy_engine": "m3", "drop_weight": "1"}
-"""of the commands of actuators other than thrusters"""
 
 
 class NoNetworkError(RunError):
@@ -259,7 +257,7 @@ def _action(unit: Actuator) -> dict[str, Any]:
         "command_low": float(low),
         "command_neutral": float(unit.curve(0.0)),
         "command_high": float(high),
-        "command_unit": UNITS.get(unit.kind, "rad/s" if unit.rotor_constant else "N"),
+        "command_unit": unit.unit,
     }
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.vehicles.model import VehicleModel
 from auvbench.vehicles.physical import PhysicalCommands
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from auvbench.runs import declared, identity, interpolations, policy_files
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.vehicles import pace, sheet
 from auvbench.vehicles.inspect import shortest_time_constant
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def load_config(run: RunDirectory) -> schema.TrainConfig:

@@ -22,7 +22,7 @@ from auvbench.policies import cards, exported
 from auvbench.runs.atomic_io import sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
 from auvbench.untrusted import path_safety
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 UNNAMED = "onnx"
 """the name of conf/algo/onnx.yaml, in whose place that of the card or of the file stands"""

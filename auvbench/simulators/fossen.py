@@ -20,7 +20,7 @@ from auvbench.dynamics.kernel import PARAMETER_ROWS, advance
 from auvbench.dynamics.plugin import GZ_SIM_8_11
 from auvbench.errors import ConfigError
 from auvbench.simulators.packing import discretise, geometry_table, parameter_rows, unit_table
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
@@ -89,7 +89,7 @@ class FossenSimulator:
         self._flags = (
             bool(np.any(np.diag(np.diag(vehicle.M_A)) != vehicle.M_A)),
             any(unit.rest.size > 0 for unit in vehicle.units),
-            any(unit.kind != "thruster" for unit in vehicle.units),
+            bool(vehicle.others),
             vehicle.added_mass_coriolis and vehicle.plugin == GZ_SIM_8_11,
         )
         self._discrete: dict[float, FloatArray] = {}

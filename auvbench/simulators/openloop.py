@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from auvbench.dynamics import frames
 from auvbench.errors import AuvbenchError
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 

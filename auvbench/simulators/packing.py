@@ -10,23 +10,11 @@ from numpy.typing import NDArray
 from auvbench.dynamics import layout
 from auvbench.dynamics.kernel import PARAMETER_ROWS
 from auvbench.dynamics.rigid_body import rigid_body_mass
-from auvbench.vehicles.actuators import FIN_PARAMETERS, Lag, t200_power
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.actuators import Thruster
+from auvbench.vehicles.curves import Lag, t200_power
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
-
-_KINDS = {
-    "thruster": layout.THRUSTER,
-    "fin": layout.FIN,
-    "mass_shifter": layout.MASS_SHIFTER,
-    "buoyancy_engine": layout.BUOYANCY_ENGINE,
-    "drop_weight": layout.DROP_WEIGHT,
-}
-_CURVES = {
-    "linear": layout.LINEAR_CURVE,
-    "table": layout.TABLE_CURVE,
-    "polynomial": layout.POLYNOMIAL_CURVE,
-}
 
 
 def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
@@ -76,21 +64,19 @@ def unit_table(vehicle: VehicleModel) -> tuple[FloatArray, FloatArray]:
     curves = [np.concatenate(([largest], power))]
     state = 0
     for row, unit in zip(table, vehicle.units, strict=True):
-        row[layout.KIND] = _KINDS[unit.kind]
-        row[layout.CURVE] = _CURVES[unit.curve.kind]
+        row[layout.KIND] = unit.code
+        row[layout.CURVE] = unit.curve.code
         row[layout.LOW], row[layout.HIGH] = unit.curve.limits
         row[layout.NEUTRAL] = unit.curve.neutral
-        if unit.curve.kind != "linear":
-            values = unit.curve.table if unit.curve.kind == "table" else unit.curve.coefficients
+        if (values := unit.curve.entries).size:
             row[layout.TABLE] = len(curves)
             curves.append(np.concatenate(([values.size], values)))
         row[layout.ORDER] = unit.rest.size
         row[layout.FIRST_STATE] = state
         state += unit.rest.size
         row[layout.RATE] = unit.rate
-        row[layout.ROTOR] = unit.rotor_constant
-        row[layout.FORCE_SCALE] = 1.0 / unit.power.force_scale
-        row[layout.POWER_SCALE] = unit.power.power_scale
+        for column, value in unit.coefficients().items():
+            row[column] = value
     packed = np.zeros((len(curves), max(curve.size for curve in curves)))
     for target, curve in zip(packed, curves, strict=True):
         target[: curve.size] = curve
@@ -101,26 +87,12 @@ def geometry_table(vehicle: VehicleModel) -> FloatArray:
     """Return the table of geometry (n_u, GEOMETRY_COLUMNS)."""
     table = np.zeros((len(vehicle.units), layout.GEOMETRY_COLUMNS))
     table[:, :6] = vehicle.allocation.T
-    fin = (
-        layout.AREA,
-        layout.LIFT_SLOPE,
-        layout.LIFT_SLOPE_STALL,
-        layout.DRAG_SLOPE,
-        layout.DRAG_SLOPE_STALL,
-        layout.STALL_ANGLE,
-    )
     for row, unit in zip(table, vehicle.units, strict=True):
-        if unit.kind == "thruster":
-            continue
-        row[layout.POSITION : layout.POSITION + 3] = unit.position
-        row[layout.AXIS : layout.AXIS + 3] = unit.direction
-        if unit.kind == "fin":
-            row[list(fin)] = [unit.parameters[name] for name in FIN_PARAMETERS]
-            row[layout.DENSITY] = vehicle.density
-        elif unit.kind == "buoyancy_engine":
-            row[layout.UPWARD] = vehicle.density * vehicle.gravity
-        else:
-            row[layout.UPWARD] = unit.parameters["mass"] * vehicle.gravity
+        if not isinstance(unit, Thruster):
+            row[layout.POSITION : layout.POSITION + 3] = unit.position
+            row[layout.AXIS : layout.AXIS + 3] = unit.direction
+        for column, value in unit.geometry(vehicle.density, vehicle.gravity).items():
+            row[column] = value
     return table
 
 

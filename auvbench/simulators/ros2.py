@@ -15,8 +15,8 @@ from auvbench.dynamics.commands import commanded
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.ros2.connection import Connection
 from auvbench.simulators.packing import unit_table
-from auvbench.vehicles.model import VehicleModel
 from auvbench.vehicles.physical import PhysicalCommands
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
@@ -111,7 +111,7 @@ class Ros2Simulator:
         self.power = np.zeros(n)
         self.effectiveness = np.ones((n, n_u))
         self._table, self._curves = unit_table(vehicle)
-        self._thrusters = np.array([unit.kind == "thruster" for unit in vehicle.units])
+        self._thrusters = np.isin(vehicle.actuators, vehicle.others, invert=True)
         self._physical = PhysicalCommands(vehicle)
         # Lock-step needs commands to the server's other vehicles, too.
         self._all = np.tile(self._physical.neutral, (self._connection.n, 1))

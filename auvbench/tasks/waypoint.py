@@ -15,7 +15,7 @@ from auvbench.errors import TrainingError
 from auvbench.metrics import Totals
 from auvbench.record import OUTCOMES, Record, record_of
 from auvbench.tasks import kernels as k
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

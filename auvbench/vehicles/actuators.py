@@ -1,220 +1,420 @@
-"""What stands between a normalised command and a force: static curve, lag, post-map, electrical power."""
+"""The kinds of actuators: one class each, with its part of a sheet, its compiled coefficients, units and warnings.
+
+A new kind is a class here, entered in `KINDS`, and its force in `dynamics/appendages.py` (docs/adding-an-actuator.md).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
-from importlib import resources
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from auvbench.dynamics.layout import POWER_POINTS
+from auvbench.dynamics import layout
+from auvbench.vehicles.curves import Curve, Lag, Power, t200_table
+from auvbench.vehicles.document import Document, Keys
 
 FloatArray = NDArray[np.float64]
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Curve:
-    """The static map from a command in [-1, 1] to a physical quantity (N, rad/s, rad, m or m3)."""
-
-    kind: str  # linear | table | polynomial
-    limits: tuple[float, float]  # value at -1 and at +1
-    table: FloatArray = field(default_factory=lambda: np.zeros(0))  # values at equally spaced commands
-    coefficients: FloatArray = field(default_factory=lambda: np.zeros(0))  # of a^0, a^1, ...
-    neutral: float = 0.0  # value at command 0 of a linear curve
-
-    def __call__(self, command: ArrayLike) -> FloatArray:
-        """Value at `command` (...), which is clipped to [-1, 1]."""
-        a = np.clip(np.asarray(command, dtype=np.float64), -1.0, 1.0)
-        if self.kind == "linear":
-            low, high = self.limits
-            span = np.where(a < 0.0, self.neutral - low, high - self.neutral)
-            return np.asarray(self.neutral + a * span)
-        if self.kind == "table":
-            return np.interp(a, np.linspace(-1.0, 1.0, self.table.size), self.table)
-        return np.asarray(np.polynomial.polynomial.polyval(a, self.coefficients))
-
-    def inverse(self, value: ArrayLike) -> FloatArray:
-        """A command (...) that gives `value`, clipped to what the monotone part of the curve reaches.
-
-        Inside a dead band the answer is the middle of the band, 0.
-        """
-        value = np.asarray(value, dtype=np.float64)
-        if self.kind == "linear":
-            low, high = self.limits
-            span = np.where(value < self.neutral, self.neutral - low, high - self.neutral)
-            return np.asarray(
-                np.clip((value - self.neutral) / np.where(span == 0.0, np.inf, span), -1.0, 1.0)
-            )
-        values, commands = _monotone(self)
-        return np.asarray(np.where(value == 0.0, 0.0, np.interp(value, values, commands)))
+CURVES = ("linear", "t200_16v", "polynomial", "rotor")
 
 
-@lru_cache(maxsize=256)
-def _monotone(curve: Curve) -> tuple[FloatArray, FloatArray]:
-    """Values and commands of the increasing part of a curve that contains command 0."""
-    commands = np.linspace(-1.0, 1.0, curve.table.size if curve.kind == "table" else 4001)
-    values = curve(commands)
-    middle = commands.size // 2
-    rising = np.diff(values) >= 0.0
-    above = np.flatnonzero(~rising[middle:])
-    below = np.flatnonzero(~rising[:middle])
-    last = middle + int(above[0]) if above.size else commands.size - 1
-    first = int(below[-1]) + 1 if below.size else 0
-    return values[first : last + 1], commands[first : last + 1]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Lag:
-    """Linear dynamics y = G(s) u with unit static gain, as x' = A x + B u, y = C x (controllable form)."""
-
-    A: FloatArray  # (order, order), 1/s
-    B: FloatArray  # (order,)
-    C: FloatArray  # (order,)
-
-    @property
-    def order(self) -> int:
-        return int(self.B.size)
-
-    @classmethod
-    def first_order(cls, time_constant: float) -> Lag:
-        return cls(np.array([[-1.0 / time_constant]]), np.array([1.0 / time_constant]), np.ones(1))
-
-    @classmethod
-    def none(cls) -> Lag:
-        return cls(np.zeros((0, 0)), np.zeros(0), np.zeros(0))
-
-    @classmethod
-    def transfer_function(cls, numerator: ArrayLike, denominator: ArrayLike) -> Lag:
-        """From polynomials in s, highest power first.
-
-        The states are scaled by powers of the natural frequency, so that all of them are of the size of the
-        input.
-        """
-        den = np.asarray(denominator, dtype=np.float64)
-        order = den.size - 1
-        num = np.zeros(order)
-        given = np.asarray(numerator, dtype=np.float64)
-        num[order - given.size :] = given
-        num, den = num / den[0], den / den[0]
-        scale = abs(float(den[-1])) ** (1.0 / order)
-        A = np.diag(np.full(order - 1, scale), 1)
-        A[-1] = [-den[order - j] / scale ** (order - 1 - j) for j in range(order)]
-        B = np.zeros(order)
-        B[-1] = scale
-        C = np.array([num[order - 1 - j] * scale**j for j in range(order)]) / scale**order
-        return cls(A, B, C)
-
-    def discretise(self, duration: float) -> tuple[FloatArray, FloatArray]:
-        """(Ad, Bd) of the exact update x(t + duration) = Ad x(t) + Bd u for constant u."""
-        from scipy.linalg import expm
-
-        n = self.order
-        block = np.zeros((n + 1, n + 1))
-        block[:n, :n] = self.A
-        block[:n, n] = self.B
-        E = expm(block * duration)
-        return E[:n, :n], E[:n, n]
-
-    def steady(self, value: float) -> FloatArray:
-        """State (order,) in which the output stays at `value`."""
-        if self.order == 0:
-            return np.zeros(0)
-        return np.asarray(-np.linalg.solve(self.A, self.B) * value)
-
-
-@cache
-def t200_table() -> dict[str, FloatArray]:
-    """Blue Robotics' public T200 measurements at 16 V (September 2019), by pulse width 1100 .. 1900 us."""
-    path = resources.files("auvbench.vehicles") / "data" / "t200_16v.csv"
-    with path.open(encoding="utf-8") as lines:
-        rows = np.loadtxt((line for line in lines if not line.startswith("#")), delimiter=",", skiprows=1)
-    return {"pwm_us": rows[:, 0], "force_N": rows[:, 1], "power_W": rows[:, 2]}
-
-
-@cache
-def t200_power() -> tuple[float, FloatArray]:
-    """Electrical power of a T200 at 16 V by force.
-
-    Force is monotone in pulse width outside the dead band, so power is a function of force. Returns the largest
-    force F in N and the power (POWER_POINTS,) in W at equally spaced forces from -F to F, of which the middle one
-    is 0; beyond the strongest reverse thrust power is constant.
-    """
-    data = t200_table()
-    force, first = np.unique(data["force_N"], return_index=True)
-    power = data["power_W"][first].copy()
-    power[force == 0.0] = 0.0
-    largest = float(force[-1])
-    return largest, np.interp(np.linspace(-largest, largest, POWER_POINTS), force, power)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Power:
-    """Electrical power from force: scale * P_T200(force / force_scale) (see `docs/physics.md`)."""
-
-    force_scale: float = 1.0
-    power_scale: float = 1.0
-
-    def __call__(self, force: ArrayLike) -> FloatArray:
-        """Power (...) in W of a thruster that gives `force` (...) in N."""
-        largest, power = t200_power()
-        scaled = np.asarray(force, dtype=np.float64) / self.force_scale
-        return np.asarray(
-            np.interp(scaled, np.linspace(-largest, largest, POWER_POINTS), power) * self.power_scale
-        )
-
-
-FIN_PARAMETERS = (
-    "area",
-    "lift_slope",
-    "lift_slope_stall",
-    "drag_slope",
-    "drag_slope_stall",
-    "stall_angle",
-)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Actuator:
-    """One actuator of a vehicle, in body FLU.
+    """One actuator of a vehicle, in body FLU."""
 
-    `direction` is the force for a positive command of a thruster, the hinge of a fin (positive angles by the right
-    hand), the way that a mass shifter moves. `parameters` holds `FIN_PARAMETERS` of a fin (m2, 1/rad, rad), and the
-    `mass` (kg) of a mass shifter or a drop weight.
-    """
+    kind: ClassVar[str]
+    """the sheet's `type`"""
+    code: ClassVar[int]
+    """the kind in the compiled functions"""
+    output: ClassVar[str]
+    """unit of the curve's values"""
 
     name: str
-    kind: str  # thruster | fin | mass_shifter | buoyancy_engine | drop_weight
     curve: Curve
-    lag: Lag
-    position: FloatArray  # (3,) m from the body origin
-    direction: FloatArray  # (3,) unit vector
-    rotor_constant: float = 0.0  # k rho D^4 in N s2 of F = k rho D^4 n|n|; 0 where the curve gives newtons
-    power: Power = field(default_factory=Power)
-    rate: float = 0.0  # largest change per second of a rate-limited actuator; 0 = unlimited
-    parameters: dict[str, float] = field(default_factory=dict)  # what other kinds need besides
+    lag: Lag = field(default_factory=Lag.none)
+    position: FloatArray
+    """(3,) m from the body origin"""
+    direction: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """(3,) unit vector: force for a positive command, hinge (positive angles by the right hand), or axis of motion"""
+    rate: float = 0.0
+    """largest change of a rate-limited actuator per second; 0: unlimited"""
+    resting: FloatArray | None = None
+    """state at rest where it is not that of the curve at command 0"""
+
+    @classmethod
+    def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
+        """Return the actuators of one group of a sheet; vectors are turned into body FLU by `turn` (3,)."""
+        raise NotImplementedError
 
     @property
     def rest(self) -> FloatArray:
         """State of the actuator's dynamics when its command has been 0 for long; empty if it has none."""
-        if self.kind == "drop_weight":
-            return np.zeros(1)  # 0 attached, 1 released
+        if self.resting is not None:
+            return self.resting
         neutral = float(self.curve(0.0))
         return np.array([neutral]) if self.rate > 0.0 else self.lag.steady(neutral)
 
+    @property
+    def unit(self) -> str:
+        """Unit of what a command stands for."""
+        return self.output
+
     def force(self, command: ArrayLike) -> FloatArray:
         """Steady force (...) in N at a command (...) in [-1, 1]; zero for what is no thruster."""
+        return np.zeros_like(self.curve(command))
+
+    def command(self, force: ArrayLike) -> FloatArray:
+        """Command (...) that gives a steady force (...) in N; zero for what is no thruster."""
+        return np.zeros_like(np.asarray(force, dtype=np.float64))
+
+    def coefficients(self) -> dict[int, float]:
+        """Return columns of the compiled table of actuators that only this kind has."""
+        return {}
+
+    def geometry(self, density: float, gravity: float) -> dict[int, float]:
+        """Return columns of the compiled table of geometry after the first six, in kg/m3 and m/s2."""
+        return {}
+
+    def warnings(self) -> list[str]:
+        """Return what a pilot should know about this actuator, without its name."""
+        return []
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Thruster(Actuator):
+    """A propeller: its curve gives newtons, or rad/s where `rotor_constant` turns them into newtons."""
+
+    kind = "thruster"
+    code = layout.THRUSTER
+    output = "N"
+
+    rotor_constant: float = 0.0
+    """k rho D^4 in N s2 of F = k rho D^4 n|n|; 0 where the curve gives newtons"""
+    power: Power = field(default_factory=Power)
+
+    @classmethod
+    def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
+        aim = ("directions", "angles", "orientations")
+        optional = ("lag", "transfer_function", "power", *aim)
+        section = document.section(at, ("type", "curve", "positions"), optional)
+        curve, rotor = _thrust_curve(document, (*at, "curve"))
+        lag = _lag(document, at, section)
+        power = Power()
+        if "power" in section:
+            document.section((*at, "power"), ("force_scale", "power_scale"))
+            power = Power(
+                document.number((*at, "power", "force_scale"), "1", above=0.0),
+                document.number((*at, "power", "power_scale"), "1", low=0.0),
+            )
+        given = [key for key in aim if key in section]
+        if len(given) != 1:
+            document.fail(at, f"give exactly one of {', '.join(aim)}, which say where the thrusters push")
+        return [
+            cls(
+                name=name,
+                curve=curve,
+                lag=lag,
+                position=position * turn,
+                direction=direction * turn,
+                rotor_constant=rotor,
+                power=power,
+            )
+            for name, position, direction in _placed(document, at, given[0], "thrusters")
+        ]
+
+    @property
+    def unit(self) -> str:
+        return "rad/s" if self.rotor_constant else self.output
+
+    def force(self, command: ArrayLike) -> FloatArray:
         value = self.curve(command)
-        if self.kind != "thruster":
-            return np.zeros_like(value)
         return value if self.rotor_constant == 0.0 else self.rotor_constant * value * np.abs(value)
 
     def command(self, force: ArrayLike) -> FloatArray:
-        """Command (...) that gives a steady force (...) in N, clipped to what the actuator reaches."""
         force = np.asarray(force, dtype=np.float64)
-        if self.kind != "thruster":
-            return np.zeros_like(force)
         if self.rotor_constant != 0.0:
             force = np.sign(force) * np.sqrt(np.abs(force) / self.rotor_constant)
         return self.curve.inverse(force)
+
+    def coefficients(self) -> dict[int, float]:
+        return {
+            layout.ROTOR: self.rotor_constant,
+            layout.FORCE_SCALE: 1.0 / self.power.force_scale,
+            layout.POWER_SCALE: self.power.power_scale,
+        }
+
+    def warnings(self) -> list[str]:
+        commands = np.linspace(0.0, 1.0, 1001)
+        force = self.force(commands)
+        peak = int(np.argmax(np.abs(force)))
+        if abs(force[peak]) <= abs(force[-1]) * (1 + 1e-9):
+            return []
+        return [
+            f"the thrust curve peaks at command {commands[peak]:.3f} with {force[peak]:.2f} N and falls to "
+            f"{force[-1]:.2f} N at 1"
+        ]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Fin(Actuator):
+    """A fin or rudder with lift and drag."""
+
+    kind = "fin"
+    code = layout.FIN
+    output = "rad"
+    UNITS: ClassVar[dict[str, str]] = {
+        "area": "m2",
+        "lift_slope": "1/rad",
+        "lift_slope_stall": "1/rad",
+        "drag_slope": "1/rad",
+        "drag_slope_stall": "1/rad",
+        "stall_angle": "rad",
+    }
+
+    area: float
+    lift_slope: float
+    lift_slope_stall: float
+    drag_slope: float
+    drag_slope_stall: float
+    stall_angle: float
+
+    @classmethod
+    def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
+        section = document.section(at, ("type", "limits", "positions", "hinges", *cls.UNITS), ("lag",))
+        parameters: dict[str, Any] = {
+            name: document.number((*at, name), unit, low=0.0 if name in ("area", "stall_angle") else -np.inf)
+            for name, unit in cls.UNITS.items()
+        }
+        curve = Curve("linear", _limits(document, (*at, "limits"), cls.output))
+        lag = _lag(document, at, section)
+        return [
+            cls(
+                name=name,
+                curve=curve,
+                lag=lag,
+                position=position * turn,
+                direction=hinge * turn,
+                **parameters,
+            )
+            for name, position, hinge in _placed(document, at, "hinges", "fins")
+        ]
+
+    def geometry(self, density: float, gravity: float) -> dict[int, float]:
+        return {
+            layout.AREA: self.area,
+            layout.LIFT_SLOPE: self.lift_slope,
+            layout.LIFT_SLOPE_STALL: self.lift_slope_stall,
+            layout.DRAG_SLOPE: self.drag_slope,
+            layout.DRAG_SLOPE_STALL: self.drag_slope_stall,
+            layout.STALL_ANGLE: self.stall_angle,
+            layout.DENSITY: density,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MassShifter(Actuator):
+    """A mass that moves along an axis."""
+
+    kind = "mass_shifter"
+    code = layout.MASS_SHIFTER
+    output = "m"
+
+    mass: float
+    """kg"""
+
+    @classmethod
+    def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
+        document.section(at, ("type", "mass", "position", "axis", "limits", "rate"))
+        axis = document.quantity((*at, "axis"), "1", ((3,),))
+        if abs(np.linalg.norm(axis) - 1.0) > 1e-3:
+            document.fail((*at, "axis", "value"), "an axis is a unit vector")
+        shifter = cls(
+            name=at[-1],
+            curve=Curve("linear", _limits(document, (*at, "limits"), cls.output)),
+            position=document.quantity((*at, "position"), "m", ((3,),)) * turn,
+            direction=axis * turn,
+            rate=document.number((*at, "rate"), "m/s", above=0.0),
+            mass=document.number((*at, "mass"), "kg", above=0.0),
+        )
+        return [shifter]
+
+    def geometry(self, density: float, gravity: float) -> dict[int, float]:
+        return {layout.UPWARD: self.mass * gravity}
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class BuoyancyEngine(Actuator):
+    """A bladder whose volume changes."""
+
+    kind = "buoyancy_engine"
+    code = layout.BUOYANCY_ENGINE
+    output = "m3"
+
+    @classmethod
+    def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
+        document.section(at, ("type", "position", "limits", "neutral", "rate"))
+        neutral = document.number((*at, "neutral"), cls.output, low=0.0)
+        engine = cls(
+            name=at[-1],
+            curve=Curve("linear", _limits(document, (*at, "limits"), cls.output, neutral), neutral=neutral),
+            position=document.quantity((*at, "position"), "m", ((3,),)) * turn,
+            rate=document.number((*at, "rate"), "m3/s", above=0.0),
+        )
+        return [engine]
+
+    def geometry(self, density: float, gravity: float) -> dict[int, float]:
+        return {layout.UPWARD: density * gravity}
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DropWeight(Actuator):
+    """A weight that a command above one half releases for good."""
+
+    kind = "drop_weight"
+    code = layout.DROP_WEIGHT
+    output = "1"
+
+    mass: float
+    """kg"""
+
+    @classmethod
+    def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
+        document.section(at, ("type", "mass", "position"))
+        weight = cls(
+            name=at[-1],
+            curve=Curve("linear", (0.0, 1.0)),
+            position=document.quantity((*at, "position"), "m", ((3,),)) * turn,
+            mass=document.number((*at, "mass"), "kg", above=0.0),
+            resting=np.zeros(1),  # 0 attached, 1 released
+        )
+        return [weight]
+
+    def geometry(self, density: float, gravity: float) -> dict[int, float]:
+        return {layout.UPWARD: self.mass * gravity}
+
+
+KINDS: dict[str, type[Actuator]] = {
+    cls.kind: cls for cls in (Thruster, Fin, MassShifter, BuoyancyEngine, DropWeight)
+}
+"""by the `type` of a sheet"""
+
+
+def read_actuators(document: Document, turn: FloatArray) -> tuple[Actuator, ...]:
+    """Return all actuators of a sheet, groups in the order written; vectors turned into body FLU by `turn` (3,)."""
+    units: list[Actuator] = []
+    for name in document.mapping(("actuators",)):
+        at = ("actuators", str(name))
+        document.mapping(at)
+        units += KINDS[document.text((*at, "type"), KINDS)].read(document, at, turn)
+    if not units:
+        document.fail(("actuators",), "a vehicle needs at least one actuator")
+    names = [unit.name for unit in units]
+    for name in names:
+        if names.count(name) > 1:
+            document.fail(("actuators",), f"two actuators are called {name!r}")
+    return tuple(units)
+
+
+def _placed(document: Document, at: Keys, aim: str, what: str) -> list[tuple[str, FloatArray, FloatArray]]:
+    """Return name, position and direction of each actuator of a group, as the sheet has them."""
+    positions = _vectors(document, (*at, "positions"), "m", 3)
+    directions = _directions(document, at, aim)
+    if set(positions) != set(directions):
+        document.fail((*at, aim), f"does not name the same {what} as 'positions'")
+    return [(name, position, directions[name]) for name, position in positions.items()]
+
+
+def _directions(document: Document, at: Keys, key: str) -> dict[str, FloatArray]:
+    """Return unit vectors, as given or as the x axis of a link with given attitude."""
+    where = (*at, key)
+    if key == "angles":
+        found = {}
+        for name, angles in _vectors(document, where, "deg", 3).items():
+            _, pitch, yaw = np.deg2rad(angles)
+            found[name] = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
+        return found
+    vectors = _vectors(document, where, "1", 4 if key == "orientations" else 3)
+    for name, vector in vectors.items():
+        length = float(np.linalg.norm(vector))
+        if abs(length - 1.0) > 1e-3:
+            what = {
+                "orientations": "an orientation is a unit quaternion w, x, y, z",
+                "hinges": "a hinge is a unit vector",
+            }.get(key, "a direction is a unit vector")
+            document.fail((*where, "value", name), f"{what}; this one has length {length:g}")
+        if key == "orientations":
+            w, x, y, z = vector
+            vectors[name] = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    return vectors
+
+
+def _vectors(document: Document, at: Keys, unit: str, size: int) -> dict[str, FloatArray]:
+    values = document.sourced(at, unit)
+    if not isinstance(values, Mapping):
+        document.fail((*at, "value"), f"expected a vector under each actuator's name, got {values!r}")
+    return {
+        str(name): document.numbers((*at, "value", str(name)), value, ((size,),))
+        for name, value in values.items()
+    }
+
+
+def _thrust_curve(document: Document, at: Keys) -> tuple[Curve, float]:
+    """Return the static curve and the rotor constant k rho D^4 (0 where the curve gives newtons)."""
+    document.mapping(at)
+    kind = document.text((*at, "kind"), CURVES)
+    if kind == "t200_16v":
+        document.section(at, ("kind", "source"))
+        document.source((*at, "source"))
+        force = t200_table()["force_N"]
+        return Curve("table", (float(force[0]), float(force[-1])), table=force), 0.0
+    if kind == "polynomial":
+        document.section(at, ("kind", "coefficients"))
+        coefficients = document.sequence((*at, "coefficients"), "N")
+        ends = np.polynomial.polynomial.polyval(np.array([-1.0, 1.0]), coefficients)
+        return Curve("polynomial", (float(ends[0]), float(ends[1])), coefficients=coefficients), 0.0
+    if "limits" not in document.mapping(at):
+        document.fail(at, "thruster without limits: key 'limits' must give the command at -1 and at +1")
+    if kind == "rotor":
+        section = document.section(at, ("kind", "limits"), ("constant", "thrust_coefficient", "diameter"))
+        if "constant" in section:
+            constant = document.number((*at, "constant"), "N s2", above=0.0)
+        else:
+            coefficient = document.number((*at, "thrust_coefficient"), "1", above=0.0)
+            density = float(document.quantity(("environment", "density"), "kg/m3"))
+            constant = coefficient * density * document.number((*at, "diameter"), "m", above=0.0) ** 4
+        return Curve("linear", _limits(document, (*at, "limits"), "rad/s")), constant
+    document.section(at, ("kind", "limits"))
+    return Curve("linear", _limits(document, (*at, "limits"), "N")), 0.0
+
+
+def _limits(document: Document, at: Keys, unit: str, neutral: float = 0.0) -> tuple[float, float]:
+    low, high = document.quantity(at, unit, ((2,),))
+    if not low <= neutral <= high or low == high:
+        document.fail((*at, "value"), f"limits [{low:g}, {high:g}] must be rising and enclose {neutral:g}")
+    return float(low), float(high)
+
+
+def _lag(document: Document, at: Keys, section: Mapping[str, Any]) -> Lag:
+    if "transfer_function" in section:
+        if "lag" in section:
+            document.fail(at, "give either 'lag' or 'transfer_function'")
+        where = (*at, "transfer_function")
+        document.section(where, ("numerator", "denominator"))
+        numerator = document.sequence((*where, "numerator"), "1")
+        denominator = document.sequence((*where, "denominator"), "1")
+        order = denominator.size - 1
+        if not 1 <= order <= 3 or numerator.size > order or denominator[0] == 0.0:
+            document.fail(where, "expected a strictly proper transfer function of order 1 to 3")
+        if np.max(np.roots(denominator).real) >= 0.0:
+            document.fail((*where, "denominator"), "the transfer function is unstable")
+        gain = numerator[-1] / denominator[-1]
+        if abs(gain - 1.0) > 1e-9:
+            document.fail(where, f"the static gain is {gain:g}: it must be 1")
+        return Lag.transfer_function(numerator, denominator)
+    if "lag" not in section:
+        return Lag.none()
+    time_constant = document.number((*at, "lag"), "s", low=0.0)
+    return Lag.first_order(time_constant) if time_constant > 0.0 else Lag.none()

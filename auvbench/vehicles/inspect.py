@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from auvbench.dynamics.plugin import GZ_SIM_8_11, early
 from auvbench.dynamics.rigid_body import coriolis
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 

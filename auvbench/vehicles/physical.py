@@ -7,27 +7,15 @@ would change its last bits; a curve that multiplies by a power of two changes no
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.vehicles.actuators import Actuator, Curve
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.curves import Curve
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PhysicalActuator(Actuator):
-    """An actuator whose curve is a plain factor; its dynamics, and how they rest, are the sheet's."""
-
-    resting: FloatArray = field(default_factory=lambda: np.zeros(0))
-
-    @property
-    def rest(self) -> FloatArray:
-        """As the sheet's."""
-        return self.resting
 
 
 class PhysicalCommands:
@@ -45,7 +33,6 @@ class PhysicalCommands:
         for unit in vehicle.units:
             low, high = _reach(unit.curve)
             factor = 2.0 ** math.ceil(math.log2(max(-low, high, 1e-300)))
-            shared = {name: getattr(unit, name) for name in unit.__dataclass_fields__ if name != "curve"}
             # A polynomial, for a linear curve would have its zero where the sheet's neutral value is.
             plain = Curve(
                 "polynomial",
@@ -53,12 +40,14 @@ class PhysicalCommands:
                 coefficients=np.array([0.0, factor]),
                 neutral=unit.curve.neutral,
             )
-            units.append(PhysicalActuator(curve=plain, resting=unit.rest, **shared))
+            units.append(replace(unit, curve=plain, resting=unit.rest))
             limits.append((low, high))
             neutral.append(float(unit.curve(0.0)))
         self.model = replace(vehicle, units=tuple(units))
         self._factors = np.array([unit.curve.limits[1] for unit in units])
-        self._rotors = np.array([unit.rotor_constant for unit in units])
+        self._rotors = np.zeros(len(units))
+        for a, thruster in self.model.thrusters:
+            self._rotors[a] = thruster.rotor_constant
         self._which = np.flatnonzero(self._rotors)
         self._values: FloatArray = np.array(limits)
         self.limits: FloatArray = self.quantities(self._values.T).T

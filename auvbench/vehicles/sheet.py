@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from auvbench.dynamics import plugin
 from auvbench.dynamics.rigid_body import rigid_body_mass
 from auvbench.errors import closest
-from auvbench.vehicles.actuator_sheet import read_actuators
+from auvbench.vehicles.actuators import read_actuators
 from auvbench.vehicles.document import Document
-from auvbench.vehicles.model import VehicleModel
 from auvbench.vehicles.reader import read
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 

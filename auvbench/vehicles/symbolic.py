@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from auvbench.dynamics.plugin import GZ_SIM_8_11, surge_and_yaw
 from auvbench.errors import ConfigError, MissingExtraError
-from auvbench.vehicles.actuators import Lag
+from auvbench.vehicles.curves import Lag
 from auvbench.vehicles.inspect import shortest_time_constant
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 
@@ -96,7 +96,8 @@ def symbolic(vehicle: VehicleModel, *, by_thrust: bool = False) -> SymbolicModel
     """
     ca = require()
     lags = [_first_order(unit.lag) if by_thrust else unit.lag for unit in vehicle.units]
-    others = [unit.name for unit in vehicle.units if unit.kind != "thruster" or unit.rate > 0.0]
+    thrusters = [unit for _, unit in vehicle.thrusters if unit.rate == 0.0]
+    others = [unit.name for unit in vehicle.units if unit not in thrusters]
     if others:
         raise ConfigError(
             f"vehicle={vehicle.name}: the symbolic equations cover thrusters with linear lags, not {', '.join(others)}"
@@ -119,7 +120,7 @@ def symbolic(vehicle: VehicleModel, *, by_thrust: bool = False) -> SymbolicModel
     force = ca.vertcat(
         *(
             out if by_thrust or unit.rotor_constant == 0.0 else unit.rotor_constant * out * ca.fabs(out)
-            for out, unit in zip(outputs, vehicle.units, strict=True)
+            for out, unit in zip(outputs, thrusters, strict=True)
         )
     )
     rigid = _rigid(ca, vehicle, n_u)

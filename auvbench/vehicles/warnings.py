@@ -16,7 +16,7 @@ from auvbench.vehicles.inspect import (
     reach,
     static_trim,
 )
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def _and(names: list[str]) -> str:
 
 def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
     own, B = independent_axes(vehicle), vehicle.allocation
-    others = [unit.name for unit in vehicle.units if unit.kind != "thruster"]
+    others = vehicle.others
     missing = [axis for axis in range(6) if axis not in own]
     found = []
     if missing:
@@ -77,17 +77,11 @@ def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
         text += f" ({'; '.join(ties)})" if ties else ""
         text += f"; besides them act {', '.join(others)}" if others else ""
         found.append(text)
+    first: dict[str, str] = {}  # actuators of one kind mostly share their curve: said once
     for unit in vehicle.units:
-        if unit.kind == "thruster":
-            commands = np.linspace(0.0, 1.0, 1001)
-            force = unit.force(commands)
-            peak = int(np.argmax(np.abs(force)))
-            if abs(force[peak]) > abs(force[-1]) * (1 + 1e-9):
-                found.append(
-                    f"{unit.name}: the thrust curve peaks at command {commands[peak]:.3f} with"
-                    f" {force[peak]:.2f} N and falls to {force[-1]:.2f} N at 1"
-                )
-                break  # thrusters of a vehicle share their curve: said once
+        for text in unit.warnings():
+            first.setdefault(text, unit.name)
+    found += [f"{name}: {text}" for text, name in first.items()]
     return found
 
 

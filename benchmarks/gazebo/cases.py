@@ -14,7 +14,7 @@ from auvbench.simulators.gazebo import sdf
 from auvbench.simulators.gazebo.simulator import GazeboSimulator
 from auvbench.simulators.gazebo.world import NewBody
 from auvbench.vehicles import sheet
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 

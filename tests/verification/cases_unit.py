@@ -9,7 +9,8 @@ import numpy as np
 from auvbench.dynamics.rigid_body import coriolis
 from auvbench.simulators import openloop
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.vehicles.actuators import FIN_PARAMETERS, Actuator, Curve, Lag
+from auvbench.vehicles.actuators import Actuator, Fin, Thruster
+from auvbench.vehicles.curves import Curve, Lag
 
 from ..reference.fossen import Array, quaternion
 from . import rig
@@ -66,7 +67,14 @@ def drag(linear: float, quadratic: float, u: float) -> float:
 
 def thruster(curve: Curve, lag: Lag | None = None, rotor: float = 0.0) -> Actuator:
     lag = Lag.none() if lag is None else lag
-    return Actuator("thruster", "thruster", curve, lag, np.zeros(3), np.array([1.0, 0, 0]), rotor)
+    return Thruster(
+        name="thruster",
+        curve=curve,
+        lag=lag,
+        position=np.zeros(3),
+        direction=np.array([1.0, 0, 0]),
+        rotor_constant=rotor,
+    )
 
 
 def thrust(k_t: float, rho: float, D: float, omega: float) -> float:
@@ -84,15 +92,13 @@ def thrust_of(unit: Actuator, command: float, duration: float = 1e-3) -> float:
 
 def gz_lift() -> float:
     """Vertical N on a wing of 10 m2 with a dihedral of .1 rad, at an angle of attack of .1 rad and .2 m/s in air."""
-    parameters = dict.fromkeys(FIN_PARAMETERS, 0.0) | {"area": 10.0, "lift_slope": 4.0, "stall_angle": 1.0}
-    wing = Actuator(
-        "wing",
-        "fin",
-        Curve("linear", (-0.1, 0.1)),
-        Lag.none(),
-        np.zeros(3),
-        np.array([0.0, np.cos(0.1), np.sin(0.1)]),  # its hinge
-        parameters=parameters,
+    parameters = dict.fromkeys(Fin.UNITS, 0.0) | {"area": 10.0, "lift_slope": 4.0, "stall_angle": 1.0}
+    wing = Fin(
+        name="wing",
+        curve=Curve("linear", (-0.1, 0.1)),
+        position=np.zeros(3),
+        direction=np.array([0.0, np.cos(0.1), np.sin(0.1)]),  # its hinge
+        **parameters,
     )
     of = rig.model(rig.body(), (wing,), density=1.2041)
     # About the hinge, to port, a positive angle lowers the leading edge.

@@ -12,8 +12,9 @@ import numpy as np
 from auvbench.simulators import openloop
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
-from auvbench.vehicles.actuators import Actuator, Curve
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.actuators import Actuator
+from auvbench.vehicles.curves import Curve
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 from ..reference.fossen import ENU, NED, Array, Body
 

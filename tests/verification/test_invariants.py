@@ -15,7 +15,7 @@ from auvbench.dynamics.rigid_body import coriolis
 from auvbench.simulators import openloop
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import inspect
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 from ..reference.fossen import Array, Body
 from ..reference.vehicles import ALL

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from auvbench.simulators import openloop
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 from ..reference import actuators
 from ..reference.fossen import NED, Array, Wrench, constant, simulate

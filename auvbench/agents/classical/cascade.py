@@ -19,7 +19,7 @@ from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.estimate import Estimator, to_body
 from auvbench.config import algorithms, schema
 from auvbench.errors import ConfigError
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
@@ -45,8 +45,7 @@ class Cascade:
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
         assert isinstance(gains, algorithms.Cascade)
-        others = [unit.name for unit in vehicle.units if unit.kind != "thruster"]
-        if others:
+        if others := vehicle.others:
             raise ConfigError(
                 f"algo={gains.name} steers by thrusters alone and vehicle={vehicle.name} has {', '.join(others)}; algo=pid steers it"
             )

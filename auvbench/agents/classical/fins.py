@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.estimate import Estimator
 from auvbench.config import algorithms, schema
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.actuators import BuoyancyEngine, Fin, MassShifter, Thruster
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +43,6 @@ class FinController:
         self.estimate = Estimator(
             1.0 / config.step.frequency, gains.filter_time, body_frame=config.task.position_frame == "body"
         )
-        self.kinds = [unit.kind for unit in vehicle.units]
         self.span = vehicle.command_limits
         self.reset(np.empty(0, dtype=np.int64))
 
@@ -67,18 +67,18 @@ class FinController:
         climb = np.where(speed < 0.1, 0.0, climb)
         lift = np.clip(now.error[:, 2] / 3.0, -1.0, 1.0)
 
-        action = np.zeros((len(observation), len(self.kinds)))
+        action = np.zeros((len(observation), len(self.vehicle.units)))
         for j, unit in enumerate(self.vehicle.units):
-            if unit.kind == "thruster":
+            if isinstance(unit, Thruster):
                 action[:, j] = self.effort
-            elif unit.kind == "fin":
+            elif isinstance(unit, Fin):
                 aft = 1.0 if unit.position[0] < 0.0 else -1.0
                 angle = -aft * unit.direction[2] * turn + aft * unit.direction[1] * climb
                 action[:, j] = self._normalised(j, angle)
-            elif unit.kind == "mass_shifter":
+            elif isinstance(unit, MassShifter):
                 # Weight moved aft raises the bow.
                 action[:, j] = -np.sign(unit.direction[0]) * np.clip(wanted / STEEPEST, -1.0, 1.0)
-            elif unit.kind == "buoyancy_engine":
+            elif isinstance(unit, BuoyancyEngine):
                 action[:, j] = lift
             else:
                 action[:, j] = -1.0  # keep the drop weight

@@ -17,7 +17,7 @@ from auvbench.agents.classical.cascade import YAW, Cascade
 from auvbench.config import algorithms, schema
 from auvbench.dynamics.plugin import GZ_SIM_8_11, early
 from auvbench.dynamics.rigid_body import coriolis
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.observer import Observer
 from auvbench.config import algorithms, schema
-from auvbench.vehicles.model import VehicleModel
 from auvbench.vehicles.symbolic import SymbolicModel, require, symbolic
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 

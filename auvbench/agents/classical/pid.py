@@ -15,14 +15,15 @@ from auvbench.agents.base import Integers
 from auvbench.agents.classical.cascade import YAW, Cascade
 from auvbench.agents.classical.fins import FinController
 from auvbench.config import algorithms, schema
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.actuators import Fin
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
 
 def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PIDController | FinController:
     """The PID baseline for a vehicle: by thrusters, or by propeller and fins."""
-    fins = any(unit.kind == "fin" for unit in vehicle.units)
+    fins = any(isinstance(unit, Fin) for unit in vehicle.units)
     return FinController(config, vehicle) if fins else PIDController(config, vehicle)
 
 

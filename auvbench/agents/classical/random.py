@@ -9,7 +9,7 @@ from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.config import schema
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import uniform
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 # A stream of its own, in addition to those of dynamics/random.py.
 ACTION = 0x80

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Integers
 from auvbench.agents.classical.cascade import YAW, Cascade
 from auvbench.config import algorithms, schema
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ from auvbench.agents.learned.sb3 import SB3Learner
 from auvbench.config import algorithms, schema
 from auvbench.envs.batch import Transition
 from auvbench.envs.sb3 import WaypointVecEnv
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Arrays = dict[str, NDArray[Any]]
 

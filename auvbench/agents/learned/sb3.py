@@ -20,7 +20,7 @@ from auvbench.agents.learned import finite, learners, state
 from auvbench.config import schema
 from auvbench.config.schema import discount
 from auvbench.envs.sb3 import WaypointVecEnv
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 class SB3Learner:

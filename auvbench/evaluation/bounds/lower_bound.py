@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 
 from auvbench.dynamics.plugin import GZ_SIM_8_11
 from auvbench.evaluation.bounds.command_replay import Scenario
-from auvbench.vehicles.actuators import Actuator
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.actuators import Actuator, Thruster
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ def _reached(unit: Actuator, limits: Floats) -> tuple[float, float]:
     if unit.lag.order <= 1:
         return min(low, 0.0), max(high, 0.0)
     poles, modes = np.linalg.eig(unit.lag.A)
-    if unit.rotor_constant != 0.0 or (poles.real >= 0.0).any():
+    if not isinstance(unit, Thruster) or unit.rotor_constant != 0.0 or (poles.real >= 0.0).any():
         return -np.inf, np.inf
     weights = (unit.lag.C @ modes) * np.linalg.solve(modes, unit.lag.B.astype(complex))
     t = np.linspace(0.0, 40.0 / float(np.abs(poles.real).min()), 200_001)

@@ -9,7 +9,7 @@ from typing import Any
 from xml.sax.saxutils import escape
 
 from auvbench.simulators.gazebo import elements, sdf
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 WORLD = "ocean"
 """Name of the world, as for Centrale Nantes' BlueROV2."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import VehicleError
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from auvbench.simulators.gazebo import masses
 from auvbench.simulators.gazebo.elements import Cite, number, numbers, plugin
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def displaced(vehicle: VehicleModel, cite: Cite) -> list[str]:
 
 def propeller(vehicle: VehicleModel, index: int, space: str, cite: Cite) -> list[str]:
     """Return link, joint and Thruster plugin of one propeller."""
-    unit = vehicle.units[index]
+    unit = vehicle.thrusters[index][1]
     low, high = sorted(float(limit) for limit in vehicle.force_limits[index])
     if unit.rotor_constant:
         turning = [

@@ -16,7 +16,7 @@ from auvbench.errors import VehicleError
 from auvbench.simulators.gazebo import masses, parts
 from auvbench.simulators.gazebo.elements import Cite, comment, no_citations, number, plugin
 from auvbench.simulators.gazebo.parts import LINK
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def check_vehicle(vehicle: VehicleModel, hydrodynamics: str) -> None:
         VehicleError: it has actuators other than thrusters, a weight that is not mass times gravity, a Coriolis term of
             added mass that DART cannot have, or added mass that diverges when it is explicit.
     """
-    others = [unit for unit in vehicle.units if unit.kind != "thruster"]
+    others = [unit for unit in vehicle.units if unit.name in vehicle.others]
     if others:
         raise VehicleError(
             f"vehicle {vehicle.name}: {others[0].name} is a {others[0].kind}; in Gazebo all actuators must be thrusters"

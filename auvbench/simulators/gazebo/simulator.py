@@ -15,7 +15,7 @@ from auvbench.errors import ConfigError
 from auvbench.simulators.gazebo import bindings, sdf
 from auvbench.simulators.gazebo.thrust import Thrust
 from auvbench.simulators.gazebo.world import CurrentForce, NewBody, World
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 
@@ -40,11 +40,10 @@ class Thrust:
             steps: number of physics steps.
             step: s.
         """
-        units = self.vehicle.units
         forces = np.empty((steps, *command.shape))
         exact = self._discretised(step / 2.0)
         first = 0
-        for a, unit in enumerate(units):
+        for a, unit in self.vehicle.thrusters:
             value = unit.curve(command[:, a])
             order = unit.lag.order
             if order == 0:

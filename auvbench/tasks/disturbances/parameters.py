@@ -16,7 +16,7 @@ from auvbench.simulators.base import Simulator
 from auvbench.tasks.disturbances import kernels as k
 from auvbench.tasks.disturbances.segments import schedule
 from auvbench.tasks.waypoint import WaypointTask
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -214,7 +214,7 @@ def _range(low: float, high: float | None) -> tuple[float, float]:
 
 def _candidates(fault: schema.Fault, vehicle: VehicleModel) -> Integers:
     """Return the indices of the actuators that may fail."""
-    thrusters = [i for i, unit in enumerate(vehicle.units) if unit.kind == "thruster"]
+    thrusters = [i for i, _ in vehicle.thrusters]
     names = vehicle.actuators
     if fault.actuator is None:
         if not thrusters:

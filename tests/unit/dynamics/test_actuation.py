@@ -9,7 +9,7 @@ from scipy.signal import lti, step
 from auvbench.dynamics.appendages import lift_and_drag
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.simulators.packing import geometry_table
-from auvbench.vehicles.actuators import Curve, Lag, t200_table
+from auvbench.vehicles.curves import Curve, Lag, t200_table
 from auvbench.vehicles.sheet import load
 from tests.reference.actuators import TETHYS
 from tests.reference.actuators import lift_and_drag as reference_lift_and_drag

@@ -14,8 +14,8 @@ from auvbench.envs.simulator_factory import make_simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
-from auvbench.vehicles.model import VehicleModel
 from auvbench.vehicles.reader import sheet_names
+from auvbench.vehicles.vehicle_model import VehicleModel
 from tests import configs
 
 N = 16

@@ -11,7 +11,7 @@ from auvbench.dynamics import frames
 from auvbench.simulators import openloop
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import inspect, sheet
-from auvbench.vehicles.model import VehicleModel
+from auvbench.vehicles.vehicle_model import VehicleModel
 from auvbench.vehicles.warnings import warnings
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auvbench.dynamics.rigid_body import rigid_body_mass
-from auvbench.vehicles.actuators import Actuator
+from auvbench.vehicles.actuators import Actuator, Thruster
 
 FloatArray = NDArray[np.float64]
 
@@ -54,6 +54,16 @@ class VehicleModel:
         return tuple(unit.name for unit in self.units)
 
     @property
+    def thrusters(self) -> list[tuple[int, Thruster]]:
+        """The thrusters with their places among the actuators."""
+        return [(i, unit) for i, unit in enumerate(self.units) if isinstance(unit, Thruster)]
+
+    @property
+    def others(self) -> list[str]:
+        """Names of the actuators that are no thrusters."""
+        return [unit.name for unit in self.units if not isinstance(unit, Thruster)]
+
+    @property
     def M_RB(self) -> FloatArray:
         """Rigid-body mass matrix (6, 6) at the body origin."""
         return rigid_body_mass(self.mass, self.center_of_gravity, self.inertia)
@@ -72,10 +82,9 @@ class VehicleModel:
     def allocation(self) -> FloatArray:
         """Wrench (6, n_u) at the body origin per newton of each thruster; zero columns for other actuators."""
         B = np.zeros((6, len(self.units)))
-        for column, unit in enumerate(self.units):
-            if unit.kind == "thruster":
-                B[:3, column] = unit.direction
-                B[3:, column] = np.cross(unit.position, unit.direction)
+        for column, unit in self.thrusters:
+            B[:3, column] = unit.direction
+            B[3:, column] = np.cross(unit.position, unit.direction)
         return B
 
     @property
@@ -108,7 +117,6 @@ class VehicleModel:
         """Electrical power (...,) in W of all thrusters at normalised commands (..., n_u)."""
         force = self.force(action)
         total = np.zeros(force.shape[:-1])
-        for i, unit in enumerate(self.units):
-            if unit.kind == "thruster":
-                total = total + unit.power(force[..., i])
+        for i, unit in self.thrusters:
+            total = total + unit.power(force[..., i])
         return np.asarray(total)

@@ -1,0 +1,175 @@
+"""Parts of an actuator: the static curve, the linear lag, and the electrical power of a thruster."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
+from importlib import resources
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auvbench.dynamics.layout import LINEAR_CURVE, POLYNOMIAL_CURVE, POWER_POINTS, TABLE_CURVE
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """The static map from a command in [-1, 1] to a physical quantity (N, rad/s, rad, m or m3)."""
+
+    kind: str  # linear | table | polynomial
+    limits: tuple[float, float]  # value at -1 and at +1
+    table: FloatArray = field(default_factory=lambda: np.zeros(0))  # values at equally spaced commands
+    coefficients: FloatArray = field(default_factory=lambda: np.zeros(0))  # of a^0, a^1, ...
+    neutral: float = 0.0  # value at command 0 of a linear curve
+
+    @property
+    def code(self) -> int:
+        """Number of the kind in the compiled functions."""
+        return {"linear": LINEAR_CURVE, "table": TABLE_CURVE, "polynomial": POLYNOMIAL_CURVE}[self.kind]
+
+    @property
+    def entries(self) -> FloatArray:
+        """Numbers that a compiled function needs in addition to the limits."""
+        return self.coefficients if self.kind == "polynomial" else self.table
+
+    def __call__(self, command: ArrayLike) -> FloatArray:
+        """Value at `command` (...), which is clipped to [-1, 1]."""
+        a = np.clip(np.asarray(command, dtype=np.float64), -1.0, 1.0)
+        if self.kind == "linear":
+            low, high = self.limits
+            span = np.where(a < 0.0, self.neutral - low, high - self.neutral)
+            return np.asarray(self.neutral + a * span)
+        if self.kind == "table":
+            return np.interp(a, np.linspace(-1.0, 1.0, self.table.size), self.table)
+        return np.asarray(np.polynomial.polynomial.polyval(a, self.coefficients))
+
+    def inverse(self, value: ArrayLike) -> FloatArray:
+        """A command (...) that gives `value`, clipped to what the monotone part of the curve reaches.
+
+        Inside a dead band the answer is the middle of the band, 0.
+        """
+        value = np.asarray(value, dtype=np.float64)
+        if self.kind == "linear":
+            low, high = self.limits
+            span = np.where(value < self.neutral, self.neutral - low, high - self.neutral)
+            return np.asarray(
+                np.clip((value - self.neutral) / np.where(span == 0.0, np.inf, span), -1.0, 1.0)
+            )
+        values, commands = _monotone(self)
+        return np.asarray(np.where(value == 0.0, 0.0, np.interp(value, values, commands)))
+
+
+@lru_cache(maxsize=256)
+def _monotone(curve: Curve) -> tuple[FloatArray, FloatArray]:
+    """Values and commands of the increasing part of a curve that contains command 0."""
+    commands = np.linspace(-1.0, 1.0, curve.table.size if curve.kind == "table" else 4001)
+    values = curve(commands)
+    middle = commands.size // 2
+    rising = np.diff(values) >= 0.0
+    above = np.flatnonzero(~rising[middle:])
+    below = np.flatnonzero(~rising[:middle])
+    last = middle + int(above[0]) if above.size else commands.size - 1
+    first = int(below[-1]) + 1 if below.size else 0
+    return values[first : last + 1], commands[first : last + 1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lag:
+    """Linear dynamics y = G(s) u with unit static gain, as x' = A x + B u, y = C x (controllable form)."""
+
+    A: FloatArray  # (order, order), 1/s
+    B: FloatArray  # (order,)
+    C: FloatArray  # (order,)
+
+    @property
+    def order(self) -> int:
+        return int(self.B.size)
+
+    @classmethod
+    def first_order(cls, time_constant: float) -> Lag:
+        return cls(np.array([[-1.0 / time_constant]]), np.array([1.0 / time_constant]), np.ones(1))
+
+    @classmethod
+    def none(cls) -> Lag:
+        return cls(np.zeros((0, 0)), np.zeros(0), np.zeros(0))
+
+    @classmethod
+    def transfer_function(cls, numerator: ArrayLike, denominator: ArrayLike) -> Lag:
+        """From polynomials in s, highest power first.
+
+        The states are scaled by powers of the natural frequency, so that all of them are of the size of the
+        input.
+        """
+        den = np.asarray(denominator, dtype=np.float64)
+        order = den.size - 1
+        num = np.zeros(order)
+        given = np.asarray(numerator, dtype=np.float64)
+        num[order - given.size :] = given
+        num, den = num / den[0], den / den[0]
+        scale = abs(float(den[-1])) ** (1.0 / order)
+        A = np.diag(np.full(order - 1, scale), 1)
+        A[-1] = [-den[order - j] / scale ** (order - 1 - j) for j in range(order)]
+        B = np.zeros(order)
+        B[-1] = scale
+        C = np.array([num[order - 1 - j] * scale**j for j in range(order)]) / scale**order
+        return cls(A, B, C)
+
+    def discretise(self, duration: float) -> tuple[FloatArray, FloatArray]:
+        """(Ad, Bd) of the exact update x(t + duration) = Ad x(t) + Bd u for constant u."""
+        from scipy.linalg import expm
+
+        n = self.order
+        block = np.zeros((n + 1, n + 1))
+        block[:n, :n] = self.A
+        block[:n, n] = self.B
+        E = expm(block * duration)
+        return E[:n, :n], E[:n, n]
+
+    def steady(self, value: float) -> FloatArray:
+        """State (order,) in which the output stays at `value`."""
+        if self.order == 0:
+            return np.zeros(0)
+        return np.asarray(-np.linalg.solve(self.A, self.B) * value)
+
+
+@cache
+def t200_table() -> dict[str, FloatArray]:
+    """Blue Robotics' public T200 measurements at 16 V (September 2019), by pulse width 1100 .. 1900 us."""
+    path = resources.files("auvbench.vehicles") / "data" / "t200_16v.csv"
+    with path.open(encoding="utf-8") as lines:
+        rows = np.loadtxt((line for line in lines if not line.startswith("#")), delimiter=",", skiprows=1)
+    return {"pwm_us": rows[:, 0], "force_N": rows[:, 1], "power_W": rows[:, 2]}
+
+
+@cache
+def t200_power() -> tuple[float, FloatArray]:
+    """Electrical power of a T200 at 16 V by force.
+
+    Force is monotone in pulse width outside the dead band, so power is a function of force. Returns the largest
+    force F in N and the power (POWER_POINTS,) in W at equally spaced forces from -F to F, of which the middle one
+    is 0; beyond the strongest reverse thrust power is constant.
+    """
+    data = t200_table()
+    force, first = np.unique(data["force_N"], return_index=True)
+    power = data["power_W"][first].copy()
+    power[force == 0.0] = 0.0
+    largest = float(force[-1])
+    return largest, np.interp(np.linspace(-largest, largest, POWER_POINTS), force, power)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Power:
+    """Electrical power from force: scale * P_T200(force / force_scale) (see `docs/physics.md`)."""
+
+    force_scale: float = 1.0
+    power_scale: float = 1.0
+
+    def __call__(self, force: ArrayLike) -> FloatArray:
+        """Power (...) in W of a thruster that gives `force` (...) in N."""
+        largest, power = t200_power()
+        scaled = np.asarray(force, dtype=np.float64) / self.force_scale
+        return np.asarray(
+            np.interp(scaled, np.linspace(-largest, largest, POWER_POINTS), power) * self.power_scale
+        )
