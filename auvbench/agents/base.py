@@ -37,18 +37,18 @@ class Agent(Protocol):
         """Forgets everything: the given episodes (n,) begin, one per row."""
 
     def act(self, observation: Observations) -> Actions:
-        """Actions (n, n_u) in [-1, 1] for observations (n, 4 + n_u)."""
+        """Actions (n, n_u) in [-1, 1] for observations (n, n_obs)."""
 
 
 class Transition(Protocol):
     """What one step of the environments gives; arrays are theirs: copy what must outlive the next step."""
 
-    observation: NDArray[np.float32]  # (n, 4 + n_u), already of the next episode where one ended
+    observation: NDArray[np.float32]  # (n, n_obs), already of the next episode where one ended
     reward: NDArray[np.float64]  # (n,)
     terminated: NDArray[np.bool_]  # (n,) success or collision
     truncated: NDArray[np.bool_]  # (n,) timeout
     ended: NDArray[np.int64]  # indices of the episodes that ended
-    final_observation: NDArray[np.float32]  # (len(ended), 4 + n_u) their last observations
+    final_observation: NDArray[np.float32]  # (len(ended), n_obs) their last observations
     records: list[Record]  # a row of train/episodes.csv for each of them
 
 
@@ -60,13 +60,13 @@ class Environment(Protocol):
 
     @property
     def restarted(self) -> NDArray[np.float32] | None:
-        """First observations (n, 4 + n_u) where a resumed run had to begin the episodes in flight again.
+        """First observations (n, n_obs) where a resumed run had to begin the episodes in flight again.
 
         That is so with a simulator that cannot bring its state back; None otherwise.
         """
 
     def reset(self) -> NDArray[np.float32]:
-        """Begins an episode everywhere; observations (n, 4 + n_u)."""
+        """Begins an episode everywhere; observations (n, n_obs)."""
 
     def step(self, action: Actions) -> Transition:
         """One step of 1 / `step.frequency` s with actions (n, n_u), clipped to [-1, 1].

@@ -8,6 +8,7 @@ from pathlib import Path
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.config import algorithms, schema
 from auvbench.policies import cards, exported
+from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 
@@ -24,6 +25,7 @@ class PolicyFile:
         assert isinstance(algo, algorithms.ONNX)
         self._sha256 = algo.sha256
         self._n_u = len(vehicle.actuators)
+        self._spec = observation_spec(config.task, vehicle.actuators)
         self.policy: exported.Policy | None = None
 
     def load(self, folder: Path) -> None:
@@ -39,7 +41,7 @@ class PolicyFile:
             raise cards.PolicyError(
                 f"{path}: is not the file that the run was made with (algo.sha256 differs)"
             )
-        sizes = {"observations": 4 + self._n_u, "actions": self._n_u}
+        sizes = {"observations": self._spec.size, "actions": self._n_u}
         self.policy = exported.Policy(data, str(path), card=card, **sizes)
 
     def reset(self, episodes: Integers) -> None:

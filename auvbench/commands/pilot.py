@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,6 +18,7 @@ from auvbench.commands.grammar import Parser
 from auvbench.errors import ConfigError, UserError, closest
 
 if TYPE_CHECKING:
+    from auvbench.observation import ObservationSpec
     from auvbench.ros2.steering import Controller, Limits
     from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -85,7 +86,7 @@ class Setup:
     controller: Controller
     vehicle: VehicleModel
     frequency: float
-    body_frame: bool
+    spec: ObservationSpec
     limits: Limits
 
 
@@ -118,7 +119,7 @@ def main(arguments: Sequence[str]) -> int:
             setup.controller,
             SheetThrust(setup.vehicle),
             frequency=setup.frequency,
-            body_frame=setup.body_frame,
+            spec=setup.spec,
             limits=setup.limits,
             sim_time=given.sim_time,
             logbook=logbook,
@@ -145,13 +146,15 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _setup(given: argparse.Namespace) -> Setup:
+    from auvbench.config import schema
     from auvbench.ros2.steering import Limits
+    from auvbench.tasks.observation import observation_spec
     from auvbench.vehicles import sheet
 
     word = str(given.controller)
-    task = _defaults("task", "waypoint")
-    low, high = task["depth_low"], task["depth_high"]
-    radius, steps = task["goal_radius"], task["max_steps"]
+    task = schema.Task(**_defaults("task", "waypoint"))
+    low, high = task.depth_low, task.depth_high
+    radius, steps = task.goal_radius, task.max_steps
     if word.endswith(".onnx"):
         from auvbench.policies import exported
 
@@ -167,21 +170,22 @@ def _setup(given: argparse.Namespace) -> Setup:
                 f"{word}: commands {', '.join(card.action)}, and {vehicle.name} has {', '.join(vehicle.actuators)};"
                 " --vehicle names another sheet"
             )
-        if len(card.observation) != 4 + len(vehicle.actuators):
+        observed = replace(task, position_frame=card.position_frame)
+        spec = observation_spec(observed, vehicle.actuators)
+        if len(card.observation) != spec.size:
             raise UserError(
-                f"{word}: observes {len(card.observation)} numbers; a pilot gives {4 + len(vehicle.actuators)}"
-                " (yaw error, position error, previous action)"
+                f"{word}: observes {len(card.observation)} numbers; a pilot gives {spec.size} ({', '.join(spec.blocks)})"
             )
         named = card.document["task"]
         low, high = float(named["depth_low_m"]), float(named["depth_high_m"])
         radius, steps = float(named["goal_radius_m"]), int(named["max_steps"])
         frequency = given.frequency or card.frequency
-        name, body_frame = card.name, card.position_frame == "body"
+        name = card.name
         controller: Any = policy_agent(policy)
     else:
         vehicle = sheet.load(given.vehicle or "bluerov2")
         frequency = given.frequency or 10.0
-        name, body_frame = word, False
+        name, spec = word, observation_spec(task, vehicle.actuators)
         controller = classical(word, vehicle, frequency)
     if given.depth is not None:
         low, high = given.depth
@@ -193,7 +197,7 @@ def _setup(given: argparse.Namespace) -> Setup:
         pose_timeout=given.pose_timeout,
         lost_after=max(5.0, 2.0 * given.pose_timeout),
     )
-    return Setup(name, controller, vehicle, frequency, body_frame, limits)
+    return Setup(name, controller, vehicle, frequency, spec, limits)
 
 
 def policy_agent(policy: Any) -> Any:

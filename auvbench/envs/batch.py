@@ -60,12 +60,12 @@ class State:
 class Transition:
     """What one step of the batch gives. Arrays are the batch's own: copy what must outlive the next step."""
 
-    observation: NDArray[np.float32]  # (n, 4 + n_u), already of the next episode where one ended
+    observation: NDArray[np.float32]  # (n, n_obs), already of the next episode where one ended
     reward: Floats  # (n,)
     terminated: Booleans  # (n,) success or collision
     truncated: Booleans  # (n,) timeout
     ended: NDArray[np.int64]  # indices of the episodes that ended
-    final_observation: NDArray[np.float32]  # (len(ended), 4 + n_u) their last observations
+    final_observation: NDArray[np.float32]  # (len(ended), n_obs) their last observations
     final_state: State  # of len(ended) vehicles, at the end of their episodes
     records: list[Record]  # a row for each of them
 
@@ -111,13 +111,18 @@ class Batch:
         self.disturbances = disturbances.make(config, self.vehicle, self.task)
         self.autoreset = autoreset
         self.restarted: NDArray[np.float32] | None = None
-        """observations (n, 4 + n_u) with which `load_state_dict` began the episodes in flight again, if it had to"""
+        """observations (n, n_obs) with which `load_state_dict` began the episodes in flight again, if it had to"""
         self._all = np.arange(self.n, dtype=np.int64)
         self._action: Floats = np.zeros((self.n, len(self.vehicle.actuators)))
         self._none: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._over: NDArray[np.bool_] = np.zeros(self.n, dtype=np.bool_)
         """whose episode ended and was told of: without `autoreset` its vehicle swims on, and ends no more"""
         self._nowhere = self._state(self._none)
+
+    @property
+    def position_bounds(self) -> Floats:
+        """(3,) m, largest position errors that the observation space admits."""
+        return self.task.spec.bounds[self.task.spec["position_error"]].astype(np.float64)
 
     @property
     def seed(self) -> int:
@@ -175,7 +180,7 @@ class Batch:
             distance: (k,) m, to which a drawn waypoint is moved along its direction from the start.
 
         Returns:
-            The observations (n, 4 + n_u) of all environments; the batch's own array.
+            The observations (n, n_obs) of all environments; the batch's own array.
         """
         if indices is None:
             self._reset(self._all, pose, waypoint, distance)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.config.schema import step_limit
-from auvbench.envs import info, options, rendering, settings, spaces
+from auvbench.envs import info, options, rendering, settings
 from auvbench.envs.batch import Batch
 from auvbench.errors import ActionError, AuvbenchWarning
 from auvbench.tasks.kernels import C_STEPS
@@ -76,7 +76,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             disturbance=disturbance,
         )
         self.batch = Batch(self.config, 1, autoreset=False)
-        self.observation_space, self.action_space = spaces.of(self.batch)  # type: ignore[assignment]
+        self.observation_space, self.action_space = settings.spaces_of(self.batch)  # type: ignore[assignment]
         self.render_mode = render_mode
         self.metadata = type(self).metadata | {"render_fps": rendering.speed(self.config.step.frequency)}
         self._renderer = rendering.Renderer(render_mode, self.batch)
@@ -108,7 +108,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return observation[0].copy(), info.single(self.batch.state, 0)
 
     def _places(self, given: dict[str, Any] | None) -> options.Places:
-        bounds = self.observation_space.high[1:4]  # type: ignore[attr-defined]
+        bounds = self.batch.position_bounds
         return options.places(options.check_names(given), 1, self.config.task, bounds)
 
     def _warn_of_a_limit(self) -> None:

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from auvbench.config.schema import step_limit
-from auvbench.envs import info, options, rendering, settings, spaces
+from auvbench.envs import info, options, rendering, settings
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import ConfigError
 from auvbench.record import Record
@@ -71,7 +71,7 @@ class WaypointVecEnv(VecEnv):
         self._renderer = rendering.Renderer(render_mode, batch)
         self._actions: NDArray[np.float32] | None = None
         self._begun = False
-        observation_space, action_space = spaces.of(batch)
+        observation_space, action_space = settings.spaces_of(batch)
         super().__init__(batch.n, observation_space, action_space)
 
     @property
@@ -106,7 +106,7 @@ class WaypointVecEnv(VecEnv):
         if any(one.keys() != names for one in given):
             raise ConfigError("options: give the same ones to every environment")
         rows = {name: [one[name] for one in given] for name in names}
-        bounds = self.observation_space.high[1:4]  # type: ignore[attr-defined]
+        bounds = self.batch.position_bounds
         return options.places(rows, self.num_envs, self.batch.config.task, bounds)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:

@@ -9,12 +9,16 @@ import shlex
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from gymnasium import spaces
 
 from auvbench.config import schema
 from auvbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from auvbench.envs.batch import Batch
 
 Overrides = str | Sequence[str]
 
@@ -111,3 +115,10 @@ def folded(seed: Any) -> int:
     if number < 0:
         raise ConfigError(f"seed={number}: must be at least 0")
     return number if number < 1 << 32 else int(np.random.SeedSequence(number).generate_state(1)[0])
+
+
+def spaces_of(batch: Batch) -> tuple[spaces.Box, spaces.Box]:
+    """Return the observation space (n_obs,) and the action space (n_u,) of one environment of the batch."""
+    high = batch.task.spec.bounds
+    n_u = len(batch.vehicle.actuators)
+    return spaces.Box(-high, high, dtype=np.float32), spaces.Box(-1.0, 1.0, (n_u,), dtype=np.float32)

@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.envs import autoreset, info, rendering, settings, spaces
+from auvbench.envs import autoreset, info, rendering, settings
 from auvbench.envs import options as reset_options
 from auvbench.envs.autoreset import AutoresetMode
 from auvbench.envs.batch import Batch, Transition
@@ -93,7 +93,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         self.autoreset_mode = autoreset.mode(autoreset_mode)
         self.batch = Batch(self.config, num_envs, autoreset=self.autoreset_mode == AutoresetMode.SAME_STEP)
         self.num_envs = num_envs
-        self.single_observation_space, self.single_action_space = spaces.of(self.batch)
+        self.single_observation_space, self.single_action_space = settings.spaces_of(self.batch)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.render_mode = render_mode
@@ -127,7 +127,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         given = reset_options.check_names(options, "reset_mask")
         mask = self._mask(given.get("reset_mask"))
         indices = np.flatnonzero(mask)
-        bounds = self.single_observation_space.high[1:4]  # type: ignore[attr-defined]
+        bounds = self.batch.position_bounds
         places = reset_options.places(given, len(indices), self.config.task, bounds)
         self._reseed(seed, indices)
         observation = self.batch.reset(

@@ -27,6 +27,7 @@ from auvbench.runs import identity, integrity, provenance
 from auvbench.runs.atomic_io import as_lines, sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import load_config
+from auvbench.tasks.observation import observation_spec
 from auvbench.untrusted import path_safety
 from auvbench.untrusted.onnx_file import Port
 from auvbench.vehicles import sheet
@@ -101,9 +102,10 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
     policy, scaling = found
     vehicle = sheet.load(config.vehicle)
     n_u = len(vehicle.actuators)
+    spec = observation_spec(config.task, vehicle.actuators)
     about = {"run": run.id, "vehicle": vehicle.name, "frequency_hz": f"{config.step.frequency:g}"}
     try:
-        data = onnx_export.build(policy, 4 + n_u, scaling, about)
+        data = onnx_export.build(policy, spec.size, scaling, about)
     except RunError as error:
         raise RunError(f"{run.path}: {error}") from error
     count, difference, limit = compare(config, agent, data, n_u, str(run.path))
@@ -204,7 +206,7 @@ def make_card(
             "max_steps": step_limit(task, config.step.frequency),
         },
         "frequency_hz": config.step.frequency,
-        "observation": _observation(task.position_frame, vehicle),
+        "observation": observation_spec(task, vehicle.actuators).card(),
         "action": [_action(unit) for unit in vehicle.units],
         "run": {
             "id": run.id,
@@ -222,27 +224,6 @@ def make_card(
 def _port(port: Port) -> dict[str, Any]:
     shape = ["n" if length is None else length for length in port.shape or ()]
     return {"name": port.name, "type": port.type, "shape": shape}
-
-
-def _observation(frame: str, vehicle: VehicleModel) -> list[dict[str, str]]:
-    axes = "world axes (east, north, up)"
-    if frame == "body":
-        axes = "levelled body axes (forward, port, up), turned by the yaw reading"
-    yaw, previous = (
-        "bearing of the waypoint less yaw, wrapped to [-pi, pi)",
-        "action of the last step; 0 at the start",
-    )
-    return [
-        {"name": "yaw_error", "unit": "rad", "meaning": yaw},
-        *(
-            {"name": f"position_error_{axis}", "unit": "m", "meaning": f"waypoint less position, {axes}"}
-            for axis in "xyz"
-        ),
-        *(
-            {"name": f"previous_action_{name}", "unit": "1", "meaning": previous}
-            for name in vehicle.actuators
-        ),
-    ]
 
 
 def _action(unit: Actuator) -> dict[str, Any]:

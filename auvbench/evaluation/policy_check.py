@@ -10,10 +10,10 @@ from auvbench.agents.base import Agent, Observations
 from auvbench.agents.policy_file import PolicyFile
 from auvbench.config import schema
 from auvbench.config.simulators import Fossen
-from auvbench.envs.spaces import observation_bounds
 from auvbench.evaluation.rollout import batch_of
 from auvbench.policies.cards import PolicyError
 from auvbench.policies.exported import SLACK, Policy
+from auvbench.tasks.waypoint import bounded_spec
 from auvbench.vehicles import sheet
 
 EPISODES = 64
@@ -44,7 +44,7 @@ def observe_episodes(
 
 def observe_edges(config: schema.TrainConfig) -> Observations:
     """Return the middle of the observation space, its bounds one by one and all at once, and random points (m, size)."""
-    high = observation_bounds(config, sheet.load(config.vehicle)).astype(np.float64)
+    high = bounded_spec(config, sheet.load(config.vehicle)).bounds.astype(np.float64)
     n = len(high)
     rng = np.random.default_rng(0)
     corners = rng.choice([-1.0, 1.0], size=(CORNERS, n))

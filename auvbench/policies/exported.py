@@ -1,7 +1,7 @@
 """A policy as a file: an ONNX network and, next to it, a card in JSON that says what its numbers mean.
 
 Reading one needs NumPy, onnx and ONNX Runtime alone: no torch, no Stable-Baselines3, nothing that is compiled. The network
-takes raw observations (n, 4 + n_u) in the units of the environment and returns actions (n, n_u) in [-1, 1]; scaling and
+takes raw observations (n, n_obs) in the units of the environment and returns actions (n, n_u) in [-1, 1]; scaling and
 clipping are in the file. Files and cards of other people are checked (`auvbench/untrusted/onnx_file.py`), and the runtime
 gets only what was checked.
 """
@@ -74,7 +74,7 @@ class Policy:
         self._input, self._output = self.network.input, self.network.output
 
     def act(self, observation: NDArray[np.floating]) -> Floats:
-        """Actions (n, n_u) in [-1, 1] for raw observations (n, 4 + n_u) in their units.
+        """Actions (n, n_u) in [-1, 1] for raw observations (n, n_obs) in their units.
 
         Raises:
             PolicyError: it answers with a NaN, an infinity, an action out of range, or one of another shape.
@@ -202,7 +202,7 @@ def parse_policy(
     """
     try:
         file = onnx_file.parse(data)
-        entry = _only(file.inputs, "input", "observation (n, 4 + actuators)")
+        entry = _only(file.inputs, "input", "observation (n, length)")
         answer = _only(file.outputs, "output", "action (n, actuators)")
         _fits("input", entry, observations, card.observation if card else None)
         fixed, width = entry.shape or (None, None)

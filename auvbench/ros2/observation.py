@@ -10,32 +10,31 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.observation import BODY, ObservationSpec
+
 Floats = NDArray[np.float64]
 
 
-def observe(pose: Floats, waypoint: Floats, previous: Floats, body_frame: bool) -> NDArray[np.float32]:
-    """Return the observation (4 + n_u,): yaw error (rad), position error (3) in m, previous action (n_u).
+def observe(spec: ObservationSpec, pose: Floats, waypoint: Floats, previous: Floats) -> NDArray[np.float32]:
+    """Return the observation (n_obs,): yaw error (rad), position error (3) in m, previous action (n_u).
 
     Args:
+        spec: of the observation.
         pose: (7,) x, y, z in m, unit quaternion (w, x, y, z).
         waypoint: (3,) m, world axes.
         previous: (n_u,) action in [-1, 1]; zeros at the start.
-        body_frame: whether the position error is in the levelled body frame; else in world axes.
     """
     x, y, z, w, qx, qy, qz = pose.tolist()
     to_x, to_y, to_z = waypoint.tolist()
     c = 1.0 - 2.0 * (qy * qy + qz * qz)
     s = 2.0 * (w * qz + qx * qy)
     ex, ey, ez = to_x - x, to_y - y, to_z - z
-    seen = np.empty(4 + len(previous), dtype=np.float32)
-    seen[0] = wrap(math.atan2(ey * c - ex * s, ex * c + ey * s))
-    if body_frame:
+    yaw_error = wrap(math.atan2(ey * c - ex * s, ex * c + ey * s))
+    if spec.blocks["position_error"].axes == BODY:
         yaw = math.atan2(s, c)
         c, s = math.cos(yaw), math.sin(yaw)
         ex, ey = c * ex + s * ey, c * ey - s * ex
-    seen[1:4] = ex, ey, ez
-    seen[4:] = previous
-    return seen
+    return spec.pack(yaw_error=yaw_error, position_error=(ex, ey, ez), previous_action=previous)
 
 
 def wrap(angle: float) -> float:

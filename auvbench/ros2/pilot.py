@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import AuvbenchError, RunError
+from auvbench.observation import ObservationSpec
 from auvbench.ros2 import discovery, interface, messages
 from auvbench.ros2.middleware import Session
 from auvbench.ros2.mission import Logbook
@@ -39,7 +40,7 @@ class Pilot:
         controller: maps observations to actions.
         thrust: converts its actions into commands.
         frequency: Hz of the controller.
-        body_frame: whether its position error is in the body frame.
+        spec: of its observation.
         limits: that it keeps.
         sim_time: step by `/clock` in place of this machine's clock; ages of poses are by this machine's clock.
         logbook: records missions.
@@ -56,7 +57,7 @@ class Pilot:
         thrust: SheetThrust,
         *,
         frequency: float,
-        body_frame: bool,
+        spec: ObservationSpec,
         limits: Limits,
         sim_time: bool = False,
         logbook: Logbook | None = None,
@@ -66,7 +67,7 @@ class Pilot:
         self.thrust, self.limits, self._say = thrust, limits, say
         self.period = 1.0 / frequency  # s
         self.steering = Steering(
-            controller, thrust, frequency=frequency, body_frame=body_frame, limits=limits, logbook=logbook
+            controller, thrust, frequency=frequency, spec=spec, limits=limits, logbook=logbook
         )
         self.armed = False
         self.state = ""

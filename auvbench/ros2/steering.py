@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import RunError
+from auvbench.observation import ObservationSpec
 from auvbench.ros2.mission import Logbook, Mission
 from auvbench.ros2.observation import observe
 from auvbench.ros2.thrust import SheetThrust
@@ -53,7 +54,7 @@ class Steering:
         controller: maps observations to actions.
         thrust: converts its actions into commands.
         frequency: Hz of the controller.
-        body_frame: whether its position error is in the body frame.
+        spec: of its observation.
         limits: of a mission.
         logbook: records missions.
 
@@ -70,12 +71,12 @@ class Steering:
         thrust: SheetThrust,
         *,
         frequency: float,
-        body_frame: bool,
+        spec: ObservationSpec,
         limits: Limits,
         logbook: Logbook | None = None,
     ) -> None:
         self.controller, self.thrust, self.limits = controller, thrust, limits
-        self.frequency, self.body_frame, self.logbook = frequency, body_frame, logbook
+        self.frequency, self.spec, self.logbook = frequency, spec, logbook
         self.waypoint: Floats | None = None
         self.mission: Mission | None = None
         self.action_time = 0.0
@@ -105,7 +106,7 @@ class Steering:
         n_u = len(self.thrust.actuators)
         previous = np.zeros(n_u) if self._action is None else self._action
         begun = time.monotonic()
-        seen = observe(pose, waypoint, previous, self.body_frame)
+        seen = observe(self.spec, pose, waypoint, previous)
         answer = np.asarray(self.controller.act(seen[None]), dtype=np.float64)
         if answer.shape != (1, n_u):
             raise RunError(f"the controller's answer has shape {answer.shape}, must be {(1, n_u)}")

@@ -21,6 +21,7 @@ from auvbench.errors import ConfigError
 from auvbench.policies import cards, exported
 from auvbench.runs.atomic_io import sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
+from auvbench.tasks.observation import observation_spec
 from auvbench.untrusted import path_safety
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -63,8 +64,11 @@ def settled(config: DictConfig, typed: schema.TrainConfig, vehicle: VehicleModel
         raise ConfigError(f"algo.sha256={algo.sha256}: algo.path={path} has {file.digest}")
     if file.card is not None:
         _compare(file.card, str(path), typed, vehicle)
-    n_u = len(vehicle.actuators)
-    exported.Policy(file.data, str(path), observations=4 + n_u, actions=n_u, card=file.card)
+    sizes = {
+        "observations": observation_spec(typed.task, vehicle.actuators).size,
+        "actions": len(vehicle.actuators),
+    }
+    exported.Policy(file.data, str(path), card=file.card, **sizes)
     result = copy.deepcopy(config)
     with open_dict(result):
         result.algo.sha256 = file.digest

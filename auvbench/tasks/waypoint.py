@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,8 +14,11 @@ from auvbench.config.schema import step_limit
 from auvbench.dynamics.random import TEST, VALIDATION
 from auvbench.errors import TrainingError
 from auvbench.metrics import Totals
+from auvbench.observation import ObservationSpec
 from auvbench.record import OUTCOMES, Record, record_of
 from auvbench.tasks import kernels as k
+from auvbench.tasks.observation import observation_spec
+from auvbench.vehicles.inspect import net_buoyancy, terminal_speed
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -45,6 +49,12 @@ REFERENCE_COLUMNS = (
 )
 """The columns of a record that a fingerprint covers (`evaluation.reference`). A new metric does not enter: fingerprints of
 published results stay valid."""
+
+SIGMAS = 6.0
+"""standard deviations of a normal distribution that the bounds of the observation hold"""
+
+LONGEST = 1e6
+"""m; the bound where nothing slows a vehicle down"""
 
 
 class WaypointTask:
@@ -77,7 +87,8 @@ class WaypointTask:
         self.parameters = _parameters(config)
         self.noise_scale = _command_noise_scale(config.noise, vehicle)
         n_u = len(vehicle.actuators)
-        self.observation_size = 4 + n_u
+        self.spec = bounded_spec(config, vehicle)
+        """of the observation"""
         self.F: Floats = np.zeros((n, k.N_FLOATS))
         self.C: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
         self._first = first
@@ -88,7 +99,7 @@ class WaypointTask:
         """errors of the position (m) and yaw (rad) readings: bias, drift, noise (see disturbances)"""
         self.reward: Floats = np.zeros(n)
         self.command: Floats = np.zeros((n, n_u))
-        self.observation = np.zeros((n, self.observation_size), dtype=np.float32)
+        self.observation = np.zeros((n, self.spec.size), dtype=np.float32)
         self._test = VALIDATION if validation else TEST if test else 0
 
     @property
@@ -175,7 +186,7 @@ class WaypointTask:
         return int(ended)
 
     def observe(self, pose: Floats, indices: Integers | None = None) -> NDArray[np.float32]:
-        """Return observations (n, 4 + n_u) from measured poses; with `indices`, only these rows are renewed."""
+        """Return observations (n, n_obs) from measured poses; with `indices`, only these rows are renewed."""
         if indices is None:
             k.observe(*self.observe_arguments(pose, 0, self.n))
         else:
@@ -272,3 +283,70 @@ def _command_noise_scale(noise: schema.Noise, vehicle: VehicleModel) -> Floats:
         return np.ones(len(vehicle.actuators))
     limits = np.asarray(vehicle.command_limits, dtype=np.float64)
     return np.asarray(2.0 / (limits[:, 1] - limits[:, 0]), dtype=np.float64)
+
+
+def bounded_spec(config: schema.TrainConfig, vehicle: VehicleModel) -> ObservationSpec:
+    """Return the observation with its bounds."""
+    return observation_spec(config.task, vehicle.actuators, position_bounds(config, vehicle).tolist())
+
+
+def position_bounds(config: schema.TrainConfig, vehicle: VehicleModel) -> Floats:
+    """Return the largest position errors (3,) in m.
+
+    How far away the waypoint may be at the start, and how far the vehicle can move away from it until the episode times
+    out (`top_speed`), vertically no farther than the depth limits; and the errors of the readings.
+    """
+    task = config.task
+    seconds = step_limit(task, config.step.frequency) / config.step.frequency
+    speed = top_speed(vehicle, config.disturbance)
+    away = speed * seconds
+    start, low, high = (
+        np.asarray(v, dtype=np.float64) for v in (task.start, task.waypoint_low, task.waypoint_high)
+    )
+    apart = np.maximum(np.abs(low - start), np.abs(high - start))
+    # The last step may lead beyond a depth limit before the episode ends.
+    below, above = high[2] - task.depth_low, task.depth_high - low[2]
+    vertical = min(apart[2] + away, max(below, above) + speed / config.step.frequency)
+    level = apart[:2] + away
+    if task.position_frame == "body":
+        level = np.full(2, math.hypot(*level))
+    bounds = np.array([*level, vertical]) + _misreading(config, seconds)
+    return np.asarray(np.ceil(np.minimum(bounds, LONGEST)))
+
+
+def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
+    """Return a speed over ground in m/s that nothing in an episode exceeds for long.
+
+    Through the water: the speeds that all thrusters together and the net buoyancy would give along each body axis
+    alone, the three at once, for the strongest, slipperiest vehicle that may be drawn. The water's own speed comes on
+    top. Infinite where an axis has no damping.
+    """
+    drawn = disturbance.randomisation
+    force = np.abs(vehicle.allocation[:3]) @ np.abs(vehicle.force_limits).max(axis=1, initial=0.0)
+    force = force * drawn.thrust.high
+    heavier = vehicle.weight * (drawn.mass.high - drawn.mass.low)
+    lighter = vehicle.buoyancy * (drawn.buoyancy.high - drawn.buoyancy.low)
+    # A vehicle without thrusters glides: its net buoyancy drives it along every axis.
+    force = force + abs(net_buoyancy(vehicle)) + heavier + lighter
+    least = drawn.damping.low
+    axes = [
+        terminal_speed(float(f), least * float(d), least * float(q))
+        for f, d, q in zip(force, vehicle.linear_damping[:3], vehicle.quadratic_damping[:3], strict=True)
+    ]
+    current = disturbance.current
+    water = current.speed if current.speed_high is None else max(current.speed, current.speed_high)
+    wander = math.hypot(
+        current.gauss_markov.sigma, current.gauss_markov.sigma, current.gauss_markov.sigma_vertical
+    )
+    return math.hypot(*axes) + max(1.0, abs(current.profile.factor)) * water + SIGMAS * wander
+
+
+def _misreading(config: schema.TrainConfig, seconds: float) -> Floats:
+    """Return by how much (3,) in m the readings of the position may be wrong."""
+    sensor = config.disturbance.sensor
+    errors = [
+        math.hypot(getattr(sensor.gaussian, axis), getattr(sensor.bias, axis))
+        + getattr(sensor.drift, axis) * math.sqrt(seconds)
+        for axis in "xyz"
+    ]
+    return config.noise.position.high * config.noise.scale + SIGMAS * np.asarray(errors)

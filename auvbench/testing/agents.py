@@ -43,7 +43,7 @@ class Flight:
     """What an agent saw and did in the test's scenarios."""
 
     config: schema.TrainConfig
-    observations: list[NDArray[np.float32]]  # (n, 4 + n_u) per step
+    observations: list[NDArray[np.float32]]  # (n, n_obs) per step
     actions: list[NDArray[Any]]  # (n, n_u) per step
 
 

@@ -16,12 +16,14 @@ from auvbench.ros2.observation import observe
 from auvbench.ros2.pilot import Pilot
 from auvbench.ros2.steering import Limits
 from auvbench.ros2.thrust import SheetThrust
+from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.sheet import load
-from tests import dds
+from tests import configs, dds
 from tests.waiting import LIMIT
 
 pytestmark = [dds.needs_ros, pytest.mark.slow]
 
+SPEC = observation_spec(configs.training("algo=pid").task, load("bluerov2").actuators)
 LIMITS = Limits(
     depth_low=-60.0, depth_high=-1.0, goal_radius=2.0, max_steps=1000, pose_timeout=0.3, lost_after=0.9
 )
@@ -170,7 +172,7 @@ def tank(domain, clock, tmp_path):
         tank.controller,
         SheetThrust(load("bluerov2")),
         frequency=20.0,
-        body_frame=False,
+        spec=SPEC,
         limits=LIMITS,
         logbook=Logbook(tmp_path / "log", {"frequency_hz": 20.0}),
     )
@@ -350,7 +352,7 @@ def test_a_policy_from_a_file_commands_what_it_answers(domain, clock, tmp_path):
     thrust = SheetThrust(setup.vehicle)
     tank = Tank(clock)
     tank.pilot = Pilot(
-        "bluerov2", setup.controller, thrust, frequency=10.0, body_frame=False, limits=setup.limits
+        "bluerov2", setup.controller, thrust, frequency=10.0, spec=setup.spec, limits=setup.limits
     )
     tank.until(lambda: tank.goals.get_subscription_count() > 0)
     tank.goal(5.0, -4.0, -12.0)
@@ -359,7 +361,7 @@ def test_a_policy_from_a_file_commands_what_it_answers(domain, clock, tmp_path):
     tank.until(lambda: min(map(len, tank.history)) >= 4)
     pose, previous = np.array([0.0, 0.0, -10.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(6)
     for step in range(4):
-        seen = observe(pose, np.array([5.0, -4.0, -12.0]), previous, False)
+        seen = observe(setup.spec, pose, np.array([5.0, -4.0, -12.0]), previous)
         previous = np.asarray(setup.controller.act(seen[None])[0], dtype=np.float64)
         assert [values[step] for values in tank.history] == thrust.quantities(previous).tolist()
     tank.pilot.close("the test is over")
@@ -408,7 +410,7 @@ def test_a_namespace_without_a_vehicle_is_reported_with_those_there_are():
             Half(),
             SheetThrust(load("bluerov2")),
             frequency=20.0,
-            body_frame=False,
+            spec=SPEC,
             limits=LIMITS,
             say=said.append,
         )

@@ -19,6 +19,7 @@ from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.estimate import Estimator, to_body
 from auvbench.config import algorithms, schema
 from auvbench.errors import ConfigError
+from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -52,7 +53,8 @@ class Cascade:
         self.vehicle = vehicle
         self.cruise_speed, self.approach = gains.cruise_speed, gains.approach
         self.dt = 1.0 / config.step.frequency
-        self.estimate = Estimator(self.dt, gains.filter_time, body_frame=config.task.position_frame == "body")
+        spec = observation_spec(config.task, vehicle.actuators)
+        self.estimate = Estimator(self.dt, gains.filter_time, spec)
         self.mass = np.diag(vehicle.M).copy()
         self.inverse: Floats = np.asarray(np.linalg.pinv(_controlled(vehicle.allocation)), dtype=np.float64)
         limits = gains.effort * vehicle.force_limits

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.observation import BODY, ObservationSpec
+
 Floats = NDArray[np.float64]
 
 
@@ -19,12 +21,16 @@ class Estimator:
     Args:
         dt: s between readings.
         filter_time: s, time constant of the filter.
-        body_frame: whether the observed position error is in the (levelled) body frame.
+        spec: of the observation.
+
+    Raises:
+        ConfigError: the task observes no yaw error or no position error.
     """
 
-    def __init__(self, dt: float, filter_time: float, *, body_frame: bool) -> None:
+    def __init__(self, dt: float, filter_time: float, spec: ObservationSpec) -> None:
         self.dt = dt
-        self.body_frame = body_frame
+        self._yaw_error, self._error = spec["yaw_error"], spec["position_error"]
+        self.body_frame = spec.blocks["position_error"].axes == BODY
         self._smoothing = 1.0 - np.exp(-dt / filter_time)
         self.reset(0)
 
@@ -40,9 +46,9 @@ class Estimator:
         self.yaw_rate: Floats = np.zeros(n)
 
     def update(self, observation: Floats) -> None:
-        """Takes in observations (n, 4 + n_u)."""
-        yaw_error = observation[:, 0]
-        error = observation[:, 1:4].copy()
+        """Takes in observations (n, n_obs)."""
+        yaw_error = observation[:, self._yaw_error].ravel()
+        error = observation[:, self._error].copy()
         bearing = np.arctan2(error[:, 1], error[:, 0])
         # In the body frame the bearing is the yaw error and yaw stays 0: the frame turns with the vehicle, and
         # its turning is small within the filter's time.

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.estimate import Estimator
 from auvbench.config import algorithms, schema
+from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.actuators import BuoyancyEngine, Fin, MassShifter, Thruster
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -40,9 +41,8 @@ class FinController:
         assert isinstance(gains, algorithms.PID)
         self.vehicle = vehicle
         self.effort = gains.effort
-        self.estimate = Estimator(
-            1.0 / config.step.frequency, gains.filter_time, body_frame=config.task.position_frame == "body"
-        )
+        spec = observation_spec(config.task, vehicle.actuators)
+        self.estimate = Estimator(1.0 / config.step.frequency, gains.filter_time, spec)
         self.span = vehicle.command_limits
         self.reset(np.empty(0, dtype=np.int64))
 

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from auvbench.agents.classical.estimate import wrap
 from auvbench.config import schema
+from auvbench.observation import BODY
+from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require, symbolic
 
 Floats = NDArray[np.float64]
@@ -42,7 +44,9 @@ class Observer:
         self.model = model
         self.vehicle = model.vehicle
         self.dt = 1.0 / config.step.frequency
-        self.body_frame = config.task.position_frame == "body"
+        spec = observation_spec(config.task, self.vehicle.actuators)
+        self._columns = spec["yaw_error"], spec["position_error"], spec["previous_action"]
+        self.body_frame = spec.blocks["position_error"].axes == BODY
         substeps = max(1, int(np.ceil(self.dt / min(0.1, model.longest_step) - 1e-9)))
         self._step = model.step(self.dt, substeps)
         self.gain = kalman_gain(
@@ -61,13 +65,13 @@ class Observer:
         """(n, 3) m/s, world axes"""
 
     def update(self, observation: Floats, rows: NDArray[np.intp]) -> None:
-        """Takes in observations (n, 4 + n_u); only `rows` (k,) are looked at."""
+        """Takes in observations (n, n_obs); only `rows` (k,) are looked at."""
         for i in rows:
             self._update_row(int(i), observation[i])
         self._first = False
 
     def _update_row(self, i: int, observation: Floats) -> None:
-        yaw_error, error, previous = observation[0], observation[1:4], observation[4:]
+        (yaw_error,), error, previous = (observation[columns] for columns in self._columns)
         x = self.state[i]
         if not self._first:
             x[:] = self._step(x, self.vehicle.force(previous), self.current[i]).full()[:, 0]

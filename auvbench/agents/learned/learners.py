@@ -20,7 +20,9 @@ from auvbench.agents.learned import arguments, forward, policy_loading
 from auvbench.config import algorithms, schema
 from auvbench.config.agents import AGENTS
 from auvbench.errors import RunError
+from auvbench.tasks.observation import observation_spec
 from auvbench.untrusted import reading
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 WEIGHTS, STATISTICS = "policy.pt", "normalisation.npz"
 """The files of a trained model."""
@@ -35,9 +37,11 @@ def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
     return learner
 
 
-def observed(algo: algorithms.Network, n_u: int) -> int:
-    """How many numbers a learner observes on a vehicle with `n_u` actuators: a residual's learner PID's action, too."""
-    return 4 + n_u * (2 if isinstance(algo, algorithms.PPOResidual | algorithms.SACResidual) else 1)
+def observed(config: schema.TrainConfig, vehicle: VehicleModel) -> int:
+    """Return how many numbers a learner observes: that of a residual PID's action, too."""
+    residual = isinstance(config.algo, algorithms.PPOResidual | algorithms.SACResidual)
+    n_u = len(vehicle.actuators)
+    return observation_spec(config.task, vehicle.actuators).size + (n_u if residual else 0)
 
 
 def files(model: BaseAlgorithm, normaliser: VecNormalize) -> dict[str, bytes]:
@@ -126,7 +130,7 @@ class LearnedPolicy(FrozenPolicy):
     Args:
         config: of the run that trained it.
         folder: its `model/` folder.
-        n_u: actuators of the vehicle.
+        vehicle: that it steers.
         check: called with the name and the content of each file before anything is made of it; raises where
             that is not what was written.
 
@@ -138,20 +142,20 @@ class LearnedPolicy(FrozenPolicy):
         self,
         config: schema.TrainConfig,
         folder: Path,
-        n_u: int,
+        vehicle: VehicleModel,
         check: Callable[[str, bytes], None] | None = None,
     ) -> None:
         torch.set_num_threads(1)
-        policy = _policy(config, n_u)
+        policy = _policy(config, vehicle)
         weights = policy_loading.weights(
             _read(folder / WEIGHTS, check), folder / WEIGHTS, policy.state_dict()
         )
         kept = policy_loading.statistics(
-            _read(folder / STATISTICS, check), folder / STATISTICS, observed(config.algo, n_u)
+            _read(folder / STATISTICS, check), folder / STATISTICS, observed(config, vehicle)
         )
         policy.load_state_dict(weights)
         policy.set_training_mode(False)
-        super().__init__(policy, kept, config.train.normalise_observations, n_u)
+        super().__init__(policy, kept, config.train.normalise_observations, len(vehicle.actuators))
 
 
 def _read(path: Path, check: Callable[[str, bytes], None] | None) -> bytes:
@@ -166,11 +170,11 @@ def _read(path: Path, check: Callable[[str, bytes], None] | None) -> bytes:
     return data
 
 
-def _policy(config: schema.TrainConfig, n_u: int) -> BasePolicy:
+def _policy(config: schema.TrainConfig, vehicle: VehicleModel) -> BasePolicy:
     """The network of `config.algo` without an environment or a learner around it."""
     algo = config.algo
-    observation_space = spaces.Box(-np.inf, np.inf, (observed(algo, n_u),), dtype=np.float32)
-    action_space = spaces.Box(-1.0, 1.0, (n_u,), dtype=np.float32)
+    observation_space = spaces.Box(-np.inf, np.inf, (observed(config, vehicle),), dtype=np.float32)
+    action_space = spaces.Box(-1.0, 1.0, (len(vehicle.actuators),), dtype=np.float32)
     learner = resolve(AGENTS[algo.agent].algorithm)
     kind = learner.policy_aliases[arguments.policy_name(algo)]
     given = arguments.of_policy(algo)

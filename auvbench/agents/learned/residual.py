@@ -64,12 +64,12 @@ class Base:
         self.action = np.zeros((n, self.action.shape[1]))
 
     def extend(self, observation: Observations) -> Observations:
-        """PID reads observations (n, 4 + n_u); they come back with its actions behind them, (n, 4 + 2 n_u)."""
+        """PID reads observations (n, n_obs); they come back with its actions behind them, (n, n_obs + n_u)."""
         self.action = np.clip(self._pid.act(observation), -1.0, 1.0)
         return _extended(observation, self.action)
 
     def begin(self, rows: Integers, observation: Observations) -> Observations:
-        """Begins episodes in some rows (k,), the first observations of which are (k, 4 + n_u); extended as above."""
+        """Begins episodes in some rows (k,), the first observations of which are (k, n_obs); extended as above."""
         self._beginner.reset(rows)
         self.action[rows] = np.clip(self._beginner.act(observation), -1.0, 1.0)
         fresh = self._beginner.memory()
@@ -126,7 +126,7 @@ class ResidualVecEnv(VecEnvWrapper):
         return self.begin(observation)
 
     def begin(self, observation: Observations) -> Observations:
-        """Episodes begin everywhere: first observations (n, 4 + n_u), extended."""
+        """Episodes begin everywhere: first observations (n, n_obs), extended."""
         self.base.reset(self.num_envs)
         return self.base.extend(observation)
 

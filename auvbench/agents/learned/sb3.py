@@ -38,7 +38,7 @@ class SB3Learner:
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         self._config = config
-        self._n_u = len(vehicle.actuators)
+        self._vehicle = vehicle
         self.model: BaseAlgorithm | None = None
         self._environment: Environment | None = None
         self._tested: Agent | None = None  # in the tests of now
@@ -72,7 +72,7 @@ class SB3Learner:
             model.policy,
             learners.statistics(normaliser),
             self._config.train.normalise_observations,
-            self._n_u,
+            len(self._vehicle.actuators),
         )
 
     def _faced(self, environment: Any) -> Any:
@@ -118,7 +118,7 @@ class SB3Learner:
         Raises:
             RunError: they are missing, damaged, or of another network than the configuration's.
         """
-        self._tested = learners.LearnedPolicy(self._config, folder, self._n_u)
+        self._tested = learners.LearnedPolicy(self._config, folder, self._vehicle)
 
     def network(self) -> learners.Network | None:
         """The loaded policy as a network by itself; None where its actions are more than that (see `FrozenPolicy`)."""

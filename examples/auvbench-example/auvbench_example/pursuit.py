@@ -40,7 +40,7 @@ class Pursuit:
         """Nothing is remembered from step to step, so there is nothing to forget."""
 
     def act(self, observation):
-        """Actions (n, n_u) in [-1, 1] for observations (n, 4 + n_u)."""
+        """Actions (n, n_u) in [-1, 1] for observations (n, n_obs)."""
         yaw_error, error = in_body_axes(observation)
         wanted = np.column_stack([self.gains.force_gain * error, self.gains.turn_gain * yaw_error])
         wanted[:, 2] -= self.vehicle.buoyancy - self.vehicle.weight

@@ -36,7 +36,7 @@ class Search:
         """Nothing is remembered from step to step, so there is nothing to forget."""
 
     def act(self, observation):
-        """Actions (n, n_u) in [-1, 1] for observations (n, 4 + n_u), by the mean of the weights."""
+        """Actions (n, n_u) in [-1, 1] for observations (n, n_obs), by the mean of the weights."""
         return self.steer(observation, self.mean[None])
 
     def steer(self, observation, weights):

@@ -51,7 +51,7 @@ def test_pid_holds_against_a_current():
 def test_the_estimator_reads_yaw_and_velocity_from_the_observation():
     config = configs.training("noise=none", "task.goal_radius=0.01", "algo=pid")
     batch = Batch(config, 20, autoreset=False)
-    estimator = Estimator(0.1, 0.3, body_frame=False)
+    estimator = Estimator(0.1, 0.3, batch.task.spec)
     estimator.reset(20)
     observation = batch.reset()
     action = np.random.default_rng(0).uniform(-0.4, 0.4, (20, 6))

@@ -18,16 +18,18 @@ from auvbench.agents.learned import forward
 from auvbench.agents.learned.learners import LearnedPolicy, _policy
 from auvbench.config.compose import typed
 from auvbench.errors import RunError
+from auvbench.vehicles import sheet
 from tests import configs
 
-N_U = 6
 Weights = dict[str, Any]
 Arrays = dict[str, Any]
 CONFIG = typed(OmegaConf.create(configs.plain("algo=ppo")))
+VEHICLE = sheet.load(CONFIG.vehicle)
+N_U = len(VEHICLE.actuators)
 
 
 def written(folder: Path, weights: Weights | None = None, arrays: Arrays | None = None) -> Path:
-    sound = dict(_policy(CONFIG, N_U).state_dict())
+    sound = dict(_policy(CONFIG, VEHICLE).state_dict())
     torch.save(sound if weights is None else weights, folder / "policy.pt")
     np.savez(folder / "normalisation.npz", **(statistics() if arrays is None else arrays))
     return folder
@@ -44,7 +46,7 @@ def statistics() -> Arrays:
 
 
 def test_a_sound_model_acts(tmp_path: Path) -> None:
-    policy = LearnedPolicy(CONFIG, written(tmp_path), N_U)
+    policy = LearnedPolicy(CONFIG, written(tmp_path), VEHICLE)
     assert policy.act(np.zeros((3, 4 + N_U), dtype=np.float32)).shape == (3, N_U)
 
 
@@ -73,10 +75,10 @@ WEIGHTS = [
 
 @pytest.mark.parametrize(("harm", "message"), WEIGHTS)
 def test_weights(tmp_path: Path, harm: Callable[[Weights], object], message: str) -> None:
-    weights = dict(_policy(CONFIG, N_U).state_dict())
+    weights = dict(_policy(CONFIG, VEHICLE).state_dict())
     harm(weights)
     with pytest.raises(RunError, match=message) as caught:
-        LearnedPolicy(CONFIG, written(tmp_path, weights), N_U)
+        LearnedPolicy(CONFIG, written(tmp_path, weights), VEHICLE)
     assert "\n" not in str(caught.value)
 
 
@@ -98,7 +100,7 @@ def test_statistics(tmp_path: Path, harm: Callable[[Arrays], object], message: s
     arrays = statistics()
     harm(arrays)
     with pytest.raises(RunError, match=message) as caught:
-        LearnedPolicy(CONFIG, written(tmp_path, None, arrays), N_U)
+        LearnedPolicy(CONFIG, written(tmp_path, None, arrays), VEHICLE)
     assert "\n" not in str(caught.value)
 
 
@@ -107,13 +109,13 @@ def test_statistics(tmp_path: Path, harm: Callable[[Arrays], object], message: s
 def test_files_that_are_no_archives_at_all(tmp_path: Path, name: str, content: bytes) -> None:
     (written(tmp_path) / name).write_bytes(content)
     with pytest.raises(RunError, match=f"{name}: the .* cannot be read") as caught:
-        LearnedPolicy(CONFIG, tmp_path, N_U)
+        LearnedPolicy(CONFIG, tmp_path, VEHICLE)
     assert "\n" not in str(caught.value)
 
 
 def test_what_is_checked_is_what_is_loaded(tmp_path: Path) -> None:
     seen: dict[str, bytes] = {}
-    LearnedPolicy(CONFIG, written(tmp_path), N_U, lambda name, data: seen.update({name: data}))
+    LearnedPolicy(CONFIG, written(tmp_path), VEHICLE, lambda name, data: seen.update({name: data}))
     assert seen == {name: (tmp_path / name).read_bytes() for name in ("policy.pt", "normalisation.npz")}
     assert torch.load(io.BytesIO(seen["policy.pt"]), weights_only=True).keys()
 
@@ -125,20 +127,20 @@ def configured(algo: str) -> Any:
 
 def test_a_running_variance_is_not_negative(tmp_path: Path) -> None:
     config = configured("crossq")
-    weights = dict(_policy(config, N_U).state_dict())
+    weights = dict(_policy(config, VEHICLE).state_dict())
     written(tmp_path, weights)
-    LearnedPolicy(config, tmp_path, N_U)
+    LearnedPolicy(config, tmp_path, VEHICLE)
     weights["actor.latent_pi.0.ra_var"].view(-1)[3] = -1.0
     written(tmp_path, weights)
     with pytest.raises(RunError, match=r"actor.latent_pi.0.ra_var holds a negative number"):
-        LearnedPolicy(config, tmp_path, N_U)
+        LearnedPolicy(config, tmp_path, VEHICLE)
 
 
 @pytest.mark.parametrize("algo", ["tqc", "crossq", "trpo", "recurrent_ppo"])
 def test_an_episode_acts_the_same_beside_any_others(algo: str, tmp_path: Path) -> None:
     """Weights far from zero: whatever depends on the place in the batch would show."""
     config = configured(algo)
-    policy = _policy(config, N_U)
+    policy = _policy(config, VEHICLE)
     generator = torch.Generator().manual_seed(3)
     with torch.no_grad():
         for tensor in policy.parameters():
@@ -146,12 +148,12 @@ def test_an_episode_acts_the_same_beside_any_others(algo: str, tmp_path: Path) -
             tensor.copy_(torch.randn(tensor.shape, generator=generator) * scale)
     written(tmp_path, dict(policy.state_dict()))
     observations = np.random.default_rng(0).normal(0, 2, (12, 150, 4 + N_U)).astype(np.float32)
-    whole = LearnedPolicy(config, tmp_path, N_U)
+    whole = LearnedPolicy(config, tmp_path, VEHICLE)
     whole.reset(np.arange(150))
     expected = np.stack([whole.act(step) for step in observations], axis=1)
     assert len(np.unique(expected)) > 1000
     for rows in (slice(0, 1), slice(149, 150), slice(5, 12), slice(61, 131)):
-        policy_of_some = LearnedPolicy(config, tmp_path, N_U)
+        policy_of_some = LearnedPolicy(config, tmp_path, VEHICLE)
         policy_of_some.reset(np.arange(150)[rows])
         found = np.stack([policy_of_some.act(step[rows]) for step in observations], axis=1)
         np.testing.assert_array_equal(found, expected[rows])
@@ -159,8 +161,8 @@ def test_an_episode_acts_the_same_beside_any_others(algo: str, tmp_path: Path) -
 
 def test_a_recurrent_policy_forgets_where_an_episode_begins(tmp_path: Path) -> None:
     config = configured("recurrent_ppo")
-    written(tmp_path, dict(_policy(config, N_U).state_dict()))
-    policy = LearnedPolicy(config, tmp_path, N_U)
+    written(tmp_path, dict(_policy(config, VEHICLE).state_dict()))
+    policy = LearnedPolicy(config, tmp_path, VEHICLE)
     observation = np.random.default_rng(1).normal(0, 2, (3, 4 + N_U)).astype(np.float32)
     policy.reset(np.arange(3))
     first, second = policy.act(observation), policy.act(observation)

@@ -22,6 +22,7 @@ from auvbench.evaluation.evaluate import make_agent, read_summary
 from auvbench.policies import exported
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import prepare, resolve_run
+from auvbench.vehicles import sheet
 from tests import onnx_files
 from tests.onnx_files import model, saved
 from tests.unit.runs.test_damage import frozen
@@ -34,13 +35,13 @@ def trained(folder: Path, *overrides: str) -> RunDirectory:
     run = frozen(folder, *overrides, state="pending")
     config = typed(compose("train", list(overrides)))
     torch.manual_seed(0)
-    n_u = 6
-    policy = learners._policy(config, n_u)
+    vehicle = sheet.load(config.vehicle)
+    policy = learners._policy(config, vehicle)
     with torch.no_grad():
         for parameter in policy.parameters():
             parameter.copy_(torch.randn_like(parameter) * 0.1)
     rng = np.random.default_rng(0)
-    n = learners.observed(config.algo, n_u)
+    n = learners.observed(config, vehicle)
     arrays = {
         "observation_mean": rng.normal(size=n),
         "observation_variance": rng.uniform(0.1, 30.0, size=n),

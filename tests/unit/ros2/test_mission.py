@@ -45,7 +45,7 @@ def flown(frame, vehicle, max_steps, seed):
     rng = np.random.default_rng(0)
     action = np.zeros(len(thrust.actuators))
     while True:
-        mine = observe(pose[0], waypoint, action, frame == "body")
+        mine = observe(batch.task.spec, pose[0], waypoint, action)
         np.testing.assert_array_equal(mine, seen[0])
         action = (
             np.clip(np.asarray(agent.act(mine[None]), dtype=np.float64)[0], -1.0, 1.0)
@@ -106,7 +106,7 @@ def policy(tmp_path_factory):
 
 def test_a_policy_from_a_file_is_steered_by_as_its_card_says(policy):
     setup = command._setup(command.parser().read([str(policy)]))
-    assert (setup.vehicle.name, setup.frequency, setup.body_frame) == ("bluerov2", 10.0, False)
+    assert (setup.vehicle.name, setup.frequency, setup.spec.size) == ("bluerov2", 10.0, 10)
     limits = setup.limits
     assert (limits.depth_low, limits.depth_high, limits.goal_radius) == (-60.0, -1.0, 3.0)
     action = setup.controller.act(np.zeros((1, 10), dtype=np.float32))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from auvbench.envs.batch import Batch
+from auvbench.errors import ConfigError
 from auvbench.tasks import kernels as k
 from auvbench.tasks.waypoint import WaypointTask
 from auvbench.vehicles import sheet
@@ -183,3 +184,16 @@ def test_a_position_that_is_not_finite_stops_the_run():
     task = make()
     with pytest.raises(TrainingError, match=r"environment 0 is not finite after step 1 of its episode 0"):
         step(task, (math.nan, 0.0, -20.0))
+
+
+def test_the_compiled_observation_has_the_declared_blocks() -> None:
+    task = make()
+    task.previous[:] = np.arange(6) / 10
+    pose = np.array([[1.0, 2.0, -20.0, 1.0, 0.0, 0.0, 0.0]])
+    put(task, (10.0, 0.0, -25.0), distance_before=9.0)
+    seen, spec = task.observe(pose)[0], task.spec
+    np.testing.assert_allclose(seen[spec["position_error"]], [9.0, -2.0, -5.0])
+    np.testing.assert_allclose(seen[spec["previous_action"]], task.previous[0], rtol=1e-6)
+    assert spec.size == len(seen) == len(spec.bounds) == len(spec.card())
+    with pytest.raises(ConfigError, match="does not observe depth"):
+        spec["depth"]
