@@ -24,9 +24,8 @@ short. auvbench report relates agents to the first (time over best known). docs/
   protocol=NAME   test (default), or another that fixes the frequency
   vehicle=NAME    bluerov2 (default), or another vehicle that has thrusters alone
   workers=N       searches at once (default: one per core); changes no result
-  passes=N        1: each scenario by itself; 2 (default): once more from the results of its neighbours
   output=DIR      folder of bounds (default: outputs/bounds)
-  force=true      search again; a result is no worse than the one that is there
+  force=true      search again
   --check         compute nothing: replay the stored commands in the simulator
 
 The same command continues after an interruption. Needs CasADi: pip install 'auvbench[mpc]'.
@@ -36,7 +35,7 @@ examples:
   auvbench bound protocol=test --check
 """
 
-KEYS = ("protocol", "vehicle", "simulator", "workers", "passes", "output", "force")
+KEYS = ("protocol", "vehicle", "simulator", "workers", "output", "force")
 OUTPUT = "outputs/bounds"
 
 
@@ -46,7 +45,7 @@ def main(arguments: Sequence[str]) -> int:
         print(USAGE, end="")
         return 0
     own, run, test = _sorted(given.words)
-    passes, root = int(own["passes"]), Path(own["output"])
+    root = Path(own["output"])
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config, train_config
 
@@ -64,7 +63,7 @@ def main(arguments: Sequence[str]) -> int:
         print(_summary(there))
         print("These bounds exist already (force=true searches again).")
         return 0
-    return _compute(settings.protocol, config, root, settings.workers, passes, force=settings.force)
+    return _compute(settings.protocol, config, root, settings.workers)
 
 
 def parser() -> Parser:
@@ -79,9 +78,9 @@ def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str], list[str]]
     """Split the words into keys of this command, of a run's configuration, and of a test.
 
     Raises:
-        UserError: an unknown key or a value out of range.
+        UserError: an unknown key.
     """
-    own = {"passes": "2", "output": OUTPUT}
+    own = {"output": OUTPUT}
     run: list[str] = []
     test: list[str] = []
     for word in words:
@@ -93,8 +92,6 @@ def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str], list[str]]
             own[key] = value
         else:
             (run if group in ("vehicle", "simulator") else test).append(word)
-    if own["passes"] not in ("1", "2"):
-        raise UserError(f"passes={own['passes']}: must be 1 or 2")
     return own, run, test
 
 
@@ -106,12 +103,10 @@ def _there(protocol: Protocol, config: dict[str, Any], root: Path) -> Limits | N
     return find(protocol.name, str(config["vehicle"]["name"]), wanted, [root])[0]
 
 
-def _compute(
-    protocol: Protocol, config: dict[str, Any], root: Path, workers: int, passes: int, *, force: bool
-) -> int:
+def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: int) -> int:
     from auvbench.commands.progress import counting_bar
     from auvbench.evaluation.bounds.compute import PRELOAD, compute, eligible
-    from auvbench.evaluation.bounds.files import folder_of, shipped
+    from auvbench.evaluation.bounds.files import folder_of
     from auvbench.evaluation.protocol import resolve_conditions
     from auvbench.runs.interruption import Interrupted
     from auvbench.runs.pool import Pool
@@ -119,9 +114,8 @@ def _compute(
 
     require()
     good, left_out = eligible(resolve_conditions(protocol, config))
-    total = passes * protocol.episodes * len(good)
+    total = protocol.episodes * len(good)
     done = 0
-    others = [*_folders(root), *_folders(shipped())]
     with (
         counting_bar(total, f"bounds of protocol {protocol.name}") as tell,
         Pool(workers, PRELOAD) as pool,
@@ -141,9 +135,6 @@ def _compute(
                 config,
                 root,
                 pool=pool if pool.workers > 1 else None,
-                passes=passes,
-                others=others,
-                again=force,
                 tell=told,
             )
         except Interrupted as interrupted:
@@ -154,10 +145,6 @@ def _compute(
     print(_summary(limits))
     print(f"wrote {os.path.relpath(folder_of(root, protocol.name, limits.vehicle))}")
     return 0
-
-
-def _folders(root: Path) -> list[Path]:
-    return sorted(folder for folder in root.glob("*") if folder.is_dir()) if root.is_dir() else []
 
 
 def _check(protocol: Protocol, config: dict[str, Any], root: Path) -> int:

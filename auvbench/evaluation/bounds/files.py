@@ -13,19 +13,18 @@ import base64
 import json
 import os
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auvbench.errors import RunError
-from auvbench.evaluation.bounds.command_replay import Commands, Scenario
+from auvbench.evaluation.bounds.command_replay import Commands
 from auvbench.runs import integrity
-from auvbench.runs.atomic_io import as_json, fsync_directory, make_folder, replace_folder, storage
+from auvbench.runs.atomic_io import as_json, replace_folder, storage, write_atomic
 from auvbench.untrusted import documents, reading, typed_json
 from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Prose, Range, Seconds
@@ -37,11 +36,10 @@ FOLDER = "bounds"
 LONGEST = 100_000_000
 """bytes of commands of one scenario"""
 
-Integers = NDArray[np.int64]
 Place = tuple[float, float, float, float]
 """waypoint x, y, z in m, start yaw in rad"""
-Key = tuple[str, int, int]
-"""condition, pass (1 or 2), episode"""
+Key = tuple[str, int]
+"""condition, episode"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +128,6 @@ class JournalLine:
     """A finished search."""
 
     condition: Name
-    turn: Count
     episode: Count
     start: Name
     steps: Annotated[int, Range(1)]
@@ -245,39 +242,13 @@ def find(
     return None, refused
 
 
-def known_results(
-    folders: Iterable[Path], vehicle: str, frequency: float, scenarios: Sequence[Scenario]
-) -> dict[int, Found]:
-    """Return by position in `scenarios` the best commands for the same start and waypoint.
-
-    They count only after a replay. Folders that cannot be read are left out.
-    """
-    best: dict[tuple[float, ...], Bound] = {}
-    for folder in folders:
-        try:
-            limits = read(folder)
-        except RunError:
-            continue
-        for bound in limits.bounds if limits is not None and limits.vehicle == vehicle else ():
-            key = tuple(np.round(bound.place, 6).tolist())
-            if bound.frequency_hz == frequency and (key not in best or bound.steps < best[key].steps):
-                best[key] = bound
-    keys = [tuple(np.round(place_of(scenario), 6).tolist()) for scenario in scenarios]
-    return {i: best[key].found() for i, key in enumerate(keys) if key in best}
-
-
-def place_of(scenario: Scenario) -> Place:
-    x, y, z = scenario.waypoint.tolist()
-    return x, y, z, scenario.yaw
-
-
 def is_name(text: str) -> bool:
     """Return whether a protocol or vehicle of this name can name a folder."""
     return bool(text) and Path(text).name == text and not text.startswith(".")
 
 
 class Journal:
-    """A file of finished searches that only grows; a line that a crash cut off is ignored and overwritten.
+    """A file of finished searches that only grows; a line that a crash cut off is dropped.
 
     Args:
         path: of the file; its folder is created.
@@ -291,13 +262,9 @@ class Journal:
         self.path = path
         first = _line(dict(header))
         with storage(f"cannot write {path}"):
-            make_folder(path.parent)
-            self.found, kept = _read_journal(path, first)
-            self._file = path.open("r+b" if kept else "wb")
-            self._file.truncate(kept)
-            self._file.seek(kept)
-            self._append(b"" if kept else first)
-            fsync_directory(path.parent)
+            self.found, lines = _read_journal(path, first)
+            write_atomic(path, first + lines)
+            self._file = path.open("ab")
 
     def add(self, key: Key, found: Found) -> None:
         """Keep a result.
@@ -305,45 +272,34 @@ class Journal:
         Raises:
             TrainingError: the disk is full, read-only or failing.
         """
+        line = JournalLine(*key, found.start, found.steps, packed(found.commands))
         with storage(f"cannot write {self.path}"):
-            self._append(_line(asdict(JournalLine(*key, found.start, found.steps, packed(found.commands)))))
+            self._file.write(_line(asdict(line)))
+            self._file.flush()
+            os.fsync(self._file.fileno())
         self.found[key] = found
 
     def close(self) -> None:
         self._file.close()
-
-    def remove(self) -> None:
-        self.close()
-        self.path.unlink(missing_ok=True)
-
-    def _append(self, line: bytes) -> None:
-        self._file.write(line)
-        self._file.flush()
-        os.fsync(self._file.fileno())
 
 
 def _line(entry: Mapping[str, Any]) -> bytes:
     return json.dumps(entry).encode() + b"\n"
 
 
-def _read_journal(path: Path, header: bytes) -> tuple[dict[Key, Found], int]:
-    """Return the results under a header and the bytes of their complete lines; nothing and 0 for another header."""
+def _read_journal(path: Path, header: bytes) -> tuple[dict[Key, Found], bytes]:
+    """Return the results under a header and their lines; nothing for another header."""
     try:
         data = reading.content(path, reading.DATA)
     except (FileNotFoundError, ValueError):
-        return {}, 0
-    if not data.startswith(header):
-        return {}, 0
+        return {}, b""
     found: dict[Key, Found] = {}
-    kept = len(header)
-    for text in data[kept:].splitlines(keepends=True):
+    kept = b""
+    for text in data.removeprefix(header).splitlines(keepends=True) if data.startswith(header) else ():
         try:
             line = typed_json.convert(documents.json_value(text), JournalLine)
-            if not text.endswith(b"\n"):
-                break
-            commands = _unpacked(line.commands, line.steps)
+            found[line.condition, line.episode] = Found(_unpacked(line.commands, line.steps), line.start)
         except ValueError:
             break
-        found[line.condition, line.turn, line.episode] = Found(commands, line.start)
-        kept += len(text)
+        kept += text if text.endswith(b"\n") else text + b"\n"
     return found, kept

@@ -1,9 +1,22 @@
-"""The search for the fewest steps in which a vehicle gets from where it is into the goal."""
+"""The search for the fewest steps in which a vehicle reaches the goal: two nonlinear programmes, solved by IPOPT.
+
+    x_(k+1) - x_k = h f((x_k + x_(k+1)) / 2, u_k),   u_min <= u_k <= u_max,   z_low <= z_k <= z_high
+
+the implicit midpoint rule (Betts 2010, Practical Methods for Optimal Control, section 4; Hairer, Lubich and Wanner 2006, section II.1.3: it keeps the norm
+of the quaternion). `Free` seeks the shortest duration T of N equal intervals. `Fixed` has one interval per step of the
+agent, holds thrusts for whole steps as agents do, and seeks the smallest distance to the goal at their end: the fewest
+steps for which that is inside the goal are what is sought in the end.
+
+Everything is written from where the vehicle starts: x along its first heading, z as in the world. Still water looks the
+same from everywhere, so the start enters through its depth alone.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +25,7 @@ from auvbench.config import schema
 from auvbench.errors import TrainingError
 from auvbench.evaluation.bounds.command_replay import Commands, Scenario, Trial, actions, kept
 from auvbench.evaluation.bounds.files import Found
-from auvbench.evaluation.bounds.transcription import INTERVALS, Plan, Programs
-from auvbench.vehicles.symbolic import symbolic
+from auvbench.vehicles.symbolic import SymbolicModel, require, symbolic
 
 Floats = NDArray[np.float64]
 
@@ -23,10 +35,189 @@ SPEED = 1.0
 """m/s along a straight line; only the order of magnitude matters"""
 LEAST_GAIN = 0.7
 """share of the way of the last step: with less than this to spare, no step can be saved"""
-COARSE = 2
-"""steps for which the first search holds a thrust; the second one may change it at each step"""
+HOLD = 2
+"""steps for which a thrust is held"""
 VERSION = 3
 """of the search; a journal of another version is deleted"""
+INTERVALS = 40
+"""of `Free`"""
+SIZES = (24, 48, 72, 96, 128, 192, 256, 384)
+"""intervals for which a `Fixed` is built; what is shorter is padded, what is longer shares thrusts among steps"""
+ROOM = 0.02
+"""m that a plan keeps from the depth limits and from the edge of the goal, for what its grid does not see"""
+ITERATIONS = 100
+"""most of one solution: no limit in seconds, so that a busy machine finds what an idle one finds"""
+LONGEST = 1000.0
+"""s"""
+
+_OPTIONS = {
+    "print_time": False,
+    "error_on_fail": False,
+    "ipopt": {
+        "print_level": 0,
+        "sb": "yes",
+        "linear_solver": "mumps",
+        # A fifth faster here than with the scalings that MUMPS would choose.
+        "mumps_pivot_order": 0,
+        "mumps_scaling": 0,
+        "mumps_permuting_scaling": 0,
+        # What is found is simulated anyway.
+        "tol": 1e-3,
+        "acceptable_tol": 1e-2,
+        "acceptable_iter": 4,
+    },
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A trajectory on a grid of N intervals."""
+
+    X: Floats
+    """(n_x, N + 1) states at its nodes, in the frame of the start"""
+    U: Floats
+    """(n_u, N) thrusts between them, as shares -1 .. 1 of their ranges"""
+    T: float
+    """s"""
+
+    def on(self, n: int, duration: float | None = None) -> Plan:
+        """The same on n equal intervals, stretched to another duration in s."""
+        N = self.U.shape[1]
+        at = np.linspace(0.0, N, n + 1)
+        X = np.array([np.interp(at, np.arange(N + 1), row) for row in self.X])
+        X[3:7] /= np.linalg.norm(X[3:7], axis=0)
+        middle = np.minimum((0.5 * (at[1:] + at[:-1])).astype(int), N - 1)
+        return Plan(X, self.U[:, middle], self.T if duration is None else duration)
+
+
+class Programs:
+    """The programmes of one vehicle; built when they are first needed."""
+
+    def __init__(
+        self, model: SymbolicModel, depth: tuple[float, float], start_depth: float, radius: float
+    ) -> None:
+        self.model = model
+        self.radius = radius
+        low, high = model.input_limits.T
+        self.middle, self.half = 0.5 * (high + low), 0.5 * (high - low)
+        self.start = np.concatenate([[0.0, 0.0, start_depth, 1.0], np.zeros(9), model.rest])
+        self.depth = (min(depth[0] + ROOM, start_depth), max(depth[1] - ROOM, start_depth))
+        self._free: Any = None
+        self._fixed: dict[int, Any] = {}
+
+    @property
+    def coasting(self) -> Floats:
+        """(n_u,) shares that mean no thrust."""
+        return np.asarray(np.clip(-self.middle / self.half, -1.0, 1.0))
+
+    def thrusts(self, U: Floats) -> Floats:
+        """(n_u, N) N from shares."""
+        return np.asarray(self.middle[:, None] + self.half[:, None] * U)
+
+    def shares(self, thrust: Floats) -> Floats:
+        """(n_u, N) shares from N."""
+        return np.asarray(np.clip((thrust - self.middle[:, None]) / self.half[:, None], -1.0, 1.0))
+
+    def shortest(self, guess: Plan, waypoint: Floats) -> tuple[Plan, bool]:
+        """The shortest way to a waypoint (3,) that is found from a guess, and whether IPOPT calls it a solution."""
+        if self._free is None:
+            self._free = self._build(INTERVALS, free=True)
+        guess = guess.on(INTERVALS)
+        low, high = self._bounds(INTERVALS)
+        n = self.model.n_x * INTERVALS
+        found = self._free(
+            x0=np.concatenate([guess.X.T.ravel(), guess.U.T.ravel(), [guess.T]]),
+            p=waypoint,
+            lbx=np.append(low, 0.01),
+            ubx=np.append(high, LONGEST),
+            lbg=np.zeros(n + 1),
+            ubg=np.append(np.zeros(n), max(self.radius - ROOM, 0.5 * self.radius) ** 2),
+        )
+        w = found["x"].full()[:, 0]
+        return self._plan(w[:-1], INTERVALS, w[-1]), bool(self._free.stats()["success"])
+
+    def closest(
+        self, guess: Plan, waypoint: Floats, steps: int, duration: float, hold: int = 1
+    ) -> tuple[Plan, Floats]:
+        """Where the vehicle can be closest to a waypoint (3,) after so many steps of `duration` s.
+
+        Each thrust is held for `hold` steps, or more where there are too many of them.
+
+        Returns:
+            the plan, one interval for each thrust, and its shares (n_u, steps), one for each step.
+        """
+        hold = max(hold, -(-steps // SIZES[-1]))
+        n = -(-steps // hold)
+        size = next(size for size in SIZES if size >= n)
+        if size not in self._fixed:
+            self._fixed[size] = self._build(size, free=False)
+        lengths = np.zeros(size)
+        lengths[:n] = hold * duration
+        lengths[n - 1] -= (n * hold - steps) * duration
+        fitted = guess.on(n)
+        X = np.concatenate([fitted.X, np.repeat(fitted.X[:, -1:], size - n, axis=1)], axis=1)
+        U = np.concatenate([fitted.U, np.repeat(self.coasting[:, None], size - n, axis=1)], axis=1)
+        low, high = self._bounds(size)
+        zeros = np.zeros(self.model.n_x * size)
+        found = self._fixed[size](
+            x0=np.concatenate([X.T.ravel(), U.T.ravel()]),
+            p=np.concatenate([waypoint, lengths]),
+            lbx=low,
+            ubx=high,
+            lbg=zeros,
+            ubg=zeros,
+        )
+        plan = self._plan(found["x"].full()[:, 0], size, steps * duration)
+        found_plan = Plan(np.asarray(plan.X[:, : n + 1]), np.asarray(plan.U[:, :n]), steps * duration)
+        return found_plan, np.repeat(found_plan.U, hold, axis=1)[:, :steps]
+
+    def _plan(self, w: Floats, n: int, duration: float) -> Plan:
+        split = self.model.n_x * (n + 1)
+        X = w[:split].reshape(n + 1, self.model.n_x).T
+        return Plan(X, np.clip(w[split:].reshape(n, self.model.n_u).T, -1.0, 1.0), float(duration))
+
+    def _bounds(self, n: int) -> tuple[Floats, Floats]:
+        X = np.full((n + 1, self.model.n_x), np.inf)
+        low, high = -X, X.copy()
+        low[:, 2], high[:, 2] = self.depth
+        low[0] = high[0] = self.start
+        U = np.ones(self.model.n_u * n)
+        return np.concatenate([low.ravel(), -U]), np.concatenate([high.ravel(), U])
+
+    def _build(self, n: int, *, free: bool) -> Any:
+        ca = require()
+        model = self.model
+        X, U = ca.SX.sym("X", model.n_x, n + 1), ca.SX.sym("U", model.n_u, n)
+        waypoint, T, lengths = ca.SX.sym("w", 3), ca.SX.sym("T"), ca.SX.sym("h", n)
+        still = ca.DM.zeros(3)
+        gaps = []
+        for k in range(n):
+            thrust = ca.DM(self.middle) + ca.DM(self.half) * U[:, k]
+            rate = model.derivative(0.5 * (X[:, k] + X[:, k + 1]), thrust, still)
+            gaps.append(X[:, k + 1] - X[:, k] - (T / n if free else lengths[k]) * rate)
+        away = ca.sumsqr(X[:3, n] - waypoint)
+        # A trifle, where nothing else decides between thrusts.
+        effort = 1e-3 * ca.sumsqr(U) / n
+        states = ca.vertcat(ca.vec(X), ca.vec(U))
+        options = {**_OPTIONS, "ipopt": {**_OPTIONS["ipopt"], "max_iter": ITERATIONS}}  # type: ignore[dict-item]
+        if free:
+            options["ipopt"]["mu_strategy"] = "adaptive"  # type: ignore[index]
+            program = {
+                "x": ca.vertcat(states, T),
+                "f": T + effort,
+                "g": ca.vertcat(*gaps, away),
+                "p": waypoint,
+            }
+        else:
+            # From a guess that is nearly there already.
+            options["ipopt"] |= {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}  # type: ignore[operator]
+            program = {
+                "x": states,
+                "f": away + 0.1 * effort,
+                "g": ca.vertcat(*gaps),
+                "p": ca.vertcat(waypoint, lengths),
+            }
+        return ca.nlpsol("free" if free else f"fixed{n}", "ipopt", program, options)
 
 
 class Search:
@@ -53,41 +244,31 @@ class Search:
             task.goal_radius,
         )
 
-    def first(self, scenario: Scenario, starts: Mapping[str, Commands], known: Found | None = None) -> Found:
-        """Search from commands (T, n_u) of controllers, holding each thrust for `COARSE` steps.
+    def find(self, scenario: Scenario, starts: Mapping[str, Commands]) -> Found:
+        """Search from commands (T, n_u) of controllers, holding each thrust for `HOLD` steps.
 
         A straight line is the start where that finds nothing better than the commands themselves.
 
         Args:
             scenario: start and waypoint.
             starts: by controller; those that do not arrive are left out.
-            known: an earlier result: the new one is no worse.
 
         Raises:
             TrainingError: the simulation left the finite numbers.
         """
         arrived = [found for name in starts if (found := self.replay(scenario, starts[name], name))]
-        best = min([*([] if known is None else [known]), *arrived], key=lambda f: f.steps, default=None)
+        best = min(arrived, key=lambda f: f.steps, default=None)
         if best is not None:
             plans = [(found.start, self.plan_of(scenario, found.commands)) for found in arrived]
-            found = self._improve(scenario, best, plans, COARSE)
+            found = self._improve(scenario, best, plans)
             if found.steps < best.steps:
                 return found
-        return self._improve(scenario, best, [("straight", self._straight(scenario.target))], COARSE)
+        return self._improve(scenario, best, [("straight", self._straight(scenario.target))])
 
     def replay(self, scenario: Scenario, commands: Commands, start: str) -> Found | None:
         """Return commands (T, n_u) as a result; None where they do not arrive."""
         outcome = self.trial.run(scenario, commands)
         return Found(commands[: outcome.steps], start) if outcome.arrived else None
-
-    def again(self, scenario: Scenario, known: Found, others: Sequence[tuple[Scenario, Commands]]) -> Found:
-        """Search from an earlier result, from those of other scenarios, and from a straight line."""
-        plans = [
-            ("itself", self.plan_of(scenario, known.commands)),
-            ("straight", self._straight(scenario.target)),
-        ]
-        plans += [(f"neighbour {place}", self.plan_of(*other)) for place, other in enumerate(others, start=1)]
-        return self._improve(scenario, known, plans, 1)
 
     def plan_of(self, scenario: Scenario, commands: Commands) -> Plan:
         """Return what commands (T, n_u) do in a scenario, seen from its start."""
@@ -120,9 +301,7 @@ class Search:
         X[7:10, 1:] = (way / T)[:, None]
         return Plan(X, np.repeat(programs.coasting[:, None], INTERVALS, axis=1), T)
 
-    def _improve(
-        self, scenario: Scenario, known: Found | None, guesses: Iterable[tuple[str, Plan]], hold: int
-    ) -> Found:
+    def _improve(self, scenario: Scenario, known: Found | None, guesses: Iterable[tuple[str, Plan]]) -> Found:
         """Return the best that grows from guesses: the quickest plan of the coarse grid is refined step by step."""
         plans = []
         for start, guess in guesses:
@@ -132,7 +311,7 @@ class Search:
         plans.sort(key=lambda entry: entry[0])  # stable: equally quick ones stay in their order
         if plans and (known is None or plans[0][0] * self.frequency <= known.steps + 1):
             _, start, plan = plans[0]
-            found = self._refine(scenario, plan, start, known, hold)
+            found = self._refine(scenario, plan, start, known)
             known = found if known is None or (found is not None and found.steps < known.steps) else known
         if known is None:
             place = np.round(scenario.waypoint, 2).tolist()
@@ -141,9 +320,7 @@ class Search:
             )
         return known
 
-    def _refine(
-        self, scenario: Scenario, plan: Plan, start: str, known: Found | None, hold: int
-    ) -> Found | None:
+    def _refine(self, scenario: Scenario, plan: Plan, start: str, known: Found | None) -> Found | None:
         """Return the fewest steps in which the neighbourhood of a plan reaches the goal in the simulator, if it does."""
         steps = max(1, math.ceil(plan.T * self.frequency))
         most = math.inf if known is None else known.steps - 1
@@ -153,7 +330,7 @@ class Search:
             steps = int(min(max(steps, too_few + 1), most))
             if steps <= too_few or steps < 1:
                 break
-            guess, shares = self.programs.closest(guess, scenario.target, steps, 1.0 / self.frequency, hold)
+            guess, shares = self.programs.closest(guess, scenario.target, steps, 1.0 / self.frequency, HOLD)
             thrusts = self.programs.thrusts(shares).T
             commands = kept(self.vehicle.action(thrusts))
             outcome = self.trial.run(scenario, commands)

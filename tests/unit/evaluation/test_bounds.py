@@ -12,10 +12,17 @@ import pytest
 from auvbench.config import schema
 from auvbench.errors import ConfigError, RunError
 from auvbench.evaluation.bounds import files
-from auvbench.evaluation.bounds.compute import PRELOAD, all_scenarios, compute, eligible, wrong_bounds
+from auvbench.evaluation.bounds.compute import (
+    PRELOAD,
+    all_scenarios,
+    commands,
+    compute,
+    controllers,
+    eligible,
+    wrong_bounds,
+)
 from auvbench.evaluation.bounds.lower_bound import PRICES, Energy
 from auvbench.evaluation.bounds.search import Search
-from auvbench.evaluation.bounds.warm_starts import WarmStarts
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.runs.pool import Pool
 from auvbench.vehicles import sheet
@@ -111,11 +118,14 @@ def test_nothing_is_proven_where_coriolis_forces_do_work() -> None:
 def test_no_controller_arrives_sooner_than_is_proven() -> None:
     protocol = protocol_of(episodes=4)
     (condition,) = resolve_conditions(protocol, config_of())
-    starts = WarmStarts(condition.config, protocol.seed, "test")
+    agents = controllers(condition.config)
     energy = Energy(sheet.load("bluerov2"), 3.0)
     for episode, scenario in enumerate(all_scenarios(condition, protocol)):
         least = energy.steps(scenario, 10.0)
-        assert all(least <= len(commands) for commands in starts.commands(episode).values())
+        assert all(
+            least <= len(commands)
+            for commands in commands(condition.config, agents, episode, protocol.seed, "test").values()
+        )
         assert least > 20
 
 
@@ -127,8 +137,11 @@ def test_what_is_found_arrives_and_is_quicker_than_controllers(
     held = limits.condition("nominal")
     assert wrong_bounds(limits, protocol, config) == []
     (condition,) = resolve_conditions(protocol, config)
-    starts = WarmStarts(condition.config, protocol.seed, "test")
-    quickest = [min(map(len, starts.commands(episode).values())) for episode in range(3)]
+    agents = controllers(condition.config)
+    quickest = [
+        min(map(len, commands(condition.config, agents, episode, protocol.seed, "test").values()))
+        for episode in range(3)
+    ]
     steps = np.array([bound.steps for bound in held])
     assert (steps <= quickest).all()
     assert (steps < quickest).any()
@@ -156,7 +169,7 @@ def test_workers_and_interruptions_change_nothing(
         pass
 
     def stop(key: Any, found: files.Found) -> None:
-        if key[2] == 1:
+        if key[1] == 1:
             raise Enough
 
     with pytest.raises(Enough):
@@ -176,36 +189,14 @@ def test_workers_and_interruptions_change_nothing(
 def test_a_journal_of_another_search_is_begun_anew(tmp_path: Path) -> None:
     found = files.Found(np.array([[1, -127], [3, 4]], dtype=np.int8), "pid")
     first = files.Journal(tmp_path / "j", {"fingerprint": "a"})
-    first.add(("nominal", 1, 7), found)
+    first.add(("nominal", 7), found)
     first.close()
     again = files.Journal(tmp_path / "j", {"fingerprint": "a"})
-    assert again.found[("nominal", 1, 7)].commands.tolist() == found.commands.tolist()
+    assert again.found[("nominal", 7)].commands.tolist() == found.commands.tolist()
     again.close()
     other = files.Journal(tmp_path / "j", {"fingerprint": "b"})
     assert other.found == {}
     other.close()
-
-
-def test_what_is_known_of_the_same_scenarios_is_taken_over(
-    near: tuple[schema.Protocol, dict[str, Any]],
-    computed: tuple[Path, files.Limits],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    protocol, config = near
-    less = replace(protocol, name="less", episodes=2)
-    monkeypatch.setattr("auvbench.evaluation.bounds.compute._solve", None)  # nothing is searched
-    limits = compute(less, config, tmp_path, others=[computed[0] / "test-bluerov2"])
-    assert limits.bounds == tuple(computed[1].bounds[:2])
-
-
-def test_a_search_again_is_never_worse_than_what_is_known(
-    near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits], tmp_path: Path
-) -> None:
-    protocol, config = near
-    one = replace(protocol, episodes=1)
-    limits = compute(one, config, tmp_path, passes=1, others=[computed[0] / "test-bluerov2"], again=True)
-    assert limits.bounds[0].steps <= computed[1].bounds[0].steps
 
 
 def test_limits_of_other_scenarios_and_damaged_ones_are_not_used(
@@ -251,9 +242,9 @@ def test_thrusters_with_lag_are_covered() -> None:
     protocol = protocol_of(*NEAR, episodes=1)
     (condition,) = resolve_conditions(protocol, config_of("vehicle=rexrov"))
     (scenario,) = all_scenarios(condition, protocol)
-    starts = WarmStarts(condition.config, protocol.seed, "test").commands(0)
+    starts = commands(condition.config, controllers(condition.config), 0, protocol.seed, "test")
     search = Search(condition.config)
-    found = search.first(scenario, starts)
+    found = search.find(scenario, starts)
     assert search.trial.run(scenario, found.commands).arrived
     assert found.steps <= min(map(len, starts.values()))
 
