@@ -1,51 +1,117 @@
-"""SB3's learners: made from the configuration, their policies read back as plain weights."""
+"""SB3's learners: made from the configuration, written as plain files, watched for NaN.
+
+A run that goes on with a NaN wastes its budget and would overwrite its last good checkpoint. The physics is watched
+by the worker.
+"""
 
 from __future__ import annotations
 
+import inspect
 import io
-from collections.abc import Callable, Mapping
-from pathlib import Path
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
 from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from auvbench.agents.base import Actions, Integers, Observations, resolve
-from auvbench.agents.learned import arguments, forward, policy_loading
+from auvbench.agents.base import resolve
 from auvbench.config import algorithms, schema
 from auvbench.config.agents import AGENTS
-from auvbench.errors import RunError
-from auvbench.tasks.observation import observation_spec
-from auvbench.untrusted import reading
-from auvbench.vehicles.vehicle_model import VehicleModel
+from auvbench.config.schema import discount
+from auvbench.errors import ActionError, AuvbenchError, TrainingError
 
 WEIGHTS, STATISTICS = "policy.pt", "normalisation.npz"
 """The files of a trained model."""
 
+ACTIVATIONS = {
+    "tanh": torch.nn.Tanh,
+    "relu": torch.nn.ReLU,
+    "elu": torch.nn.ELU,
+    "silu": torch.nn.SiLU,
+}
+
 
 def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
-    """The SB3 learner that `config.algo` describes, on an environment. One torch thread."""
+    """Return the SB3 learner that `config.algo` describes, on an environment. One torch thread."""
     torch.set_num_threads(1)
-    learner: BaseAlgorithm = resolve(AGENTS[config.algo.agent].algorithm)(
-        **arguments.of_learner(config, environment)
-    )
+    learner: BaseAlgorithm = resolve(AGENTS[config.algo.agent].algorithm)(**arguments(config, environment))
     return learner
 
 
-def observed(config: schema.TrainConfig, vehicle: VehicleModel) -> int:
-    """Return how many numbers a learner observes: that of a residual PID's action, too."""
-    residual = isinstance(config.algo, algorithms.PPOResidual | algorithms.SACResidual)
-    n_u = len(vehicle.actuators)
-    return observation_spec(config.task, vehicle.actuators).size + (n_u if residual else 0)
+def arguments(config: schema.TrainConfig, environment: VecEnv) -> dict[str, Any]:
+    """Return the arguments of the learner: the keys of `config.algo` that it takes by the same name, and what differs."""
+    algo: Any = config.algo
+    taken = inspect.signature(resolve(AGENTS[algo.agent].algorithm)).parameters
+    found = {f.name: getattr(algo, f.name) for f in fields(algo) if f.name in taken}
+    found |= {
+        "policy": policy_name(algo),
+        "env": environment,
+        "gamma": discount(algo, config.step.frequency),
+        "policy_kwargs": policy_arguments(algo),
+        "seed": config.seed,
+        "device": "cpu",
+        "verbose": 0,
+    }
+    if algo.learning_rate_schedule == "linear":
+        found["learning_rate"] = LinearSchedule(algo.learning_rate, 0.0, 1.0)
+    if isinstance(algo, algorithms.OffPolicy):
+        found["train_freq"] = (algo.train_freq, "step")
+    if isinstance(algo, algorithms.Entropy):
+        found["ent_coef"] = _number_or_auto(algo.ent_coef)
+        found["target_entropy"] = _number_or_auto(algo.target_entropy)
+    if scale := found.pop("action_noise", 0.0):
+        shape = environment.action_space.shape or ()
+        noise = NormalActionNoise(np.zeros(shape), np.full(shape, scale))
+        found["action_noise"] = VectorizedActionNoise(noise, environment.num_envs)
+    return found
+
+
+def _number_or_auto(value: str) -> str | float:
+    return value if value.startswith("auto") else float(value)
+
+
+def policy_name(algo: algorithms.Network) -> str:
+    """What the learner's class calls the policy that it is to make."""
+    return "MlpLstmPolicy" if isinstance(algo, algorithms.RecurrentPPO) else "MlpPolicy"
+
+
+def policy_arguments(algo: algorithms.Network) -> dict[str, Any]:
+    """Return the arguments of the policy's networks."""
+    arguments: dict[str, Any] = {
+        "net_arch": list(algo.net_arch),
+        "activation_fn": ACTIVATIONS[algo.activation],
+    }
+    if isinstance(algo, algorithms.OnPolicy):
+        arguments["log_std_init"] = algo.log_std_init
+    if isinstance(algo, algorithms.RecurrentPPO):
+        arguments |= {
+            "lstm_hidden_size": algo.lstm_size,
+            "n_lstm_layers": algo.lstm_layers,
+            "enable_critic_lstm": algo.critic_lstm,
+        }
+    if isinstance(algo, algorithms.TQC):
+        arguments |= {"n_quantiles": algo.n_quantiles, "n_critics": algo.n_critics}
+    if isinstance(algo, algorithms.CrossQ):
+        arguments |= {
+            "net_arch": {"pi": list(algo.net_arch), "qf": list(algo.critic_net_arch)},
+            "n_critics": algo.n_critics,
+            "batch_norm_momentum": algo.batch_norm_momentum,
+            "renorm_warmup_steps": algo.renorm_warmup_steps,
+        }
+    return arguments
 
 
 def files(model: BaseAlgorithm, normaliser: VecNormalize) -> dict[str, bytes]:
-    """What a run keeps of a trained model, by the file's name: a plain dictionary of tensors, and the statistics."""
+    """Return a trained model as files by name: a plain dictionary of tensors, and the statistics."""
     weights, arrays = io.BytesIO(), io.BytesIO()
     torch.save(dict(model.policy.state_dict()), weights)
     np.savez(arrays, **statistics(normaliser))  # type: ignore[arg-type]
@@ -53,7 +119,7 @@ def files(model: BaseAlgorithm, normaliser: VecNormalize) -> dict[str, bytes]:
 
 
 def statistics(normaliser: VecNormalize) -> dict[str, NDArray[np.float64]]:
-    """Running statistics of observations and returns as plain arrays; mean 0 and variance 1 where none are kept."""
+    """Return the running statistics of observations and returns as plain arrays; mean 0 and variance 1 where none are kept."""
     returns = normaliser.ret_rms
     observations = RunningMeanStd(shape=normaliser.observation_space.shape or ())
     if normaliser.norm_obs:
@@ -71,114 +137,49 @@ def statistics(normaliser: VecNormalize) -> dict[str, NDArray[np.float64]]:
     }
 
 
-Scaling = tuple[NDArray[np.float64], NDArray[np.float64], float]
-Network = tuple[BasePolicy, Scaling | None]
-"""A policy, and mean, scale and clip of its observations"""
+def check_losses(model: BaseAlgorithm) -> None:
+    """Raise `TrainingError` when a number that the last update logged is not finite."""
+    for key, value in model.logger.name_to_value.items():
+        # explained_variance is NaN by definition where the returns do not vary.
+        if key.startswith("train/") and key != "train/explained_variance" and not math.isfinite(value):
+            raise TrainingError(f"step {model.num_timesteps}: {key} became {value}")
 
 
-class FrozenPolicy:
-    """A policy as it is now, in a test: deterministic, with the statistics of its observations frozen.
+def check_parameters(model: BaseAlgorithm) -> None:
+    """Raise `TrainingError` when a weight of the policy or of a target network is not finite."""
+    bad = non_finite_parameter(model)
+    if bad is not None:
+        raise TrainingError(f"step {model.num_timesteps}: the weights {bad} of the policy are not finite")
 
-    Draws no random number and changes nothing of the policy, so that one that is being trained may be tested.
 
-    Args:
-        policy: the network; out of training mode.
-        arrays: statistics of the observations, as `statistics` gives them.
-        normalise: whether the policy was trained on normalised observations.
-        n_u: actuators of the vehicle.
+@contextmanager
+def diagnosed(model: BaseAlgorithm) -> Iterator[None]:
+    """Name the weights as the cause of an error that they have caused.
+
+    A NaN that appears within an update makes torch's distributions complain about their arguments in many
+    lines before the weights are checked.
     """
-
-    def __init__(
-        self, policy: BasePolicy, arrays: Mapping[str, NDArray[np.float64]], normalise: bool, n_u: int
-    ) -> None:
-        self.policy = policy
-        self._forward = forward.of(policy)
-        self._normalise = normalise
-        self._mean = np.array(arrays["observation_mean"])
-        self._scale = np.sqrt(arrays["observation_variance"] + arrays["epsilon"])
-        self._clip = float(arrays["clip_observations"])
-        self._n_u = n_u
-
-    def reset(self, episodes: Integers) -> None:
-        self._forward.reset(len(episodes))
-
-    def network(self) -> Network | None:
-        """What `act` computes, where it is a function of the present observation; None of a policy that keeps a state."""
-        if type(self._forward) is not forward.Forward:
-            return None
-        return self.policy, (self._mean, self._scale, self._clip) if self._normalise else None
-
-    def act(self, observation: Observations) -> Actions:
-        """Deterministic actions (n, n_u)."""
-        if self._normalise:
-            scaled = (observation - self._mean) / self._scale
-            observation = np.clip(scaled, -self._clip, self._clip).astype(np.float32)
-        action = np.empty((len(observation), self._n_u), dtype=np.float32)
-        rows = np.zeros((forward.ROWS, observation.shape[1]), dtype=np.float32)
-        with torch.no_grad():
-            for start in range(0, len(observation), forward.ROWS):
-                part = observation[start : start + forward.ROWS]
-                rows[: len(part)] = part
-                output = self._forward(start // forward.ROWS, torch.from_numpy(rows))
-                action[start : start + len(part)] = output.numpy()[: len(part)]
-        return np.clip(action, -1.0, 1.0)
-
-
-class LearnedPolicy(FrozenPolicy):
-    """A trained policy in a test: its weights and statistics read without unpickling.
-
-    Args:
-        config: of the run that trained it.
-        folder: its `model/` folder.
-        vehicle: that it steers.
-        check: called with the name and the content of each file before anything is made of it; raises where
-            that is not what was written.
-
-    Raises:
-        RunError: the files are missing, damaged, or of another network than the configuration's.
-    """
-
-    def __init__(
-        self,
-        config: schema.TrainConfig,
-        folder: Path,
-        vehicle: VehicleModel,
-        check: Callable[[str, bytes], None] | None = None,
-    ) -> None:
-        torch.set_num_threads(1)
-        policy = _policy(config, vehicle)
-        weights = policy_loading.weights(
-            _read(folder / WEIGHTS, check), folder / WEIGHTS, policy.state_dict()
-        )
-        kept = policy_loading.statistics(
-            _read(folder / STATISTICS, check), folder / STATISTICS, observed(config, vehicle)
-        )
-        policy.load_state_dict(weights)
-        policy.set_training_mode(False)
-        super().__init__(policy, kept, config.train.normalise_observations, len(vehicle.actuators))
-
-
-def _read(path: Path, check: Callable[[str, bytes], None] | None) -> bytes:
     try:
-        data = reading.content(path, reading.WEIGHTS)
-    except FileNotFoundError as error:
-        raise RunError(f"{path.parent}: no trained model here ({path.name} is missing)") from error
-    except (OSError, ValueError) as error:
-        raise RunError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if check is not None:
-        check(path.name, data)
-    return data
+        yield
+    except Exception as error:
+        if isinstance(error, AuvbenchError) and not isinstance(error, ActionError):
+            raise
+        try:
+            check_parameters(model)
+        except TrainingError as cause:
+            raise cause from error
+        raise
 
 
-def _policy(config: schema.TrainConfig, vehicle: VehicleModel) -> BasePolicy:
-    """The network of `config.algo` without an environment or a learner around it."""
-    algo = config.algo
-    observation_space = spaces.Box(-np.inf, np.inf, (observed(config, vehicle),), dtype=np.float32)
-    action_space = spaces.Box(-1.0, 1.0, (len(vehicle.actuators),), dtype=np.float32)
-    learner = resolve(AGENTS[algo.agent].algorithm)
-    kind = learner.policy_aliases[arguments.policy_name(algo)]
-    given = arguments.of_policy(algo)
-    if algo.agent == "ddpg":
-        given["n_critics"] = 1
-    policy: BasePolicy = kind(observation_space, action_space, lambda _: 0.0, **given)
-    return policy
+def non_finite_parameter(model: BaseAlgorithm) -> str | None:
+    """Return the name of the first parameter or running statistic that is not finite; None when all are finite."""
+    with torch.no_grad():
+        named: dict[str, torch.Tensor] = dict(model.policy.named_parameters())
+        named |= {n: buffer for n, buffer in model.policy.named_buffers() if buffer.is_floating_point()}
+        total = torch.stack([parameter.sum() for parameter in named.values()]).sum()
+        if math.isfinite(float(total)):
+            return None
+        for name, parameter in named.items():
+            if not bool(torch.isfinite(parameter).all()):
+                return name
+    return None

@@ -16,7 +16,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from auvbench.agents.base import Actions, Agent, Callbacks, Environment, Integers, Observations
 from auvbench.agents.components import Components
-from auvbench.agents.learned import finite, learners, state
+from auvbench.agents.learned import learners, state
+from auvbench.agents.learned.trained_policy import FrozenPolicy, LearnedPolicy, Network
 from auvbench.config import schema
 from auvbench.config.schema import discount
 from auvbench.envs.sb3 import WaypointVecEnv
@@ -68,7 +69,7 @@ class SB3Learner:
     def _frozen(self, model: BaseAlgorithm) -> Agent:
         """What acts for a policy that is being trained."""
         normaliser = _normaliser(model)
-        return learners.FrozenPolicy(
+        return FrozenPolicy(
             model.policy,
             learners.statistics(normaliser),
             self._config.train.normalise_observations,
@@ -83,7 +84,7 @@ class SB3Learner:
         """As the contract says; PPO may go up to a rollout beyond the budget, as SB3 does.
 
         Raises:
-            TrainingError: a weight, a loss, an observation or a reward is not finite.
+            TrainingError: a weight, a loss, an observation or a reward is not learners.
         """
         train = config.train
         self._environment = environment
@@ -99,7 +100,7 @@ class SB3Learner:
         self.model = model = learners.make(config, normaliser)
         model.set_logger(Logger(None, [Scalars(callbacks.log)]))
         on_policy = isinstance(model, OnPolicyAlgorithm)
-        with finite.diagnosed(model):
+        with learners.diagnosed(model):
             model.learn(
                 callbacks.total_steps,
                 callback=Follower(self, lambda: face.transition, callbacks),
@@ -118,11 +119,11 @@ class SB3Learner:
         Raises:
             RunError: they are missing, damaged, or of another network than the configuration's.
         """
-        self._tested = learners.LearnedPolicy(self._config, folder, self._vehicle)
+        self._tested = LearnedPolicy(self._config, folder, self._vehicle)
 
-    def network(self) -> learners.Network | None:
+    def network(self) -> Network | None:
         """The loaded policy as a network by itself; None where its actions are more than that (see `FrozenPolicy`)."""
-        found: Callable[[], learners.Network | None] | None = getattr(self._tested, "network", None)
+        found: Callable[[], Network | None] | None = getattr(self._tested, "network", None)
         return None if found is None else found()
 
     @property
@@ -138,7 +139,7 @@ class SB3Learner:
         """
         model = self.model
         assert model is not None, "nothing is being trained"
-        finite.check_parameters(model)
+        learners.check_parameters(model)
         if self.replay is not None:
             state.check_replay(self.replay, model.num_timesteps)
         components = state.capture(model)
@@ -169,15 +170,15 @@ class SB3Learner:
             # taken here, after that draw.
             state.restore_draws(model, self._drawn)
             self._drawn = None
-        finite.check_losses(model)
+        learners.check_losses(model)
         if isinstance(model, OnPolicyAlgorithm):
             # A rollout of many steps follows, so checking every weight costs nothing in comparison.
-            finite.check_parameters(model)
+            learners.check_parameters(model)
 
     def training_ends(self) -> None:
         """The budget is used up; no rollout follows the next checkpoint."""
         assert self.model is not None
-        finite.check_losses(self.model)
+        learners.check_losses(self.model)
         self._between_rollouts = False
 
 

@@ -10,6 +10,7 @@ Read against Stable-Baselines3 2.9.2; what it keeps is listed in docs/resume.md.
 
 from __future__ import annotations
 
+import random
 import sys
 import time
 from collections import deque
@@ -27,13 +28,13 @@ from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecNormalize
 
 from auvbench.agents.components import Components
-from auvbench.agents.learned import generators
 from auvbench.errors import RunError, TrainingError
 
 Arrays = dict[str, NDArray[Any]]
 
 _COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_num_timesteps_at_start")
 _OBSERVATIONS = ("_last_obs", "_last_original_obs", "_last_episode_starts")
+_GENERATORS = "generators"
 _GSDE = ("exploration_mat", "exploration_matrices")
 
 
@@ -51,7 +52,7 @@ def capture(model: BaseAlgorithm) -> Components:
         "elapsed_ns": time.time_ns() - int(model.start_time),
         "logger": _pending(model),
     }
-    generators.capture(components, _numpy_generators(model))
+    _capture_generators(components, _numpy_generators(model))
     return components
 
 
@@ -101,7 +102,7 @@ def restore_draws(model: BaseAlgorithm, components: Components) -> None:
         for name in _GSDE:
             if name in tensors["gsde"]:
                 setattr(distribution, name, tensors["gsde"][name].clone())
-    generators.restore(components, _numpy_generators(model))
+    _restore_generators(components, _numpy_generators(model))
 
 
 def check_replay(buffer: ReplayBuffer, num_timesteps: int) -> None:
@@ -294,3 +295,43 @@ def _restore_pending(model: BaseAlgorithm, rows: list[list[Any]]) -> None:
         if count:
             logger.name_to_count[key] = count
         logger.name_to_excluded[key] = tuple(excluded)
+
+
+def _capture_generators(components: Components, generators: dict[str, np.random.Generator]) -> None:
+    """Add Python's, numpy's and torch's global generators, and numpy Generators by name."""
+    version, words, gauss = random.getstate()
+    kind, keys, position, has_gauss, cached = np.random.get_state(legacy=True)  # noqa: NPY002
+    components.arrays[_GENERATORS] = {
+        "python": np.asarray(words, dtype=np.uint64),
+        "numpy": np.asarray(keys, dtype=np.uint32),
+        "torch": torch.get_rng_state().numpy(),
+    }
+    components.values[_GENERATORS] = {
+        "python": {"version": version, "gauss": gauss},
+        "numpy": {"kind": kind, "position": position, "has_gauss": has_gauss, "cached": float(cached)},
+        "numpy_generators": {
+            name: _plain_state(item.bit_generator.state) for name, item in generators.items()
+        },
+    }
+
+
+def _restore_generators(components: Components, generators: dict[str, np.random.Generator]) -> None:
+    """Restore the generators; call it last, since building and loading anything may draw."""
+    arrays, values = components.arrays[_GENERATORS], components.values[_GENERATORS]
+    python, legacy = values["python"], values["numpy"]
+    random.setstate((python["version"], tuple(int(word) for word in arrays["python"]), python["gauss"]))
+    np.random.set_state(  # noqa: NPY002
+        (legacy["kind"], arrays["numpy"], legacy["position"], legacy["has_gauss"], legacy["cached"])
+    )
+    torch.set_rng_state(torch.from_numpy(arrays["torch"].copy()))
+    for name, state in values["numpy_generators"].items():
+        generators[name].bit_generator.state = state
+
+
+def _plain_state(state: Any) -> Any:
+    """Return a bit generator's state as JSON; its integers have up to 128 bits, which JSON does not mind."""
+    if isinstance(state, dict):
+        return {key: _plain_state(value) for key, value in state.items()}
+    if isinstance(state, np.ndarray):
+        raise TypeError("only bit generators whose state is plain integers, such as PCG64, can be saved")
+    return int(state) if isinstance(state, np.integer) else state

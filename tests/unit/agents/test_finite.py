@@ -8,7 +8,7 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 
-from auvbench.agents.learned import finite
+from auvbench.agents.learned import learners as finite
 from auvbench.errors import TrainingError
 from tests.soak.learning import CASES, train
 from tests.soak.pendulum import Pendulums

@@ -14,8 +14,8 @@ import torch
 from omegaconf import OmegaConf
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from auvbench.agents.learned import forward
-from auvbench.agents.learned.learners import LearnedPolicy, _policy
+from auvbench.agents.learned import trained_policy as forward
+from auvbench.agents.learned.trained_policy import LearnedPolicy, _policy
 from auvbench.config.compose import typed
 from auvbench.errors import RunError
 from auvbench.vehicles import sheet
@@ -177,7 +177,7 @@ def test_actions_do_not_depend_on_the_row(net_arch):
     spaces = gymnasium.spaces.Box(-1.0, 1.0, (10,)), gymnasium.spaces.Box(-1.0, 1.0, (6,))
     policy = ActorCriticPolicy(*spaces, lambda _: 1e-3, net_arch=net_arch)
     policy.set_training_mode(False)
-    act = forward.of(policy)
+    act = forward.forward_of(policy)
     act.reset(forward.ROWS)
     with torch.no_grad():
         for row in torch.rand(5, 10):

@@ -14,7 +14,7 @@ pytest.importorskip("onnx")
 import torch
 
 from auvbench import cli
-from auvbench.agents.learned import learners
+from auvbench.agents.learned import learners, trained_policy
 from auvbench.config.compose import compose, typed
 from auvbench.errors import RunError
 from auvbench.evaluation import exporting
@@ -36,12 +36,12 @@ def trained(folder: Path, *overrides: str) -> RunDirectory:
     config = typed(compose("train", list(overrides)))
     torch.manual_seed(0)
     vehicle = sheet.load(config.vehicle)
-    policy = learners._policy(config, vehicle)
+    policy = trained_policy._policy(config, vehicle)
     with torch.no_grad():
         for parameter in policy.parameters():
             parameter.copy_(torch.randn_like(parameter) * 0.1)
     rng = np.random.default_rng(0)
-    n = learners.observed(config, vehicle)
+    n = trained_policy.observed(config, vehicle)
     arrays = {
         "observation_mean": rng.normal(size=n),
         "observation_variance": rng.uniform(0.1, 30.0, size=n),
@@ -128,7 +128,7 @@ def test_the_card_says_what_goes_in_and_out(tmp_path: Path) -> None:
 
 def test_a_file_that_acts_otherwise_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = trained(tmp_path / "runs", "algo=ppo")
-    policy = learners.FrozenPolicy
+    policy = trained_policy.FrozenPolicy
 
     def other(self: Any) -> Any:
         network, scaling = self.policy, (self._mean, 1.0001 * self._scale, self._clip)

@@ -1,0 +1,303 @@
+"""A trained policy in a test: read without unpickling, checked, deterministic, independent of the batch.
+
+A damaged file may still load: a flipped bit gives an infinite weight, a variance is negative. Every such model would
+drive the vehicle and be scored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.policies import BasePolicy
+
+from auvbench.agents.base import Actions, Integers, Observations, resolve
+from auvbench.agents.learned import learners
+from auvbench.config import algorithms, schema
+from auvbench.config.agents import AGENTS
+from auvbench.errors import RunError
+from auvbench.tasks.observation import observation_spec
+from auvbench.untrusted import archives, reading
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+ROWS = 64
+"""The pass always runs on this many rows: matrix products of another shape may round differently, and a row of a table
+must not depend on how many episodes were tested together."""
+
+ALIGNED = 16
+"""Numbers from one row to the next are a multiple of this. Of rows that begin anywhere, matrix products with fewer than
+twelve columns sum every other row in another order (MKL with AVX-512 on AMD EPYC), so that an episode's place in the
+batch would be seen in its actions."""
+
+
+@contextmanager
+def aligned(layers: list[torch.nn.Linear]) -> Iterator[None]:
+    """Give the layers their rows as views of longer ones."""
+    hooks = [layer.register_forward_pre_hook(_spaced) for layer in layers]
+    try:
+        yield
+    finally:
+        for hook in hooks:
+            hook.remove()
+
+
+def _spaced(layer: torch.nn.Module, inputs: tuple[torch.Tensor, ...]) -> tuple[torch.Tensor, ...]:
+    (rows,) = inputs
+    width = rows.shape[-1]
+    return (torch.nn.functional.pad(rows, (0, -width % ALIGNED))[..., :width],)
+
+
+class Forward:
+    """A policy that looks at the present observation alone."""
+
+    def __init__(self, policy: BasePolicy) -> None:
+        self._policy = policy
+        self._uneven = [
+            layer
+            for layer in policy.modules()
+            if isinstance(layer, torch.nn.Linear) and layer.in_features % ALIGNED
+        ]
+
+    def reset(self, n: int) -> None:
+        """Begin `n` episodes."""
+
+    def __call__(self, block: int, rows: torch.Tensor) -> torch.Tensor:
+        """Return actions (ROWS, n_u) for the block-th observations (ROWS, d) of the batch."""
+        with aligned(self._uneven):
+            return self._policy._predict(rows, deterministic=True)
+
+
+class RecurrentForward(Forward):
+    """A policy with an LSTM: each episode's row keeps the state of its own, zeros at its beginning."""
+
+    _policy: Any
+
+    def reset(self, n: int) -> None:
+        lstm = self._policy.lstm_actor
+        shape = (lstm.num_layers, ROWS, lstm.hidden_size)
+        self._states = [(torch.zeros(shape), torch.zeros(shape)) for _ in range(0, n, ROWS)]
+        self._begins = torch.zeros(ROWS)  # none in the midst of a batch: `reset` begins them all
+
+    def __call__(self, block: int, rows: torch.Tensor) -> torch.Tensor:
+        with aligned(self._uneven):
+            action, self._states[block] = self._policy._predict(
+                rows, lstm_states=self._states[block], episode_starts=self._begins, deterministic=True
+            )
+        return torch.as_tensor(action)
+
+
+def forward_of(policy: BasePolicy) -> Forward:
+    """Return the forward pass of a policy; `reset` must follow."""
+    return RecurrentForward(policy) if hasattr(policy, "lstm_actor") else Forward(policy)
+
+
+Scaling = tuple[Floats, Floats, float]
+Network = tuple[BasePolicy, Scaling | None]
+"""A policy, and mean, scale and clip of its observations"""
+
+
+class FrozenPolicy:
+    """A policy as it is now, in a test: deterministic, with the statistics of its observations frozen.
+
+    Draws no random number and changes nothing of the policy, so that one that is being trained may be tested.
+
+    Args:
+        policy: the network; out of training mode.
+        arrays: statistics of the observations, as `learners.statistics` gives them.
+        normalise: whether the policy was trained on normalised observations.
+        n_u: actuators of the vehicle.
+    """
+
+    def __init__(
+        self, policy: BasePolicy, arrays: Mapping[str, NDArray[np.float64]], normalise: bool, n_u: int
+    ) -> None:
+        self.policy = policy
+        self._forward = forward_of(policy)
+        self._normalise = normalise
+        self._mean = np.array(arrays["observation_mean"])
+        self._scale = np.sqrt(arrays["observation_variance"] + arrays["epsilon"])
+        self._clip = float(arrays["clip_observations"])
+        self._n_u = n_u
+
+    def reset(self, episodes: Integers) -> None:
+        self._forward.reset(len(episodes))
+
+    def network(self) -> Network | None:
+        """What `act` computes, where it is a function of the present observation; None of a policy that keeps a state."""
+        if type(self._forward) is not Forward:
+            return None
+        return self.policy, (self._mean, self._scale, self._clip) if self._normalise else None
+
+    def act(self, observation: Observations) -> Actions:
+        """Return deterministic actions (n, n_u)."""
+        if self._normalise:
+            scaled = (observation - self._mean) / self._scale
+            observation = np.clip(scaled, -self._clip, self._clip).astype(np.float32)
+        action = np.empty((len(observation), self._n_u), dtype=np.float32)
+        rows = np.zeros((ROWS, observation.shape[1]), dtype=np.float32)
+        with torch.no_grad():
+            for start in range(0, len(observation), ROWS):
+                part = observation[start : start + ROWS]
+                rows[: len(part)] = part
+                output = self._forward(start // ROWS, torch.from_numpy(rows))
+                action[start : start + len(part)] = output.numpy()[: len(part)]
+        return np.clip(action, -1.0, 1.0)
+
+
+class LearnedPolicy(FrozenPolicy):
+    """A trained policy in a test: its weights and statistics read without unpickling.
+
+    Args:
+        config: of the run that trained it.
+        folder: its `model/` folder.
+        vehicle: that it steers.
+        check: called with the name and the content of each file before anything is made of it; raises where
+            that is not what was written.
+
+    Raises:
+        RunError: the files are missing, damaged, or of another network than the configuration's.
+    """
+
+    def __init__(
+        self,
+        config: schema.TrainConfig,
+        folder: Path,
+        vehicle: VehicleModel,
+        check: Callable[[str, bytes], None] | None = None,
+    ) -> None:
+        torch.set_num_threads(1)
+        policy = _policy(config, vehicle)
+        weights = read_weights(
+            _read(folder / learners.WEIGHTS, check), folder / learners.WEIGHTS, policy.state_dict()
+        )
+        kept = read_statistics(
+            _read(folder / learners.STATISTICS, check),
+            folder / learners.STATISTICS,
+            observed(config, vehicle),
+        )
+        policy.load_state_dict(weights)
+        policy.set_training_mode(False)
+        super().__init__(policy, kept, config.train.normalise_observations, len(vehicle.actuators))
+
+
+def _read(path: Path, check: Callable[[str, bytes], None] | None) -> bytes:
+    try:
+        data = reading.content(path, reading.WEIGHTS)
+    except FileNotFoundError as error:
+        raise RunError(f"{path.parent}: no trained model here ({path.name} is missing)") from error
+    except (OSError, ValueError) as error:
+        raise RunError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if check is not None:
+        check(path.name, data)
+    return data
+
+
+def observed(config: schema.TrainConfig, vehicle: VehicleModel) -> int:
+    """Return how many numbers a learner observes: that of a residual PID's action, too."""
+    residual = isinstance(config.algo, algorithms.PPOResidual | algorithms.SACResidual)
+    n_u = len(vehicle.actuators)
+    return observation_spec(config.task, vehicle.actuators).size + (n_u if residual else 0)
+
+
+def _policy(config: schema.TrainConfig, vehicle: VehicleModel) -> BasePolicy:
+    """The network of `config.algo` without an environment or a learner around it."""
+    algo = config.algo
+    observation_space = spaces.Box(-np.inf, np.inf, (observed(config, vehicle),), dtype=np.float32)
+    action_space = spaces.Box(-1.0, 1.0, (len(vehicle.actuators),), dtype=np.float32)
+    learner = resolve(AGENTS[algo.agent].algorithm)
+    kind = learner.policy_aliases[learners.policy_name(algo)]
+    given = learners.policy_arguments(algo)
+    if algo.agent == "ddpg":
+        given["n_critics"] = 1
+    policy: BasePolicy = kind(observation_space, action_space, lambda _: 0.0, **given)
+    return policy
+
+
+def read_weights(data: bytes, path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """Return the tensors of a policy.
+
+    Args:
+        data: content of the file.
+        path: the file, for messages.
+        expected: the network's own, by name: shapes and types that must agree.
+
+    Raises:
+        RunError: it cannot be read, is of another network, or holds a number that is not finite.
+    """
+    try:
+        found = archives.weights(data)
+    except ValueError as error:
+        raise RunError(f"{path}: the weights cannot be read: {error}") from error
+    for name in [*expected, *(name for name in found if name not in expected)]:
+        wrong = _tensor_fault(found.get(name), expected.get(name))
+        # Running variance of a layer that normalises (CrossQ).
+        if not wrong and name.endswith("ra_var") and bool((found[name] < 0.0).any()):
+            wrong = "holds a negative number"
+        if wrong:
+            raise RunError(
+                f"{path}: {name} {wrong}; the weights are not those of this run's network, or damaged"
+            )
+    return dict(found)
+
+
+def _tensor_fault(value: Any, wanted: torch.Tensor | None) -> str:
+    if wanted is None:
+        return "is of no part of the network"
+    if not isinstance(value, torch.Tensor):
+        return "is missing" if value is None else f"is a {type(value).__name__}, not a tensor"
+    if value.shape != wanted.shape:
+        return f"has shape {tuple(value.shape)}, expected {tuple(wanted.shape)}"
+    if value.dtype != wanted.dtype or value.layout != wanted.layout:
+        return f"has type {value.dtype}, expected {wanted.dtype}"
+    if value.is_floating_point() and not bool(torch.isfinite(value).all()):
+        return "holds a number that is not finite"
+    return ""
+
+
+def read_statistics(data: bytes, path: Path, size: int) -> dict[str, Floats]:
+    """Return the running statistics that scale observations: mean and variance (size,), epsilon and clip ().
+
+    Args:
+        data: content of the file.
+        path: the file, for messages.
+        size: length of an observation.
+
+    Raises:
+        RunError: it cannot be read, lacks an entry, or holds one of another shape or an impossible value.
+    """
+    try:
+        found = archives.arrays(data)
+    except ValueError as error:
+        raise RunError(f"{path}: the statistics cannot be read: {error}") from error
+    shapes: dict[str, tuple[int, ...]] = {
+        "observation_mean": (size,),
+        "observation_variance": (size,),
+        "epsilon": (),
+        "clip_observations": (),
+    }
+    for name, shape in shapes.items():
+        if wrong := _array_fault(found.get(name), shape, positive=not name.startswith("observation")):
+            raise RunError(f"{path}: {name} {wrong}")
+    if bool((found["observation_variance"] < 0.0).any()):
+        raise RunError(f"{path}: observation_variance holds a negative number")
+    return {name: found[name] for name in shapes}
+
+
+def _array_fault(value: Any, shape: tuple[int, ...], *, positive: bool) -> str:
+    if value is None:
+        return "is missing"
+    if value.shape != shape:
+        return f"has shape {value.shape}, expected {shape}"
+    if value.dtype != np.float64:
+        return f"has type {value.dtype}, expected float64"
+    if not bool(np.isfinite(value).all()):
+        return "holds a number that is not finite"
+    return "is not positive" if positive and not bool((value > 0.0).all()) else ""
