@@ -5,7 +5,7 @@ The three faces (`gym_env`, `vector_env`, `sb3`) only translate between this and
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
+from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.kernel import advance as advance_vehicles
-from auvbench.envs.actions import admit
 from auvbench.envs.simulator_factory import make_simulator
-from auvbench.errors import ConfigError
+from auvbench.errors import ActionError, ConfigError
 from auvbench.record import Record
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks import disturbances
@@ -48,12 +48,6 @@ class State:
     waypoint: Floats  # (k, 3)
     distance: Floats  # (k,)
     force: Floats  # (k, n_u) N, of the actuators in the last step
-
-    @classmethod
-    def joined(cls, parts: Sequence[State]) -> State:
-        """One state of all environments from those of parts of the batch."""
-        names = [field.name for field in dataclasses.fields(cls)]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 @dataclass(slots=True)
@@ -311,6 +305,39 @@ class Batch:
         else:
             self.task.C[:, C_EPISODE] -= 1
             self.restarted = self.reset().copy()
+
+
+def admit(action: Any, clipped: Floats) -> None:
+    """Write actions (n, n_u), clipped to [-1, 1], to `clipped`.
+
+    Raises:
+        ActionError: they have another shape, are no numbers, or there is a NaN or an infinity among them.
+    """
+    given = np.asarray(action)
+    if given.shape != clipped.shape:
+        raise ActionError(
+            f"an action of shape {given.shape}: must be {clipped.shape}, environments times actuators"
+        )
+    if given.dtype not in (np.float32, np.float64) or not given.flags.c_contiguous:
+        if given.dtype.kind not in "fiub":
+            raise ActionError(f"an action of type {given.dtype}: must be numbers")
+        given = np.ascontiguousarray(given, dtype=np.float64)
+    bad = clip(given, clipped)
+    if bad >= 0:
+        values = ", ".join(f"{value:g}" for value in given[bad])
+        raise ActionError(f"the action of environment {bad} is ({values}): must be finite numbers")
+
+
+@compiled()
+def clip(action: NDArray[Any], clipped: Floats) -> int:
+    """Write `action` (n, n_u), clipped to [-1, 1]; return -1, or the first row with a NaN or an infinity."""
+    for i in range(action.shape[0]):
+        for j in range(action.shape[1]):
+            value = float(action[i, j])
+            if not math.isfinite(value):
+                return i
+            clipped[i, j] = min(1.0, max(-1.0, value))
+    return -1
 
 
 def _at(distance: Floats, start: Floats, waypoint: Floats) -> Floats:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.envs.batch import Batch
+from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import ConfigError, closest
 from auvbench.record import OUTCOMES
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from auvbench.envs.scene import Scene, Trail
 
 MODES = ("rgb_array", "ansi")
-"""of rendering, besides None"""
+"""of rendering, in addition to None"""
 
 
 def check_mode(mode: str | None) -> None:
-    """Raises ConfigError for a mode that there is not."""
+    """Raise ConfigError for an unknown render mode."""
     if mode is not None and mode not in MODES:
         raise ConfigError(f"render_mode={mode}: unknown; {closest(str(mode), [*MODES, 'None'])}")
 
@@ -30,7 +30,7 @@ def speed(frequency: float) -> float | int:
 
 
 class Renderer:
-    """Follows the episodes of a batch where `mode` asks for it, and shows them."""
+    """Follow the episodes of a batch and show them in a mode."""
 
     def __init__(self, mode: str | None, batch: Batch) -> None:
         check_mode(mode)
@@ -42,7 +42,7 @@ class Renderer:
         self._scenes: list[Scene | None] = [None] * batch.n
 
     def begin(self, indices: NDArray[np.int64]) -> None:
-        """To be called when episodes have begun."""
+        """Note that episodes have begun."""
         if self.mode is None:
             return
         self._steps[indices] = 0
@@ -59,15 +59,26 @@ class Renderer:
             trail.add(state.pose[i], state.distance[i])
 
     def follow(self, i: int, pose: Any, distance: float, force: Any, outcome: str | None = None) -> None:
-        """To be called with where environment `i` is after a step, and how its episode ended if it did."""
+        """Note where environment `i` is after a step, and how its episode ended if it did."""
         self._steps[i] += 1
         self._outcome[i] = outcome
         trail = self._trails[i]
         if trail is not None:
             trail.add(pose, distance, force)
 
+    def follow_step(self, result: Transition, begun: NDArray[np.int64]) -> None:
+        """Follow a step of the batch, except in environments `begun` (k,), whose episodes began with it."""
+        state, last = self._batch.state, result.final_state
+        at = {i: k for k, i in enumerate(result.ended.tolist())}
+        for i in np.setdiff1d(np.arange(self._batch.n), begun).tolist():
+            k = at.get(i)
+            shown, row = (state, i) if k is None else (last, k)
+            outcome = None if k is None else str(result.records[k]["outcome"])
+            self.follow(i, shown.pose[row], shown.distance[row], shown.force[row], outcome)
+        self.begin(begun)
+
     def show(self, i: int) -> Any:
-        """A picture (352, 832, 3) of uint8, or a line of text, of environment `i`; None without a mode."""
+        """Return a picture (352, 832, 3) of uint8, or a line of text, of environment `i`; None without a mode."""
         if self.mode is None:
             return None
         return self._line(i) if self.mode == "ansi" else self._picture(i)

@@ -126,7 +126,8 @@ class WaypointVecEnv(VecEnv):
         result = self.batch.step(self._actions)
         self.transition, self.finished = result, result.records
         if self.render_mode is not None:
-            self._follow(result)
+            self._renderer.follow_step(result, result.ended[:0])
+            self._renderer.begin(result.ended)
         done = result.terminated | result.truncated
         return result.observation.copy(), result.reward.astype(np.float32), done, self._infos(result)
 
@@ -145,16 +146,6 @@ class WaypointVecEnv(VecEnv):
                 "episode": {"r": record["return"], "l": record["steps"]},
             }
         return infos
-
-    def _follow(self, result: Transition) -> None:
-        state, last = self.batch.state, result.final_state
-        at = {i: k for k, i in enumerate(result.ended.tolist())}
-        for i in range(self.num_envs):
-            k = at.get(i)
-            shown, row = (state, i) if k is None else (last, k)
-            outcome = None if k is None else str(result.records[k]["outcome"])
-            self._renderer.follow(i, shown.pose[row], shown.distance[row], shown.force[row], outcome)
-        self._renderer.begin(result.ended)
 
     def close(self) -> None:
         pass

@@ -1,7 +1,6 @@
 """An episode as pictures: in space, from above, and over time, drawn while it happens.
 
-What does not move is drawn once and kept as pixels, and of what has moved each picture adds what is new since the
-last one, so that a picture takes milliseconds however long the episode is. Needs matplotlib, which is imported when
+What does not move is drawn once and kept as pixels; each picture adds the lines. Needs matplotlib, which is imported when
 the first picture is asked for.
 """
 
@@ -128,7 +127,7 @@ def panels(
 
 
 class Scene:
-    """Draws one episode after each of its steps.
+    """Draw one episode after each of its steps.
 
     Args:
         config: the task and the agent's step.
@@ -141,42 +140,48 @@ class Scene:
         self._duration = 1.0 / config.step.frequency
         self._force = 1.05 * force or 1.0
         self._trail = trail
-        self._drawn = 0  # places of the trail in the kept pixels
         self._low = self._high = trail.position[0]
         self._end = 10.0
         self._farthest = 0.0
         self._canvas: Any = None
-        self._pixels: Any = None
 
     def frame(self, heading: str) -> NDArray[np.uint8]:
-        """The picture (352, 832, 3) of the trail as it is now."""
-        if not self._drawn or self._outgrown():
-            self._prepare()
+        """Return the picture (352, 832, 3) of the trail as it is now."""
+        trail, position = self._trail, np.asarray(self._trail.position)
+        clock = self._duration * np.arange(len(position))
+        inside = ((position >= self._low) & (position <= self._high)).all() and clock[-1] <= self._end
+        if not inside or max(trail.distance) > self._farthest or len(self._commands) != self._count():
+            self._prepare(position)
+        above = self._axes[1]
+        arm = 0.05 * (above.get_xlim()[1] - above.get_xlim()[0])
+        tip = position[-1] + arm * np.array([np.cos(trail.yaw[-1]), np.sin(trail.yaw[-1]), 0.0])
+        nose = np.stack([position[-1], tip]).T
+        self._space.set_data_3d(*position.T)
+        self._above.set_data(*position[:, :2].T)
+        self._time.set_data(clock, trail.distance)
+        self._noses[0].set_data_3d(*nose)
+        self._noses[1].set_data(*nose[:2])
+        for line, forces in zip(self._commands, np.asarray(trail.command).T, strict=True):
+            line.set_data(clock, np.append(forces, forces[-1]))
+        self._text.set_text(heading)
         canvas = self._canvas
-        canvas.restore_region(self._pixels)
-        self._ink()
-        self._pixels = canvas.copy_from_bbox(self._figure.bbox)
-        for artist in self._vehicle(heading):
-            artist.draw(canvas.get_renderer())
+        canvas.restore_region(self._background)
+        for line in (self._space, self._above, self._time, *self._commands, *self._noses):
+            line.axes.draw_artist(line)
+        self._text.draw(canvas.get_renderer())
         return np.array(np.asarray(canvas.buffer_rgba())[..., :3])
 
-    def _outgrown(self) -> bool:
-        """Whether something of the trail lies outside the axes."""
-        new = np.asarray(self._trail.position[self._drawn :])
-        if not len(new):
-            return False
-        time = (len(self._trail.position) - 1) * self._duration
-        inside = (new >= self._low).all() and (new <= self._high).all()
-        return not inside or time > self._end or max(self._trail.distance[self._drawn :]) > self._farthest
+    def _count(self) -> int:
+        return len(self._trail.command[0]) if self._trail.command else 0
 
-    def _prepare(self) -> None:
-        """Axes that hold the trail and leave room to go on, as pixels."""
+    def _prepare(self, position: Floats) -> None:
+        """Draw axes that hold the trail and leave room to go on."""
         import matplotlib as mpl
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
         from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-        trail, position = self._trail, np.asarray(self._trail.position)
+        trail = self._trail
         seen = np.vstack([position, trail.waypoint[None]])
         room = max(3.0, 0.25 * float(np.ptp(seen, axis=0).max()))
         self._low, self._high = seen.min(0) - room, seen.max(0) + room
@@ -184,10 +189,10 @@ class Scene:
             self._end *= 2.0
         self._farthest = 1.25 * max(*trail.distance, self._task.goal_radius)
         with mpl.rc_context(LOOK):
-            self._figure = Figure(figsize=SIZE, dpi=DPI, layout=ConstrainedLayoutEngine(wspace=0.12))
-            self._canvas = FigureCanvasAgg(self._figure)  # typed Any: its stubs are not complete
+            figure = Figure(figsize=SIZE, dpi=DPI, layout=ConstrainedLayoutEngine(wspace=0.12))
+            self._canvas = FigureCanvasAgg(figure)  # typed Any: its stubs are not complete
             self._axes = panels(
-                self._figure,
+                figure,
                 self._task,
                 trail.waypoint,
                 position[0],
@@ -197,56 +202,25 @@ class Scene:
                 farthest=self._farthest,
                 force=self._force,
             )
-            self._figure.suptitle(" ", fontsize=10)
+            figure.suptitle(" ", fontsize=10)
             self._canvas.draw()
-            self._figure.set_layout_engine("none")
+            figure.set_layout_engine("none")
             space, above, time, command = self._axes
-            count = len(trail.command[0]) if trail.command else 0
-            self._lines = [space.plot([], [], [], color=PATH)[0], above.plot([], [], color=PATH)[0]]
-            self._lines += [time.plot([], [], color=PATH)[0]]
-            self._lines += [
+            (self._space,) = space.plot([], [], [], color=PATH)
+            (self._above,) = above.plot([], [], color=PATH)
+            (self._time,) = time.plot([], [], color=PATH)
+            self._commands = [
                 command.step([], [], where="post", color=COLOURS[j % len(COLOURS)], linewidth=0.9)[0]
-                for j in range(count)
+                for j in range(self._count())
             ]
-            self._noses = [space.plot([], [], [], color="black", linewidth=3)[0]]
-            self._noses += [above.plot([], [], color="black", linewidth=3)[0]]
-            self._text = self._figure.text(0.01, 0.98, "", ha="left", va="top", fontsize=10)
-        self._pixels = self._canvas.copy_from_bbox(self._figure.bbox)
-        self._drawn = 0
-
-    def _ink(self) -> None:
-        """Adds to the pixels what the trail has more than they show."""
-        trail, start = self._trail, max(self._drawn - 1, 0)
-        if len(trail.command) and len(self._lines) == 3:  # the first picture was of a start
-            self._prepare()
-            start = 0
-        place = np.asarray(trail.position[start:])
-        clock = self._duration * np.arange(start, len(trail.position))
-        space, above, time, *commands = self._lines
-        space.set_data_3d(*place.T)
-        above.set_data(place[:, 0], place[:, 1])
-        time.set_data(clock, trail.distance[start:])
-        before = max(start - 1, 0)  # the edge between two commands belongs to the later one
-        forces = np.asarray(trail.command[before:])
-        for j, line in enumerate(commands):
-            held = np.append(forces[:, j], forces[-1, j])
-            line.set_data(self._duration * np.arange(before, before + len(held)), held)
-        for line in self._lines:
-            line.axes.draw_artist(line)
-        self._drawn = len(trail.position)
-
-    def _vehicle(self, heading: str) -> list[Any]:
-        """What is drawn anew in each picture: the vehicle's nose, and a line of text."""
-        above = self._axes[1]
-        arm = 0.05 * (above.get_xlim()[1] - above.get_xlim()[0])
-        place, yaw = self._trail.position[-1], self._trail.yaw[-1]
-        tip = place + arm * np.array([np.cos(yaw), np.sin(yaw), 0.0])
-        self._noses[0].set_data_3d(*np.stack([place, tip]).T)
-        self._noses[1].set_data([place[0], tip[0]], [place[1], tip[1]])
-        self._text.set_text(heading)
-        return [*self._noses, self._text]
+            self._noses = [
+                space.plot([], [], [], color="black", linewidth=3)[0],
+                above.plot([], [], color="black", linewidth=3)[0],
+            ]
+            self._text = figure.text(0.01, 0.98, "", ha="left", va="top", fontsize=10)
+        self._background = self._canvas.copy_from_bbox(figure.bbox)
 
     def __getstate__(self) -> dict[str, Any]:
         # Canvases do not travel; the copy draws anew.
-        kept = ("_task", "_duration", "_force", "_trail", "_low", "_high", "_end", "_farthest")
-        return {name: getattr(self, name) for name in kept} | {"_drawn": 0, "_canvas": None, "_pixels": None}
+        kept = ("_task", "_duration", "_force", "_trail", "_low", "_high", "_end")
+        return {name: getattr(self, name) for name in kept} | {"_farthest": 0.0, "_canvas": None}

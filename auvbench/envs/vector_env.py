@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -13,11 +14,25 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.envs import autoreset, info, rendering, settings
+from auvbench.envs import info, rendering, settings
 from auvbench.envs import options as reset_options
-from auvbench.envs.autoreset import AutoresetMode
 from auvbench.envs.batch import Batch, Transition
-from auvbench.errors import ConfigError
+from auvbench.errors import ConfigError, closest
+
+if TYPE_CHECKING:
+    from gymnasium.vector import AutoresetMode
+else:
+    try:
+        from gymnasium.vector import AutoresetMode
+    except ImportError:  # Gymnasium 1.0
+
+        class AutoresetMode(Enum):
+            """As in Gymnasium 1.1."""
+
+            NEXT_STEP = "NextStep"
+            SAME_STEP = "SameStep"
+            DISABLED = "Disabled"
+
 
 Arrays = NDArray[Any]
 
@@ -90,7 +105,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
             disturbance=disturbance,
         )
         self.config = settings.limited(typed, max_episode_steps)
-        self.autoreset_mode = autoreset.mode(autoreset_mode)
+        self.autoreset_mode = _mode(autoreset_mode)
         self.batch = Batch(self.config, num_envs, autoreset=self.autoreset_mode == AutoresetMode.SAME_STEP)
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = settings.spaces_of(self.batch)
@@ -187,7 +202,9 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
             self._ended = result.terminated | result.truncated
         if self.render_mode is not None:
-            self._follow(result, begin)
+            self._renderer.follow_step(result, begin)
+            if self.autoreset_mode == AutoresetMode.SAME_STEP:
+                self._renderer.begin(result.ended)
         return (
             result.observation.copy(),
             result.reward.copy(),
@@ -213,18 +230,6 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
             told |= {"record": info.table(result.ended, result.records, rows), "_record": rows}
         return told
 
-    def _follow(self, result: Transition, begun: NDArray[np.int64]) -> None:
-        state, last = self.batch.state, result.final_state
-        at = {i: k for k, i in enumerate(result.ended.tolist())}
-        for i in np.setdiff1d(np.arange(self.num_envs), begun).tolist():
-            k = at.get(i)
-            shown, row = (state, i) if k is None else (last, k)
-            outcome = None if k is None else str(result.records[k]["outcome"])
-            self._renderer.follow(i, shown.pose[row], shown.distance[row], shown.force[row], outcome)
-        self._renderer.begin(begun)
-        if self.autoreset_mode == AutoresetMode.SAME_STEP:
-            self._renderer.begin(result.ended)
-
     def render(self) -> Any:
         """A tuple with the picture or the line of each environment; None without a `render_mode`.
 
@@ -236,3 +241,19 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         if self.render_mode is None:
             return None
         return tuple(self._renderer.show(i) for i in range(self.num_envs))
+
+
+def _mode(given: AutoresetMode | str) -> AutoresetMode:
+    """Return the mode of a name, `NEXT_STEP` or `NextStep`.
+
+    Raises:
+        ConfigError: the name is unknown.
+    """
+    if isinstance(given, AutoresetMode):
+        return given
+    for known in AutoresetMode:
+        if given in (known.name, known.value):
+            return known
+    raise ConfigError(
+        f"autoreset_mode={given}: unknown; {closest(str(given), [m.name for m in AutoresetMode])}"
+    )
