@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.agents.base import Actions, Agent, Callbacks, Environment, Integers, Learner, Observations, Ring
+from auvbench.agents.base import Actions, Agent, Integers, Learner, Observations
 from auvbench.agents.components import Components
 from auvbench.config import installed, plugins, schema
 from auvbench.errors import AgentError, AuvbenchError
@@ -17,7 +17,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
-    """The agent of an installed package that `config.algo` names.
+    """Return the agent of an installed package that `config.algo` names.
 
     Raises:
         ConfigError: its package is not installed, in another version, or cannot be imported.
@@ -103,7 +103,7 @@ class PluginAgent:
 
 
 def action_fault(action: Any, n: int, n_u: int) -> str:
-    """What is wrong with actions for n episodes, in words; empty where they are (n, n_u) numbers in [-1, 1].
+    """Return what is wrong with actions for n episodes; empty where they are (n, n_u) numbers in [-1, 1].
 
     >>> import numpy as np
     >>> action_fault(np.full((2, 6), 1.5), 2, 6)
@@ -123,28 +123,17 @@ def action_fault(action: Any, n: int, n_u: int) -> str:
 
 
 class PluginLearner(PluginAgent):
-    """A plug-in agent that learns; the worker reports faults of its training."""
+    """A plug-in agent that learns; the worker reports faults of its training.
+
+    `learn`, `save`, `restore`, `replay` and `exact_resume` are the agent's own.
+    """
 
     inner: Learner
 
-    @property
-    def exact_resume(self) -> bool:
-        """As the contract says."""
-        return self.inner.exact_resume
-
-    @property
-    def replay(self) -> Ring | None:
-        """As the contract says."""
-        ring: Ring | None = getattr(self.inner, "replay", None)
-        return ring
-
-    def learn(self, environment: Environment, config: schema.TrainConfig, callbacks: Callbacks) -> None:
-        """As the contract says."""
-        self.inner.learn(environment, config, callbacks)
-
-    def save(self, folder: Path) -> None:
-        """As the contract says."""
-        self.inner.save(folder)
+    def __getattr__(self, name: str) -> Any:
+        if name in ("learn", "save", "restore", "replay", "exact_resume"):
+            return getattr(self.inner, name)
+        raise AttributeError(name)
 
     def load(self, folder: Path) -> None:
         """As the contract says.
@@ -165,7 +154,3 @@ class PluginLearner(PluginAgent):
         if not isinstance(found, Components):
             raise AgentError(f"{self._who}: state gives a {type(found).__name__}; it must give Components")
         return found
-
-    def restore(self, components: Components) -> None:
-        """As the contract says."""
-        self.inner.restore(components)

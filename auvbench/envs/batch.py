@@ -74,7 +74,6 @@ class Batch:
         test: draw from the streams of test protocols.
         validation: draw from the streams of validation.
         autoreset: begin the next episode in the step that ended one.
-        first: index of the first environment, where the batch is part of a larger one.
     """
 
     def __init__(
@@ -86,7 +85,6 @@ class Batch:
         test: bool = False,
         validation: bool = False,
         autoreset: bool = True,
-        first: int = 0,
     ) -> None:
         self.config = config
         self.n = int(config.algo.n_envs if n is None else n)
@@ -100,7 +98,6 @@ class Batch:
             config.seed if seed is None else seed,
             test=test,
             validation=validation,
-            first=first,
         )
         self.disturbances = disturbances.make(config, self.vehicle, self.task)
         self.autoreset = autoreset

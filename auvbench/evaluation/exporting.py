@@ -6,28 +6,31 @@ docs/policies-as-files.md defines both files.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from auvbench.agents.base import Agent
+from auvbench.agents.base import Agent, Observations
+from auvbench.agents.policy_file import PolicyFile
 from auvbench.config import schema
 from auvbench.config.agents import AGENTS, learns
 from auvbench.config.schema import step_limit
+from auvbench.config.simulators import Fossen
 from auvbench.errors import RunError
 from auvbench.evaluation.evaluate import make_agent, read_summary
-from auvbench.evaluation.policy_check import observe_edges, observe_episodes
+from auvbench.evaluation.rollout import batch_of
 from auvbench.policies import cards, exported
-from auvbench.policies.cards import FORMAT, SCHEMA_VERSION
-from auvbench.policies.exported import NETWORK
+from auvbench.policies.cards import FORMAT, SCHEMA_VERSION, PolicyError
+from auvbench.policies.exported import NETWORK, SLACK, Policy
 from auvbench.runs import identity, integrity, provenance
 from auvbench.runs.atomic_io import as_lines, sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import load_config
 from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.waypoint import bounded_spec
 from auvbench.untrusted import path_safety
 from auvbench.untrusted.onnx_file import Port
 from auvbench.vehicles import sheet
@@ -39,8 +42,12 @@ LIMIT = 1e-5
 weights magnify rounding"""
 ROUNDINGS = 4.0
 """times that change: an observation is rounded once, and its image in each layer again"""
+EPISODES = 64
+CORNERS = 256
 STEPS = 100
 """of each test episode whose observations are compared"""
+CHECK_STEPS = 32
+"""of each episode, for a policy from a file"""
 TESTED = (
     "name",
     "frequency_hz",
@@ -254,3 +261,61 @@ def _tests(run: RunDirectory, manifest: Mapping[str, Any]) -> list[dict[str, Any
         test = {key: summary.get(key) for key in ("protocol", "fingerprint")}
         found.append({**test, "conditions": conditions})
     return found
+
+
+def observe_episodes(
+    config: schema.TrainConfig, agent: Agent, steps: int, scenarios: str = "test"
+) -> Observations:
+    """Return what an agent observes in the first steps of `EPISODES` episodes on the embedded simulator.
+
+    Raises:
+        ActionError: the agent's actions are not valid.
+    """
+    embedded = replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
+    batch = batch_of(scenarios, embedded, EPISODES, 0)
+    batch.task.assign(np.arange(EPISODES))
+    observation = batch.reset()
+    agent.reset(np.arange(EPISODES))
+    seen = []
+    for _ in range(steps):
+        seen.append(observation.copy())
+        observation = batch.step(agent.act(observation)).observation
+    return np.concatenate(seen)
+
+
+def observe_edges(config: schema.TrainConfig) -> Observations:
+    """Return the middle of the observation space, its bounds one by one and all at once, and random points (m, size)."""
+    high = bounded_spec(config, sheet.load(config.vehicle)).bounds.astype(np.float64)
+    n = len(high)
+    rng = np.random.default_rng(0)
+    corners = rng.choice([-1.0, 1.0], size=(CORNERS, n))
+    between = rng.uniform(-1.0, 1.0, size=(CORNERS, n))
+    points = np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n), corners, between])
+    return np.asarray(points * high, dtype=np.float32)
+
+
+def check_policy(config: schema.TrainConfig, agent: PolicyFile) -> None:
+    """Try the policy of a run on observations of episodes and on the edges of the observation space.
+
+    Raises:
+        PolicyError: an answer is no action, differs the second time, or depends on the other observations of the batch.
+    """
+    policy = agent.policy
+    assert policy is not None
+    policy.act(observe_edges(config))
+    seen = observe_episodes(config, agent, CHECK_STEPS, scenarios="validation")
+    if not np.array_equal(policy.act(seen), policy.act(seen)):
+        raise PolicyError(f"{policy.where}: answers the same observations differently the second time")
+    _check_rows(policy, seen[:: max(1, len(seen) // 64)][:64])
+
+
+def _check_rows(policy: Policy, rows: Observations) -> None:
+    """Compare the answers to observations in another order, and to each alone."""
+    together, turned = policy.act(rows), policy.act(rows[::-1])[::-1]
+    alone = np.concatenate([policy.act(row[None]) for row in rows[:8]])
+    differs = max(float(np.abs(together - turned).max()), float(np.abs(together[:8] - alone).max()))
+    if differs > SLACK:
+        raise PolicyError(
+            f"{policy.where}: its action for one observation depends on the others in the batch (it differs by "
+            f"{differs:.2g}); each row of the input must be answered by itself"
+        )

@@ -67,7 +67,6 @@ class WaypointTask:
         seed: of all draws, 0 .. 2^32 - 1.
         test: draw from the streams of tests, which no training uses.
         validation: draw from the streams of validation, which neither training nor tests use.
-        first: index of the first environment in a larger batch.
     """
 
     def __init__(
@@ -79,7 +78,6 @@ class WaypointTask:
         *,
         test: bool = False,
         validation: bool = False,
-        first: int = 0,
     ) -> None:
         self.vehicle = vehicle
         self.n = n
@@ -91,7 +89,6 @@ class WaypointTask:
         """of the observation"""
         self.F: Floats = np.zeros((n, k.N_FLOATS))
         self.C: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
-        self._first = first
         self.seed = int(seed)
         self.reseed(seed)
         self.previous: Floats = np.zeros((n, n_u))
@@ -123,7 +120,7 @@ class WaypointTask:
         if len(rows) == self.n:
             self.seed = int(seed)
         self.C[rows, k.C_SEED] = seed
-        self.C[rows, k.C_ENVIRONMENT] = self._first + rows
+        self.C[rows, k.C_ENVIRONMENT] = rows
         self.C[rows, k.C_EPISODE] = -1
 
     def reseed_each(self, indices: Integers, seeds: Integers) -> None:

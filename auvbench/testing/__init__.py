@@ -11,7 +11,7 @@ Each function raises a `ConformanceError`, an `AssertionError`, that says what i
 from __future__ import annotations
 
 from auvbench.testing.agents import AGENT_CHECKS, LEARNER_CHECKS, check_agent
-from auvbench.testing.failing import ConformanceError
+from auvbench.testing.draws import ConformanceError
 from auvbench.testing.simulators import SIMULATOR_CHECKS, check_simulator
 
 __all__ = [

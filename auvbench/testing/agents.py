@@ -25,7 +25,7 @@ from auvbench.evaluation.evaluate import make_agent
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import prepare
 from auvbench.testing import draws
-from auvbench.testing.failing import ConformanceError, same
+from auvbench.testing.draws import ConformanceError, same
 from auvbench.training.execute import execute
 from auvbench.training.session import Session
 

@@ -1,4 +1,4 @@
-"""Random generators that belong to the whole process, and pickles: neither is an agent's to use."""
+"""What the conformance checks share: their error, comparison of bits, the process's generators, and pickles."""
 
 from __future__ import annotations
 
@@ -11,11 +11,29 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.testing.failing import ConformanceError
+
+class ConformanceError(AssertionError):
+    """An agent or a simulator breaks its contract; the message names it and says how."""
+
+
+def same(first: Any, second: Any, what: str) -> None:
+    """Raise `ConformanceError` unless two arrays have the same shape, type and bits."""
+    a, b = np.asarray(first), np.asarray(second)
+    if a.shape != b.shape or a.dtype != b.dtype:
+        raise ConformanceError(f"{what}: {a.dtype}{a.shape} and {b.dtype}{b.shape}")
+    if a.tobytes() != b.tobytes():
+        differing = np.nonzero(~((a == b) | ((a != a) & (b != b))))
+        where = (
+            ", ".join(str(int(index[0])) for index in differing)
+            if differing and len(differing[0])
+            else "sign of a zero"
+        )
+        largest = float(np.max(np.abs(a.astype(np.float64) - b.astype(np.float64))))
+        raise ConformanceError(f"{what}: they differ by up to {largest:.3g}, first at [{where}]")
 
 
 def generators() -> dict[str, bytes]:
-    """The state of the process's generators: Python's, numpy's and, where it is imported, torch's."""
+    """Return the state of the process's generators: Python's, numpy's and, where it is imported, torch's."""
     found = {
         "random": repr(random.getstate()).encode(),
         "numpy.random": repr(np.random.get_state(legacy=True)).encode(),  # noqa: NPY002
@@ -27,7 +45,7 @@ def generators() -> dict[str, bytes]:
 
 
 def reseed_generators(seed: int) -> None:
-    """Seeds the process's generators, so that every draw from them changes."""
+    """Seed the process's generators, so that every draw from them changes."""
     random.seed(seed)
     np.random.seed(seed)  # noqa: NPY002
     torch = sys.modules.get("torch")
@@ -37,7 +55,7 @@ def reseed_generators(seed: int) -> None:
 
 @contextmanager
 def untouched(what: str) -> Iterator[None]:
-    """Raises `ConformanceError` if the process's generators have moved inside."""
+    """Raise `ConformanceError` if the process's generators have moved inside."""
     before = generators()
     yield
     after = generators()
@@ -57,7 +75,7 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
 
 @contextmanager
 def no_unpickling(what: str) -> Iterator[None]:
-    """Raises `ConformanceError` if anything is unpickled inside that could run code."""
+    """Raise `ConformanceError` if anything is unpickled inside that could run code."""
     global _hooked
     if not _hooked:
         sys.addaudithook(_hear)  # Python offers no way to take one away: it stays, and is deaf outside
@@ -73,7 +91,7 @@ def no_unpickling(what: str) -> Iterator[None]:
 
 
 def is_pickle(data: bytes) -> bool:
-    """Whether a file's content is a pickle, as it lies there; archives of torch and numpy have parts of their own."""
+    """Return whether a file's content is a pickle, as it lies there; archives of torch and numpy have parts of their own."""
     if data[:1] != pickle.PROTO or len(data) < 2 or data[1] > pickle.HIGHEST_PROTOCOL:
         return False
     return data.rstrip(b"\n")[-1:] == pickle.STOP

@@ -14,7 +14,7 @@ from auvbench.config.validate import train_config
 from auvbench.envs.simulator_factory import make_simulator
 from auvbench.simulators.base import Simulator
 from auvbench.testing import draws
-from auvbench.testing.failing import ConformanceError, same
+from auvbench.testing.draws import ConformanceError, same
 from auvbench.vehicles import sheet
 
 N, STEPS, DURATION = 3, 12, 0.1

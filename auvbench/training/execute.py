@@ -110,7 +110,7 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
         return {}
     from auvbench.agents.policy_file import PolicyFile
     from auvbench.evaluation.evaluate import make_agent
-    from auvbench.evaluation.policy_check import check_policy
+    from auvbench.evaluation.exporting import check_policy
     from auvbench.policies.exported import CARD, NETWORK
 
     agent = make_agent(run, config.step.frequency)

@@ -136,17 +136,15 @@ class Programs:
         w = found["x"].full()[:, 0]
         return self._plan(w[:-1], INTERVALS, w[-1]), bool(self._free.stats()["success"])
 
-    def closest(
-        self, guess: Plan, waypoint: Floats, steps: int, duration: float, hold: int = 1
-    ) -> tuple[Plan, Floats]:
+    def closest(self, guess: Plan, waypoint: Floats, steps: int, duration: float) -> tuple[Plan, Floats]:
         """Where the vehicle can be closest to a waypoint (3,) after so many steps of `duration` s.
 
-        Each thrust is held for `hold` steps, or more where there are too many of them.
+        Each thrust is held for `HOLD` steps, or more where there are too many of them.
 
         Returns:
             the plan, one interval for each thrust, and its shares (n_u, steps), one for each step.
         """
-        hold = max(hold, -(-steps // SIZES[-1]))
+        hold = max(HOLD, -(-steps // SIZES[-1]))
         n = -(-steps // hold)
         size = next(size for size in SIZES if size >= n)
         if size not in self._fixed:
@@ -330,7 +328,7 @@ class Search:
             steps = int(min(max(steps, too_few + 1), most))
             if steps <= too_few or steps < 1:
                 break
-            guess, shares = self.programs.closest(guess, scenario.target, steps, 1.0 / self.frequency, HOLD)
+            guess, shares = self.programs.closest(guess, scenario.target, steps, 1.0 / self.frequency)
             thrusts = self.programs.thrusts(shares).T
             commands = kept(self.vehicle.action(thrusts))
             outcome = self.trial.run(scenario, commands)

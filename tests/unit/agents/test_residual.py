@@ -53,7 +53,9 @@ def test_without_a_residual_the_vehicle_does_what_pid_makes_it_do(vehicle: str) 
     environment = wrapped(config, 3)
     n_u = environment.action_space.shape[0]
     # The same environments one by one, with a PID of their own that is told when an episode ends.
-    alone = [Batch(config, 1, first=i) for i in range(3)]
+    alone = [Batch(config, 1) for _ in range(3)]
+    for i, batch in enumerate(alone):
+        batch.task.assign(np.zeros(1), environment=i)
     controllers = [own_pid(config) for _ in range(3)]
     observations = [batch.reset().copy() for batch in alone]
     for controller in controllers:
