@@ -31,11 +31,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         config: a typed configuration instead of overrides and keywords.
         render_mode: None, `rgb_array` (a picture (352, 832, 3) of the episode so far) or `ansi` (a line).
         conf: a folder with configuration files of your own, searched first.
-        vehicle: short for the override `vehicle=...`.
-        k: for `reward.k=...`.
-        frequency: Hz, for `step.frequency=...`.
-        noise: for `noise=...`.
-        disturbance: for `disturbance=...`.
+        keywords: `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short for the overrides in `settings.KEYS`.
 
     The same seed and actions give the same floats as environment 0 of the vectorised face. What `info` holds is in
     `auvbench.envs.info`.
@@ -59,22 +55,9 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         *,
         render_mode: str | None = None,
         conf: str | Path | None = None,
-        vehicle: str | None = None,
-        k: float | None = None,
-        frequency: float | None = None,
-        noise: str | None = None,
-        disturbance: str | None = None,
+        **keywords: Any,
     ) -> None:
-        self.config = settings.configuration(
-            config,
-            overrides,
-            conf,
-            vehicle=vehicle,
-            k=k,
-            frequency=frequency,
-            noise=noise,
-            disturbance=disturbance,
-        )
+        self.config = settings.configuration(config, overrides, conf, **keywords)
         self.batch = Batch(self.config, 1, autoreset=False)
         self.observation_space, self.action_space = settings.spaces_of(self.batch)  # type: ignore[assignment]
         self.render_mode = render_mode

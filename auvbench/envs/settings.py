@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 
 from auvbench.config import schema
-from auvbench.errors import ConfigError
+from auvbench.errors import ConfigError, closest
 
 if TYPE_CHECKING:
     from auvbench.envs.batch import Batch
@@ -51,8 +51,11 @@ def configuration(
         keywords: of KEYS; None says nothing. `overrides` have the last word.
 
     Raises:
-        ConfigError: a key, a type or a value is wrong, or there is no folder `conf`.
+        ConfigError: a keyword, a key, a type or a value is wrong, or there is no folder `conf`.
     """
+    for key in keywords:
+        if key not in KEYS:
+            raise ConfigError(f"{key}: unknown keyword; {closest(key, KEYS)}")
     lines = shlex.split(overrides) if isinstance(overrides, str) else list(overrides)
     for line in lines:
         if not isinstance(line, str):

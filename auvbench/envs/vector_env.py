@@ -52,11 +52,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
             nothing, and -1 takes the limit away.
         render_mode: as of `WaypointEnv`; `render` gives one picture or line per environment.
         conf: a folder with configuration files of your own.
-        vehicle: short for the override `vehicle=...`.
-        k: for `reward.k=...`.
-        frequency: Hz, for `step.frequency=...`.
-        noise: for `noise=...`.
-        disturbance: for `disturbance=...`.
+        keywords: `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short for the overrides in `settings.KEYS`.
 
     Environment i of a batch seeded s draws from (s, i), for any N.
 
@@ -86,24 +82,11 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
         conf: str | Path | None = None,
-        vehicle: str | None = None,
-        k: float | None = None,
-        frequency: float | None = None,
-        noise: str | None = None,
-        disturbance: str | None = None,
+        **keywords: Any,
     ) -> None:
         if num_envs < 1:
             raise ConfigError(f"num_envs={num_envs}: must be at least 1")
-        typed = settings.configuration(
-            config,
-            overrides,
-            conf,
-            vehicle=vehicle,
-            k=k,
-            frequency=frequency,
-            noise=noise,
-            disturbance=disturbance,
-        )
+        typed = settings.configuration(config, overrides, conf, **keywords)
         self.config = settings.limited(typed, max_episode_steps)
         self.autoreset_mode = _mode(autoreset_mode)
         self.batch = Batch(self.config, num_envs, autoreset=self.autoreset_mode == AutoresetMode.SAME_STEP)

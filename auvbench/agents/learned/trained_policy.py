@@ -237,7 +237,9 @@ def read_weights(data: bytes, path: Path, expected: Mapping[str, torch.Tensor]) 
     except ValueError as error:
         raise RunError(f"{path}: the weights cannot be read: {error}") from error
     for name in [*expected, *(name for name in found if name not in expected)]:
-        wrong = _tensor_fault(found.get(name), expected.get(name))
+        wrong = (
+            _fault(found.get(name), expected[name]) if name in expected else "is of no part of the network"
+        )
         # Running variance of a layer that normalises (CrossQ).
         if not wrong and name.endswith("ra_var") and bool((found[name] < 0.0).any()):
             wrong = "holds a negative number"
@@ -248,18 +250,17 @@ def read_weights(data: bytes, path: Path, expected: Mapping[str, torch.Tensor]) 
     return dict(found)
 
 
-def _tensor_fault(value: Any, wanted: torch.Tensor | None) -> str:
-    if wanted is None:
-        return "is of no part of the network"
-    if not isinstance(value, torch.Tensor):
-        return "is missing" if value is None else f"is a {type(value).__name__}, not a tensor"
-    if value.shape != wanted.shape:
-        return f"has shape {tuple(value.shape)}, expected {tuple(wanted.shape)}"
-    if value.dtype != wanted.dtype or value.layout != wanted.layout:
-        return f"has type {value.dtype}, expected {wanted.dtype}"
-    if value.is_floating_point() and not bool(torch.isfinite(value).all()):
-        return "holds a number that is not finite"
-    return ""
+def _fault(value: Any, like: Any) -> str:
+    """Return what is wrong with an array or tensor that must have the shape and type of another; empty if nothing."""
+    if value is None:
+        return "is missing"
+    if not isinstance(value, type(like)):
+        return f"is a {type(value).__name__}, not a {'tensor' if isinstance(like, torch.Tensor) else 'array'}"
+    if value.shape != like.shape:
+        return f"has shape {tuple(value.shape)}, expected {tuple(like.shape)}"
+    if value.dtype != like.dtype or getattr(value, "layout", None) != getattr(like, "layout", None):
+        return f"has type {value.dtype}, expected {like.dtype}"
+    return "" if bool(torch.isfinite(torch.as_tensor(value)).all()) else "holds a number that is not finite"
 
 
 def read_statistics(data: bytes, path: Path, size: int) -> dict[str, Floats]:
@@ -284,20 +285,11 @@ def read_statistics(data: bytes, path: Path, size: int) -> dict[str, Floats]:
         "clip_observations": (),
     }
     for name, shape in shapes.items():
-        if wrong := _array_fault(found.get(name), shape, positive=not name.startswith("observation")):
+        wrong = _fault(found.get(name), np.zeros(shape))
+        if not wrong and not name.startswith("observation") and not found[name] > 0.0:
+            wrong = "is not positive"
+        if wrong:
             raise RunError(f"{path}: {name} {wrong}")
     if bool((found["observation_variance"] < 0.0).any()):
         raise RunError(f"{path}: observation_variance holds a negative number")
     return {name: found[name] for name in shapes}
-
-
-def _array_fault(value: Any, shape: tuple[int, ...], *, positive: bool) -> str:
-    if value is None:
-        return "is missing"
-    if value.shape != shape:
-        return f"has shape {value.shape}, expected {shape}"
-    if value.dtype != np.float64:
-        return f"has type {value.dtype}, expected float64"
-    if not bool(np.isfinite(value).all()):
-        return "holds a number that is not finite"
-    return "is not positive" if positive and not bool((value > 0.0).all()) else ""
