@@ -123,7 +123,7 @@ def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: in
         for line in left_out:
             tell.note(f"left out: {line}")
 
-        def told(key: Any, found: Any) -> None:
+        def told(bound: Any) -> None:
             nonlocal done
             done += 1
             step = max(1, total // 20)

@@ -18,13 +18,23 @@ from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
 from auvbench.evaluation.bounds.command_replay import Commands, Scenario, Trial, kept, scenarios, silent
-from auvbench.evaluation.bounds.files import Bound, Found, Journal, Key, Limits, folder_of, packed, write
+from auvbench.evaluation.bounds.files import (
+    Bound,
+    Found,
+    Limits,
+    folder_of,
+    line_of,
+    packed,
+    read_finished,
+    write,
+)
 from auvbench.evaluation.bounds.lower_bound import Energy
 from auvbench.evaluation.bounds.search import VERSION, Search
 from auvbench.evaluation.protocol import ResolvedCondition, fingerprint, fingerprint_parts, resolve_conditions
 from auvbench.evaluation.rollout import batch_of, roll_out
 from auvbench.runs import interruption, lock
-from auvbench.runs.atomic_io import make_folder, storage
+from auvbench.runs.atomic_io import make_folder, storage, write_atomic
+from auvbench.runs.identity import digest_of
 from auvbench.runs.pool import Pool, WorkerDiedError
 from auvbench.vehicles import sheet
 from auvbench.vehicles.symbolic import symbolic
@@ -35,7 +45,6 @@ PRELOAD = ("auvbench.evaluation.bounds.compute", "casadi")
 CONTROLLERS = {"pid": controller, "mpc": MPCController, "mpc_tuned": MPCController}
 """By name of the algorithm: their commands are where a search starts, and upper bounds themselves."""
 
-Tell = Callable[[Key, Found], None]
 Job = tuple[schema.TrainConfig, int, str, int, Scenario]
 """configuration of the condition, seed and stream of the scenarios, episode, its scenario"""
 
@@ -75,16 +84,16 @@ def compute(
     root: Path,
     *,
     pool: Pool | None = None,
-    tell: Tell = lambda key, found: None,
+    tell: Callable[[Bound], None] = lambda bound: None,
 ) -> Limits:
     """Compute the bounds of a protocol for a vehicle and write them to `<root>/<protocol>-<vehicle>`.
 
     Args:
         protocol: which scenarios.
         config: a resolved configuration with the vehicle and the simulator.
-        root: folder of bounds; holds the journal of finished searches until all are.
+        root: folder of bounds; holds finished searches until all are.
         pool: workers for the searches; None: this process. The result is the same.
-        tell: called with each result, also with those of before.
+        tell: called with each bound, also with those of an earlier call that was stopped.
 
     Raises:
         ConfigError: no condition has bounds, or the symbolic equations do not cover the vehicle.
@@ -104,12 +113,11 @@ def compute(
     with storage(f"cannot write {place}"):
         make_folder(place)
     with lock.acquire(place):
-        header = {"search": VERSION, "protocol": protocol.name, "vehicle": vehicle, **parts}
-        journal = Journal(place / "journal.jsonl", header)
-        try:
-            bounds = [b for one in good for b in _bounds(one, protocol, journal, pool, tell)]
-        finally:
-            journal.close()
+        bounds = []
+        for number, condition in enumerate(good):
+            # A search of other scenarios has other names.
+            stem = f"{digest_of([VERSION, parts], 16)}-{number}"
+            bounds += _bounds(condition, protocol, place, stem, pool, tell)
         limits = Limits(
             protocol.name,
             vehicle,
@@ -120,31 +128,34 @@ def compute(
             {"version": VERSION},
         )
         write(folder, limits)
-        journal.path.unlink()
+        for path in place.glob("*-*.json"):
+            path.unlink()
     return limits
 
 
 def _bounds(
-    condition: ResolvedCondition, protocol: schema.Protocol, journal: Journal, pool: Pool | None, tell: Tell
-) -> Iterator[Bound]:
-    config = condition.config
-    there = all_scenarios(condition, protocol)
-    jobs: dict[Key, Job] = {}
-    for episode, scenario in enumerate(there):
-        key = (condition.name, episode)
-        if key in journal.found:
-            tell(key, journal.found[key])
-        else:
-            jobs[key] = (config, protocol.seed, protocol.scenarios, episode, scenario)
-    for key, found in _here(jobs) if pool is None else _apart(jobs, pool):
-        journal.add(key, found)
-        tell(key, found)
+    condition: ResolvedCondition,
+    protocol: schema.Protocol,
+    place: Path,
+    stem: str,
+    pool: Pool | None,
+    tell: Callable[[Bound], None],
+) -> list[Bound]:
+    config, frequency = condition.config, condition.config.step.frequency
     energy = Energy(sheet.load(config.vehicle), config.task.goal_radius)
-    frequency = config.step.frequency
-    for episode, scenario in enumerate(there):
-        found = journal.found[condition.name, episode]
+    there = all_scenarios(condition, protocol)
+    done: dict[int, Bound] = {}
+    for episode in range(len(there)):
+        if (bound := read_finished(place / f"{stem}-{episode}.json")) is not None:
+            done[episode] = bound
+            tell(bound)
+    jobs = {
+        e: (config, protocol.seed, protocol.scenarios, e, s) for e, s in enumerate(there) if e not in done
+    }
+    for episode, found in _here(jobs) if pool is None else _apart(jobs, pool):
+        scenario = there[episode]
         x, y, z = scenario.waypoint.tolist()
-        yield Bound(
+        done[episode] = bound = Bound(
             condition.name,
             frequency,
             episode,
@@ -155,10 +166,14 @@ def _bounds(
             (x, y, z, scenario.yaw),
             packed(found.commands),
         )
+        with storage(f"cannot write {place}"):
+            write_atomic(place / f"{stem}-{episode}.json", line_of(bound))
+        tell(bound)
+    return [done[episode] for episode in range(len(there))]
 
 
-def _here(jobs: Mapping[Key, Job]) -> Iterator[tuple[Key, Found]]:
-    for key, job in jobs.items():
+def _here(jobs: Mapping[int, Job]) -> Iterator[tuple[int, Found]]:
+    for episode, job in jobs.items():
         with interruption.immediate() as request:
             try:
                 found = _solve(*job)
@@ -167,15 +182,15 @@ def _here(jobs: Mapping[Key, Job]) -> Iterator[tuple[Key, Found]]:
                     raise
         if request.signal is not None:
             raise interruption.Interrupted(request.signal)
-        yield key, found
+        yield episode, found
 
 
-def _apart(jobs: Mapping[Key, Job], pool: Pool) -> Iterator[tuple[Key, Found]]:
+def _apart(jobs: Mapping[int, Job], pool: Pool) -> Iterator[tuple[int, Found]]:
     with interruption.immediate():
-        for key, found in pool.results(_solve, jobs, "search"):
+        for episode, found in pool.results(_solve, jobs, "search"):
             if isinstance(found, WorkerDiedError):
                 raise WorkerDiedError(f"{found}; finished searches are kept: repeat the command to continue")
-            yield key, found
+            yield episode, found
 
 
 _built: tuple[schema.TrainConfig, Search, dict[str, Agent]] | None = None

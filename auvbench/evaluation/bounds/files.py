@@ -2,7 +2,7 @@
 
     <folder>/<protocol>-<vehicle>/bounds.jsonl   a line per condition and episode
                                  /summary.json   fingerprint, versions, digest of the lines
-    <folder>/.<protocol>-<vehicle>/journal.jsonl  finished searches of a computation under way
+    <folder>/.<protocol>-<vehicle>/*.json        finished searches of a computation under way, a line each
 
 A line holds the commands that arrive, so that `compute.wrong_bounds` can replay them.
 """
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import base64
 import json
-import os
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -24,7 +23,7 @@ import numpy as np
 from auvbench.errors import RunError
 from auvbench.evaluation.bounds.command_replay import Commands
 from auvbench.runs import integrity
-from auvbench.runs.atomic_io import as_json, replace_folder, storage, write_atomic
+from auvbench.runs.atomic_io import as_json, replace_folder, storage
 from auvbench.untrusted import documents, reading, typed_json
 from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Prose, Range, Seconds
@@ -38,8 +37,6 @@ LONGEST = 100_000_000
 
 Place = tuple[float, float, float, float]
 """waypoint x, y, z in m, start yaw in rad"""
-Key = tuple[str, int]
-"""condition, episode"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,17 +120,6 @@ class Summary:
     files: dict[str, integrity.FileEntry]
 
 
-@dataclass(frozen=True, slots=True)
-class JournalLine:
-    """A finished search."""
-
-    condition: Name
-    episode: Count
-    start: Name
-    steps: Annotated[int, Range(1)]
-    commands: Prose
-
-
 def packed(commands: Commands) -> Prose:
     """Return commands (T, n_u) as text."""
     return Prose(base64.b85encode(zlib.compress(commands.tobytes(), 9)).decode("ascii"))
@@ -162,7 +148,7 @@ def write(folder: Path, limits: Limits) -> None:
     Raises:
         TrainingError: the disk is full, read-only or failing.
     """
-    lines = b"".join(_line(asdict(bound)) for bound in limits.bounds)
+    lines = b"".join(line_of(bound) for bound in limits.bounds)
     summary = {
         "schema_version": SCHEMA_VERSION,
         "protocol": limits.protocol,
@@ -247,59 +233,16 @@ def is_name(text: str) -> bool:
     return bool(text) and Path(text).name == text and not text.startswith(".")
 
 
-class Journal:
-    """A file of finished searches that only grows; a line that a crash cut off is dropped.
-
-    Args:
-        path: of the file; its folder is created.
-        header: what the search is of. A journal with another header is deleted.
-
-    Raises:
-        TrainingError: the disk is full, read-only or failing.
-    """
-
-    def __init__(self, path: Path, header: Mapping[str, Any]) -> None:
-        self.path = path
-        first = _line(dict(header))
-        with storage(f"cannot write {path}"):
-            self.found, lines = _read_journal(path, first)
-            write_atomic(path, first + lines)
-            self._file = path.open("ab")
-
-    def add(self, key: Key, found: Found) -> None:
-        """Keep a result.
-
-        Raises:
-            TrainingError: the disk is full, read-only or failing.
-        """
-        line = JournalLine(*key, found.start, found.steps, packed(found.commands))
-        with storage(f"cannot write {self.path}"):
-            self._file.write(_line(asdict(line)))
-            self._file.flush()
-            os.fsync(self._file.fileno())
-        self.found[key] = found
-
-    def close(self) -> None:
-        self._file.close()
+def line_of(bound: Bound) -> bytes:
+    """Return a bound as a line of JSON."""
+    return json.dumps(asdict(bound)).encode() + b"\n"
 
 
-def _line(entry: Mapping[str, Any]) -> bytes:
-    return json.dumps(entry).encode() + b"\n"
-
-
-def _read_journal(path: Path, header: bytes) -> tuple[dict[Key, Found], bytes]:
-    """Return the results under a header and their lines; nothing for another header."""
+def read_finished(path: Path) -> Bound | None:
+    """Return the bound in a file of a finished search; None where it is missing or damaged."""
     try:
-        data = reading.content(path, reading.DATA)
-    except (FileNotFoundError, ValueError):
-        return {}, b""
-    found: dict[Key, Found] = {}
-    kept = b""
-    for text in data.removeprefix(header).splitlines(keepends=True) if data.startswith(header) else ():
-        try:
-            line = typed_json.convert(documents.json_value(text), JournalLine)
-            found[line.condition, line.episode] = Found(_unpacked(line.commands, line.steps), line.start)
-        except ValueError:
-            break
-        kept += text if text.endswith(b"\n") else text + b"\n"
-    return found, kept
+        bound = typed_json.convert(documents.json_value(reading.content(path)), Bound)
+        bound.found()
+    except (OSError, ValueError, RunError):
+        return None
+    return bound

@@ -168,35 +168,23 @@ def test_workers_and_interruptions_change_nothing(
     class Enough(Exception):
         pass
 
-    def stop(key: Any, found: files.Found) -> None:
-        if key[1] == 1:
+    def stop(bound: files.Bound) -> None:
+        if bound.episode == 1:
             raise Enough
 
     with pytest.raises(Enough):
         compute(*near, tmp_path, tell=stop)
-    journal = tmp_path / ".test-bluerov2" / "journal.jsonl"
-    kept = journal.read_bytes()
-    assert kept.count(b"\n") == 3  # the header and two searches
-    journal.write_bytes(kept + b'{"half a line')
+    place = tmp_path / ".test-bluerov2"
+    first, second = sorted(place.glob("*.json"))
+    assert files.read_finished(first) == computed[1].bounds[0]
+    second.write_bytes(second.read_bytes()[:-20])
+    assert files.read_finished(second) is None
     with Pool(2, PRELOAD) as pool:
         compute(*near, tmp_path, pool=pool)
-    assert not journal.exists()
+    assert not list(place.glob("*.json"))
     for name in ("bounds.jsonl", "summary.json"):
         mine = (tmp_path / "test-bluerov2" / name).read_bytes()
         assert mine == (computed[0] / "test-bluerov2" / name).read_bytes(), name
-
-
-def test_a_journal_of_another_search_is_begun_anew(tmp_path: Path) -> None:
-    found = files.Found(np.array([[1, -127], [3, 4]], dtype=np.int8), "pid")
-    first = files.Journal(tmp_path / "j", {"fingerprint": "a"})
-    first.add(("nominal", 7), found)
-    first.close()
-    again = files.Journal(tmp_path / "j", {"fingerprint": "a"})
-    assert again.found[("nominal", 7)].commands.tolist() == found.commands.tolist()
-    again.close()
-    other = files.Journal(tmp_path / "j", {"fingerprint": "b"})
-    assert other.found == {}
-    other.close()
 
 
 def test_limits_of_other_scenarios_and_damaged_ones_are_not_used(
