@@ -7,7 +7,7 @@ is typed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -199,17 +199,17 @@ def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, floa
     return SeedSpread(found[0], df), found[1], found[2]
 
 
-def p_values(data: Sequence[FloatArray], rate: bool) -> FloatArray:
-    """(n, n) P-values of all pairs, as a report computes them."""
-    return resolution(crossed(data, rate=rate))
-
-
 def simulated_p(
     model: Model, values: tuple[float, float], S: int, E: int, *, replications: int = 200, seed: int = 0
 ) -> FloatArray:
     """(replications,) P-values of the test of two agents with S seeds and E episodes, of these true values."""
     rng = np.random.default_rng([seed, S, E])
-    return np.array([p_values(model.draw(values, S, E, rng), model.rate)[0, 1] for _ in range(replications)])
+    return np.array(
+        [
+            resolution(crossed(model.draw(values, S, E, rng), rate=model.rate))[0, 1]
+            for _ in range(replications)
+        ]
+    )
 
 
 def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_SEEDS) -> int | None:
@@ -263,32 +263,3 @@ def seeds_by_formula(
         if abs(difference) >= need * np.sqrt(per_seed / S + fixed):
             return S
     return None
-
-
-def stopping(
-    model: Model,
-    values: tuple[float, float],
-    looks: Sequence[int],
-    E: int,
-    thresholds: Iterable[float],
-    *,
-    replications: int = 1000,
-    seed: int = 0,
-) -> tuple[float, float]:
-    """Looking after several numbers of seeds and stopping at the first p-value below its threshold.
-
-    Returns the share of simulated experiments that stopped with a difference, and the mean number of seeds used.
-    With two equal values the share is that of false alarms.
-    """
-    rng = np.random.default_rng([seed, *looks])
-    found, used = 0, 0
-    limits = list(thresholds)
-    for _ in range(replications):
-        first, second = model.draw(values, looks[-1], E, rng)
-        for S, limit in zip(looks, limits, strict=True):
-            resolved = p_values([first[:S], second[:S]], model.rate)[0, 1] < limit
-            if resolved or looks[-1] == S:
-                found += int(resolved)
-                used += S
-                break
-    return found / replications, used / replications

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.special import expit
 
 from auvbench.analysis.planning import needs
 from auvbench.statistics import power as pw
@@ -126,17 +125,3 @@ def test_the_formula_agrees_with_the_simulation() -> None:
 def test_a_table_of_several_needs_more() -> None:
     need = needs(pw.Rates(0.5), (0.8, 0.95), 200, agents=12, targets=(0.8,), replications=100)
     assert need.among[0.8] > need.alone[0.8]
-
-
-@pytest.mark.slow
-def test_planned_looks_err_less_than_looking_whenever_one_likes() -> None:
-    from auvbench.statistics.sequential import levels
-
-    model, looks = pw.Rates(0.5), (3, 6, 9, 12, 15)
-    planned = levels([S / 15 for S in looks])
-    kept, _ = pw.stopping(model, (0.9, 0.9), looks, 200, planned, replications=500)
-    naive, used = pw.stopping(model, (0.9, 0.9), looks, 200, [0.05] * 5, replications=500)
-    assert kept < 0.08
-    assert naive > kept + 0.02
-    assert 3 <= used <= 15
-    assert expit(0.0) == 0.5
