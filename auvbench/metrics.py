@@ -278,15 +278,6 @@ METRICS: tuple[Metric, ...] = (
         "mean shortfall of success below 100 % over seeds and conditions",
         better="lower",
     ),
-    _share("success_over_conditions", "success over conditions", "mean of success over the conditions"),
-    _share("next_training", "next training", "success that one more training is predicted to reach"),
-    _share("auc_steps", "AUC over steps", "mean validation success over the training steps"),
-    _share("auc_wall_time", "AUC over wall time", "mean validation success over the training's wall time"),
-    _share(
-        "auc_simulated_time",
-        "AUC over simulated time",
-        "mean validation success over the training's simulated time",
-    ),
     Metric(
         "time_over_best_known",
         "agent",

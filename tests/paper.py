@@ -19,7 +19,7 @@ def compile_article(folder: Path, table: str) -> str:
     """Compiles an article that holds `table` alone; returns what pdflatex said."""
     (folder / "table.tex").write_text(table, encoding="utf-8")
     (folder / "paper.tex").write_text(
-        r"\documentclass{article}\usepackage{booktabs}\usepackage{amssymb}\usepackage[T1]{fontenc}\usepackage[utf8]{inputenc}"
+        r"\documentclass{article}\usepackage{booktabs}\usepackage{graphicx}\usepackage{amssymb}\usepackage[T1]{fontenc}\usepackage[utf8]{inputenc}"
         r"\begin{document}\input{table.tex}\end{document}"
     )
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]

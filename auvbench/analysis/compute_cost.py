@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,43 +10,8 @@ import numpy as np
 from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import LARGEST
 from auvbench.analysis.formatting import listed
-from auvbench.analysis.records import Agent, Finding, RunRecord
+from auvbench.analysis.records import Agent, RunRecord
 from auvbench.statistics.estimate import Estimate
-
-NOTABLE = 0.001
-"""share of solves that are late, or fail, from which it is worth a sentence"""
-
-
-def late_solves(agents: Sequence[Agent], protocol: str, condition: str) -> Finding | None:
-    """Return a finding for the agent with the largest share of solves that failed or took longer than a step."""
-    worst, share, text = None, NOTABLE, ""
-    for agent in agents:
-        found: Counter[str] = Counter()
-        for run in agent.runs:
-            found.update(notes(run, protocol, condition))
-        n, failed, late = (found[key] for key in ("solves", "failed_solves", "late_solves"))
-        if n and max(failed, late) / n >= share:
-            worst, share = agent, max(failed, late) / n
-            text = (
-                f"{agent.label} is late or fails in its optimisation: of {n:,} solves {late:,} took longer than a step "
-                f"and {failed:,} failed. The simulation waits for a late one, a vehicle does not."
-            )
-    if worst is None:
-        return None
-    times = [machine for run in worst.runs if (machine := _machine(run, protocol))]
-    estimate = Estimate(share, math.nan, math.nan)
-    ids = tuple(run.id for run in worst.runs)
-    return Finding("late_solves", text, (worst.label,), estimate, listed(list(dict.fromkeys(times)), 3), ids)
-
-
-def notes(run: RunRecord, protocol: str, condition: str) -> dict[str, int]:
-    """What the run's agent counted in a condition of a test; empty where the summary has nothing of the kind."""
-    evaluation = run.evaluations.get(protocol)
-    for entry in evaluation.summary.get("conditions", ()) if evaluation is not None else ():
-        found = entry.get("notes") if isinstance(entry, Mapping) else None
-        if isinstance(found, Mapping) and entry.get("name") == condition:
-            return {str(k): v for k, v in found.items() if type(v) is int and 0 <= v <= LARGEST}
-    return {}
 
 
 def action_time(agent: Agent, protocol: str, which: str) -> Estimate | None:
@@ -109,9 +72,3 @@ def _timed(run: RunRecord, protocol: str) -> Mapping[str, Any]:
     evaluation = run.evaluations.get(protocol)
     found = evaluation.summary.get("inference") if evaluation is not None else None
     return found if isinstance(found, Mapping) else {}
-
-
-def _machine(run: RunRecord, protocol: str) -> str:
-    found = _timed(run, protocol)
-    cpu, cores = found.get("cpu"), found.get("cores")
-    return f"Tested on {cpu}, {cores} cores" if isinstance(cpu, str) and type(cores) is int else ""

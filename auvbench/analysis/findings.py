@@ -8,15 +8,11 @@ from itertools import zip_longest
 
 import numpy as np
 
-from auvbench.analysis.compute_cost import late_solves
 from auvbench.analysis.effects import Effect, effects, learns
-from auvbench.analysis.failures import failures
 from auvbench.analysis.formatting import counted, difference, name, probability, turned, unit
 from auvbench.analysis.measures import TIMEOUT, Measure, measure
 from auvbench.analysis.records import Agent, Finding, Ranking
 from auvbench.analysis.robustness import costliest_condition
-from auvbench.analysis.timing import confounded
-from auvbench.analysis.train_test_gap import train_test_gaps
 from auvbench.statistics import contrast, holm
 
 SHOWN = 5
@@ -33,12 +29,8 @@ def find(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
     kinds: list[Sequence[Finding | None]] = [
         [return_misleads(ordered, ranking.confidence)],
         [costliest_condition(ranking, ordered)],
-        train_test_gaps(ranking, ordered),
         resolved_effects(ranking, ordered, m),
-        failures(ordered, ranking.confidence),
         [seed_variance(ordered, m)],
-        [late_solves(ordered, ranking.protocol, ranking.condition)],
-        [confounded(ordered)],
     ]
     return [finding for row in zip_longest(*kinds) for finding in row if finding is not None]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -13,10 +12,9 @@ import pandas as pd
 from auvbench.analysis.effects import run_learns
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.grouping_keys import differing, level, matters, only_fixed, refined, trained
-from auvbench.analysis.labels import label_of, labels, sort_key
+from auvbench.analysis.labels import labels, sort_key
 from auvbench.analysis.measures import OF_THE_SCENARIO
 from auvbench.analysis.records import NO_POLICY, Agent, Evaluation, Problem, RunRecord
-from auvbench.analysis.timing import in_seconds
 from auvbench.errors import ReportError, closest
 from auvbench.record import OUTCOMES
 
@@ -69,7 +67,7 @@ def agents(
         group.sort(key=lambda run: (run.seed, run.id))
         problems += [*_pooled(label, group, set(finer.values()), fixed), *_same_in_test(label, group, fixed)]
         result.append(_agent(label, _key(group[0], finer), group, rows, fingerprint, protocol, condition))
-    return result, problems + _missing(runs, keys, finer, fixed)
+    return result, problems
 
 
 def frequency_fixed(tested: Iterable[np.ndarray[Any, Any]]) -> bool:
@@ -89,14 +87,6 @@ def _cells(runs: Iterable[RunRecord], keys: Mapping[str, str], fixed: bool = Fal
         )
         cells.setdefault(tuple(values), []).append(run)
     return list(cells.values())
-
-
-def _missing(
-    runs: Sequence[RunRecord], keys: Mapping[str, str], finer: Mapping[str, str], fixed: bool
-) -> list[Problem]:
-    """Return what is missing in the grid of `keys`, for each combination of the other keys that varied."""
-    more = {short: key for short, key in finer.items() if short not in keys}
-    return [problem for part in _cells(runs, more) for problem in _missing_cells(part, keys, more, fixed)]
 
 
 def _known(runs: Iterable[RunRecord]) -> set[str]:
@@ -254,58 +244,3 @@ def _pooled(label: str, group: Sequence[RunRecord], grouped: set[str], fixed: bo
     hint = f"its interval takes them for seeds of one training; --group-by ...,{min(found)} separates them"
     message = f"pools {len(group)} runs that differ in {', '.join(shown[:3])}{more}: {hint}"
     return [Problem(label, "mixed", message)]
-
-
-def _missing_cells(
-    runs: Sequence[RunRecord], keys: Mapping[str, str], more: Mapping[str, str], fixed: bool
-) -> list[Problem]:
-    """Return cells of each algorithm's grid, and seeds of its cells, that exist elsewhere in the grid and not here.
-
-    Args:
-        runs: all of one value of each key in `more`.
-        keys: of the grid.
-        more: further keys that a name shows.
-        fixed: whether the test has one step frequency for all.
-    """
-    by_algo: dict[str, list[RunRecord]] = {}
-    for run in runs:
-        by_algo.setdefault(str(run.config.get("algo.name")), []).append(run)
-    problems = []
-    others = [short for short in keys if short != "algo"]
-    for algo, members in sorted(by_algo.items()):
-        seeds = {run.seed for run in members}
-        present: dict[tuple[Any, ...], set[int]] = {}
-        for run in members:
-            present.setdefault(tuple(level(run.config.get(keys[s])) for s in others), set()).add(run.seed)
-        levels = [
-            sorted({cell[i] for cell in present}, key=lambda v: sort_key({"": v})) for i in range(len(others))
-        ]
-        cells = list(itertools.islice(itertools.product(*levels), 10 * len(present) + 1))
-        if len(cells) > 4 * len(present):
-            continue  # drawn at random (tuning), not a grid
-        alike: dict[tuple[Any, ...], set[int]] = {}
-        for cell, there in present.items():
-            alike.setdefault(_meaning(cell, others, keys, members[0]), set()).update(there)
-        for cell in cells:
-            absent = seeds - alike.get(_meaning(cell, others, keys, members[0]), set())
-            if absent:
-                varying = {n: v for n, v, all_ in zip(others, cell, levels, strict=True) if len(all_) > 1}
-                rest = {short: level(runs[0].config.get(key)) for short, key in more.items()}
-                key = ({"algo": algo} if "algo" in keys else {}) | varying | rest
-                name = label_of(key, list(key), fixed)
-                every = (
-                    "no run" if absent == seeds else f"no run with seed {', '.join(map(str, sorted(absent)))}"
-                )
-                problems.append(Problem(name, "missing", every))
-    return problems
-
-
-def _meaning(
-    cell: Sequence[Any], others: Sequence[str], keys: Mapping[str, str], run: RunRecord
-) -> tuple[Any, ...]:
-    """A cell with its times in seconds: 1000 steps at 10 Hz and a limit of 100 s are one cell."""
-    chosen = {keys[short]: value for short, value in zip(others, cell, strict=True)}
-    if not {"task.time_limit", "algo.horizon_s"} & chosen.keys():
-        return tuple(cell)
-    rest = tuple(v for k, v in chosen.items() if k not in ("task.time_limit", "algo.horizon_s"))
-    return (*rest, *in_seconds({**run.config, **chosen}))

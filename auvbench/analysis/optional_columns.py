@@ -1,4 +1,4 @@
-"""Optional columns: over conditions and seeds at once, the next training, computing time, how fast was learned."""
+"""Optional columns: success over all conditions, and computing time."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.measures import MEASURES
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking
-from auvbench.analysis.validation_curve import read_validation_curve
 from auvbench.errors import ReportError, closest
 from auvbench.statistics import aggregate as st
 from auvbench.statistics.estimate import Estimate
-from auvbench.statistics.intervals import FloatArray, quantile
+from auvbench.statistics.intervals import FloatArray
 
 
 def of_conditions(agent: Agent, protocol: str) -> FloatArray | None:
@@ -57,46 +56,6 @@ def _aggregated(aggregate: st.Aggregate) -> Callable[[Agent, str, float, int], E
     return column
 
 
-def _over_conditions(agent: Agent, protocol: str, confidence: float, seed: int) -> Estimate | None:
-    """Mean over the conditions as they are, seeds by Student's t."""
-    scores = of_conditions(agent, protocol)
-    if scores is None:
-        return None
-    per_seed = scores.mean(axis=1)
-    if len(per_seed) < 2:
-        return Estimate(float(per_seed.mean()), np.nan, np.nan, confidence)
-    half = _half(per_seed, confidence)
-    value = float(per_seed.mean())
-    return Estimate(value, max(value - half, 0.0), min(value + half, 1.0), confidence, "training seeds")
-
-
-def _half(values: FloatArray, confidence: float) -> float:
-    n = len(values)
-    return float(quantile(confidence, n - 1)) * float(values.std(ddof=1)) / float(np.sqrt(n))
-
-
-def _next_training(agent: Agent, protocol: str, confidence: float, seed: int) -> Estimate | None:
-    if not learns(agent):
-        return None
-    return st.tolerance(agent.success.mean(axis=1), episodes=agent.outcome.shape[1], confidence=confidence)
-
-
-def _learned(axis: str) -> Callable[[Agent, str, float, int], Estimate | None]:
-    def column(agent: Agent, protocol: str, confidence: float, seed: int) -> Estimate | None:
-        curves = [read_validation_curve(run) for run in agent.runs]
-        found = [curve for curve in curves if curve is not None]
-        if len(found) < len(curves) or not found or len({curve.fingerprint for curve in found}) > 1:
-            return None
-        areas = np.array([curve.area(axis) for curve in found])
-        value = float(areas.mean())
-        if len(areas) < 2:
-            return Estimate(value, np.nan, np.nan, confidence)
-        half = _half(areas, confidence)
-        return Estimate(value, max(value - half, 0.0), min(value + half, 1.0), confidence, "training seeds")
-
-    return column
-
-
 def _action_time(which: str) -> Callable[[Agent, str, float, int], Estimate | None]:
     def column(agent: Agent, protocol: str, confidence: float, seed: int) -> Estimate | None:
         return action_time(agent, protocol, which)
@@ -107,11 +66,6 @@ def _action_time(which: str) -> Callable[[Agent, str, float, int], Estimate | No
 COLUMNS: Mapping[str, Callable[[Agent, str, float, int], Estimate | None]] = {
     "iqm_success": _aggregated(st.interquartile),
     "optimality_gap": _aggregated(st.optimality_gap),
-    "success_over_conditions": _over_conditions,
-    "next_training": _next_training,
-    "auc_steps": _learned("step"),
-    "auc_wall_time": _learned("wall_s"),
-    "auc_simulated_time": _learned("simulated_s"),
     "action_ms": _action_time("median_ms"),
     "action_p95_ms": _action_time("p95_ms"),
     "training_cpu_s": lambda agent, protocol, confidence, seed: (

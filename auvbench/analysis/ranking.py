@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -11,17 +14,18 @@ from numpy.typing import NDArray
 from auvbench import statistics as st
 from auvbench.analysis.conditions import successes
 from auvbench.analysis.effects import learns
+from auvbench.analysis.formatting import listed
 from auvbench.analysis.measures import Measure, all_measures, to_rank_by
 from auvbench.analysis.pairwise import BoolArray, all_pairs, letters, rank_intervals
-from auvbench.analysis.policies import COMPARE, more_seeds, one_policy, rows_of
 from auvbench.analysis.primary import find_baseline, primary_analysis
-from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row
+from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row, RunRecord
 from auvbench.analysis.timing import budgets_of
-from auvbench.analysis.tuned import tuned_on_these
-from auvbench.errors import ReportError, closest
+from auvbench.errors import ReportError
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray
 
+ENOUGH_SEEDS = 5
+"""that the hint of one training asks for: what a first table needs (docs/statistics.md, "What few seeds can say")"""
 ALL_PAIRS = 30
 """up to so many agents `Ranking.comparisons` has all pairs"""
 
@@ -33,7 +37,6 @@ def rank(
     then: str = "mean_steps",
     baseline: str | None = None,
     confidence: float = 0.95,
-    compare: str = "algorithms",
     margin: float | None = None,
     protocol: str | None = None,
     condition: str = "nominal",
@@ -52,8 +55,6 @@ def rank(
             probability of improvement.
         baseline: label of an agent, or its algorithm where that is one agent; None chooses one.
         confidence: of all intervals.
-        compare: "algorithms": a row is a configuration over its training seeds, and one with a single seed is
-            described but not compared; "policies": a row is one training, compared as it is.
         margin: smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1); None takes the default.
         protocol: named in the table; by default that of the agents' runs.
         condition: named in the table.
@@ -63,8 +64,8 @@ def rank(
         ReportError: no agents, unknown measure or baseline, equal labels, or scenarios that differ.
     """
     by, finer = to_rank_by(rank_by), to_rank_by(then, "--then")
-    _check(agents, confidence, compare, margin)
-    agents = sorted(rows_of(agents, compare), key=lambda agent: agent.label)
+    _check(agents, confidence, margin)
+    agents = sorted(map(one_run_of_a_controller, agents), key=lambda agent: agent.label)
     reference = None if baseline is None else find_baseline(agents, baseline)
     estimates = _estimates(agents, confidence)
     value = _oriented(estimates, by)
@@ -72,7 +73,7 @@ def rank(
     agents, estimates, value = [agents[i] for i in order], [estimates[i] for i in order], value[order]
     if not np.isfinite(value).any():
         raise ReportError(f"no agent has values of {by.name}")
-    compared = np.array([compare == "policies" or not one_policy(agent) for agent in agents])
+    compared = np.array([not one_policy(agent) for agent in agents])
     tests = all_pairs(agents, by, compared, confidence)
     ranks = _ranks(value, _oriented(estimates, finer))
     intervals = rank_intervals(value, tests.resolved)
@@ -115,17 +116,14 @@ def rank(
         improvement=_improvement(scores, compared),
         problems=(*problems, *_without_values(agents, (by, finer))),
         conditions=successes(agents, name, confidence),
-        compare=compare,
         notices=tuple(filter(None, (tuned_on_these(agents, name),))),
-        more_seeds=more_seeds(agents) if compare == "algorithms" else "",
+        more_seeds=more_seeds(agents),
     )
 
 
-def _check(agents: Sequence[Agent], confidence: float, compare: str, margin: float | None) -> None:
+def _check(agents: Sequence[Agent], confidence: float, margin: float | None) -> None:
     if not agents:
         raise ReportError("there are no agents to rank")
-    if compare not in COMPARE:
-        raise ReportError(f"--compare {compare!r} is nothing to compare; {closest(compare, COMPARE)}")
     if margin is not None and not 0 < margin < np.inf:
         raise ReportError(f"margin {margin:g} is not a positive number")
     if not 0.5 <= confidence < 1:
@@ -208,3 +206,74 @@ def _without_values(agents: Sequence[Agent], measures: Sequence[Measure]) -> lis
         for m in measures
         if not np.isfinite(m.values(agent)).any()
     ]
+
+
+def one_policy(agent: Agent) -> bool:
+    """Whether the agent is one trained policy: nothing is known of what another training would give."""
+    return learns(agent) and len(agent.outcome) == 1
+
+
+def one_run_of_a_controller(agent: Agent) -> Agent:
+    """Return an agent with the first run alone where it does not learn: seeds train nothing, and are no sample."""
+    if learns(agent) or len(agent.runs) < 2:
+        return agent
+    metrics = {column: values[:1] for column, values in agent.metrics.items()}
+    return replace(agent, runs=agent.runs[:1], outcome=agent.outcome[:1], metrics=metrics)
+
+
+def more_seeds(agents: Sequence[Agent]) -> str:
+    """The command that trains further seeds of the agents with one; '' where there are none, or where it is unknown.
+
+    It is the command their runs were made by, with seeds: what is complete already is skipped.
+    """
+    single = [agent.runs[0] for agent in agents if one_policy(agent)]
+    commands = dict.fromkeys(filter(None, map(_command, single)))
+    if not commands:
+        return ""
+    others = {run.seed for run in single}
+    wanted = sorted(others | set(range(max(ENOUGH_SEEDS, len(others)))))
+    return " && ".join(_with_seeds(command, wanted) for command in list(commands)[:2])
+
+
+def _command(run: RunRecord) -> str:
+    command = run.manifest.get("command")
+    return command if isinstance(command, str) and command.startswith("auvbench train") else ""
+
+
+def _with_seeds(command: str, seeds: Sequence[int]) -> str:
+    """The command as a grid over seeds.
+
+    >>> _with_seeds("auvbench train algo=ppo seed=3", [0, 1, 3])
+    'auvbench train -m algo=ppo seed=0,1,3'
+    """
+    words = [word for word in shlex.split(command)[2:] if not re.match(r"\+{0,2}seed=", word)]
+    words = [word for word in words if word not in ("-m", "--multirun")]
+    return f"auvbench train -m {shlex.join(words)} seed={','.join(map(str, seeds))}".replace("  ", " ")
+
+
+def tuned_on_these(agents: Sequence[Agent], protocol: str) -> str:
+    """A sentence that must be read before such a table; '' where no agent was tuned on its scenarios."""
+    found = [agent.label for agent in agents if any(_on_these(run, protocol) for run in agent.runs)]
+    if not found:
+        return ""
+    one = len(found) == 1
+    return (
+        f"{listed(found, 4)} {'was' if one else 'were'} tuned on the scenarios of this table (protocol {protocol}): "
+        f"{'its settings are' if one else 'their settings are each'} the luckiest of many trials here, so this is no ranking; "
+        "protocol=test has scenarios that no tuning sees."
+    )
+
+
+def _on_these(run: RunRecord, protocol: str) -> bool:
+    """Whether the run's settings were chosen on the scenarios of its evaluation by this protocol."""
+    config = run.config
+    evaluation = run.evaluations.get(protocol)
+    if config.get("algo.tuned.protocol") is None or evaluation is None:
+        return False
+    summary = evaluation.summary
+    # Summaries that were written before they said from which stream their scenarios come have the name.
+    same = (
+        summary.get("scenarios") == config.get("algo.tuned.scenarios")
+        or protocol == config["algo.tuned.protocol"]
+    )
+    return bool(same and summary.get("seed") == config.get("algo.tuned.seed"))

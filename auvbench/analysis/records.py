@@ -261,8 +261,6 @@ class Ranking:
     problems: tuple[Problem, ...] = ()
     conditions: tuple[Condition, ...] = ()
     """all of the protocol where it has several, that of the ranking among them"""
-    compare: str = "algorithms"
-    """what a row stands for: 'algorithms' (a configuration over its training seeds) or 'policies' (one training)"""
     columns: tuple[str, ...] = ()
     """further columns that were asked for, as names of `further.COLUMNS`"""
     machines: tuple[str, ...] = ()

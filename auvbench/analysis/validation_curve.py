@@ -29,16 +29,6 @@ class ValidationCurve:
     success: FloatArray
     """(n,) from 0 to 1"""
 
-    def area(self, axis: str = "step") -> float:
-        """Area under the curve of success over the whole training, as a share of what success throughout would be.
-
-        By trapezoids, from no success at 0. A training that is good from the start has 1, one that becomes good at
-        the very end nearly 0: it is how much is learned how early, in one number.
-        """
-        x = np.concatenate([[0.0], getattr(self, axis)])
-        y = np.concatenate([[0.0], self.success])
-        return float(np.trapezoid(y, x) / x[-1]) if x[-1] > 0 else float("nan")
-
 
 def read_validation_curve(run: RunRecord) -> ValidationCurve | None:
     """The run's train/validation.csv; None where there is none, or nothing in it.

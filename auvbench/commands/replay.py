@@ -33,7 +33,7 @@ def parser() -> Parser:
         type=Path,
         nargs="?",
         const=Path(),
-        help="a film as well: FILE.mp4 (needs ffmpeg) or FILE.gif (default: a GIF next to the figure)",
+        help="a moving picture as well: FILE.gif (default: next to the figure)",
     )
     parser.add_argument(trust.FLAG, action="store_true", help=trust.HELP)
     return parser

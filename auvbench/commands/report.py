@@ -139,13 +139,12 @@ def _analyse(
     from auvbench.analysis.measures import in_unit
     from auvbench.analysis.optimality import add_optimality
     from auvbench.analysis.optional_columns import with_columns
-    from auvbench.analysis.policies import rows_of
     from auvbench.analysis.primary import find_baseline
-    from auvbench.analysis.ranking import rank
+    from auvbench.analysis.ranking import one_run_of_a_controller, rank
     from auvbench.analysis.records import Problem
 
     grouped, more = agents(part.runs, options.group_by, options.protocol, condition, options.failed_trainings)
-    grouped = rows_of(grouped, options.compare)
+    grouped = [one_run_of_a_controller(agent) for agent in grouped]
     baseline = options.baseline
     # One of several sections may lack the baseline, and a part of the runs that of the declared analysis.
     declared = options.declared is not None and baseline == options.declared.baseline
@@ -160,7 +159,6 @@ def _analyse(
         then=options.then,
         baseline=baseline,
         confidence=options.confidence,
-        compare=options.compare,
         margin=in_unit(options.margin, options.rank_by),
         protocol=options.protocol,
         condition=condition,

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 FORMATS = ("terminal", "md", "tex", "csv", "html")
 STUDIES = ("thesis",)
-COMPARE = ("algorithms", "policies")
 FAILED_TRAININGS = ("zero", "omit")
 
 
@@ -42,7 +41,6 @@ class Options:
     out: Path | None
     study: str | None
     confidence: float
-    compare: str
     margin: float | None
     failed_trainings: str
     seed: int
@@ -68,7 +66,6 @@ STORED = (
     "condition",
     "study",
     "confidence",
-    "compare",
     "failed_trainings",
     "seed",
 )
@@ -145,7 +142,7 @@ def parser() -> Parser:
     add("--rank-by", metavar="METRIC", help="primary measure: success_rate, par1_time_s, mean_<column>, ...")
     add("--then", metavar="METRIC", help="decides between equals")
     add("--group-by", metavar="KEY,...", help="configuration keys whose values make a row: algo,reward.k")
-    add("--columns", metavar="NAME,...", help="further columns: iqm_success, next_training, auc_steps, ...")
+    add("--columns", metavar="NAME,...", help="further columns: iqm_success, training_cpu_s, ...")
     add(
         "--across",
         action=argparse.BooleanOptionalAction,
@@ -176,9 +173,6 @@ def parser() -> Parser:
     add("--out", metavar="DIR", help="folder of the report; default <experiment>/report")
     add("--study", metavar="NAME", help=f"answer the claims of a study: {', '.join(STUDIES)}")
     add("--confidence", metavar="P", help="of every interval, between 0.5 and 0.999")
-    add(
-        "--compare", metavar="WHAT", help="algorithms: over training seeds; policies: each training by itself"
-    )
     add("--margin", metavar="M", help="smallest difference of interest, in the measure's unit: 2 is 2 points")
     add("--failed-trainings", metavar="HOW", help="zero: a failed training is a seed without success; omit")
     add("--seed", metavar="N", help="of the permutation tests of --study")
@@ -239,7 +233,6 @@ def _options(settings: Mapping[str, Any]) -> Options:
         out=None if settings["out"] is None else Path(str(settings["out"])),
         study=study,
         confidence=confidence,
-        compare=_choice("compare", settings["compare"], COMPARE),
         margin=None if settings["margin"] is None else _positive("margin", settings["margin"]),
         failed_trainings=_choice("failed_trainings", settings["failed_trainings"], FAILED_TRAININGS),
         seed=_whole("seed", settings["seed"], 0, 2**32 - 1),

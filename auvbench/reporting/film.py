@@ -1,4 +1,4 @@
-"""A replayed episode as a film, GIF or MP4.
+"""A replayed episode as a moving picture (GIF).
 
 What does not move is drawn once: each picture is that background with half a dozen lines drawn over it, a hundred
 times faster than drawing the figure anew.
@@ -6,8 +6,6 @@ times faster than drawing the figure anew.
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.errors import ReportError, UserError
+from auvbench.errors import UserError
 from auvbench.evaluation.replay import Replay
 from auvbench.reporting.figures import style
 
 RATE = 25  # pictures per second
 LONGEST = 150  # pictures; a longer episode is shown faster
 DPI = 80
-SIZE = (10.4, 4.4)  # inches: 832 x 352 pixels, which are even numbers, as video codecs want them
+SIZE = (10.4, 4.4)  # inches: 832 x 352 pixels
 
 Picture = NDArray[np.uint8]
 
@@ -31,12 +29,10 @@ def check(path: Path) -> None:
     """Check that a film can be written to a path.
 
     Raises:
-        UserError: another suffix, an MP4 without ffmpeg, a folder, or a place that cannot be written.
+        UserError: another suffix, a folder, or a place that cannot be written.
     """
-    if path.suffix.lower() not in (".mp4", ".gif"):
-        raise UserError(f"--video {path}: must end in .mp4 or .gif")
-    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
-        raise UserError(f"--video {path}: an MP4 needs ffmpeg, which is not installed; name a .gif instead")
+    if path.suffix.lower() != ".gif":
+        raise UserError(f"--video {path}: must end in .gif; ffmpeg -i FILE.gif FILE.mp4 makes another format")
     fresh = not path.exists()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -61,12 +57,11 @@ def film(episode: Replay, path: Path, tell: Callable[[int, int], None] = lambda 
 
     Args:
         episode: as replayed.
-        path: FILE.mp4 or FILE.gif.
+        path: FILE.gif.
         tell: called after each picture with how many are done, of how many.
 
     Raises:
         UserError: as `check`.
-        ReportError: ffmpeg failed.
     """
     check(path)
     steps = steps_shown(len(episode.command))
@@ -76,7 +71,7 @@ def film(episode: Replay, path: Path, tell: Callable[[int, int], None] = lambda 
             yield picture
             tell(number, len(steps))
 
-    (_mp4 if path.suffix.lower() == ".mp4" else _gif)(told(), path)
+    _gif(told(), path)
     return path
 
 
@@ -126,22 +121,3 @@ def _gif(frames: Iterator[Picture], path: Path) -> None:
     palette = every[-1].quantize(256)
     indexed = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in every]
     indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=1000 // RATE, loop=0)
-
-
-def _mp4(frames: Iterator[Picture], path: Path) -> None:
-    first = next(frames)
-    height, width, _ = first.shape
-    command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
-    command += ["-s", f"{width}x{height}", "-r", str(RATE), "-i", "-", "-pix_fmt", "yuv420p", str(path)]
-    encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert encoder.stdin is not None
-    try:
-        encoder.stdin.write(first.tobytes())
-        for frame in frames:
-            encoder.stdin.write(frame.tobytes())
-    except BrokenPipeError:
-        pass  # its message follows
-    _, said = encoder.communicate()
-    if encoder.returncode:
-        lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {encoder.returncode}"]
-        raise ReportError(f"--video {path}: ffmpeg failed: {lines[-1]}")

@@ -1,22 +1,10 @@
 """Pure functions on arrays (seeds, episodes); docs/statistics-appendix.md has the reasons and the measurements.
 
 `crossed` has means over seeds and scenarios, `differences` those of agents, `moderation` the variance between seeds that
-every verdict uses, `resolution` tests of all pairs, `intervals` and `binomial` intervals of rates, `bootstrap` the
-resampling, `paired` tests and effect sizes between agents, `groups` the letters.
+every verdict uses, `resolution` tests of all pairs, `intervals` and `binomial` intervals of rates, `paired` tests and effect sizes between agents, `groups` the letters.
 """
 
 from auvbench.statistics.binomial import limits, p_more_than_half, succeeded, trials_that_bound
-from auvbench.statistics.bootstrap import (
-    bca,
-    hierarchical,
-    iqm,
-    mean,
-    median,
-    multiplicities,
-    paired_means,
-    percentile,
-    seed_weights,
-)
 from auvbench.statistics.crossed import (
     EPISODES_ONLY,
     MIXED,
@@ -30,13 +18,11 @@ from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.groups import letter, letters, shared
 from auvbench.statistics.intervals import quantile, score_interval, wilson
 from auvbench.statistics.paired import (
-    Profile,
     discordant,
     holm,
     improvement,
     improvement_matrix,
     mcnemar,
-    performance_profile,
     probability_of_improvement,
     score,
     wins,
@@ -51,35 +37,24 @@ __all__ = [
     "Crossed",
     "Estimate",
     "Pairs",
-    "Profile",
-    "bca",
     "contrast",
     "crossed",
     "discordant",
-    "hierarchical",
     "holm",
     "improvement",
     "improvement_matrix",
-    "iqm",
     "letter",
     "letters",
     "limits",
     "mcnemar",
-    "mean",
     "means",
-    "median",
-    "multiplicities",
     "p_more_than_half",
-    "paired_means",
     "pairs",
-    "percentile",
-    "performance_profile",
     "probability_of_improvement",
     "quantile",
     "resolution",
     "score",
     "score_interval",
-    "seed_weights",
     "shared",
     "succeeded",
     "trials_that_bound",

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, gammaln
 
-from auvbench.statistics.crossed import covers, crossed, means
+from auvbench.statistics.crossed import covers
 from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.intervals import FloatArray, quantile, score_interval
 
@@ -126,34 +125,6 @@ def improvement_matrix(scores: Sequence[FloatArray]) -> FloatArray:
     result = average @ better @ average.T
     np.fill_diagonal(result, 0.5)
     return np.asarray(result)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Profile:
-    """A performance profile: the share of episodes at least as good as each threshold, with its band."""
-
-    thresholds: FloatArray  # (T,)
-    share: FloatArray  # (T,)
-    low: FloatArray  # (T,)
-    high: FloatArray  # (T,)
-
-
-def performance_profile(
-    values: FloatArray, thresholds: ArrayLike, *, higher_is_better: bool, confidence: float = 0.95
-) -> Profile:
-    """Share of the values (S, E) that are at least as good as each threshold (T,), with a pointwise band.
-
-    Dolan & More (2002, Math. Program. 91:201); for RL Agarwal et al. (2021). NaN is as bad as can be (an episode
-    that never got there). The band is that of a rate, threshold by threshold: it holds for each, not for all.
-    """
-    thresholds = np.asarray(thresholds, dtype=np.float64)
-    values = np.asarray(values, dtype=np.float64)
-    worst = -np.inf if higher_is_better else np.inf
-    filled = np.where(np.isnan(values), worst, values)
-    reached = [(filled >= t if higher_is_better else filled <= t).astype(np.float64) for t in thresholds]
-    estimates = [means(crossed([r], rate=True), confidence)[0] for r in reached]
-    table = np.array([[e.value, e.low, e.high] for e in estimates])
-    return Profile(thresholds, table[:, 0], table[:, 1], table[:, 2])
 
 
 def score(good: NDArray[np.bool_], finer: FloatArray) -> FloatArray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from auvbench.statistics.bootstrap import multiplicities, paired_means, seed_weights
 from auvbench.statistics.crossed import means
 from auvbench.statistics.differences import pairs
 from benchmarks.statistics import tables
@@ -51,11 +50,13 @@ def of_bootstraps(
     truth = world.rate()
     inside = dict.fromkeys(("bootstrap", "rescaled"), 0)
     for _ in range(replications):
-        data = [world.draw(S, E, rng.normal(size=E), rng)[0]]
-        scenarios = multiplicities(E, resamples, rng)
+        data = world.draw(S, E, rng.normal(size=E), rng)[0]
+        by_seed = rng.multinomial(E, np.full(E, 1 / E), size=resamples) @ data.T / E
         for name in inside:
-            weights = [seed_weights(S, resamples, rng, rescaled=name == "rescaled")]
-            low, high = np.quantile(paired_means(data, scenarios, weights), [0.025, 0.975])
+            # Of S seeds S - 1 are drawn, which makes the variance right (Rao & Wu 1988, JASA 83:231).
+            draws = max(S - 1, 1) if name == "rescaled" else S
+            seeds = rng.multinomial(draws, np.full(S, 1 / S), size=resamples) / draws
+            low, high = np.quantile((by_seed * seeds).sum(axis=1), [0.025, 0.975])
             inside[name] += int(low <= truth <= high)
     return {name: count / replications for name, count in inside.items()}
 

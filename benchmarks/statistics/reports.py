@@ -9,8 +9,8 @@ import numpy as np
 
 from auvbench.analysis.measures import measure
 from auvbench.analysis.pairwise import Tests, all_pairs
-from auvbench.analysis.policies import one_policy
 from auvbench.analysis.primary import VERDICTS, primary_analysis
+from auvbench.analysis.ranking import one_policy
 from auvbench.analysis.records import Agent, RunRecord
 from benchmarks.statistics.worlds import FloatArray, World, of_rate
 

@@ -14,7 +14,7 @@ from scipy.stats import median_abs_deviation
 from auvbench.analysis.conditions import default
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.measures import Measure, measure
-from auvbench.analysis.policies import one_policy
+from auvbench.analysis.ranking import one_policy
 from auvbench.analysis.records import Agent
 from auvbench.analysis.sections import sections
 from auvbench.statistics.crossed import Crossed

@@ -16,7 +16,6 @@ FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     "steps_deviation": testing.steps_deviation,
     "trajectories": paths.trajectories,
     "failures": testing.failures,
-    "cumulative_means": testing.cumulative_means,
     "success_over_conditions": conditions.success_over_conditions,
     "gazebo": conditions.gazebo,
     "training_success": training.success,

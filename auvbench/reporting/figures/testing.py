@@ -1,4 +1,4 @@
-"""Figures of the test: cumulative means, steps against deviation, success over time, places of failures."""
+"""Figures of the test: steps against deviation, success over time, places of failures."""
 
 from __future__ import annotations
 
@@ -17,53 +17,11 @@ from auvbench.reporting.figures.scene import (
     FloatArray,
     Scene,
     shown,
-    wants_symlog,
 )
 from auvbench.statistics.estimate import Estimate
 
 MOST_LABELS = 12
 """most agents in colour"""
-
-
-def cumulative_means(scene: Scene) -> Drawing | None:
-    """Draw the mean of the first n test episodes over n (original study, figure 3.4)."""
-    chosen = scene.top(MANY)
-    figure = style.canvas(9.6, 3.6)
-    panels = {"final_distance_m": "final distance (m)", "return": "return", "steps": "steps"}
-    axes = figure.subplots(1, 3)
-    returns = []
-    for ax, (name, title) in zip(axes, panels.items(), strict=True):
-        settled = []
-        for agent in chosen:
-            values = agent.metrics[name]
-            n = np.arange(1, values.shape[1] + 1)
-            means = np.cumsum(values, axis=1) / n
-            if name == "return":
-                returns.append(means)
-            _line_and_band(ax, scene, agent, n.astype(np.float64), means)
-            settled.append(means[:, len(n) // 20 :])
-        ax.set_title(f"mean {title}", loc="left")
-        _span(ax, settled)
-        ax.set_xlabel("test episodes so far")
-    log = wants_symlog(returns)
-    if log:
-        axes[1].autoscale()
-        style.symlog(axes[1])
-    style.legend(figure, scene.looks_of(chosen))
-    caption = (
-        "Mean over the first n test episodes. Where the lines have become level, more episodes would change little."
-        + _seeds_sentence(chosen)
-        + (" The return's axis is linear up to ±1000 and logarithmic beyond." if log else "")
-        + shown(chosen, scene.agents)
-    )
-    return Drawing(figure, "Test: cumulative means", caption)
-
-
-def _span(ax: Axes, settled: Sequence[FloatArray]) -> None:
-    """Set limits from the means after the first twentieth, since the first few leap."""
-    low, high = min(float(v.min()) for v in settled), max(float(v.max()) for v in settled)
-    margin = 0.06 * (high - low) or 1.0
-    ax.set_ylim(low - margin, high + margin)
 
 
 def _seeds_sentence(agents: Sequence[Agent]) -> str:

@@ -8,7 +8,6 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from auvbench.analysis.records import Ranking
-from auvbench.analysis.rounding import NOTHING, rounded
 from auvbench.reporting.page import numbers
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.main import label_of, main_table
@@ -26,7 +25,7 @@ from auvbench.reporting.tables.table import (
 )
 
 if TYPE_CHECKING:
-    from auvbench.analysis.study import ComparisonRow
+    pass
 
 PAGE = 1200.0
 """px that the page is wide at most, without its margins"""
@@ -116,31 +115,6 @@ def metrics_table(ranking: Ranking) -> Table | None:
         for row in ranking.rows
     ]
     return Table((Heading("agent", words=True), *map(heading_of, columns)), tuple(lines))
-
-
-def of_study(rows: Sequence[ComparisonRow]) -> ShownTable:
-    """Return our numbers with those of a study below them, a row per agent of the study."""
-    titles = {row.measure: row.title.rpartition(", ") for row in rows}
-    headings = [Heading(title or unit, unit if title else "") for title, _, unit in titles.values()]
-    lines = []
-    for name in dict.fromkeys(row.agent for row in rows):
-        mine = {row.measure: row for row in rows if row.agent == name}
-        label = next(iter(mine.values())).label
-        cells = [_study_cell(mine[measure]) if measure in mine else Cell(NOTHING) for measure in titles]
-        lines.append(Line((Cell(name), Cell(label or "not run"), *cells)))
-    words = (Heading("study", words=True), Heading("here", words=True))
-    return printed(Table((*words, *headings), tuple(lines)))
-
-
-def _study_cell(row: ComparisonRow) -> Cell:
-    theirs = numbers.fixed(row.thesis, 0 if abs(row.thesis) >= 1000 else 1 if row.thesis_interval else 2)
-    if row.thesis_interval is not None:
-        theirs += f" [{row.thesis_interval[0]:.1f}, {row.thesis_interval[1]:.1f}]"
-    theirs = f"study {theirs}{f' ({row.mark})' if row.mark else ''}"
-    if row.ours is None:
-        return Cell(NOTHING, theirs)
-    value, low, high = rounded(row.ours)
-    return Cell(value, f"[{low}, {high}]; {theirs}" if low else theirs, row.ours.value)
 
 
 def _width(table: Table, i: int) -> float:

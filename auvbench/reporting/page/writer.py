@@ -25,6 +25,7 @@ from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.appendix import (
     across_notes,
     across_table,
+    comparison_table,
     conditions_table,
     pairs_table,
     ranks_table,
@@ -112,7 +113,7 @@ def write(
         findings=found[:SHOWN],
         more_findings=found[SHOWN:],
         claims=sources.claims(claims, links),
-        comparison=table.of_study(comparison) if comparison else None,
+        comparison=table.printed(comparison_table(comparison)) if comparison else None,
         main_figure=next((figure for figure in embedded if figure.name == MAIN), None),
         figures=[figure for figure in embedded if figure.name != MAIN],
         scenes=scenes.scenes,

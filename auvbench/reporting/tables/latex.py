@@ -1,9 +1,6 @@
-"""Tables for a paper: booktabs, intervals under the values, as many tables as fit the width of an article."""
+"""Tables for a paper: booktabs, intervals under the values, scaled to the width of the text."""
 
 from __future__ import annotations
-
-import re
-from dataclasses import replace
 
 from auvbench.analysis.aggregate import Across
 from auvbench.analysis.formatting import name
@@ -12,15 +9,10 @@ from auvbench.analysis.records import Ranking
 from auvbench.reporting.tables.appendix import across_notes, across_table, conditions_note, conditions_table
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes
-from auvbench.reporting.tables.table import Cell, Heading, Table, split
+from auvbench.reporting.tables.table import Cell, Heading, Table
 
-ROWS_PER_FLOAT = 25
-"""a float does not break across pages, so a long table continues in another one"""
+HEAD = r"% \usepackage{booktabs} \usepackage{graphicx} \usepackage{amssymb} \usepackage[T1]{fontenc}"
 
-HEAD = r"% \usepackage{booktabs} \usepackage{amssymb} \usepackage[T1]{fontenc} \usepackage[utf8]{inputenc}"
-
-TEXT_WIDTH = 345.0
-"""points; that of \\documentclass{article}, the narrowest of the usual ones in one column"""
 
 MOST_PROBLEMS = 12
 """under a table in print; report.md lists all"""
@@ -62,7 +54,7 @@ def escape(text: str) -> str:
 
 
 def latex(ranking: Ranking) -> str:
-    r"""Return the main table to `\input`. Needs booktabs, amssymb for the verdicts' symbols, and T1 for `"` and `<`."""
+    r"""Return the main table to `\input`. Needs booktabs, graphicx, amssymb for the verdicts' symbols, and T1 for `"` and `<`."""
     by = name(measure(ranking.rank_by))
     against = f" against {ranking.primary.baseline}" if ranking.primary else ""
     caption = f"Agents{against} in {by} on protocol {ranking.protocol}."
@@ -82,46 +74,18 @@ def across_latex(table: Across) -> str:
 
 
 def _document(table: Table, caption: str, label: str, below: str = "") -> str:
-    return "\n\n".join([HEAD, *floats(table, caption, label, below)]) + "\n"
+    return f"{HEAD}\n\n{_table(table, caption, f'tab:auvbench-{label}', below)}\n"
 
 
-def floats(table: Table, caption: str, label: str, below: str = "") -> list[str]:
-    """Return the table in floats of at most `TEXT_WIDTH` and `ROWS_PER_FLOAT`; the note stands below the first."""
-    result: list[str] = []
-    for part in split(table, lambda i: _width(table, i), TEXT_WIDTH):
-        shown = table.part(part)
-        starts = range(0, max(len(shown.lines), 1), ROWS_PER_FLOAT)
-        for chunk in (replace(shown, lines=shown.lines[i : i + ROWS_PER_FLOAT]) for i in starts):
-            title = f"{caption} (continued)" if result else caption
-            mark = f"-{len(result) + 1}" if result else ""
-            result.append(
-                _float(chunk, escape(title), f"tab:auvbench-{label}{mark}", "" if result else below)
-            )
-    return result
-
-
-def _width(table: Table, i: int) -> float:
-    """Return the points that a column takes, with its padding."""
-    cells = [line.cells[i] for line in table.lines]
-    heading = table.headings[i]
-    title = re.sub(r"\\[a-zA-Z]+|\\.", "x", heading.tex or heading.title).replace("$", "")
-    widths = [_points(title), _points(f"({heading.unit})")]
-    widths += [_points(cell.value) for cell in cells] + [0.85 * _points(cell.more) for cell in cells]
-    return 6.0 + max(widths)
-
-
-def _points(text: str) -> float:
-    r"""Return the width in \scriptsize Computer Modern, on the long side; \tiny is 0.85 of it."""
-    narrow, wide = " .,:[]()ijlft", "=<>@%+mw▲■▼○"
-    return sum(3.0 if x in narrow else 6.0 if x.isupper() or x in wide else 4.1 for x in text)
-
-
-def _float(table: Table, caption: str, label: str, below: str) -> str:
+def _table(table: Table, caption: str, label: str, below: str) -> str:
+    """Return one table; one that is wider than the text is scaled to its width."""
+    columns = "".join("l" if heading.words else "r" for heading in table.headings)
     lines = [
         r"\begin{table}[htbp]",
-        r"\centering\scriptsize\setlength{\tabcolsep}{3pt}",
-        rf"\caption{{{caption}}}\label{{{label}}}",
-        rf"\begin{{tabular}}{{@{{}}{''.join('l' if h.words else 'r' for h in table.headings)}@{{}}}}",
+        r"\centering",
+        rf"\caption{{{escape(caption)}}}\label{{{label}}}",
+        r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%",
+        rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}",
         r"\toprule",
         " & ".join(map(_heading, table.headings)) + r" \\",
         r"\midrule",
@@ -130,9 +94,9 @@ def _float(table: Table, caption: str, label: str, below: str) -> str:
         # A bracket at the start of a row would be read as the optional argument of the \\ above it.
         lines.append(" & ".join(escape(cell.value) for cell in line.cells) + r" \\[-2pt]")
         lines.append(" & ".join(map(_more, line.cells)) + r" \\[1.5pt]")
-    lines += [r"\bottomrule", r"\end{tabular}"]
+    lines.append(r"\bottomrule\end{tabular}}")
     if below:
-        lines += ["", r"\medskip", rf"\parbox{{\linewidth}}{{{below}}}"]
+        lines += ["", r"\medskip", rf"\parbox{{\linewidth}}{{\scriptsize {below}}}"]
     return "\n".join([*lines, r"\end{table}"])
 
 

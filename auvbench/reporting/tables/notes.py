@@ -76,8 +76,6 @@ def explained(primary: Primary) -> list[str]:
 def remarks(ranking: Ranking) -> list[str]:
     """Return what a row stands for, which rows are not compared, which trainings failed, and cautions."""
     found = []
-    if ranking.compare == "policies":
-        found.append("Each row is one policy, and says nothing of another training of the same algorithm.")
     if not all(row.compared for row in ranking.rows):
         found.append(one_training(ranking))
     if len({row.budget for row in ranking.rows if row.budget}) > 1:
@@ -107,11 +105,6 @@ def _against_a_controller(ranking: Ranking) -> bool:
 def of_columns(ranking: Ranking) -> list[str]:
     """Return what the columns on request are."""
     lines = []
-    if "next_training" in ranking.columns:
-        lines.append(
-            f"Next training: its bracket holds at least 90 % of all trainings with {100 * ranking.confidence:g} % "
-            "confidence, if they are normal on the log-odds."
-        )
     if {"iqm_success", "optimality_gap"} & set(ranking.columns):
         lines.append(
             "IQM, optimality gap: over training seeds and the conditions of the protocol; stratified bootstrap "
@@ -119,10 +112,6 @@ def of_columns(ranking: Ranking) -> list[str]:
         )
     if optimality.COLUMN in ranking.columns:
         lines += limit_lines(ranking)
-    if any(name.startswith("auc_") for name in ranking.columns):
-        lines.append(
-            "AUC: area under success on the validation scenarios during training, as a share of success throughout."
-        )
     return lines
 
 
@@ -181,8 +170,6 @@ def cautions(ranking: Ranking) -> list[str]:
 
 
 def _seeds(ranking: Ranking) -> str:
-    if ranking.compare == "policies":
-        return "one per row"
     pooled = [row.label for row in ranking.rows if row.trained and row.pooled]
     if pooled:
         return f"see the table; {listed(pooled, 4)} pool what --group-by left out"

@@ -9,8 +9,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from auvbench.analysis.compute_cost import action_time, late_solves, training_time
-from auvbench.analysis.findings import find
+from auvbench.analysis.compute_cost import action_time, training_time
 from auvbench.analysis.optional_columns import with_columns
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, Evaluation
@@ -33,38 +32,6 @@ def evaluated(
 
 def mpc(**options: Any) -> Agent:
     return evaluated(agent("mpc", seeds=1), **options)
-
-
-def test_late_and_failed_solves_are_said_with_their_number_and_the_machine() -> None:
-    counts = {"solves": 2000, "failed_solves": 3, "late_solves": 100}
-    agents = [mpc(notes=counts), agent("pid", seeds=1)]
-    (found,) = [f for f in find(rank(agents), agents) if f.kind == "late_solves"]
-    assert "of 2,000 solves 100 took longer than a step and 3 failed" in found.text
-    assert found.estimate is not None
-    assert found.estimate.value == 0.05
-    assert found.basis == "Tested on EPYC, 2 cores"
-    assert found.run_ids == (agents[0].runs[0].id,)
-
-
-@pytest.mark.parametrize(
-    "notes",
-    [
-        None,
-        {"solves": 2000, "failed_solves": 0, "late_solves": 0},
-        {"solves": 2000, "failed_solves": 1, "late_solves": 1},
-        {"solves": "many", "late_solves": 3},
-        {"solves": -5, "late_solves": 3},
-        {"solves": True, "late_solves": 3},
-        ["solves"],
-    ],
-)
-def test_nothing_is_said_where_there_is_nothing_to_say(notes: Any) -> None:
-    assert late_solves([mpc(notes=notes)], "test", "nominal") is None
-
-
-def test_the_counts_are_those_of_the_condition() -> None:
-    counts = {"solves": 10, "late_solves": 3}
-    assert late_solves([mpc(notes=counts, condition="current=0.5")], "test", "nominal") is None
 
 
 def test_the_time_of_an_action_is_a_column_of_every_table() -> None:

@@ -104,18 +104,6 @@ def test_what_another_choice_has_is_not_said_to_be_unset() -> None:
     assert labels(keys, [True] * 3)[1] == f"{trained}=unset"
 
 
-def test_a_seed_that_is_missing_under_one_disturbance_is_named(tmp_path: Path) -> None:
-    def disturb(config: Config, place: int) -> None:
-        if place in (2, 4, 5):  # K=1 seed 2, K=40 seeds 1 and 2
-            config["disturbance"]["name"] = "moderate"
-
-    _, problems = made(tmp_path, disturb, algorithms=("ppo",), reward_k=(1, 40), seeds=(0, 1, 2))
-    assert [(p.where, p.kind, p.message) for p in problems] == [
-        ("PPO K=40, trained with disturbance=none", "missing", "no run with seed 1"),
-        ("PPO K=1, trained with disturbance=moderate", "missing", "no run with seed 1"),
-    ]
-
-
 def test_what_the_test_fixes_is_what_an_agent_was_trained_with(tmp_path: Path) -> None:
     def change(config: Config, place: int) -> None:
         config["task"]["goal_radius"] = (3.0, 0.5)[place % 2]

@@ -8,7 +8,6 @@ import pytest
 from scipy import stats
 
 from auvbench.analysis.measures import COLUMNS, MEASURES, measure
-from auvbench.analysis.policies import rows_of
 from auvbench.analysis.ranking import ALL_PAIRS, rank
 from auvbench.errors import ReportError
 from auvbench.statistics import EPISODES_ONLY, MIXED, SEEDS_AND_EPISODES, holm, mcnemar
@@ -79,15 +78,14 @@ def test_order_of_the_agents_does_not_matter(ranking):
     assert np.array_equal(again.improvement, ranking.improvement, equal_nan=True)
 
 
-def test_policies_are_tested_by_mcnemar_and_on_penalised_steps_by_the_paired_t_test():
-    a, b = agent("sac", level=2.0, seeds=1), agent("ppo", level=1.0, seeds=1)
-    ranking = rank([a, b], compare="policies")
-    assert {row.label for row in ranking.rows} == {"SAC K=1 25 Hz seed 0", "PPO K=1 25 Hz seed 0"}
+def test_controllers_are_tested_by_mcnemar_and_on_penalised_steps_by_the_paired_t_test():
+    a, b = agent("pid", level=2.0, seeds=1), agent("lqr", level=1.0, seeds=1)
+    ranking = rank([a, b])
     comparison = ranking.comparisons[0]
     only_a, only_b = int((a.success > b.success).sum()), int((b.success > a.success).sum())
     assert comparison.p_value == pytest.approx(float(mcnemar(only_a, only_b)))
     assert comparison.difference.covers == EPISODES_ONLY
-    steps = rank([a, b], rank_by="mean_steps", compare="policies").comparisons[0]
+    steps = rank([a, b], rank_by="mean_steps").comparisons[0]
     penalised = [np.where(x.outcome == 0, x.metrics["steps"], 1000.0)[0] for x in (a, b)]
     test = stats.ttest_rel(*penalised)
     assert steps.p_value == pytest.approx(test.pvalue)
@@ -113,21 +111,6 @@ def test_one_training_seed_is_one_policy_and_takes_no_part_in_any_test():
     # An agent that is not compared changes nothing of what is said of the others.
     assert rank([*several, pid], baseline="pid", margin=0.02).comparisons == ranking.comparisons
     assert any(row.group != "a" for row in ranking.rows if row.compared)
-
-
-def test_policies_compared_as_policies():
-    agents = [agent("sac", level=2.0, seeds=2, seed_sd=1.5), agent("ppo", level=0.0, seeds=1)]
-    ranking = rank(agents, compare="policies")
-    assert sorted(row.label for row in ranking.rows) == [
-        "PPO K=1 25 Hz seed 0",
-        "SAC K=1 25 Hz seed 0",
-        "SAC K=1 25 Hz seed 1",
-    ]
-    assert all(row.compared and row.group and len(row.seeds) == 1 for row in ranking.rows)
-    assert {c.difference.covers for c in ranking.comparisons} == {EPISODES_ONLY}
-    assert ranking.more_seeds == ""
-    again = rank(rows_of(agents, "policies"), compare="policies")
-    assert repr(again.rows) == repr(ranking.rows)  # NaN equals NaN
 
 
 def test_the_command_that_adds_seeds():
@@ -293,8 +276,8 @@ def test_a_missing_measure_is_nan_and_last_and_named():
 
 
 def test_many_agents_list_fewer_pairs_and_still_test_all():
-    agents = [agent("sac", k, 25, level=3 - k / 10, seeds=1, episodes=100) for k in range(ALL_PAIRS + 5)]
-    ranking = rank(agents, compare="policies")
+    agents = [agent("pid", k, 25, level=3 - k / 10, seeds=1, episodes=100) for k in range(ALL_PAIRS + 5)]
+    ranking = rank(agents)
     n = len(agents)
     listed = {(c.first, c.second) for c in ranking.comparisons}
     labels = [row.label for row in ranking.rows]

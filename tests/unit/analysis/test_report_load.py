@@ -337,18 +337,6 @@ def test_fingerprints_are_never_mixed(grid: list[Path]) -> None:
     assert len({a.fingerprint for a in found}) == 1
 
 
-def test_a_hole_in_the_grid_is_named(grid: list[Path]) -> None:
-    shutil.rmtree(grid[0])  # PPO K=1 10 Hz seed 0
-    shutil.rmtree(grid[2])  # PPO K=1 25 Hz, both seeds
-    shutil.rmtree(grid[3])
-    runs, _ = load([grid[1].parent])
-    _, problems = agents(runs)
-    assert [(p.where, p.kind, p.message) for p in problems] == [
-        ("PPO K=1, trained at 10 Hz", "missing", "no run with seed 0"),
-        ("PPO K=1, trained at 25 Hz", "missing", "no run"),
-    ]
-
-
 def test_grouping_by_less_pools_and_by_nonsense_is_refused(grid: list[Path]) -> None:
     runs, _ = load([grid[0].parent])
     found, problems = agents(runs, ("algo",))

@@ -4,18 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
-
 from auvbench.analysis.effects import effects
 from auvbench.analysis.measures import measure
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent
-from auvbench.analysis.timing import (
-    confounded,
-    horizon_s,
-    limit_s,
-    step_limit,
-)
 from auvbench.reporting.tables import markdown
 from tests.unit.analysis.agents import agent
 
@@ -32,33 +24,6 @@ def budget(one: Agent, steps: int) -> Agent:
             replace(r, manifest={**r.manifest, "steps": steps, "total_steps": steps}) for r in one.runs
         ),
     )
-
-
-def test_the_thesis_s_frequencies_are_confounded_with_time() -> None:
-    found = confounded([configured(agent("sac", 1, f), algo__gamma=0.99) for f in (10, 25, 55)])
-    assert found is not None
-    assert "seconds of their episodes and discount horizons" in found.text
-
-
-def test_in_seconds_they_are_not() -> None:
-    seconds = {"task__time_limit": 100.0, "algo__horizon_s": 9.95}
-    assert confounded([configured(agent("sac", 1, f), **seconds) for f in (10, 25, 55)]) is None
-    half = confounded(
-        [configured(agent("sac", 1, f), algo__gamma=0.99, task__time_limit=100.0) for f in (10, 55)]
-    )
-    assert half is not None
-    assert "seconds of their discount horizons:" in half.text
-    assert confounded([configured(agent("sac", k, 10), algo__gamma=0.99) for k in (1, 100)]) is None
-    assert confounded([agent("pid", 1, f, seeds=1) for f in (10, 55)]) is None
-
-
-def test_limits_and_horizons_of_a_run() -> None:
-    (run, *_) = configured(agent("sac", 1, 55), algo__gamma=0.99).runs
-    assert limit_s(run) == pytest.approx(1000 / 55)
-    assert horizon_s(run) == pytest.approx(1.809, abs=1e-3)
-    assert step_limit(run) == 1000
-    (timed, *_) = configured(agent("sac", 1, 55), task__time_limit=100.0, algo__horizon_s=9.95).runs
-    assert (limit_s(timed), horizon_s(timed), step_limit(timed)) == (100.0, 9.95, 5500.0)
 
 
 def test_unequal_budgets_stand_beside_the_numbers() -> None:

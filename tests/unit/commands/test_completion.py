@@ -118,7 +118,9 @@ def test_columns_of_a_report_are_those_that_there_are() -> None:
 
     assert set(FURTHER) == set(COLUMNS)
     assert candidates(["report", "outputs", "--columns", "iqm"]) == ["iqm_success"]
-    assert candidates(["report", "outputs", "--columns", "iqm_success,next"]) == ["iqm_success,next_training"]
+    assert candidates(["report", "outputs", "--columns", "iqm_success,train"]) == [
+        "iqm_success,training_cpu_s"
+    ]
 
 
 def typed_in_fish(line: str, folder: Path) -> list[str]:

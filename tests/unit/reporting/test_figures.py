@@ -261,13 +261,6 @@ def test_nobody_arrives(tmp_path: Path) -> None:
     assert draw("failures", drawn_from) is not None
 
 
-def test_cumulative_means_end_at_the_mean(small: Scene) -> None:
-    canvas = draw("cumulative_means", small)
-    assert canvas is not None
-    ends = [float(np.asarray(line.get_ydata())[-1]) for line in canvas.axes[2].lines]
-    assert ends == pytest.approx([agent.metrics["steps"].mean() for agent in small.agents])
-
-
 def test_the_heat_map_shows_the_table(small: Scene) -> None:
     canvas = draw("success_over_grid", small)
     assert canvas is not None

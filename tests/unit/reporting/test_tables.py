@@ -15,7 +15,6 @@ from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, Finding, Needed, Problem, Ranking, Row
 from auvbench.reporting import tables
 from auvbench.reporting.tables.appendix import pairs_table, ranks_table
-from auvbench.reporting.tables.latex import floats
 from auvbench.reporting.tables.main import main_table, needed_text
 from auvbench.reporting.tables.markdown import pipes
 from auvbench.reporting.tables.notes import cautions, notes
@@ -294,28 +293,14 @@ def test_five_findings_are_shown_unless_all_are_asked_for() -> None:
 
 def test_latex_is_balanced_and_escaped(ranking: Ranking) -> None:
     text = tables.latex(awkward(ranking))
-    n = text.count(r"\begin{table}")
-    assert n == text.count(r"\end{table}") > 1
+    assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 1
     assert text.count("{") - text.count(r"\{") == text.count("}") - text.count(r"\}")
     body = [line for line in text.splitlines() if line.endswith(r"\\[-2pt]")]
-    assert len(body) == n * len(ranking.rows)
+    assert len(body) == len(ranking.rows)
     for line in body:
         plain = re.sub(r"\$\\[a-z]+\$", "", line.replace(r"\textasciitilde", ""))
         assert not re.search(r"(?<!\\)[%#$~^<>|]", plain)
     assert r"$\blacktriangledown$ behind" in text
-
-
-def test_latex_leaves_columns_that_do_not_fit_to_another_float(ranking: Ranking) -> None:
-    table = main_table(relabelled(ranking, " long label of an agent"))
-    found = floats(table, "caption", "x")
-    assert 1 < len(found) < len(table.headings)
-    assert all("agent" in part for part in found)
-
-
-def test_latex_of_many_agents_continues_in_another_float(ranking: Ranking) -> None:
-    rows = tuple(replace(ranking.rows[0], label=f"agent {i}") for i in range(60))
-    text = tables.latex(replace(ranking, rows=rows, primary=None))
-    assert text.count(r"\begin{table}") == text.count("(continued)") + 1 > 2
 
 
 @needs_pdflatex

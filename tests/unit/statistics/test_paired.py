@@ -14,7 +14,6 @@ from auvbench.statistics import (
     improvement,
     improvement_matrix,
     mcnemar,
-    performance_profile,
     probability_of_improvement,
     score,
     wilson,
@@ -125,18 +124,3 @@ def test_score_orders_success_first_then_quickness():
     quick = score(good, -np.array([10.0, 20.0, 1.0, 1000.0, np.nan]))
     assert quick[0] > quick[1] > quick[4] > quick[2]
     assert quick[2] == quick[3]
-
-
-def test_profile_is_the_distribution_function():
-    rng = np.random.default_rng(4)
-    x = rng.gamma(2, 100, size=(1, 80))
-    at = np.linspace(0, 900, 12)
-    profile = performance_profile(x, at, higher_is_better=False)
-    ecdf = stats.ecdf(x[0])
-    assert profile.share == pytest.approx(ecdf.cdf.evaluate(at))
-    low, high = wilson(profile.share * 80, 80)
-    assert profile.low == pytest.approx(low)
-    assert profile.high == pytest.approx(high)
-    x[0, :8] = np.nan
-    assert performance_profile(x, [1e9], higher_is_better=False).share[0] == pytest.approx(0.9)
-    assert performance_profile(x, [-1e9], higher_is_better=True).share[0] == pytest.approx(0.9)
