@@ -12,8 +12,7 @@ from auvbench.analysis.labels import labels
 from auvbench.analysis.optional_columns import draws, of_conditions
 from auvbench.analysis.records import Agent
 from auvbench.statistics import aggregate as st
-from auvbench.statistics.estimate import Estimate
-from auvbench.statistics.intervals import FloatArray
+from auvbench.statistics.intervals import Estimate, FloatArray
 
 
 @dataclass(frozen=True, slots=True)

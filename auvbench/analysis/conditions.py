@@ -10,8 +10,7 @@ import pandas as pd
 
 from auvbench.analysis.records import Agent, Condition, Evaluation, RunRecord
 from auvbench.statistics import crossed, means, wilson
-from auvbench.statistics.estimate import Estimate
-from auvbench.statistics.intervals import FloatArray
+from auvbench.statistics.intervals import Estimate, FloatArray
 
 UNDISTURBED = "nominal"
 UNITS = {

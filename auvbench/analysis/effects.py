@@ -14,7 +14,7 @@ from auvbench.analysis.measures import Measure
 from auvbench.analysis.records import Agent, RunRecord
 from auvbench.config.agents import learns as is_learner
 from auvbench.statistics import contrast, resolution
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 
 def learns(agent: Agent) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from auvbench.analysis.measures import COLUMNS, UNKNOWN, Measure
 from auvbench.analysis.rounding import rounded, significant
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 
 def name(m: Measure) -> str:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from auvbench.analysis.fixed_keys import FREQUENCY, is_fixed
+from auvbench.analysis.grouping_keys import FREQUENCY, is_fixed
 from auvbench.config.agents import AGENTS
 from auvbench.untrusted.text import plain
 

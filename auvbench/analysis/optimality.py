@@ -19,8 +19,7 @@ from auvbench.analysis.formatting import counted, listed
 from auvbench.analysis.records import Agent, Limit, Ranking
 from auvbench.evaluation.bounds import files
 from auvbench.statistics import crossed
-from auvbench.statistics.estimate import Estimate
-from auvbench.statistics.intervals import FloatArray
+from auvbench.statistics.intervals import Estimate, FloatArray
 
 COLUMN = "time_over_best_known"
 """name of the estimate, and of the column on request"""

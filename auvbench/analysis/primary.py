@@ -18,12 +18,13 @@ from collections.abc import Sequence
 
 from auvbench import statistics as st
 from auvbench.analysis.effects import learns
-from auvbench.analysis.measures import Measure
+from auvbench.analysis.formatting import amount, name, rounded_difference, size
+from auvbench.analysis.measures import LIMITED_BY_STEPS, Measure, measure
 from auvbench.analysis.pairwise import BoolArray, Tests
 from auvbench.analysis.planning import needed
-from auvbench.analysis.records import Against, Agent, Primary
+from auvbench.analysis.records import Against, Agent, Primary, Ranking
 from auvbench.errors import ReportError, closest
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 AHEAD, EQUIVALENT, BEHIND, OPEN = VERDICTS = ("ahead", "equivalent", "behind", "open")
 
@@ -132,3 +133,49 @@ def find_baseline(agents: Sequence[Agent], name: str) -> Agent:
         raise ReportError(f"--baseline {name!r} is {len(found)} agents; give one of their labels: {labels}")
     hint = closest(name, (agent.label for agent in agents))
     raise ReportError(f"--baseline {name!r} is not among the agents; {hint}")
+
+
+def headline(ranking: Ranking) -> str:
+    """Return one sentence: who is furthest ahead of the baseline, and how many agents have which verdict."""
+    m = measure(ranking.rank_by)
+    primary = ranking.primary
+    if not ranking.rows:
+        return "No agent could be ranked."
+    if primary is None:
+        row = ranking.rows[0]
+        if len(ranking.rows) == 1:
+            return f"{row.label} is the only agent: {name(m)} {amount(row.estimates[m.name], m)}."
+        return f"None of {len(ranking.rows)} agents is compared: each has one training seed."
+    ahead = primary.having(AHEAD)
+    first = (
+        _lead(max(ahead, key=lambda c: m.sign * c.difference.value), primary, m)
+        if ahead
+        else f"No agent is ahead of {primary.baseline} in {name(m)}"
+    )
+    return f"{first}; {_counts(primary, m)}." if _counts(primary, m) else f"{first}."
+
+
+def _lead(best: Against, primary: Primary, m: Measure) -> str:
+    gain, interval = rounded_difference(best.difference, m)
+    if m.column in LIMITED_BY_STEPS:
+        return f"{best.agent} reaches waypoints {gain} sooner than {primary.baseline}{interval}"
+    if m.name == "success_rate":
+        return f"{best.agent} reaches {gain} more of the waypoints than {primary.baseline}{interval}"
+    return f"{best.agent} is ahead of {primary.baseline} by {gain} in {name(m)}{interval}"
+
+
+def _counts(primary: Primary, m: Measure) -> str:
+    """Return '5 agents are equivalent to PID within 11 steps, 12 are behind, 10 are open'."""
+    margin = size(primary.margin, m)
+    parts: list[str] = []
+    for verdict, words in (
+        (AHEAD, "also ahead"),
+        (EQUIVALENT, f"equivalent to {primary.baseline} within {margin}"),
+        (BEHIND, "behind"),
+        (OPEN, "open"),
+    ):
+        n = len(primary.having(verdict)) - (verdict == AHEAD)
+        if n > 0:
+            noun = "" if parts else " agent" if n == 1 else " agents"
+            parts.append(f"{n}{noun} {'is' if n == 1 else 'are'} {words}")
+    return ", ".join(parts)

@@ -21,8 +21,7 @@ from auvbench.analysis.primary import find_baseline, primary_analysis
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row, RunRecord
 from auvbench.analysis.timing import budgets_of
 from auvbench.errors import ReportError
-from auvbench.statistics.estimate import Estimate
-from auvbench.statistics.intervals import FloatArray
+from auvbench.statistics.intervals import Estimate, FloatArray
 
 ENOUGH_SEEDS = 5
 """that the hint of one training asks for: what a first table needs (docs/statistics.md, "What few seeds can say")"""

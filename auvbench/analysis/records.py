@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.groups import shared
+from auvbench.statistics.intervals import Estimate
 from auvbench.untrusted.text import short
 
 if TYPE_CHECKING:

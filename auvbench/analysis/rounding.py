@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 NOTHING = "–"
 """a number that does not exist (the time to goal of an agent that never arrived)"""

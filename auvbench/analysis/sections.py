@@ -7,8 +7,7 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from auvbench.analysis.fixed_keys import FREQUENCY, OWN, is_fixed
-from auvbench.analysis.grouping_keys import DESCRIPTIVE
+from auvbench.analysis.grouping_keys import DESCRIPTIVE, FREQUENCY, OWN, is_fixed
 from auvbench.analysis.labels import part
 from auvbench.analysis.records import Problem, RunRecord
 

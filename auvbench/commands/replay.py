@@ -42,9 +42,9 @@ def parser() -> Parser:
 def main(arguments: Sequence[str]) -> int:
     options = parser().read(arguments)
     if options.video not in (None, Path()):
-        from auvbench.reporting import film
+        from auvbench.reporting import replay_pictures
 
-        film.check(options.video)  # before anything is computed
+        replay_pictures.check(options.video)  # before anything is computed
     from auvbench.evaluation.replay import is_mission, read_mission, replay
 
     if is_mission(options.run):
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str]) -> int:
 
 def _show(episode: Replay, stem: Path, video: Path | None) -> int:
     """Print the episode, draw `stem`.png and .svg, and make a film if `video` is given."""
-    from auvbench.reporting.replay import draw, summary
+    from auvbench.reporting.replay_pictures import draw, summary
     from auvbench.runs.atomic_io import storage
 
     print(summary(episode))
@@ -87,7 +87,7 @@ def _show(episode: Replay, stem: Path, video: Path | None) -> int:
 
 def _film(episode: Replay, target: Path) -> None:
     from auvbench.commands.progress import work_bar
-    from auvbench.reporting.film import film
+    from auvbench.reporting.replay_pictures import film
 
     with work_bar(f"film {target.name}", "pictures") as tell:
         film(episode, target, tell)

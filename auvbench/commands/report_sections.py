@@ -22,9 +22,9 @@ def write_sections(
         the reports, with what drawing found damaged, and the files of the overview or, where the formats have
         none, of the sections.
     """
-    from auvbench.reporting import sections as files
     from auvbench.reporting import tables
-    from auvbench.reporting.page.overview import Part, write_overview
+    from auvbench.reporting import write as files
+    from auvbench.reporting.page.writer import Part, write_overview
     from auvbench.reporting.write import text
 
     whole, below = [], []
@@ -38,7 +38,7 @@ def write_sections(
     if "html" in options.format:
         above.append(write_overview(out / "index.html", parts, command, over))
     if "md" in options.format:
-        above.append(files.markdown(out / "report.md", parts, over))
+        above.append(files.sections_markdown(out / "report.md", parts, over))
     if "csv" in options.format:
         rows = tables.joined("vehicle", [(r.section.vehicle, tables.csv(r.ranking)) for r in whole])
         above.append(text(out / "table.csv", rows))

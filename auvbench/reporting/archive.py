@@ -15,8 +15,7 @@ from auvbench.analysis import archive, consistency
 from auvbench.analysis.evaluations import CORE_COLUMNS, Damage
 from auvbench.analysis.paths import has_paths, paths
 from auvbench.analysis.records import Evaluation, RunRecord
-from auvbench.analysis.training import training
-from auvbench.analysis.validation_curve import validation_rows
+from auvbench.analysis.training import training, validation_rows
 from auvbench.errors import ReportError
 from auvbench.record import MEASURED, SCENARIO_COLUMNS
 from auvbench.runs import integrity

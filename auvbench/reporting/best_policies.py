@@ -13,8 +13,8 @@ from auvbench.analysis.measures import to_rank_by
 from auvbench.analysis.records import NO_POLICY, Agent, RunRecord
 from auvbench.errors import AuvbenchError
 from auvbench.policies import cards, exported
-from auvbench.reporting.tables.markdown import escape
-from auvbench.reporting.tables.markdown import rows as rows_of
+from auvbench.reporting.tables.text_formats import escape
+from auvbench.reporting.tables.text_formats import rows as rows_of
 from auvbench.runs.directory import RunDirectory
 from auvbench.untrusted import path_safety
 

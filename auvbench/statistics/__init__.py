@@ -14,9 +14,8 @@ from auvbench.statistics.crossed import (
     means,
 )
 from auvbench.statistics.differences import Contrast, Pairs, contrast, pairs
-from auvbench.statistics.estimate import Estimate
 from auvbench.statistics.groups import letter, letters, shared
-from auvbench.statistics.intervals import quantile, score_interval, wilson
+from auvbench.statistics.intervals import Estimate, quantile, score_interval, wilson
 from auvbench.statistics.paired import (
     discordant,
     holm,

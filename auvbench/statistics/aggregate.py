@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from auvbench.statistics.estimate import Estimate
-from auvbench.statistics.intervals import FloatArray
+from auvbench.statistics.intervals import Estimate, FloatArray
 
 FEW_SEEDS = 2
 

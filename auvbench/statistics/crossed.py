@@ -33,9 +33,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from auvbench.statistics.estimate import Estimate
-from auvbench.statistics.intervals import FloatArray, quantile, score_interval
-from auvbench.statistics.spread import Spread, welch
+from auvbench.statistics.differences import Spread, welch
+from auvbench.statistics.intervals import Estimate, FloatArray, quantile, score_interval
 
 EPISODES_ONLY = "test episodes"
 SEEDS_AND_EPISODES = "training seeds and test episodes"

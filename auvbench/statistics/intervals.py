@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri, stdtrit
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A number and its interval."""
+
+    value: float
+    low: float
+    high: float
+    confidence: float = 0.95
+    covers: str = "test episodes"
+    """what the interval covers: 'test episodes' (one training seed) or 'training seeds and test episodes'"""
+
 
 FloatArray = NDArray[np.float64]
 

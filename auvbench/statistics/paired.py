@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, gammaln
 
 from auvbench.statistics.crossed import covers
-from auvbench.statistics.estimate import Estimate
-from auvbench.statistics.intervals import FloatArray, quantile, score_interval
+from auvbench.statistics.intervals import Estimate, FloatArray, quantile, score_interval
 
 
 def mcnemar(b: ArrayLike, c: ArrayLike, *, mid: bool = True) -> FloatArray:

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.statistics.crossed import Crossed
-from auvbench.statistics.differences import pair_spread
+from auvbench.statistics.differences import Spread, pair_spread
 from auvbench.statistics.intervals import FloatArray
 from auvbench.statistics.moderation import seed_variance
-from auvbench.statistics.spread import Spread
 
 BoolArray = NDArray[np.bool_]
 

@@ -13,7 +13,7 @@ from auvbench.analysis.measures import Measure
 from auvbench.errors import UserError
 from auvbench.runs.directory import RunDirectory, place
 from auvbench.statistics import crossed, pairs
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 from auvbench.tuning import runs, scores
 from auvbench.tuning.folder import Plan, StudyFolder
 from auvbench.tuning.search import ERROR, Trials, open_study

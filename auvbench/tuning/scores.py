@@ -14,7 +14,7 @@ from auvbench.analysis.records import Agent
 from auvbench.errors import RunError
 from auvbench.runs.directory import RunDirectory
 from auvbench.statistics import crossed, means
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from auvbench.analysis.study.claims import CLAIMS
+from auvbench.analysis.study import CLAIMS
 from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, together
 from benchmarks.statistics.studies import (
     GRID,

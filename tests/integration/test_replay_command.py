@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from auvbench.cli import main
-from auvbench.reporting import film as films
+from auvbench.reporting import replay_pictures as films
 from tests import configs
 
 

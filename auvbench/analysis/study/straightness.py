@@ -11,12 +11,10 @@ from auvbench.analysis.formatting import counted
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Agent
 from auvbench.analysis.study import thesis
-from auvbench.analysis.study.eligibility import learned
 from auvbench.analysis.study.evidence import FACTORS, Evidence
-from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Part, runs_of
+from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Part, learned, runs_of
 from auvbench.statistics import quantile
-from auvbench.statistics.estimate import Estimate
-from auvbench.statistics.intervals import FloatArray
+from auvbench.statistics.intervals import Estimate, FloatArray
 
 WEAK = 0.5
 """rank correlations within ± this do not count as one"""

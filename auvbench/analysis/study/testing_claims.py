@@ -12,7 +12,6 @@ from auvbench.analysis.measures import measure
 from auvbench.analysis.pairwise import all_pairs, rank_intervals
 from auvbench.analysis.records import Agent
 from auvbench.analysis.study import thesis
-from auvbench.analysis.study.eligibility import averaged, budget, extremes, informative, learned
 from auvbench.analysis.study.evidence import Evidence, cell, cell_of_run
 from auvbench.analysis.study.trend import Point, Trend, trend
 from auvbench.analysis.study.verdict import (
@@ -21,13 +20,18 @@ from auvbench.analysis.study.verdict import (
     OPEN,
     Levels,
     Part,
+    averaged,
+    budget,
     by_interval,
     by_trend,
+    extremes,
+    informative,
+    learned,
     more_seeds,
     runs_of,
 )
 from auvbench.statistics import contrast, crossed, means
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 SUCCESS_MARGIN = 0.05
 """claim 3: a gain in the success rate below this does not count as one"""

@@ -16,7 +16,7 @@ from auvbench.analysis.study.trend import Point, trend
 from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Levels, Part, by_trend
 from auvbench.analysis.timing import by_frequency, differs, limit_s
 from auvbench.statistics import limits, p_more_than_half, probability_of_improvement
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 KS = (1.0, 40.0, 100.0)
 """the original study's values of K"""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from auvbench.statistics import quantile, score_interval
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 PERMUTATIONS = 10_000
 

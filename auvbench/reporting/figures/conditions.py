@@ -15,7 +15,7 @@ from auvbench.analysis.records import Agent, Row
 from auvbench.analysis.rounding import rounded
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 PROTOCOLS = ("robustness", "transfer", "frequency_sweep")
 """whose conditions stand side by side"""

@@ -18,7 +18,7 @@ from auvbench.reporting.figures.scene import (
     Scene,
     shown,
 )
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 MOST_LABELS = 12
 """most agents in colour"""

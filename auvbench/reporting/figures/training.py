@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.records import Agent, RunRecord
-from auvbench.analysis.validation_curve import ValidationCurve, read_validation_curve
+from auvbench.analysis.training import ValidationCurve, read_validation_curve
 from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown, wants_symlog, without

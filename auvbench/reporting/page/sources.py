@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
-from auvbench.reporting.page import numbers
+from auvbench.reporting.page import table
 from auvbench.reporting.page.links import Links
 from auvbench.runs.progress import telling
 from auvbench.scheduling.estimate import duration
@@ -73,17 +73,15 @@ def run_lines(
 
 def findings(found: Iterable[Finding], links: Links) -> list[Sentence]:
     """Return findings as printed, with links to their runs."""
-    return [
-        Sentence(numbers.minus(f.text), numbers.minus(f.basis), _sources(f.run_ids, links)) for f in found
-    ]
+    return [Sentence(table.minus(f.text), table.minus(f.basis), _sources(f.run_ids, links)) for f in found]
 
 
 def claims(found: Iterable[ClaimVerdict], links: Links) -> list[Sentence]:
     """Return claims as printed, with their verdicts and links to their runs."""
     return [
         Sentence(
-            numbers.minus(claim.text),
-            numbers.minus(claim.statistic),
+            table.minus(claim.text),
+            table.minus(claim.statistic),
             _sources(claim.run_ids, links),
             claim.verdict,
             VERDICTS.get(claim.verdict, "open"),
@@ -144,14 +142,14 @@ def distinct(values: Iterable[Any]) -> tuple[str, ...]:
 def _run_line(
     run: RunRecord, agent: Agent | None, row: int, agent_anchor: str, colours: Mapping[str, str], links: Links
 ) -> RunLine:
-    test: list[Number] = [Number(numbers.NOTHING, None)] * 4
+    test: list[Number] = [Number(table.NOTHING, None)] * 4
     if agent is not None:
         href = links.evaluation(run)
         rates = [float((agent.outcome[row] == code).mean()) for code in range(3)]
-        test = [Number(numbers.fixed(100 * rate, 1), rate, href) for rate in rates]
+        test = [Number(table.fixed(100 * rate, 1), rate, href) for rate in rates]
         steps = agent.metrics.get("steps")
         mean = _number(float(steps[row].mean())) if steps is not None else None
-        test.append(Number(numbers.fixed(mean, 1), mean, href))
+        test.append(Number(table.fixed(mean, 1), mean, href))
     return RunLine(
         anchor=links.anchor(run.id),
         agent_anchor=agent_anchor,
@@ -174,13 +172,13 @@ def _training(run: RunRecord, links: Links) -> tuple[Number, Number, Number]:
     href = links.training(run)
     if run.state == "complete" and not steps:
         steps = total = None  # a controller with nothing to learn
-    text = numbers.fixed(steps, 0)
+    text = table.fixed(steps, 0)
     if steps is not None and total is not None and steps < total:
-        text += f" of {numbers.fixed(total, 0)}"
+        text += f" of {table.fixed(total, 0)}"
     return (
         Number(text, steps, href),
-        Number(numbers.fixed(None if success is None else 100 * success, 1), success, href),
-        Number(numbers.NOTHING if seconds is None else duration(seconds), seconds),
+        Number(table.fixed(None if success is None else 100 * success, 1), success, href),
+        Number(table.NOTHING if seconds is None else duration(seconds), seconds),
     )
 
 
@@ -193,4 +191,4 @@ def _number(value: Any) -> float | None:
 
 def _span(values: Sequence[int]) -> str:
     ends = sorted({min(values), max(values)}) if values else []
-    return " to ".join(map(str, ends)) or numbers.NOTHING
+    return " to ".join(map(str, ends)) or table.NOTHING

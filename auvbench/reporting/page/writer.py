@@ -6,6 +6,7 @@ import base64
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,11 +16,11 @@ from markupsafe import Markup
 
 from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
-from auvbench.analysis.headline import headline
+from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
 from auvbench.reporting.figures import MAIN, Figure
 from auvbench.reporting.page import figures as figures_
-from auvbench.reporting.page import numbers, sources, table
+from auvbench.reporting.page import sources, table
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.appendix import (
@@ -99,7 +100,7 @@ def write(
         runs,
         ranking,
         title=(title or title_of(runs)) + (f", {section}" if section else ""),
-        headline=numbers.minus(headline(ranking)),
+        headline=table.minus(headline(ranking)),
         above="../index.html" if section else "",
         table=table.of_agents(
             main_table(ranking), ranking, {}, links
@@ -108,7 +109,7 @@ def write(
         further=table.parts(table.metrics_table(ranking), ranking, hues, links),
         ranks=table.of_agents(ranks_table(ranking), ranking, hues, links),
         pairs=table.printed(pairs_table(pairs)) if pairs else None,
-        notes=[numbers.minus(line) for line in notes(ranking)],
+        notes=[table.minus(line) for line in notes(ranking)],
         over=over_all(over),
         findings=found[:SHOWN],
         more_findings=found[SHOWN:],
@@ -214,3 +215,57 @@ def _data(
 
 def _length(value: Any, default: float) -> float:
     return float(value) if isinstance(value, int | float) and abs(value) < 1e6 else default
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One section of the report."""
+
+    title: str
+    folder: str
+    """of its own report, below the folder of the overview"""
+    ranking: Ranking
+    agents: Sequence[Agent]
+    runs: Sequence[RunRecord]
+    findings: Sequence[Finding]
+
+
+def write_overview(path: Path, parts: Sequence[Part], command: str = "", over: Across | None = None) -> Path:
+    """Write the page of all sections; each has its own page at `<folder>/index.html`.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    shown = []
+    for part in parts:
+        href = f"./{part.folder}/index.html"
+        links = Links(path, part.agents, part.runs, part.ranking.protocol, href)
+        shown.append(
+            {
+                "title": part.title,
+                "heading": part.title[:1].upper() + part.title[1:],
+                "headline": table.minus(headline(part.ranking)),
+                "fingerprint": part.ranking.fingerprint,
+                "href": href,
+                "table": table.of_agents(main_table(part.ranking), part.ranking, {}, links),
+                "notes": [table.minus(line) for line in notes(part.ranking)],
+                "findings": sources.findings(part.findings[:SHOWN], links),
+            }
+        )
+    first = parts[0].ranking
+    runs = [run for part in parts for run in part.runs]
+    facts = sources.facts(first, [agent for part in parts for agent in part.agents], runs)
+    html = render(
+        runs,
+        first,
+        title=title_of(runs),
+        headline=f"{len(parts)} sections: agents are compared on one vehicle and the same scenarios, never across.",
+        parts=shown,
+        problems=grouped(
+            tuple(dict.fromkeys(problem for part in parts for problem in part.ranking.problems))
+        ),
+        facts=[fact for fact in facts if fact[0] != "Scenarios"],  # each section has its own
+        command=command,
+        over=over_all(over),
+    )
+    return text(path, html)

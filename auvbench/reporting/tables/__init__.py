@@ -1,21 +1,6 @@
 """The tables of a report in every format. Each function draws what a `Ranking` holds and computes nothing."""
 
-from auvbench.reporting.tables.csv import (
-    across_csv,
-    comparisons_csv,
-    conditions_csv,
-    csv,
-    joined,
-    limit_csv,
-)
 from auvbench.reporting.tables.latex import across_latex, conditions_latex, latex
-from auvbench.reporting.tables.markdown import (
-    across_markdown,
-    comparison_markdown,
-    conditions_markdown,
-    markdown,
-    ranks_markdown,
-)
 from auvbench.reporting.tables.terminal import (
     across_terminal,
     appendix_terminal,
@@ -24,6 +9,19 @@ from auvbench.reporting.tables.terminal import (
     conditions_terminal,
     findings_terminal,
     terminal,
+)
+from auvbench.reporting.tables.text_formats import (
+    across_csv,
+    across_markdown,
+    comparison_markdown,
+    comparisons_csv,
+    conditions_csv,
+    conditions_markdown,
+    csv,
+    joined,
+    limit_csv,
+    markdown,
+    ranks_markdown,
 )
 
 __all__ = [

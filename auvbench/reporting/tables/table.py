@@ -8,7 +8,7 @@ from itertools import groupby
 
 from auvbench.analysis.rounding import NOTHING, rounded
 from auvbench.metrics import METRICS
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 DAGGER = "†"
 

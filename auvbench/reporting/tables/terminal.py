@@ -12,8 +12,7 @@ from rich.text import Text
 
 from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
-from auvbench.analysis.headline import headline
-from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
+from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN, headline
 from auvbench.analysis.records import ClaimVerdict, Finding, Ranking
 from auvbench.analysis.study import ComparisonRow
 from auvbench.reporting.tables.appendix import (

@@ -6,7 +6,7 @@ from collections import Counter
 
 from auvbench.analysis.formatting import amount, counted, difference, listed, named
 from auvbench.analysis.measures import Measure
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 from auvbench.tuning.outcome import Outcome, state_of
 from auvbench.tuning.view import worth
 

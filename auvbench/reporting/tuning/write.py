@@ -15,9 +15,9 @@ from optuna.trial import FrozenTrial
 from auvbench.analysis import rounding
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.page import figures as figures_
-from auvbench.reporting.page import numbers, writer
+from auvbench.reporting.page import writer
 from auvbench.reporting.page.links import Links
-from auvbench.reporting.page.table import ShownTable, printed
+from auvbench.reporting.page.table import ShownTable, minus, printed
 from auvbench.reporting.tables.table import Cell, Heading, Line, Table, estimate_cell
 from auvbench.reporting.tuning import figures, sentences
 from auvbench.reporting.write import text
@@ -73,7 +73,7 @@ def page(found: Outcome, drawn: Sequence[Figure], path: Path) -> str:
         vehicle=str(plan.base["vehicle"]["name"]),
         protocol=plan.protocol.name,
         keys=len(plan.dimensions),
-        sentences=[numbers.minus(sentence) for sentence in sentences.summary(found)],
+        sentences=[minus(sentence) for sentence in sentences.summary(found)],
         best=_best(found, found.best) if found.best else None,
         best_number=found.best.number if found.best else None,
         preset_href=os.path.relpath(found.folder.best, path.parent),

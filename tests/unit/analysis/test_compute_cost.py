@@ -9,8 +9,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from auvbench.analysis.compute_cost import action_time, training_time
-from auvbench.analysis.optional_columns import with_columns
+from auvbench.analysis.optional_columns import action_time, training_time, with_columns
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, Evaluation
 from auvbench.reporting.tables.main import main_table

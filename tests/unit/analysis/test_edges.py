@@ -8,9 +8,8 @@ import pytest
 
 from auvbench.analysis import study
 from auvbench.analysis.findings import find
-from auvbench.analysis.headline import headline
 from auvbench.analysis.measures import to_rank_by
-from auvbench.analysis.primary import VERDICTS
+from auvbench.analysis.primary import VERDICTS, headline
 from auvbench.analysis.ranking import rank
 from auvbench.errors import ReportError
 from tests.unit.analysis.agents import agent

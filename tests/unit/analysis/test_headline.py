@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from auvbench.analysis.headline import headline
+from auvbench.analysis.primary import headline
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Against, Primary, Ranking
 from auvbench.statistics import Estimate

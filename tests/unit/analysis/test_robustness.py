@@ -7,10 +7,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from auvbench.analysis.findings import costliest_condition
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, Finding
-from auvbench.analysis.robustness import costliest_condition
 from tests.synthetic import TRANSFER, write_experiment
 
 CONDITIONS = ("nominal", "current=0.25", "current=1", "drag=0.7", "dead-thruster")

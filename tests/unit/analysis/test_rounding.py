@@ -5,7 +5,7 @@ import pytest
 
 from auvbench.analysis import labels, rounding
 from auvbench.analysis.rounding import rounded
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 
 
 @pytest.mark.parametrize(

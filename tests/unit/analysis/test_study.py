@@ -20,7 +20,7 @@ from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Levels, Part, by
 from auvbench.errors import ReportError
 from auvbench.reporting import tables
 from auvbench.runs.integrity import entry, sealed
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 from tests import configs
 from tests.unit.analysis.agents import agent, record
 
@@ -366,7 +366,7 @@ def test_claim_3c_needs_more_than_the_reward_alone_does(tmp_path):
 
 def test_a_path_is_paid_as_the_task_pays_it():
     """Against the task itself: the recorded return of an episode, at its own K and at others."""
-    from auvbench.analysis.study.relabelled_return import pay
+    from auvbench.analysis.study.evidence import pay
     from auvbench.envs.batch import Batch
 
     for k in (1.0, 40.0):

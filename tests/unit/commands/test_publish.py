@@ -14,7 +14,7 @@ from PIL import Image
 
 from auvbench import cli
 from auvbench.analysis.archive import FOLLOWING
-from auvbench.reporting.tables.markdown import escape
+from auvbench.reporting.tables.text_formats import escape
 from auvbench.runs import integrity
 from tests.numbers import assert_same_numbers
 from tests.synthetic import seal, write_experiment

@@ -19,11 +19,11 @@ from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.reporting import page
-from auvbench.reporting.page import figures, numbers, sources, table, trajectories
+from auvbench.reporting.page import figures, sources, table, trajectories
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.table import Cell, Heading, Line, Table
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 from tests import page_data
 
 
@@ -341,18 +341,18 @@ def test_figures_over_the_budget_are_linked_and_lost_ones_named(tmp_path: Path) 
 
 
 def test_numbers() -> None:
-    assert numbers.estimate(Estimate(0.98, 0.964, 0.989), 100) == ("98.0", "96.4 – 98.9")
-    assert numbers.estimate(Estimate(-12345.6, -12400, -12300)) == (
+    assert table.estimate(Estimate(0.98, 0.964, 0.989), 100) == ("98.0", "96.4 – 98.9")
+    assert table.estimate(Estimate(-12345.6, -12400, -12300)) == (
         "−12\u202f346",
         "−12\u202f400 to −12\u202f300",
     )
-    assert numbers.estimate(Estimate(float("nan"), float("nan"), float("nan"))) == ("–", "")
-    assert numbers.fixed(None, 1) == numbers.fixed(float("inf"), 1) == "–"
+    assert table.estimate(Estimate(float("nan"), float("nan"), float("nan"))) == ("–", "")
+    assert table.fixed(None, 1) == table.fixed(float("inf"), 1) == "–"
 
 
 def test_signs_in_sentences() -> None:
     sentence = "-4.1 points [-6.7, -.5] of run sac-1 on 2026-01-02, 10-20 m"
-    assert numbers.minus(sentence) == "−4.1 points [−6.7, −.5] of run sac-1 on 2026-01-02, 10-20 m"
+    assert table.minus(sentence) == "−4.1 points [−6.7, −.5] of run sac-1 on 2026-01-02, 10-20 m"
 
 
 def test_decimal_points_stand_in_line() -> None:

@@ -14,7 +14,7 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 from auvbench.commands.tune import plan_of, split
 from auvbench.config.compose import compose
 from auvbench.reporting.tuning import figures, sentences, write
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 from auvbench.tuning import scores
 from auvbench.tuning.folder import Plan, StudyFolder
 from auvbench.tuning.outcome import Gain, Outcome

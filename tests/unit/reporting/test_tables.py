@@ -16,10 +16,10 @@ from auvbench.analysis.records import Agent, Finding, Needed, Problem, Ranking, 
 from auvbench.reporting import tables
 from auvbench.reporting.tables.appendix import pairs_table, ranks_table
 from auvbench.reporting.tables.main import main_table, needed_text
-from auvbench.reporting.tables.markdown import pipes
 from auvbench.reporting.tables.notes import cautions, notes
+from auvbench.reporting.tables.text_formats import pipes
 from auvbench.reporting.write import findings_in_markdown
-from auvbench.statistics.estimate import Estimate
+from auvbench.statistics.intervals import Estimate
 from tests.paper import compile_article, needs_pdflatex
 from tests.synthetic import write_experiment
 
