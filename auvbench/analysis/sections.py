@@ -7,8 +7,8 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from auvbench.analysis.grouping_keys import DESCRIPTIVE, FREQUENCY, OWN, is_fixed
-from auvbench.analysis.labels import part
+from auvbench.analysis.grouping_keys import DESCRIPTIVE
+from auvbench.analysis.labels import FREQUENCY, OWN, is_fixed, part
 from auvbench.analysis.records import Problem, RunRecord
 
 OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")

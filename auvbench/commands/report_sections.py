@@ -24,8 +24,8 @@ def write_sections(
     """
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
-    from auvbench.reporting.page.writer import Part, write_overview
-    from auvbench.reporting.write import text
+    from auvbench.reporting.page.writer import write_overview
+    from auvbench.reporting.write import Part, text
 
     whole, below = [], []
     for report in reports:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
-from auvbench.analysis.records import ClaimVerdict, Finding, Ranking
+from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.analysis.study import ComparisonRow
 from auvbench.reporting import tables
 from auvbench.reporting.figures import FIGURES, MAIN, Figure
-from auvbench.reporting.page.writer import Part
 from auvbench.reporting.tables.notes import of_pairs
 from auvbench.reporting.tables.text_formats import escape
 from auvbench.runs.atomic_io import as_json, write_atomic
@@ -160,3 +159,16 @@ def clear(out: Path) -> None:
     stale += [out / "figures" / f"{name}{suffix}" for name in FIGURES for suffix in (".png", ".svg")]
     for path in stale:
         path.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One section of the report."""
+
+    title: str
+    folder: str
+    """of its own report, below the folder of the overview"""
+    ranking: Ranking
+    agents: Sequence[Agent]
+    runs: Sequence[RunRecord]
+    findings: Sequence[Finding]

@@ -33,8 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from auvbench.statistics.differences import Spread, welch
-from auvbench.statistics.intervals import Estimate, FloatArray, quantile, score_interval
+from auvbench.statistics.intervals import Estimate, FloatArray, Spread, quantile, score_interval, welch
 
 EPISODES_ONLY = "test episodes"
 SEEDS_AND_EPISODES = "training seeds and test episodes"

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.statistics.crossed import Crossed
-from auvbench.statistics.differences import Spread, pair_spread
-from auvbench.statistics.intervals import FloatArray
+from auvbench.statistics.differences import pair_spread
+from auvbench.statistics.intervals import FloatArray, Spread
 from auvbench.statistics.moderation import seed_variance
 
 BoolArray = NDArray[np.bool_]

@@ -6,7 +6,6 @@ import base64
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,7 +32,7 @@ from auvbench.reporting.tables.appendix import (
 )
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines, notes, of_pairs
-from auvbench.reporting.write import text
+from auvbench.reporting.write import Part, text
 
 if TYPE_CHECKING:
     from auvbench.analysis.study import ComparisonRow
@@ -215,19 +214,6 @@ def _data(
 
 def _length(value: Any, default: float) -> float:
     return float(value) if isinstance(value, int | float) and abs(value) < 1e6 else default
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """One section of the report."""
-
-    title: str
-    folder: str
-    """of its own report, below the folder of the overview"""
-    ranking: Ranking
-    agents: Sequence[Agent]
-    runs: Sequence[RunRecord]
-    findings: Sequence[Finding]
 
 
 def write_overview(path: Path, parts: Sequence[Part], command: str = "", over: Across | None = None) -> Path:

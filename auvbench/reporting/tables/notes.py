@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from auvbench.analysis import optimality
 from auvbench.analysis.formatting import listed, name, size
-from auvbench.analysis.grouping_keys import OWN
+from auvbench.analysis.labels import OWN
 from auvbench.analysis.measures import measure
 from auvbench.analysis.primary import OPEN
 from auvbench.analysis.records import Primary, Problem, Ranking
