@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from auvbench.statistics.crossed import Crossed, covers, limits, within
-from auvbench.statistics.intervals import Estimate, FloatArray, quantile
+from auvbench.statistics.intervals import Estimate, FloatArray, Spread, quantile, welch
 from auvbench.statistics.moderation import seed_variance
 
 
