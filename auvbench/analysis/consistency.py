@@ -77,15 +77,6 @@ def of_rows(summary: Mapping[str, Any], frame: pd.DataFrame) -> str:
     return ""
 
 
-def renewed(summary: Mapping[str, Any], frame: pd.DataFrame) -> dict[str, Any]:
-    """A summary with the rates and means of these rows: of a copy whose numbers were shortened."""
-    conditions = [
-        {**condition, **{key: value for key, value in found.items() if key in condition}}
-        for condition, _, found in _found(summary, frame)
-    ]
-    return {**summary, "conditions": conditions}
-
-
 def _found(
     summary: Mapping[str, Any], frame: pd.DataFrame
 ) -> Iterator[tuple[Mapping[str, Any], NDArray[np.bool_], dict[str, float]]]:

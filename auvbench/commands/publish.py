@@ -52,7 +52,6 @@ def parser() -> Parser:
         default=True,
         help="the paths of the kept test episodes, which the page's 3-D view and claims on the reward collected need",
     )
-    add("--digits", type=int, metavar="N", help="significant digits of measured numbers; default all")
     add("--policies", action="store_true", help="each agent's best run as an ONNX file with its card")
     add(trust.FLAG, action="store_true", help=trust.HELP)
     return parser
@@ -71,7 +70,6 @@ def main(argv: Sequence[str]) -> int:
         title=_line("--title", own["title"]) or Path(own["to"]).resolve().name,
         question=_line("--question", own["question"]),
         paths=own["trajectories"],
-        digits=_digits(own["digits"]),
         policies=own["policies"],
         command=shlex.join(["auvbench", "publish", *map(_placeless, argv)]),
     )
@@ -89,12 +87,6 @@ def main(argv: Sequence[str]) -> int:
         count, without = publish_readme.write(study, options, {run.id: run for run in runs})
     _close(study.folder, count)
     return 1 if left_out or without else 0
-
-
-def _digits(number: int | None) -> int | None:
-    if number is not None and not 3 <= number <= 16:
-        raise UserError(f"--digits {number}: give 3 to 16")
-    return number
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -144,7 +136,7 @@ def _close(folder: Path, runs: int) -> None:
     parts = ", ".join(f"{name} {count / 1e6:.1f}" for name, count in sizes.items() if count >= 5e4)
     print(f"{counted(runs, 'run')}, {size / 1e6:.1f} MB in {os.path.relpath(folder)}: {parts}")
     if size > LARGEST:
-        print(f"auvbench: more than {LARGEST / 1e6:.0f} MB; --digits 4 makes it smaller", file=sys.stderr)
+        print(f"auvbench: more than {LARGEST / 1e6:.0f} MB", file=sys.stderr)
 
 
 def _ship(
@@ -180,7 +172,7 @@ def _ship(
             Path(name), holder, f"all runs that could be published are at work; {_at_work(held)}"
         )
     _refuse_loss(folder, {run.id for run in chosen})
-    left = archive.write(chosen, folder, protocols, digits=study.digits, trajectories=study.paths)
+    left = archive.write(chosen, folder, protocols, trajectories=study.paths)
     ids = {run.id for run in chosen}
     untested = [p for p in problems if p.kind == "missing"]
     left += [

@@ -27,7 +27,6 @@ class Study:
     question: str
     """empty: the author writes it"""
     paths: bool
-    digits: int | None
     policies: bool
     command: str
 
@@ -63,7 +62,7 @@ def _further(options: Options, protocol: str) -> Options:
 def _blocks(study: Study, options: Options) -> list[str]:
     from auvbench.reporting import best_policies
 
-    policies = study.policies or best_policies.any_of_ours(study.folder)
+    policies = study.policies or best_policies.any_there(study.folder)
     chosen = {"claims": bool(options.study), "policies": policies}
     return [
         name
@@ -161,10 +160,10 @@ def _policies(reports: Sequence[Report], study: Study, sources: Mapping[str, Run
         study.folder,
         export=study.policies,
     )
-    for row in rows:
-        if row.reason and study.policies:
-            print(f"no policy of {row.agent} ({row.run}): {row.reason}")
-    return best_policies.markdown(rows), sum(row.failed for row in rows)
+    without = [row for row in rows if row.problem]
+    for row in without:
+        print(f"no policy of {row.agent} ({row.run}): {row.problem}")
+    return best_policies.markdown(rows), len(without)
 
 
 def _ranked(reports: Sequence[Report], folder: Path) -> str:

@@ -17,7 +17,6 @@ from auvbench.analysis.paths import has_paths, paths
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.analysis.training import training, validation_rows
 from auvbench.errors import ReportError
-from auvbench.record import MEASURED, SCENARIO_COLUMNS
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import write_atomic
 from auvbench.runs.directory import RunDirectory
@@ -35,7 +34,6 @@ def write(
     folder: Path,
     protocols: Sequence[str],
     *,
-    digits: int | None,
     trajectories: bool,
 ) -> list[str]:
     """Write runs.parquet, episodes.parquet and, if wanted, trajectories.parquet into a folder.
@@ -44,7 +42,6 @@ def write(
         runs: from `load`, complete or failed.
         folder: of the study.
         protocols: the first one with all columns; the further ones without scenarios and path metrics.
-        digits: significant digits of measured numbers; None for full precision.
         trajectories: whether the stored trajectories of the first protocol are written.
 
     Returns:
@@ -62,11 +59,11 @@ def write(
             evaluation = run.evaluations.get(protocol)
             if evaluation is None:
                 continue
-            frame = _rounded(evaluation.episodes, digits)
+            frame = evaluation.episodes
             if protocol != protocols[0]:
                 kept = ("condition", "frequency_hz", "episode", "outcome", *CORE_COLUMNS)
                 frame = frame[[name for name in kept if name in frame.columns]]
-            summaries[protocol] = _summary(evaluation, frame)
+            summaries[protocol] = integrity.sealed({**evaluation.summary, integrity.FILES: {}})
             episodes.append(_labelled(frame, run.id, protocol))
             if trajectories and protocol == protocols[0]:
                 tracks += _tracks(run, evaluation)
@@ -76,7 +73,7 @@ def write(
             problems.append(f"{run.id}: {damage}")
             trained = None
         if trained is not None and len(trained):
-            episodes.append(_labelled(_rounded(trained, digits), run.id, archive.TRAIN))
+            episodes.append(_labelled(trained, run.id, archive.TRAIN))
         rows.append(_row(run, summaries))
     files = {archive.EPISODES: tables.parquet(_joined(episodes), {})}
     if tracks:
@@ -147,26 +144,6 @@ def _manifest(run: RunRecord) -> dict[str, Any]:
             message = message.replace(f"{place}/", "")
         kept["error"] = {"message": message, "step": error.get("step")}
     return integrity.sealed(kept)
-
-
-def _summary(evaluation: Evaluation, frame: pd.DataFrame) -> dict[str, Any]:
-    """Return the summary with rates and means of the stored rows and without digests of files that are not stored."""
-    kept = {**evaluation.summary, integrity.FILES: {}}
-    return integrity.sealed(consistency.renewed(kept, frame))
-
-
-def _rounded(frame: pd.DataFrame, digits: int | None) -> pd.DataFrame:
-    """Return the rows with measured numbers rounded to significant digits; scenarios stay exact."""
-    if digits is None:
-        return frame
-    rounded = frame.copy()
-    for name in frame.columns:
-        if name in MEASURED and name not in SCENARIO_COLUMNS and frame[name].dtype.kind == "f":
-            rounded[name] = [float(f"{value:.{digits}g}") for value in frame[name]]
-    for name, (value, other) in archive.FOLLOWING.items():
-        if {name, value, other} <= set(frame.columns):
-            rounded[name] = archive.follows(name, rounded[value], rounded[other])
-    return rounded
 
 
 def _labelled(frame: pd.DataFrame, run: str, protocol: str) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""`auvbench publish --policies`: each agent's best run as a file, kept, replaced, and nobody else's files touched."""
+"""`auvbench publish --policies`: each agent's best run as a file, kept, replaced, and other files left alone."""
 
 from __future__ import annotations
 
@@ -58,15 +58,12 @@ def table(folder: str) -> str:
     return Path("some-report/table.csv").read_text()
 
 
-def test_the_best_of_each_agent_is_exported_and_named(runs, capsys):
+def test_the_best_of_each_agent_is_exported_and_named(runs):
     assert publish("outputs", "--policies") == 0
     name = runs[1].id
     assert there() == [f"{name}.json", f"{name}.onnx"]
-    said = capsys.readouterr().out
-    assert f"no policy of PID ({runs[2].id}): pid is a controller" in said
     readme = (TO / "README.md").read_text()
     assert f"100.0 | [{name}.onnx](<policies/{name}.onnx>)" in readme
-    assert "no file for PID" in readme
     assert table(str(TO)) == (TO / "table.csv").read_text()
     assert_same_numbers(table(str(TO)), table("outputs"), rel=1e-2)  # a wide interval ends near zero
 
@@ -83,30 +80,12 @@ def test_what_is_there_is_kept_also_without_the_weights(runs, capsys):
         assert f"policies/{runs[1].id}.onnx" in (TO / "README.md").read_text()
     for name in there():
         (TO / "policies" / name).unlink()
-    assert publish(str(TO), "--policies") == 0
+    assert publish(str(TO), "--policies") == 1
     said = capsys.readouterr().out
     assert f"no policy of PPO ({runs[1].id}): its weights are not in the given folders" in said
-    assert f"no policy of PID ({runs[2].id}): pid is a controller" in said
     assert "weights are not" in (TO / "README.md").read_text()
     assert there() == []
     assert "## Policies" in readme
-
-
-@pytest.mark.slow
-def test_of_what_is_no_network_that_is_the_reason_wherever_its_weights_are(runs, capsys):
-    made = [trained(Path("outputs"), f"algo={name}") for name in ("ppo_residual", "recurrent_ppo")]
-    for run in made:
-        write_evaluation(run.path, "test", ("nominal",), 20)
-    assert publish("outputs", "--policies") == 0
-    assert publish(str(TO), "--policies") == 0
-    said = capsys.readouterr().out
-    for run in made:
-        assert (
-            said.count(
-                f"({run.id}): the actions of {run.config()['algo']['name']} are not those of a network"
-            )
-            == 2
-        )
 
 
 @pytest.mark.slow
@@ -115,19 +94,18 @@ def test_one_that_is_no_longer_best_goes_and_others_files_stay(runs, capsys):
     policies = TO / "policies"
     old = policies / f"{runs[1].id}.onnx"
     (policies / "mine.onnx").write_bytes(old.read_bytes())
-    card = json.loads(old.with_suffix(".json").read_text())
-    (policies / "mine.json").write_text(json.dumps(card | {"published": False}))
+    (policies / "mine.json").write_bytes(old.with_suffix(".json").read_bytes())
     better(runs[1], runs[0])
     assert publish("outputs", "--policies") == 0
     assert "no longer the best of its algorithm" in capsys.readouterr().out
     assert there() == sorted([f"{runs[0].id}.json", f"{runs[0].id}.onnx", "mine.json", "mine.onnx"])
     better(runs[0], runs[1])
-    (policies / f"{runs[0].id}.onnx").write_bytes(b"somebody's own")
-    (policies / f"{runs[1].id}.onnx").write_bytes(b"somebody's own")
+    (policies / f"{runs[0].id}.onnx").write_bytes(b"a file of its own")
+    (policies / f"{runs[1].id}.onnx").write_bytes(b"a file of its own")
     assert publish("outputs", "--policies") == 1
     assert "another file lies at" in capsys.readouterr().out
-    assert (policies / f"{runs[0].id}.onnx").read_bytes() == b"somebody's own"
-    assert (policies / f"{runs[1].id}.onnx").read_bytes() == b"somebody's own"
+    assert (policies / f"{runs[0].id}.onnx").read_bytes() == b"a file of its own"
+    assert (policies / f"{runs[1].id}.onnx").read_bytes() == b"a file of its own"
 
 
 @pytest.mark.slow
