@@ -23,6 +23,7 @@ from auvbench.reporting.page import sources, table
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.appendix import (
+    COMPARISON_NOTE,
     across_notes,
     across_table,
     comparison_table,
@@ -114,6 +115,7 @@ def write(
         more_findings=found[SHOWN:],
         claims=sources.claims(claims, links),
         comparison=table.printed(comparison_table(comparison)) if comparison else None,
+        comparison_note=COMPARISON_NOTE,
         main_figure=next((figure for figure in embedded if figure.name == MAIN), None),
         figures=[figure for figure in embedded if figure.name != MAIN],
         scenes=scenes.scenes,

@@ -9,7 +9,8 @@ from auvbench.statistics.intervals import Estimate
 
 
 @pytest.mark.parametrize(
-    "module", ["analysis.rounding", "analysis.labels", "reporting.tables.latex", "reporting.tables.text_formats"]
+    "module",
+    ["analysis.rounding", "analysis.labels", "reporting.tables.latex", "reporting.tables.text_formats"],
 )
 def test_examples_of_the_docstrings(module: str) -> None:
     import importlib

@@ -21,6 +21,7 @@ from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, Run
 from auvbench.reporting import page
 from auvbench.reporting.page import figures, sources, table, trajectories
 from auvbench.reporting.page.links import Links
+from auvbench.reporting.tables.appendix import comparison_table
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.table import Cell, Heading, Line, Table
 from auvbench.statistics.intervals import Estimate
@@ -209,18 +210,15 @@ def test_failed_write_keeps_the_old_page(grid: dict[str, Any], html: str) -> Non
     assert [child.name for child in path.parent.iterdir() if child.name.startswith(".")] == []
 
 
-def test_numbers_of_a_study_stand_below_ours(grid: dict[str, Any], html: str) -> None:
-    shown = table.of_study(grid["comparison"])
+def test_numbers_of_a_study_stand_with_ours(grid: dict[str, Any], html: str) -> None:
+    shown = table.printed(comparison_table(grid["comparison"]))
     lines = {line.cells[0].value: line.cells for line in shown.lines}
-    assert list(lines)[:2] == ["SAC0", "SAC1"]
-    mine, other = lines["SAC4"], lines["SAC0"]  # K = 1 at 25 Hz is in the grid, K = 40 is not
-    assert (mine[1].value, other[1].value) == ("SAC", "not run")
-    assert mine[2].more.endswith("study 100.0 [98.1, 100.0]")
+    mine, other = lines["SAC4 (SAC)"], lines["SAC0 (K=40 10 Hz, not run)"]  # K = 1 at 25 Hz is in the grid
     agent = next(agent for agent in grid["agents"] if agent.label == "SAC")
-    assert float(mine[2].value) == pytest.approx(100 * agent.success.mean(), abs=1)
-    assert other[2].value == "–"
-    assert lines["PPO7"][3].value == "–"
-    assert shown.headings[2].unit == "%"
+    theirs, ours = mine[1].value.split(" / ")
+    assert float(theirs) == 100
+    assert float(ours) == pytest.approx(100 * agent.success.mean(), abs=1)
+    assert other[1].value.endswith("/ –")
     assert 'id="comparison-table"' in html
 
 
