@@ -129,16 +129,9 @@ def _details(error: BaseException, arguments: Sequence[str]) -> str:
         "could be misused, else open an issue. Nothing in it was sent anywhere.",
         "",
         f"command: {shlex.join(['auvbench', *arguments])}",
-        f"folder: {_folder()}",
+        f"folder: {os.environ.get('PWD', '')}",
         f"platform: {platform.platform()}",
         *(f"{name}: {version}" for name, version in provenance.versions().items()),
         "",
     ]
     return "\n".join(lines) + "\n" + "".join(traceback.format_exception(error))
-
-
-def _folder() -> str:
-    try:
-        return os.getcwd()
-    except OSError:  # it was removed
-        return "gone"

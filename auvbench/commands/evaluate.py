@@ -8,16 +8,14 @@ import shlex
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from auvbench.commands import trust
 from auvbench.commands.grammar import Parser
-from auvbench.errors import AuvbenchError, RunError, UserError
+from auvbench.errors import RunError, UserError
 
 if TYPE_CHECKING:
-    from auvbench.config import schema
     from auvbench.config.schema import EvaluateConfig
     from auvbench.runs.directory import RunDirectory
     from auvbench.runs.status import RunStatus
@@ -117,8 +115,9 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
         raise UserError(f"nothing to evaluate: {_left_out(unfinished)}")
     failed = held = there = tested = 0
     protocol = config.protocol
+    episodes = protocol.episodes * len(protocol.conditions)
     with (
-        counting_bar(len(ready), f"protocol {protocol.name}", _each(protocol, ready)) as tell,
+        counting_bar(len(ready), f"protocol {protocol.name}", episodes) as tell,
         Pool(config.workers, PRELOAD) as pool,
         immediate() as request,
     ):
@@ -143,7 +142,8 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
             if request.signal is None:
                 raise
         if request.signal is not None:
-            raise Interrupted(request.signal, _how_far(tested + there, len(ready))) from None
+            done = f"interrupted: {tested + there} of {len(ready)} runs tested and kept; the same command goes on"
+            raise Interrupted(request.signal, done) from None
     if there:
         what = "run is" if there == 1 else "runs are"
         print(f"{there} {what} tested already by protocol {config.protocol.name} (force=true tests again)")
@@ -157,21 +157,6 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     folder = Path(os.path.commonpath([run.path.parent for run in ready]))
     print(f"next: auvbench report {shlex.quote(str(folder))}{which}")
     return 1 if failed else 0
-
-
-def _each(protocol: schema.Protocol, runs: Sequence[RunDirectory]) -> int:
-    """Episodes of a test; of a single run without those on vehicles that its policy cannot steer."""
-    conditions = len(protocol.conditions)
-    if len(runs) == 1 and any("vehicle=" in word for one in protocol.conditions for word in one.overrides):
-        from auvbench.evaluation.protocol import resolve_conditions
-
-        with suppress(AuvbenchError):  # the test will name it
-            conditions = len(resolve_conditions(protocol, runs[0].config()))
-    return protocol.episodes * conditions
-
-
-def _how_far(done: int, of: int) -> str:
-    return f"interrupted: {done} of {of} runs tested and kept; the same command goes on"
 
 
 def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[RunStatus]]:
@@ -198,13 +183,11 @@ def _left_out(unfinished: Sequence[RunStatus]) -> str:
 
     counts = Counter(found.state for found in unfinished)
     states = ", ".join(f"{counts[state]} {state}" for state in State if counts[state])
-    one = len(unfinished) == 1
-    text = f"{len(unfinished)} {'run is' if one else 'runs are'} not complete and left out ({states})"
+    text = f"{len(unfinished)} {'run is' if len(unfinished) == 1 else 'runs are'} not complete and left out ({states})"
     paths = [found.run.path for found in unfinished if found.state is not State.RUNNING]
     if not paths:
-        return f"{text}: evaluate again when {'it is' if one else 'they are'} complete"
-    folder = Path(os.path.commonpath(paths))
-    return f"{text}; auvbench resume {shlex.quote(str(folder))} finishes {'it' if one else 'them'}"
+        return f"{text}: evaluate again later"
+    return f"{text}; finish with auvbench resume {shlex.quote(os.path.commonpath(paths))}"
 
 
 def _lines(run: RunDirectory, summary: dict[str, Any]) -> list[str]:

@@ -215,9 +215,9 @@ def run(
     Raises:
         ConfigError: as `compose`.
     """
-    parsed = _parse(entry, arguments)
-    overrides = typing.read(parsed.overrides)
     try:
+        parsed = _parse(entry, arguments)
+        overrides = typing.read(parsed.overrides)
         with _loader(parsed.config_dir, WORKING_DIRECTORY) as loader:
             if parsed.help or parsed.cfg or parsed.info:
                 return _show(Hydra("auvbench", loader), entry, overrides, parsed)

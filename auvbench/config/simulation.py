@@ -8,9 +8,8 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from auvbench.config import validate
 from auvbench.config.schema import choice, number
-from auvbench.errors import ConfigError
+from auvbench.config.validate import require, structured
 
 UNIT_TOLERANCE = 1e-3
 """How far from 1 the length of a quaternion may be: enough for four typed digits; it is then brought to 1."""
@@ -53,31 +52,31 @@ def simulation_config(config: DictConfig) -> Simulation:
     Raises:
         ConfigError: a value is missing, out of range, or of the wrong length.
     """
-    typed = validate.structured(config, Simulation)
+    typed = structured(config, Simulation)
     given = typed.input
-    _vector("input.wrench", given.wrench, "[Fx, Fy, Fz, Mx, My, Mz] in N and N m", 6)
-    _vector("input.pose", given.pose, "[x, y, z, qw, qx, qy, qz]", 7)
-    _vector("input.velocity", given.velocity, "[u, v, w, p, q, r] in m/s and rad/s", 6)
-    _vector("input.current", given.current, "[x, y, z] in m/s", 3)
+    for key, size, meaning in (
+        ("wrench", 6, "[Fx, Fy, Fz, Mx, My, Mz] in N and N m"),
+        ("pose", 7, "[x, y, z, qw, qx, qy, qz]"),
+        ("velocity", 6, "[u, v, w, p, q, r] in m/s and rad/s"),
+        ("current", 3, "[x, y, z] in m/s"),
+    ):
+        value = getattr(given, key)
+        fits = len(value) == size and all(map(math.isfinite, value))
+        require(fits, f"input.{key}", value, f"be {size} finite numbers {meaning}")
     length = math.hypot(*given.pose[3:])
-    if abs(length - 1.0) > UNIT_TOLERANCE:
-        raise ConfigError(
-            f"input.pose={given.pose}: the quaternion [qw, qx, qy, qz] has length {length:.6g}, it must be 1"
-        )
-    if typed.duration / typed.sample > MAX_ROWS:
-        raise ConfigError(
-            f"sample={typed.sample:g}: {typed.duration:g} s would be more than {MAX_ROWS} rows, sample less often"
-        )
-    if typed.duration / typed.max_step > MAX_STEPS:
-        raise ConfigError(
-            f"max_step={typed.max_step:g}: {typed.duration:g} s would be more than {MAX_STEPS} steps,"
-            f" make it at least {typed.duration / MAX_STEPS:.3g} or simulate less long"
-        )
+    unit = abs(length - 1.0) <= UNIT_TOLERANCE
+    require(
+        unit, "input.pose", given.pose, f"have a quaternion [qw, qx, qy, qz] of length 1, it has {length:.6g}"
+    )
+    least = typed.duration / MAX_ROWS
+    require(
+        typed.sample >= least,
+        "sample",
+        typed.sample,
+        f"be at least {least:.3g}, or more than {MAX_ROWS} rows",
+    )
+    least = typed.duration / MAX_STEPS
+    require(
+        typed.max_step >= least, "max_step", typed.max_step, f"be at least {least:.3g}, or simulate less long"
+    )
     return typed
-
-
-def _vector(key: str, value: list[float], meaning: str, length: int) -> None:
-    if len(value) != length:
-        raise ConfigError(f"{key}={value}: has {len(value)} numbers, needs {length}: {meaning}")
-    if not all(math.isfinite(v) for v in value):
-        raise ConfigError(f"{key}={value}: must be finite numbers")

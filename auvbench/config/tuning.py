@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from auvbench.config import schema
 from auvbench.config.schema import choice, number
-from auvbench.config.validate import evaluate_protocol, structured
+from auvbench.config.validate import evaluate_protocol, require, structured
 from auvbench.errors import ConfigError
 
 STREAM = "validation"
@@ -74,22 +74,16 @@ def refuse_test(protocol: schema.Protocol) -> None:
 
 
 def _check_budget(tune: Tune, config: DictConfig) -> None:
-    if not tune.rungs or sorted(set(tune.rungs)) != tune.rungs or tune.rungs[0] < 1:
-        raise ConfigError(
-            f"tune.rungs={tune.rungs}: must be steps of training that grow, e.g. [50000,150000]"
-        )
+    rungs = tune.rungs
+    grow = bool(rungs) and sorted(set(rungs)) == rungs and rungs[0] >= 1
+    require(grow, "tune.rungs", rungs, "be steps of training that grow, e.g. [50000,150000]")
     for key in ("seeds", "fresh_seeds"):
         seeds = getattr(tune, key)
-        if len(set(seeds)) < len(seeds) or any(not 0 <= seed < 1 << 32 for seed in seeds):
-            raise ConfigError(
-                f"tune.{key}={seeds}: must be different whole numbers from 0 to {(1 << 32) - 1}"
-            )
-    if not tune.seeds:
-        raise ConfigError("tune.seeds=[]: at least one training seed is needed")
-    if both := sorted(set(tune.seeds) & set(tune.fresh_seeds)):
-        raise ConfigError(
-            f"tune.fresh_seeds={tune.fresh_seeds}: {both[0]} is one of tune.seeds={tune.seeds}, so it is not fresh"
-        )
+        fits = len(set(seeds)) == len(seeds) and all(0 <= seed < 1 << 32 for seed in seeds)
+        require(fits, f"tune.{key}", seeds, f"be different whole numbers from 0 to {(1 << 32) - 1}")
+    require(bool(tune.seeds), "tune.seeds", tune.seeds, "hold at least one training seed")
+    fresh = not set(tune.seeds) & set(tune.fresh_seeds)
+    require(fresh, "tune.fresh_seeds", tune.fresh_seeds, f"be fresh, none of tune.seeds={tune.seeds}")
     schedule = OmegaConf.select(config, "algo.learning_rate_schedule", default="constant")
     if len(tune.rungs) > 1 and tune.pruner != "none" and schedule != "constant":
         raise ConfigError(

@@ -139,16 +139,15 @@ def evaluate_protocol(protocol: schema.Protocol) -> None:
     if not names:
         raise ConfigError("protocol.conditions: at least one condition is needed")
     for index, condition in enumerate(protocol.conditions):
-        validate_fields(condition, f"protocol.conditions[{index}].")
-        if not re.fullmatch(r"[A-Za-z0-9.+=-]+", condition.name):
-            raise ConfigError(
-                f"protocol.conditions[{index}].name={condition.name!r}: must be letters, digits, dots, dashes, ="
-            )
-        if names.count(condition.name) > 1:
-            raise ConfigError(f"protocol.conditions: the name {condition.name!r} occurs twice")
+        key, name = f"protocol.conditions[{index}]", condition.name
+        validate_fields(condition, f"{key}.")
+        plain = re.fullmatch(r"[A-Za-z0-9.+=-]+", name)
+        require(bool(plain), f"{key}.name", repr(name), "be letters, digits, dots, dashes, =")
+        require(names.count(name) == 1, f"{key}.name", name, "be unique")
 
 
-def _require(holds: bool, key: str, value: Any, what: str) -> None:
+def require(holds: bool, key: str, value: Any, what: str) -> None:
+    """Raise ConfigError, `key=value: must ...`, unless a rule holds."""
     if not holds:
         raise ConfigError(f"{key}={_show(value)}: must {what}")
 
@@ -159,14 +158,14 @@ def _across(config: schema.TrainConfig) -> None:
     for key in ("start", "waypoint_low", "waypoint_high"):
         value = getattr(task, key)
         fits = len(value) == 3 and all(map(math.isfinite, value))
-        _require(fits, f"task.{key}", value, "be three finite numbers [x, y, z] in m")
+        require(fits, f"task.{key}", value, "be three finite numbers [x, y, z] in m")
     _below("task.depth_low", task.depth_low, "task.depth_high", task.depth_high, strictly=True)
     for axis, low, high in zip("xyz", task.waypoint_low, task.waypoint_high, strict=True):
-        _require(
+        require(
             low <= high, "task.waypoint_low", task.waypoint_low, f"be at most task.waypoint_high in {axis}"
         )
     inside = task.depth_low <= task.start[2] <= task.depth_high
-    _require(inside, "task.start", task.start, "have a z within the depth limits")
+    require(inside, "task.start", task.start, "have a z within the depth limits")
     for name in ("position", "yaw", "command"):
         span = getattr(noise, name)
         _below(f"noise.{name}.low", span.low, f"noise.{name}.high", span.high)
@@ -191,7 +190,7 @@ def _across(config: schema.TrainConfig) -> None:
 def _below(low_key: str, low: float, high_key: str, high: float | None, strictly: bool = False) -> None:
     if high is not None:
         fits = low < high if strictly else low <= high
-        _require(fits, low_key, low, f"be {'below' if strictly else 'at most'} {high_key}={high:g}")
+        require(fits, low_key, low, f"be {'below' if strictly else 'at most'} {high_key}={high:g}")
 
 
 def _algorithm(algo: algorithms.Algorithm) -> None:
@@ -199,38 +198,38 @@ def _algorithm(algo: algorithms.Algorithm) -> None:
     if isinstance(algo, algorithms.OnPolicy):
         rollout = algo.n_steps * algo.n_envs
         samples = f"algo.n_steps x algo.n_envs = {rollout}"
-        _require(rollout % algo.batch_size == 0, "algo.batch_size", algo.batch_size, f"divide {samples}")
-        _require(rollout >= 2, "algo.n_steps", algo.n_steps, "be at least 2 with one environment")
+        require(rollout % algo.batch_size == 0, "algo.batch_size", algo.batch_size, f"divide {samples}")
+        require(rollout >= 2, "algo.n_steps", algo.n_steps, "be at least 2 with one environment")
         if isinstance(algo, algorithms.TRPO):
             factor, shrinking = algo.sub_sampling_factor, algo.line_search_shrinking_factor
             left = f"leave at least 2 of the {samples} samples"
-            _require(rollout >= 2 * factor, "algo.sub_sampling_factor", factor, left)
-            _require(shrinking < 1.0, "algo.line_search_shrinking_factor", shrinking, "be less than 1")
+            require(rollout >= 2 * factor, "algo.sub_sampling_factor", factor, left)
+            require(shrinking < 1.0, "algo.line_search_shrinking_factor", shrinking, "be less than 1")
     for key in ("net_arch", "critic_net_arch"):
         widths = getattr(algo, key, ())
         fits = not isinstance(algo, algorithms.Network) or all(width > 0 for width in widths)
-        _require(fits, f"algo.{key}", widths, "hold widths of at least 1")
+        require(fits, f"algo.{key}", widths, "hold widths of at least 1")
     if isinstance(algo, algorithms.OffPolicy):
         steps, size, n = algo.gradient_steps, algo.buffer_size, algo.n_envs
         every = "be at least 1, or -1 for as many as environment steps"
-        _require(steps != 0, "algo.gradient_steps", steps, every)
-        _require(size >= n, "algo.buffer_size", size, f"be at least algo.n_envs={n}")
+        require(steps != 0, "algo.gradient_steps", steps, every)
+        require(size >= n, "algo.buffer_size", size, f"be at least algo.n_envs={n}")
     if isinstance(algo, algorithms.Entropy):
         for key in ("ent_coef", "target_entropy"):
             value = getattr(algo, key)
             fits = value == "auto" or _is_number(value.removeprefix("auto").removeprefix("_"))
-            _require(fits, f"algo.{key}", value, "be auto, auto_<initial value> or a number")
+            require(fits, f"algo.{key}", value, "be auto, auto_<initial value> or a number")
     if isinstance(algo, algorithms.TQC):
         dropped, quantiles = algo.top_quantiles_to_drop_per_net, f"algo.n_quantiles={algo.n_quantiles}"
         key = "algo.top_quantiles_to_drop_per_net"
-        _require(dropped < algo.n_quantiles, key, dropped, f"be less than {quantiles}")
+        require(dropped < algo.n_quantiles, key, dropped, f"be less than {quantiles}")
     if isinstance(algo, algorithms.CrossQ):
         what = "be at least 2 for batch normalisation"
-        _require(algo.batch_size >= 2, "algo.batch_size", algo.batch_size, what)
+        require(algo.batch_size >= 2, "algo.batch_size", algo.batch_size, what)
     residual = getattr(algo, "residual", None)
     if isinstance(residual, algorithms.Residual):
         agent = residual.pid.agent
-        _require(agent == "pid", "algo.residual.pid.agent", agent, "be pid")
+        require(agent == "pid", "algo.residual.pid.agent", agent, "be pid")
 
 
 def _is_number(text: str) -> bool:

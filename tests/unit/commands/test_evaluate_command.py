@@ -11,7 +11,6 @@ import pytest
 
 from auvbench import cli
 from auvbench.agents.classical.random import RandomAgent
-from auvbench.commands import progress
 from tests import fake_training
 from tests.unit.runs.test_damage import frozen
 
@@ -40,7 +39,7 @@ def test_what_can_be_evaluated_is_and_the_rest_is_one_line(
     told = [line for line in captured.err.splitlines() if "compiling the simulator" not in line]
     assert told == [
         "auvbench: 55 runs are not complete and left out (54 pending, 1 failed); "
-        "auvbench resume outputs/default finishes them"
+        "finish with auvbench resume outputs/default"
     ]
     assert len(list(outputs.glob("*/*/evaluations/test/summary.json"))) == 2
     assert cli.main(["evaluate", "outputs", FEW]) == 0
@@ -55,7 +54,7 @@ def test_where_nothing_is_complete_it_says_what_finishes(
     assert cli.main(["evaluate", "outputs/default/ppo-3"]) == 2
     err = capsys.readouterr().err
     assert "nothing to evaluate: 1 run is not complete" in err
-    assert "auvbench resume outputs/default/ppo-3 finishes it" in err
+    assert "finish with auvbench resume outputs/default/ppo-3" in err
 
 
 def test_where_chooses_runs(outputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -73,21 +72,6 @@ def test_the_configuration_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.slow
-def test_the_bar_counts_what_the_policy_can_steer(outputs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A policy of six thrusters has four of the seven conditions of `transfer`, and its test ends at 8 of 8."""
-    asked: list[int] = []
-    inner = progress.counting_bar
-    monkeypatch.setattr(
-        progress,
-        "counting_bar",
-        lambda total, title, parts: (asked.append(parts), inner(total, title, parts))[1],
-    )
-    where = ["--where", "algo.name=pid", "vehicle=bluerov2"]
-    assert cli.main(["evaluate", "outputs", "protocol=transfer", FEW, "workers=1", *where]) == 0
-    (summary,) = outputs.glob("*/*/evaluations/transfer/summary.json")
-    assert asked == [2 * len(json.loads(summary.read_text())["conditions"])] == [8]
-
-
 @pytest.mark.parametrize("swallows", [True, False])
 def test_an_agent_that_swallows_an_interruption_does_not_hide_it(
     swallows: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

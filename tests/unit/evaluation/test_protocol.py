@@ -159,7 +159,7 @@ def test_a_condition_with_a_mistake_is_named(override, message):
 
 
 def test_conditions_need_names_of_their_own():
-    with pytest.raises(ConfigError, match="occurs twice"):
+    with pytest.raises(ConfigError, match="must be unique"):
         protocol("protocol.conditions=[{name: a},{name: a}]")
     with pytest.raises(ConfigError, match="letters, digits"):
         protocol("protocol.conditions=[{name: a/b}]")
