@@ -10,13 +10,42 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 INCLUDE = re.compile(r'--8<-- "([^"]+)"')
-LOOKS_LIKE_AN_INCLUDE = re.compile(r"-+\s*8\s*<")
+LOOKS_LIKE_AN_INCLUDE = re.compile(r"[-–—]\s*8\s*<|8\s*<\s*[-–—]")
+
+
+def includes(text: str) -> list[str]:
+    """Return the paths that a page includes.
+
+    Raises:
+        ValueError: a marker is malformed, for example `--8 < --"path"`.
+    """
+    paths = []
+    for line in text.splitlines():
+        if LOOKS_LIKE_AN_INCLUDE.search(line):
+            found = INCLUDE.fullmatch(line.strip())
+            if found is None:
+                raise ValueError(f'{line}: write --8<-- "path"')
+            paths.append(found[1])
+    return paths
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_included_file_exists(page: Path) -> None:
-    for line in page.read_text(encoding="utf-8").splitlines():
-        if LOOKS_LIKE_AN_INCLUDE.search(line):
-            found = INCLUDE.fullmatch(line.strip())
-            assert found, f'{line}: write --8<-- "path"'
-            assert (ROOT / found[1]).is_file(), line
+    for path in includes(page.read_text(encoding="utf-8")):
+        assert (ROOT / path).is_file(), path
+
+
+def test_the_page_on_controllers_includes_the_example() -> None:
+    found = includes((ROOT / "docs" / "adding-a-controller.md").read_text(encoding="utf-8"))
+    assert [Path(path).name for path in found] == [
+        "pyproject.toml",
+        "pursuit.yaml",
+        "pursuit.py",
+        "search.py",
+    ]
+
+
+@pytest.mark.parametrize("line", ['--8 < --"a.py"', '–8<– "a.py"', "--8<-- a.py", '--8<-- "a.py" # note'])
+def test_a_malformed_marker_is_an_error(line: str) -> None:
+    with pytest.raises(ValueError, match="write --8<--"):
+        includes(line)
