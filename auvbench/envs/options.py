@@ -18,10 +18,10 @@ NAMES = ("pose", "waypoint", "distance")
 
 
 def check_names(options: Mapping[str, Any] | None, *more: str) -> Mapping[str, Any]:
-    """The options, none of which is unknown.
+    """Return the options after a check of their names.
 
     Raises:
-        ConfigError: one is.
+        ConfigError: a name is unknown.
     """
     given = options or {}
     for name in given:
@@ -32,7 +32,7 @@ def check_names(options: Mapping[str, Any] | None, *more: str) -> Mapping[str, A
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """What `Batch.reset` takes for k environments; None where it draws."""
+    """Arguments of `Batch.reset` for k environments; None where it draws."""
 
     pose: Floats | None = None  # (k, 7)
     waypoint: Floats | None = None  # (k, 3)
@@ -40,7 +40,7 @@ class Places:
 
 
 def places(options: Mapping[str, Any], count: int, task: schema.Task, bounds: Floats) -> Places:
-    """Where `count` environments start and go.
+    """Return where `count` environments start and go.
 
     Args:
         options: `pose` (7,) for all or (count, 7): x, y, z in m and a quaternion w, x, y, z, which is normalised; or

@@ -31,7 +31,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import load_config
 from auvbench.tasks.observation import observation_spec
 from auvbench.tasks.waypoint import bounded_spec
-from auvbench.untrusted import path_safety
+from auvbench.untrusted import onnx_file, path_safety
 from auvbench.untrusted.onnx_file import Port
 from auvbench.vehicles import sheet
 from auvbench.vehicles.actuators import Actuator
@@ -182,7 +182,7 @@ def make_card(
     """Return the card of a run's policy, without the result of the comparison."""
     task = config.task
     plain = run.config()
-    found = exported.parse_policy(data, name)
+    found = onnx_file.parse(data)
     manifest = run.manifest()
     return {
         "format": FORMAT,
@@ -192,9 +192,9 @@ def make_card(
             "name": name,
             "bytes": len(data),
             "sha256": sha256(data),
-            "opset": found.file.opset,
-            "input": _port(found.input),
-            "output": _port(found.output),
+            "opset": found.opset,
+            "input": _port(found.inputs[0]),
+            "output": _port(found.outputs[0]),
         },
         "vehicle": {
             "name": vehicle.name,

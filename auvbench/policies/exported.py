@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from auvbench.errors import MissingExtraError
 from auvbench.policies import cards
 from auvbench.policies.cards import MOST, Card, PolicyError, card_path, content, parse_card
 from auvbench.untrusted import onnx_file
-from auvbench.untrusted.onnx_file import OnnxFile, Port
+from auvbench.untrusted.onnx_file import Port
 from auvbench.untrusted.text import plain, short
 
 Floats = NDArray[np.float32]
@@ -43,10 +43,10 @@ class Policy:
     Args:
         data: the ONNX file.
         where: its name, for messages.
-        observations: length of an observation; None where any will do.
-        actions: number of actuators; None where any will do.
-        card: of the file, if there is one.
-        rows: of each forward pass (see `ROWS`); 1 acts fastest on one observation.
+        observations: length of an observation; None for any.
+        actions: number of actuators; None for any.
+        card: of the file; its names must be as many as inputs and outputs.
+        rows: of each forward pass (see `ROWS`), unless the file fixes them; 1 acts fastest on one observation.
 
     Raises:
         PolicyError: the file is damaged, foreign, of another shape, or holds what is refused.
@@ -66,15 +66,28 @@ class Policy:
         self.where = where
         self.card = card
         self.sha256 = hashlib.sha256(data).hexdigest()
-        self.network = parse_policy(
-            data, where, observations=observations, actions=actions, card=card, rows=rows
-        )
-        self.n_observations, self.n_actions = self.network.n_observations, self.network.n_actions
-        self._session = _session(self.network.file.serialised(), where)
-        self._input, self._output = self.network.input, self.network.output
+        try:
+            self.file = file = onnx_file.parse(data)
+            self._input = _only(file.inputs, "input", "observation (n, length)")
+            self._output = _only(file.outputs, "output", "action (n, actuators)")
+            _fits("input", self._input, observations, card.observation if card else None)
+            fixed, width = self._input.shape or (None, None)
+            width = width or observations or (len(card.observation) if card else None)
+            if width is None:
+                raise ValueError(f"its input {self._input} leaves the length of an observation open")
+            self._rows = fixed or rows
+            shape = file.answer(self._rows, width)
+            if shape[:1] != (self._rows,):
+                raise ValueError(f"it answers {self._rows} observations with an array of shape {shape}")
+            answer = replace(self._output, shape=(None, *shape[1:]))
+            _fits("output", answer, actions, card.action if card else None)
+        except ValueError as error:
+            raise PolicyError(f"{where}: {error}") from error
+        self.n_observations, self.n_actions = width, shape[1] or 0
+        self._session = _session(file.serialised(), where)
 
     def act(self, observation: NDArray[np.floating]) -> Floats:
-        """Actions (n, n_u) in [-1, 1] for raw observations (n, n_obs) in their units.
+        """Return actions (n, n_u) in [-1, 1] for raw observations (n, n_obs) in their units.
 
         Raises:
             PolicyError: it answers with a NaN, an infinity, an action out of range, or one of another shape.
@@ -82,14 +95,14 @@ class Policy:
         given = np.ascontiguousarray(observation, dtype=self._input.type)
         if given.ndim != 2:
             raise PolicyError(f"{self.where}: was given observations of shape {given.shape}, not (n, length)")
-        rows = self.network.rows
+        rows = self._rows
         parts = [self._pass(given[at : at + rows]) for at in range(0, len(given), rows)]
         action = np.concatenate(parts) if parts else np.zeros((0, self.n_actions), dtype=np.float32)
         self._refuse(given, action)
         return np.clip(action, -1.0, 1.0)
 
     def _pass(self, part: NDArray[Any]) -> Floats:
-        rows = np.zeros((self.network.rows, part.shape[1]), dtype=part.dtype)
+        rows = np.zeros((self._rows, part.shape[1]), dtype=part.dtype)
         rows[: len(part)] = part
         try:
             (answer,) = self._session.run([self._output.name], {self._input.name: rows})
@@ -117,24 +130,13 @@ class Policy:
 def load(
     path: Path | str, *, observations: int | None = None, actions: int | None = None, rows: int = ROWS
 ) -> Policy:
-    """Read an ONNX file and the card next to it, if there is one.
-
-    Args:
-        path: of the ONNX file.
-        observations: length of an observation; None where any will do.
-        actions: number of actuators; None where any will do.
-        rows: of each forward pass; 1 acts fastest on one observation.
-
-    Raises:
-        PolicyError: one of them is missing, damaged, foreign, of another shape, or holds what is refused.
-        MissingExtraError: ONNX Runtime is not installed.
-    """
+    """Read an ONNX file and the card next to it, if there is one; arguments and errors are those of `Policy`."""
     data, card, _ = read(path)
     return Policy(data, str(path), observations=observations, actions=actions, card=card, rows=rows)
 
 
 def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
-    """An ONNX file's bytes, its card, and the card's bytes; None where no card lies next to it.
+    """Return an ONNX file's bytes, its card, and the card's bytes; None where no card lies next to it.
 
     Raises:
         PolicyError: one of them cannot be read, or the card is of another file.
@@ -157,67 +159,6 @@ def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
             "export again, or remove the card"
         )
     return data, card, text
-
-
-@dataclass(frozen=True, slots=True)
-class Network:
-    """A checked ONNX file and the sizes in which it is used."""
-
-    file: OnnxFile
-    rows: int  # of each forward pass
-    n_observations: int
-    n_actions: int
-
-    @property
-    def input(self) -> Port:
-        return self.file.inputs[0]
-
-    @property
-    def output(self) -> Port:
-        return self.file.outputs[0]
-
-
-def parse_policy(
-    data: bytes,
-    where: str,
-    *,
-    observations: int | None = None,
-    actions: int | None = None,
-    card: Card | None = None,
-    rows: int = ROWS,
-) -> Network:
-    """Return the network of an ONNX file if it is a policy of these sizes. Needs no runtime.
-
-    Args:
-        data: the file.
-        where: its name, for messages.
-        observations: length of an observation; None for any.
-        actions: number of actuators; None for any.
-        card: whose names must be as many as the file's inputs and outputs.
-        rows: of each forward pass, unless the file fixes them.
-
-    Raises:
-        PolicyError: it is not.
-        MissingExtraError: the onnx package is not installed.
-    """
-    try:
-        file = onnx_file.parse(data)
-        entry = _only(file.inputs, "input", "observation (n, length)")
-        answer = _only(file.outputs, "output", "action (n, actuators)")
-        _fits("input", entry, observations, card.observation if card else None)
-        fixed, width = entry.shape or (None, None)
-        width = width or observations or (len(card.observation) if card else None)
-        if width is None:
-            raise ValueError(f"its input {entry} leaves the length of an observation open")
-        rows = fixed or rows
-        shape = file.answer(rows, width)
-        if shape[:1] != (rows,):
-            raise ValueError(f"it answers {rows} observations with an array of shape {shape}")
-        answer = replace(answer, shape=(None, *shape[1:]))
-        _fits("output", answer, actions, card.action if card else None)
-    except ValueError as error:
-        raise PolicyError(f"{where}: {error}") from error
-    return Network(file, rows, width, shape[1] or 0)
 
 
 def _only(ports: tuple[Port, ...], kind: str, what: str) -> Port:

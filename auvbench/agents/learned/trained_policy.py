@@ -6,7 +6,7 @@ drive the vehicle and be scored.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -159,8 +159,6 @@ class LearnedPolicy(FrozenPolicy):
         config: of the run that trained it.
         folder: its `model/` folder.
         vehicle: that it steers.
-        check: called with the name and the content of each file before anything is made of it; raises where
-            that is not what was written.
 
     Raises:
         RunError: the files are missing, damaged, or of another network than the configuration's.
@@ -171,15 +169,14 @@ class LearnedPolicy(FrozenPolicy):
         config: schema.TrainConfig,
         folder: Path,
         vehicle: VehicleModel,
-        check: Callable[[str, bytes], None] | None = None,
     ) -> None:
         torch.set_num_threads(1)
         policy = _policy(config, vehicle)
         weights = read_weights(
-            _read(folder / learners.WEIGHTS, check), folder / learners.WEIGHTS, policy.state_dict()
+            _read(folder / learners.WEIGHTS), folder / learners.WEIGHTS, policy.state_dict()
         )
         kept = read_statistics(
-            _read(folder / learners.STATISTICS, check),
+            _read(folder / learners.STATISTICS),
             folder / learners.STATISTICS,
             observed(config, vehicle),
         )
@@ -188,16 +185,13 @@ class LearnedPolicy(FrozenPolicy):
         super().__init__(policy, kept, config.train.normalise_observations, len(vehicle.actuators))
 
 
-def _read(path: Path, check: Callable[[str, bytes], None] | None) -> bytes:
+def _read(path: Path) -> bytes:
     try:
-        data = reading.content(path, reading.WEIGHTS)
+        return reading.content(path, reading.WEIGHTS)
     except FileNotFoundError as error:
         raise RunError(f"{path.parent}: no trained model here ({path.name} is missing)") from error
     except (OSError, ValueError) as error:
         raise RunError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if check is not None:
-        check(path.name, data)
-    return data
 
 
 def observed(config: schema.TrainConfig, vehicle: VehicleModel) -> int:
