@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.agents.classical.estimate import wrap
+from auvbench.agents.classical.cascade import wrap
 from auvbench.config import schema
 from auvbench.observation import BODY
 from auvbench.tasks.observation import observation_spec

@@ -11,14 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.agents.base import Integers
-from auvbench.agents.classical.cascade import YAW, Cascade
-from auvbench.agents.classical.fins import FinController
+from auvbench.agents.base import Actions, Integers, Observations
+from auvbench.agents.classical.cascade import YAW, Cascade, Estimator
 from auvbench.config import algorithms, schema
-from auvbench.vehicles.actuators import Fin
+from auvbench.tasks.observation import observation_spec
+from auvbench.vehicles.actuators import BuoyancyEngine, Fin, MassShifter, Thruster
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
+
+STEEPEST = np.radians(35.0)  # flight-path angle asked for
+RUDDER_GAIN = 4.0  # rad of rudder per rad of yaw error; the hull damps the turn by itself
+TURNING_RADIUS = 14.0  # m of the Tethys at full rudder, 0.9 m/s and 0.064 rad/s
+MARGIN = 3.0  # m; the goal's radius
+PATH_GAIN = 1.0  # rad of elevator per rad of flight-path error
+LEAD_GAIN = 0.35  # rad of elevator per rad of wanted flight-path angle
 
 
 def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PIDController | FinController:
@@ -57,3 +64,77 @@ class PIDController(Cascade):
         # Conditional integration: no wind-up while the thrusters give all they may.
         step = self.gains.bandwidth / self.gains.integral_time * self.dt
         self.integral += np.where(free[:, None], step * miss, 0.0)
+
+
+class FinController:
+    """The classical baseline for torpedo-shaped vehicles: propeller, rudder, elevator, buoyancy.
+
+    Line-of-sight guidance (Fossen 2021, section 12.3): the rudder turns the bow towards the waypoint, the elevator sets a
+    flight-path angle towards its depth. Where the waypoint lies within the turning circle, the vehicle first runs on until
+    it can be reached.
+
+    Signs come from the sheet: with way on, a fin behind the origin that is turned about +z moves the bow to
+    starboard, about +y raises it.
+    """
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        gains = config.algo
+        assert isinstance(gains, algorithms.PID)
+        self.vehicle = vehicle
+        self.effort = gains.effort
+        spec = observation_spec(config.task, vehicle.actuators)
+        self.estimate = Estimator(1.0 / config.step.frequency, gains.filter_time, spec)
+        self.span = vehicle.command_limits
+        self.reset(np.empty(0, dtype=np.int64))
+
+    def reset(self, episodes: Integers) -> None:
+        self.estimate.reset(len(episodes))
+        self.opening = np.zeros(len(episodes), dtype=np.bool_)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """As `Estimator.memory`, with whether the vehicle runs on until the waypoint can be reached."""
+        return {**self.estimate.memory(), "opening": self.opening}
+
+    def act(self, observation: Observations) -> Actions:
+        now = self.estimate
+        now.update(observation.astype(np.float64))
+        level = np.hypot(now.error[:, 0], now.error[:, 1])
+        speed = np.linalg.norm(now.velocity, axis=1)
+        wanted = np.clip(np.arctan2(now.error[:, 2], np.maximum(level, 1e-6)), -STEEPEST, STEEPEST)
+        path = np.arctan2(now.velocity[:, 2], np.maximum(np.hypot(*now.velocity[:, :2].T), 0.3))
+
+        turn = RUDDER_GAIN * self._heading_error(level)
+        climb = PATH_GAIN * (wanted - path) + LEAD_GAIN * wanted
+        climb = np.where(speed < 0.1, 0.0, climb)
+        lift = np.clip(now.error[:, 2] / 3.0, -1.0, 1.0)
+
+        action = np.zeros((len(observation), len(self.vehicle.units)))
+        for j, unit in enumerate(self.vehicle.units):
+            if isinstance(unit, Thruster):
+                action[:, j] = self.effort
+            elif isinstance(unit, Fin):
+                aft = 1.0 if unit.position[0] < 0.0 else -1.0
+                angle = -aft * unit.direction[2] * turn + aft * unit.direction[1] * climb
+                action[:, j] = self._normalised(j, angle)
+            elif isinstance(unit, MassShifter):
+                # Weight moved aft raises the bow.
+                action[:, j] = -np.sign(unit.direction[0]) * np.clip(wanted / STEEPEST, -1.0, 1.0)
+            elif isinstance(unit, BuoyancyEngine):
+                action[:, j] = lift
+            else:
+                action[:, j] = -1.0  # keep the drop weight
+        return action
+
+    def _heading_error(self, level: Floats) -> Floats:
+        """Yaw error (n,) to steer by; zero while a waypoint inside the turning circle is run away from."""
+        error = self.estimate.yaw_error
+        # Distance of the waypoint from the centre of the tightest turn to its side.
+        ahead, aside = level * np.cos(error), level * np.abs(np.sin(error))
+        off = np.hypot(ahead, aside - TURNING_RADIUS)
+        within = (off < TURNING_RADIUS - MARGIN) & (level > MARGIN)
+        self.opening = np.where(self.opening, off < TURNING_RADIUS, within)
+        return np.where(self.opening, 0.0, error)
+
+    def _normalised(self, j: int, angle: Floats) -> Floats:
+        low, high = self.span[j]
+        return np.asarray(np.clip(2.0 * (angle - low) / (high - low) - 1.0, -1.0, 1.0))

@@ -1,7 +1,6 @@
 """Disturbances of N episodes: currents, actuator faults, delays, sensor errors, drawn vehicles.
 
-`model.Disturbances` is what the batch of environments calls; `kernels` draws and advances, compiled;
-`segments` splits an agent step where a delayed command begins to act or a delayed measurement is taken.
+`parameters.Disturbances` is what the batch of environments calls; `kernels` draws and advances, compiled.
 docs/disturbances.md defines each of them.
 """
 

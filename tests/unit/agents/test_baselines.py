@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from auvbench.agents.base import resolve
-from auvbench.agents.classical.estimate import Estimator
+from auvbench.agents.classical.cascade import Estimator
 from auvbench.config.agents import AGENTS
 from auvbench.envs.batch import Batch
 from auvbench.evaluation.rollout import roll_out
