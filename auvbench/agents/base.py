@@ -34,10 +34,10 @@ class Agent(Protocol):
     """
 
     def reset(self, episodes: Integers) -> None:
-        """Forgets everything: the given episodes (n,) begin, one per row."""
+        """Forget everything: the given episodes (n,) begin, one per row."""
 
     def act(self, observation: Observations) -> Actions:
-        """Actions (n, n_u) in [-1, 1] for observations (n, n_obs)."""
+        """Return actions (n, n_u) in [-1, 1] for observations (n, n_obs)."""
 
 
 class Transition(Protocol):
@@ -66,10 +66,10 @@ class Environment(Protocol):
         """
 
     def reset(self) -> NDArray[np.float32]:
-        """Begins an episode everywhere; observations (n, n_obs)."""
+        """Begin an episode everywhere; observations (n, n_obs)."""
 
     def step(self, action: Actions) -> Transition:
-        """One step of 1 / `step.frequency` s with actions (n, n_u), clipped to [-1, 1].
+        """Take one step of 1 / `step.frequency` s with actions (n, n_u), clipped to [-1, 1].
 
         Raises:
             ActionError: another shape, a NaN or an infinity; nothing has moved.
@@ -93,7 +93,7 @@ class Callbacks(Protocol):
         """
 
     def step(self, steps: int, transition: Transition) -> float:
-        """Call after every step of the environment, with the environment steps that lie behind.
+        """Take one step of 1 / `step.frequency` s with actions (n, n_u), clipped to [-1, 1].
 
         Writes the rows of the episodes that ended, reports progress, and tests the policy where
         `train.evaluate_every` asks for it, by the learner's own `reset` and `act`. Returns the s that this took from
@@ -110,7 +110,7 @@ class Callbacks(Protocol):
         """
 
     def log(self, scalars: Mapping[str, float], steps: int) -> None:
-        """Adds scalars, by name, to the run's TensorBoard file."""
+        """Add scalars, by name, to the run's TensorBoard file."""
 
 
 class Ring(Protocol):
@@ -139,7 +139,7 @@ class Learner(Agent, Protocol):
     anew, which its manifest names."""
 
     def learn(self, environment: Environment, config: schema.TrainConfig, callbacks: Callbacks) -> None:
-        """Trains until at least `callbacks.total_steps` environment steps lie behind; its state is whole on return.
+        """Train until at least `callbacks.total_steps` environment steps are done; the state is whole on return.
 
         Args:
             environment: fresh; `config.algo.n_envs` episodes side by side.
@@ -151,10 +151,10 @@ class Learner(Agent, Protocol):
         """
 
     def save(self, folder: Path) -> None:
-        """Writes the trained policy as files into an empty folder: arrays, tensors, JSON, never a pickle."""
+        """Write the trained policy as files into an empty folder: arrays, tensors, JSON, never a pickle."""
 
     def load(self, folder: Path) -> None:
-        """Reads what `save` wrote, in a process that has not trained; `act` then gives the same actions.
+        """Read what `save` wrote, in a process that has not trained; `act` then gives the same actions.
 
         The caller has compared the files with their digests.
 
@@ -163,7 +163,7 @@ class Learner(Agent, Protocol):
         """
 
     def state(self) -> Components:
-        """Everything that training goes on with, but `replay` and the environment: named arrays, tensors and plain values.
+        """Return everything that training continues with except `replay` and the environment: arrays, tensors, plain values.
 
         Called from within `callbacks.checkpoint`, and once more when `learn` has returned.
 
@@ -172,7 +172,7 @@ class Learner(Agent, Protocol):
         """
 
     def restore(self, components: Components) -> None:
-        """Returns to what `state` gave; called from within `callbacks.begin`, after the environment was restored.
+        """Return to what `state` gave; called from within `callbacks.begin`, after the environment was restored.
 
         Raises:
             RunError: it is of another learner.
@@ -180,19 +180,19 @@ class Learner(Agent, Protocol):
 
 
 def replay(learner: Learner) -> Ring | None:
-    """The memory of transitions that a learner's checkpoints store by increments: its attribute `replay`, if any."""
+    """Return the memory of transitions that a learner's checkpoints store by increments: its attribute `replay`, if any."""
     ring: Ring | None = getattr(learner, "replay", None)
     return ring
 
 
 def resolve(target: str) -> Any:
-    """The object that a registry's "module:name" stands for."""
+    """Return the object that a registry's "module:name" stands for."""
     module, _, name = target.partition(":")
     return getattr(importlib.import_module(module), name)
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
-    """The agent that `config.algo` names, for the vehicle that it is to know; one that learns has learned nothing yet."""
+    """Return the agent that `config.algo` names, for a vehicle; an agent that learns has learned nothing yet."""
     name = config.algo.agent
     spec = AGENTS.get(name)
     if spec is None:
@@ -204,7 +204,7 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
 
 
 def learner_of(config: schema.TrainConfig, vehicle: VehicleModel) -> Learner:
-    """As `make`, for an agent that learns."""
+    """Return the learner that `config.algo` names."""
     made: Any = make(config, vehicle)
     found: Learner = made
     return found

@@ -26,7 +26,7 @@ class Components:
         """File name and content of each component.
 
         Raises:
-            TypeError: an array holds Python objects, or a value is none that JSON knows.
+            TypeError: an array holds Python objects, or JSON has no form for a value.
         """
         if self.tensors:
             import torch  # only here: a learner without tensors does not wait for it
@@ -47,7 +47,7 @@ class Components:
 
     @classmethod
     def read(cls, contents: Mapping[str, bytes]) -> Components:
-        """The inverse of `files`.
+        """Return the components in files; the inverse of `files`.
 
         Raises:
             ValueError: a file is damaged or would need unpickling.

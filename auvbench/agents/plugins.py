@@ -81,7 +81,7 @@ class PluginAgent:
         return found
 
     def reset(self, episodes: Integers) -> None:
-        """As the contract says; it gets a copy, which it may keep.
+        """Reset the agent with a copy of the episodes.
 
         Raises:
             AgentError: it fails.
@@ -90,7 +90,7 @@ class PluginAgent:
             self.inner.reset(episodes.copy())
 
     def act(self, observation: Observations) -> Actions:
-        """As the contract says; it gets a copy of the observations.
+        """Return the agent's actions for a copy of the observations.
 
         Raises:
             AgentError: it fails, or its actions are none: of another shape, no numbers, not finite, out of range.
@@ -136,7 +136,7 @@ class PluginLearner(PluginAgent):
         raise AttributeError(name)
 
     def load(self, folder: Path) -> None:
-        """As the contract says.
+        """Load the agent's files.
 
         Raises:
             AgentError: it fails.
@@ -145,7 +145,7 @@ class PluginLearner(PluginAgent):
             self.inner.load(folder)
 
     def state(self) -> Components:
-        """As the contract says.
+        """Return the agent's state.
 
         Raises:
             AgentError: it gives something else.

@@ -29,7 +29,7 @@ class PolicyFile:
         self.policy: exported.Policy | None = None
 
     def load(self, folder: Path) -> None:
-        """Reads the file from a run's `model/`.
+        """Read the file in a run's `model/`.
 
         Raises:
             PolicyError: it is missing, damaged, of another shape, or not the one that the run was made with.
@@ -45,10 +45,10 @@ class PolicyFile:
         self.policy = exported.Policy(data, str(path), card=card, **sizes)
 
     def reset(self, episodes: Integers) -> None:
-        """Nothing to forget: the network keeps no state."""
+        """Do nothing: the network keeps no state."""
 
     def act(self, observation: Observations) -> Actions:
-        """Actions (n, n_u).
+        """Return actions (n, n_u).
 
         Raises:
             PolicyError: the file answers what is no action.

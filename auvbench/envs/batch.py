@@ -136,7 +136,7 @@ class Batch:
         return State(now.pose[indices], now.waypoint[indices], now.distance[indices], now.force[indices])
 
     def reseed(self, seed: int, indices: NDArray[np.int64] | None = None) -> None:
-        """Starts again at episode 0 with another seed, everywhere or in some environments; `reset` must follow.
+        """Start again at episode 0 with another seed, in all or some environments; `reset` must follow.
 
         Raises:
             ConfigError: the seed is not in 0 .. 2^32 - 1.
@@ -145,7 +145,7 @@ class Batch:
         self.task.reseed(seed, indices)
 
     def reseed_each(self, indices: NDArray[np.int64], seeds: Sequence[int]) -> None:
-        """Gives environments `indices` (k,) seeds of their own; each then draws what one environment of that seed does.
+        """Give environments `indices` (k,) a seed each; each then draws as a single environment of that seed.
 
         Raises:
             ConfigError: a seed is not in 0 .. 2^32 - 1.
@@ -162,7 +162,7 @@ class Batch:
         waypoint: Floats | None = None,
         distance: Floats | None = None,
     ) -> NDArray[np.float32]:
-        """Begins the next episode everywhere, or in environments `indices` (k,).
+        """Begin the next episode everywhere, or in environments `indices` (k,).
 
         Args:
             indices: None for all n.
@@ -204,7 +204,7 @@ class Batch:
         )
 
     def step(self, action: NDArray[np.floating], begin: NDArray[np.int64] | None = None) -> Transition:
-        """One agent step of 1/frequency seconds.
+        """Advance by one agent step of 1/frequency seconds.
 
         Args:
             action: (n, n_u), clipped to [-1, 1].
@@ -223,7 +223,7 @@ class Batch:
         return self._conclude(count)
 
     def _compute(self, action: NDArray[np.floating]) -> int:
-        """Everything up to the observation; returns how many episodes ended."""
+        """Compute a step up to the observation; return how many episodes ended."""
         admit(action, self._action)
         task, simulator = self.task, self.simulator
         # A subclass, of a plug-in for example, may override any method.
@@ -255,7 +255,7 @@ class Batch:
         return count
 
     def _conclude(self, ended_count: int) -> Transition:
-        """The transition of a step that is computed, and the next episode where one of `ended_count` ended."""
+        """Return the transition of a computed step; begin the next episode where one of `ended_count` ended."""
         task = self.task
         observation = task.observation
         if not ended_count:
@@ -278,7 +278,7 @@ class Batch:
         return Transition(observation, task.reward, terminated, truncated, ended, final, final_state, records)
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Copies of everything that an exact resume needs, as plain arrays."""
+        """Return copies of everything that an exact resume needs, as plain arrays."""
         state = {f"task.{key}": value for key, value in self.task.state_dict().items()}
         state |= {f"simulator.{key}": value for key, value in self.simulator.state_dict().items()}
         if self.disturbances is not None:
@@ -287,7 +287,7 @@ class Batch:
         return state
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Returns to a state that `state_dict` gave.
+        """Return to a state that `state_dict` gave.
 
         Where the simulator cannot (`capabilities.exact_resume`), the episodes that were in flight begin again with
         the same draws, and `restarted` holds their first observations.
@@ -338,7 +338,7 @@ def clip(action: NDArray[Any], clipped: Floats) -> int:
 
 
 def _at(distance: Floats, start: Floats, waypoint: Floats) -> Floats:
-    """Waypoints (k, 3) moved to `distance` (k,) from `start` (k, 3); eastwards where they lay at the start."""
+    """Return waypoints (k, 3) moved to `distance` (k,) from `start` (k, 3); eastwards where they lay at the start."""
     line = waypoint - start
     length = np.linalg.norm(line, axis=1, keepdims=True)
     direction = np.where(length > 0.0, line / np.maximum(length, 1e-300), np.array([1.0, 0.0, 0.0]))

@@ -69,7 +69,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins an episode: episode 0 of `seed`, or the next one where no seed is given.
+        """Begin an episode: episode 0 of `seed`, or the next one where no seed is given.
 
         Args:
             seed: of any size; seeds of 2^32 and more are hashed to 32 bits.
@@ -95,7 +95,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return options.places(options.check_names(given), 1, self.config.task, bounds)
 
     def _warn_of_a_limit(self) -> None:
-        """Of an episode that a limit of Gymnasium cut short."""
+        """Warn of an episode that a limit of Gymnasium cut short."""
         steps = step_limit(self.config.task, self.config.step.frequency)
         if self._under_way and self.batch.task.C[0, C_STEPS] == settings.STEPS < steps:
             warnings.warn(
@@ -106,7 +106,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             )
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One agent step of 1/frequency seconds with an action (n_u,), clipped to [-1, 1].
+        """Advance by one agent step of 1/frequency seconds with an action (n_u,), clipped to [-1, 1].
 
         Raises:
             ResetNeeded: no episode is under way.
@@ -133,7 +133,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         )
 
     def render(self) -> Any:
-        """The picture or the line of the episode as it is now; None without a `render_mode`.
+        """Return the picture or the line of the episode as it is now; None without a `render_mode`.
 
         Raises:
             ResetNeeded: there has been no episode.

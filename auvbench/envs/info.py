@@ -29,14 +29,14 @@ WHOLE = ("episode", "environment", "outcome", "steps")
 
 
 def numbers(record: Record) -> dict[str, int | float]:
-    """The record with its outcome as a code, an index into OUTCOMES."""
+    """Return the record with its outcome as a code, an index into OUTCOMES."""
     return {
         name: OUTCOMES.index(value) if isinstance(value, str) else value for name, value in record.items()
     }
 
 
 def single(state: State, i: int, record: Record | None = None) -> dict[str, Any]:
-    """What one environment tells; row `i` of `state`, and the record where the episode ended."""
+    """Return the info of environment `i`; with a record where its episode ended."""
     info: dict[str, Any] = {
         "pose": state.pose[i].copy(),
         "waypoint": state.waypoint[i].copy(),
@@ -49,7 +49,7 @@ def single(state: State, i: int, record: Record | None = None) -> dict[str, Any]
 
 
 def batch(state: State, success: NDArray[np.bool_], rows: NDArray[np.bool_]) -> dict[str, Any]:
-    """What n environments tell, of which `rows` (n,) count; `success` (n,) says which episodes ended so."""
+    """Return the info of n environments; `rows` (n,) count, and `success` (n,) marks successful ends."""
     return {
         "pose": state.pose.copy(),
         "_pose": rows.copy(),
@@ -65,7 +65,7 @@ def batch(state: State, success: NDArray[np.bool_], rows: NDArray[np.bool_]) -> 
 def final(
     state: State, ended: NDArray[np.int64], records: Sequence[Record], rows: NDArray[np.bool_]
 ) -> dict[str, Any]:
-    """What the environments `ended` (k,) tell at their ends, as arrays of n rows of which `rows` (n,) count."""
+    """Return the info of environments `ended` (k,) at their ends, as arrays of n rows; `rows` (n,) count."""
     n = len(rows)
     spread = State(
         pose=_spread(n, ended, state.pose),
@@ -79,7 +79,7 @@ def final(
 
 
 def table(ended: NDArray[np.int64], records: Sequence[Record], rows: NDArray[np.bool_]) -> dict[str, Any]:
-    """The records as arrays of n rows by column."""
+    """Return the records as arrays of n rows by column."""
     values = np.zeros((len(RECORD_COLUMNS), len(rows)))
     values[:, ended] = np.array([list(numbers(record).values()) for record in records]).T
     columns: dict[str, Any] = {}

@@ -108,5 +108,5 @@ class Renderer:
 
 
 def outcome_name(code: int) -> str | None:
-    """The name of an outcome's code; None for an episode that is under way."""
+    """Return the name of an outcome's code; None for an episode that is under way."""
     return OUTCOMES[code] if code >= 0 else None

@@ -110,7 +110,7 @@ class WaypointVecEnv(VecEnv):
         return options.places(rows, self.num_envs, self.batch.config.task, bounds)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """One seed serves the batch: environment i draws from (seed, i)."""
+        """Seed the batch: environment i draws from (seed, i)."""
         if seed is not None:
             self._seeds = [seed] * self.num_envs
         return self._seeds

@@ -51,7 +51,7 @@ class Trail:
     command: list[Floats] = field(default_factory=list)  # (n_u,) N
 
     def add(self, pose: Floats, distance: float, command: Floats | None = None) -> None:
-        """A place (7,) with its distance to the waypoint, and the forces (n_u,) of the step that led to it."""
+        """Add a place (7,), its distance to the waypoint, and the forces (n_u,) of the step that led to it."""
         w, x, y, z = pose[3:]
         self.position.append(pose[:3].copy())
         self.yaw.append(float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))

@@ -41,7 +41,7 @@ def configuration(
     conf: str | Path | None = None,
     **keywords: Any,
 ) -> schema.TrainConfig:
-    """The configuration of an environment: given, or composed from the package's own files.
+    """Return the configuration of an environment: the given one, or one composed from the package's files.
 
     Args:
         config: a typed one; nothing else may be said then.
@@ -89,7 +89,7 @@ def _compose(overrides: Sequence[str], folder: Path | None) -> schema.TrainConfi
 
 
 def limited(config: schema.TrainConfig, steps: int | None) -> schema.TrainConfig:
-    """The configuration with another limit of an episode's steps.
+    """Return the configuration with another limit of an episode's steps.
 
     None and STEPS, which Gymnasium passes by default, leave it as it is; -1 takes it away.
 
@@ -106,7 +106,7 @@ def limited(config: schema.TrainConfig, steps: int | None) -> schema.TrainConfig
 
 
 def folded(seed: Any) -> int:
-    """A seed of any size as one of 32 bits: itself below 2^32, a hash (numpy's SeedSequence) above.
+    """Return a seed as 32 bits: itself below 2^32, a hash (numpy's SeedSequence) above.
 
     Raises:
         ConfigError: it is no whole number, or negative.

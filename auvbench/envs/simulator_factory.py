@@ -15,7 +15,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def at_once(config: schema.TrainConfig, wanted: int) -> int:
-    """How many of `wanted` vehicles the configured simulator has: all of them, unless they are a server's.
+    """Return how many of `wanted` vehicles the simulator can have: all of them, or those of the ROS 2 server.
 
     Raises:
         ConfigError: there is no such server.
@@ -34,7 +34,7 @@ def make_simulator(
     drawn: schema.Randomisation | None = None,
     stand_in: VehicleModel | None = None,
 ) -> Simulator:
-    """The simulator that the configuration names.
+    """Return the simulator that the configuration names.
 
     Its step is no longer than the shortest time constant of any vehicle that may be drawn, even if the configuration
     allows. RK4 would be stable up to 2.78 of them: the rest is for currents and what turns faster than thrust alone
@@ -79,5 +79,5 @@ def _shortest_time_constant(vehicle: VehicleModel, drawn: schema.Randomisation |
 
 
 def at_frequency(config: schema.TrainConfig, frequency: float) -> schema.TrainConfig:
-    """The same configuration with another agent step."""
+    """Return the configuration with another agent step."""
     return dataclasses.replace(config, step=dataclasses.replace(config.step, frequency=frequency))

@@ -109,7 +109,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Begins an episode everywhere, or where `options["reset_mask"]` says so.
+        """Begin an episode everywhere, or where `options["reset_mask"]` says so.
 
         Args:
             seed: one for all, environment i then draws from (seed, i); or one for each, which then draws what a
@@ -137,7 +137,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         return observation.copy(), told
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
-        """Which environments (n,) are to be reset."""
+        """Return which environments (n,) are reset."""
         if given is None:
             return np.ones(self.num_envs, dtype=np.bool_)
         mask = np.asarray(given)
@@ -169,7 +169,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         self._seeded = True
 
     def step(self, actions: Arrays) -> tuple[Arrays, Arrays, Arrays, Arrays, dict[str, Any]]:
-        """One agent step of every environment with actions (n, n_u), clipped to [-1, 1].
+        """Advance every environment by one agent step with actions (n, n_u), clipped to [-1, 1].
 
         Raises:
             ResetNeeded: before the first `reset`; and with `DISABLED`, after an episode's end.
@@ -214,7 +214,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         return told
 
     def render(self) -> Any:
-        """A tuple with the picture or the line of each environment; None without a `render_mode`.
+        """Return a tuple with the picture or the line of each environment; None without a `render_mode`.
 
         Raises:
             ResetNeeded: there has been no episode.

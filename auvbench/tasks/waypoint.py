@@ -193,18 +193,18 @@ class WaypointTask:
     # Arguments of the kernels for the environments start .. stop - 1. The arrays stay the same objects.
 
     def noise_arguments(self, action: Floats, start: int, stop: int) -> tuple[Any, ...]:
-        """Of `kernels.add_command_noise`."""
+        """Return the arguments of `kernels.add_command_noise`."""
         return start, stop, action, self.C, self.parameters, self.noise_scale, self._test, self.command
 
     def advance_arguments(
         self, pose: Floats, action: Floats, force: Floats, power: Floats, start: int, stop: int
     ) -> tuple[Any, ...]:
-        """Of `kernels.advance`."""
+        """Return the arguments of `kernels.advance`."""
         sums = self.F, self.C, self.parameters, self.reward
         return start, stop, pose, action, self.previous, force, power, *sums
 
     def observe_arguments(self, pose: Floats, start: int, stop: int) -> tuple[Any, ...]:
-        """Of `kernels.observe`."""
+        """Return the arguments of `kernels.observe`."""
         state = self.previous, self.F, self.C, self.parameters
         return start, stop, pose, self.offset, *state, self._test, self.observation
 

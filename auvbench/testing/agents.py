@@ -1,4 +1,4 @@
-"""What every agent must keep, and what one that learns must keep besides."""
+"""The checks of agents, and further ones of learners."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ class Flight:
 
 
 def fly(config: schema.TrainConfig, agent: base.Agent) -> Flight:
-    """Steers `EPISODES` vehicles for `STEPS` steps; each action is looked at.
+    """Steer `EPISODES` vehicles for `STEPS` steps and check each action.
 
     Raises:
-        ConformanceError: an action is none, or is out of range.
+        ConformanceError: an action is not finite or out of range.
     """
     batch = Batch(config, EPISODES, test=True, autoreset=True)
     batch.task.assign(np.arange(EPISODES))
@@ -71,7 +71,7 @@ def fly(config: schema.TrainConfig, agent: base.Agent) -> Flight:
 
 
 def replay(flight: Flight, agent: base.Agent, rows: Sequence[int], what: str) -> None:
-    """Shows an agent some episodes of a flight again.
+    """Show an agent some episodes of a flight again.
 
     Raises:
         ConformanceError: it does not do the same.
@@ -123,7 +123,7 @@ AGENT_CHECKS: tuple[Callable[[schema.TrainConfig, Make], None], ...] = (
     nothing_outlives_an_episode,
     actions_are_deterministic,
 )
-"""What every agent must keep."""
+"""The checks of every agent."""
 
 
 @dataclass
@@ -140,12 +140,12 @@ class Trainings:
     _made: dict[str, RunDirectory]
 
     def run(self, name: str, *more: str) -> RunDirectory:
-        """A run that has not begun."""
+        """Return a run that has not begun."""
         typed = [*self.overrides, *more, f"output={self.folder}", f"name={name}", "train.progress=false"]
         return prepare(compose("train", typed))
 
     def whole(self) -> RunDirectory:
-        """The run that nothing happened to."""
+        """Return the run of an undisturbed training."""
         if "whole" not in self._made:
             draws.reseed_generators(3)
             run = self.run("whole")
@@ -155,7 +155,7 @@ class Trainings:
 
 
 def files(run: RunDirectory) -> dict[str, str]:
-    """Digests of what a run has learned and of the episodes that it has trained on."""
+    """Return digests of what a run has learned and of the episodes that it has trained on."""
     paths = [*sorted(run.model.iterdir()), run.train / "episodes.csv"]
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
@@ -202,7 +202,7 @@ def nothing_is_pickled(trainings: Trainings) -> None:
 
 @contextmanager
 def stopped_at(step: int) -> Iterator[None]:
-    """A training that comes so far is struck down."""
+    """Stop a training with an error at a step."""
     ordinary = Session.step
 
     def strike(self: Session, steps: int, transition: Any) -> float:
@@ -249,7 +249,7 @@ LEARNER_CHECKS: tuple[Callable[[Trainings], None], ...] = (
     nothing_is_pickled,
     a_stopped_training_ends_as_it_says,
 )
-"""What an agent that learns must keep besides."""
+"""Further checks of an agent that learns."""
 
 
 def _config_and_vehicle(overrides: Sequence[str]) -> tuple[schema.TrainConfig, Any]:
@@ -262,7 +262,7 @@ def check_agent(
     steps: int = 2000,
     only: Callable[..., None] | None = None,
 ) -> None:
-    """Checks an agent against its contract (`auvbench.agents.base`).
+    """Check an agent against its contract (`auvbench.agents.base`).
 
     Args:
         overrides: what one would type behind `auvbench train`: the agent, `algo=NAME`, and other overrides.

@@ -1,4 +1,4 @@
-"""What every simulator must keep."""
+"""The checks of every simulator."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ STATE = ("pose", "velocity", "command_force", "power")
 
 
 def start(simulator: Simulator) -> None:
-    """Puts all vehicles at places of their own, at rest."""
+    """Put all vehicles at different places, at rest."""
     pose = np.zeros((simulator.n, 7))
     pose[:, 0], pose[:, 2], pose[:, 3] = 2.0 * np.arange(simulator.n), -20.0, 1.0
     simulator.reset(np.arange(simulator.n), pose, np.zeros((simulator.n, 6)))
 
 
 def commands(simulator: Simulator, step: int, first: int = 0) -> NDArray[np.float64]:
-    """Commands (n, n_u) in [-1, 1] that differ from vehicle to vehicle and from step to step."""
+    """Return commands (n, n_u) in [-1, 1] that differ from vehicle to vehicle and from step to step."""
     n_u = len(simulator.vehicle.actuators)
     vehicles = first + np.arange(simulator.n)[:, None]
     return np.asarray(np.sin(0.7 * step + 1.3 * vehicles + 0.9 * np.arange(n_u)))
 
 
 def fly(simulator: Simulator, steps: range = range(STEPS), first: int = 0) -> dict[str, NDArray[np.float64]]:
-    """Commands for so many steps; the states after each, (steps, n, ...)."""
+    """Apply commands for some steps; return the states after each, (steps, n, ...)."""
     found: dict[str, list[NDArray[np.float64]]] = {name: [] for name in STATE}
     for step in steps:
         simulator.step(commands(simulator, step, first), DURATION)
@@ -206,11 +206,11 @@ SIMULATOR_CHECKS: tuple[Callable[[Make], None], ...] = (
     its_state_comes_back,
     it_can_what_it_says,
 )
-"""What every simulator must keep."""
+"""The checks of every simulator."""
 
 
 def check_simulator(*overrides: str, only: Callable[[Make], None] | None = None) -> None:
-    """Checks a simulator against its contract (`auvbench.simulators.base.Simulator`).
+    """Check a simulator against its contract (`auvbench.simulators.base.Simulator`).
 
     Args:
         overrides: what one would type behind `auvbench train`: the simulator, `simulator=NAME`, a vehicle perhaps.

@@ -68,7 +68,7 @@ class Estimator:
         self.yaw_rate: Floats = np.zeros(n)
 
     def update(self, observation: Floats) -> None:
-        """Takes in observations (n, n_obs)."""
+        """Take in observations (n, n_obs)."""
         yaw_error = observation[:, self._yaw_error].ravel()
         error = observation[:, self._error].copy()
         bearing = np.arctan2(error[:, 1], error[:, 0])
@@ -85,18 +85,18 @@ class Estimator:
         self.first = np.zeros(len(error), dtype=np.bool_)
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """What it carries from reading to reading, by name: its own arrays, a row for each vehicle."""
+        """Return what it carries from reading to reading, by name: its own arrays, a row for each vehicle."""
         names = ("first", "error", "yaw", "yaw_error", "velocity", "yaw_rate")
         return {name: getattr(self, name) for name in names}
 
 
 def wrap(angle: Floats) -> Floats:
-    """Angles in [-pi, pi)."""
+    """Return angles in [-pi, pi)."""
     return np.asarray(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def to_body(world: Floats, yaw: Floats) -> Floats:
-    """Vectors (n, 3) from world axes to the levelled body's, turned by yaw (n,)."""
+    """Return vectors (n, 3) from world axes to the levelled body's, turned by yaw (n,)."""
     c, s = np.cos(yaw), np.sin(yaw)
     x, y, z = world.T
     return np.stack([c * x + s * y, c * y - s * x, z], axis=1)
@@ -156,21 +156,21 @@ class Cascade:
         return self.vehicle.action(thrust * scale[:, None])
 
     def law(self, wanted: Floats, velocity: Floats) -> Floats:
-        """The wrench (n, 6) in N and N m for a wanted and a present velocity (n, 3) in m/s, body axes."""
+        """Return the wrench (n, 6) in N and N m for a wanted and a present velocity (n, 3) in m/s, body axes."""
         raise NotImplementedError
 
     def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
-        """What a law remembers of this step: velocities missed (n, 3), and whether (n,) no thruster saturated."""
+        """Update the law's memory with the velocities missed (n, 3) and whether (n,) no thruster saturated."""
 
     def _drag(self, velocity: Floats) -> Floats:
-        """Drag (n, 3) in N at a velocity (n, 3) along the body's axes."""
+        """Return the drag (n, 3) in N at a velocity (n, 3) along the body's axes."""
         vehicle = self.vehicle
         return np.asarray(
             (vehicle.linear_damping[:3] + vehicle.quadratic_damping[:3] * np.abs(velocity)) * velocity
         )
 
     def _feasible(self, velocity: Floats) -> Floats:
-        """The velocity, slowed where holding it would take more than CRUISE_SHARE of the thrust."""
+        """Return the velocity, slowed where holding it would take more than CRUISE_SHARE of the thrust."""
         for _ in range(3):
             scale = self._scale(self._allocate(self._drag(velocity)) / CRUISE_SHARE)
             # Drag grows with up to the square of the speed: the root does not slow down too much.
@@ -178,11 +178,11 @@ class Cascade:
         return velocity
 
     def _allocate(self, wrench: Floats) -> Floats:
-        """Thrust (n, n_u) in N for wrenches (n, 6), or for forces (n, 3) alone."""
+        """Return the thrust (n, n_u) in N for wrenches (n, 6), or for forces (n, 3) alone."""
         return _product(wrench, self.inverse[:, : wrench.shape[1]])
 
     def _scale(self, thrust: Floats) -> Floats:
-        """Factor (n,) <= 1 that keeps every thruster within its limits and the vehicle upright."""
+        """Return the factor (n,) <= 1 that keeps every thruster within its limits and the vehicle upright."""
         backwards, forwards = self.reach
         ratio = (np.abs(thrust) / np.where(thrust >= 0.0, forwards, backwards)).max(axis=1)
         if self.tilt_limit > 0.0:
@@ -201,7 +201,7 @@ def _product(rows: Floats, matrix: Floats) -> Floats:
 
 
 def _controlled(allocation: Floats) -> Floats:
-    """The rows of the allocation that are controlled: surge, sway, heave, yaw, and roll and pitch if spanned."""
+    """Return the rows of the allocation that are controlled: surge, sway, heave, yaw, and roll and pitch if spanned."""
     rows = allocation.copy()
     kept = [0, 1, 2, YAW]
     for row in (ROLL, PITCH):

@@ -53,7 +53,7 @@ class LQRController(Cascade):
 
 
 def lqr_gain(vehicle: VehicleModel, gains: algorithms.LQR, dt: float) -> Floats:
-    """Gain (4, 8): wrench (X, Y, Z, N) in N, N m from (u, v, w miss; yaw error; yaw rate; integrals of the miss)."""
+    """Return the gain (4, 8): wrench (X, Y, Z, N) in N, N m from (u, v, w miss; yaw error; yaw rate; integrals of the miss)."""
     A, B = cruise_plant(vehicle, gains.cruise_speed)
     n, m = B.shape
     block = np.zeros((n + m, n + m))
@@ -77,7 +77,7 @@ def lqr_gain(vehicle: VehicleModel, gains: algorithms.LQR, dt: float) -> Floats:
 
 
 def cruise_plant(vehicle: VehicleModel, speed: float) -> tuple[Floats, Floats]:
-    """A (8, 8) and B (8, 4) of the deviations from cruising ahead at `speed` in m/s; roll and pitch are left out."""
+    """Return A (8, 8) and B (8, 4) of the deviations from cruising ahead at `speed` in m/s; roll and pitch are left out."""
     nu = np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0])
     damping = np.diag(vehicle.linear_damping + 2.0 * vehicle.quadratic_damping * np.abs(nu))
     matrices = [vehicle.M_RB]

@@ -83,7 +83,7 @@ class MPCController:
         self._first = True
 
     def ended(self, rows: NDArray[np.intp]) -> None:
-        """The episodes of these rows are over: nothing is computed for them any more."""
+        """Stop computing actions for episodes that are over."""
         self.running = np.setdiff1d(self.running, rows)
 
     def act(self, observation: Observations) -> Actions:
@@ -127,7 +127,7 @@ class Plan:
         """thrust that is being given while the plan is made"""
 
     def advance(self, share: float) -> None:
-        """Moves on in time by a share of an interval."""
+        """Move on in time by a share of an interval."""
         self.applied = self.U[:, 0].copy()
         share = min(share, 1.0)
         self.X[:, :-1] += share * (self.X[:, 1:] - self.X[:, :-1])
@@ -168,14 +168,14 @@ class Program:
         )
 
     def rest(self) -> Plan:
-        """A plan of no thrust."""
+        """Return a plan of no thrust."""
         X = np.zeros((self.model.n_x, self.N + 1))
         X[3] = 1.0
         X[13:] = self.model.rest[:, None]
         return Plan(X, np.zeros((self.model.n_u, self.N)))
 
     def simulate(self, plan: Plan, state: Floats, current: Floats) -> None:
-        """Puts the nodes where the plan's thrusts lead from a state (n_x,)."""
+        """Put the nodes where the plan's thrusts lead from a state (n_x,)."""
         plan.X[:, 0] = state
         for k in range(self.N):
             x = plan.X[:, k : k + 1]
@@ -184,7 +184,7 @@ class Program:
             plan.X[:, k + 1] = x[:, 0]
 
     def improve(self, plan: Plan, state: Floats, current: Floats) -> bool:
-        """One iteration from an estimated state (n_x,) towards the origin; False where the solver failed."""
+        """Do one iteration from an estimated state (n_x,) towards the origin; return False where the solver failed."""
         n_u, n_x, N = self.model.n_u, self.model.n_x, self.N
         ends, A, B = self._linearise(plan, current)
         if np.abs(ends - plan.X[:, 1:]).max() > LARGEST_GAP:
@@ -221,7 +221,7 @@ class Program:
         return True
 
     def _linearise(self, plan: Plan, current: Floats) -> tuple[Floats, Floats, Floats]:
-        """Where each interval ends (n_x, N), and its slopes A (N, n_x, n_x) and B (N, n_x, n_u)."""
+        """Return where each interval ends (n_x, N), and its slopes A (N, n_x, n_x) and B (N, n_x, n_u)."""
         n_x = self.model.n_x
         c = np.repeat(current[:, None], self.N, axis=1)
         x, slope = plan.X[:, :-1], None
@@ -236,7 +236,7 @@ class Program:
         return x, slope[:, :, :n_x], slope[:, :, n_x:]
 
     def _substep(self, rates: Any, x: Floats, u: Floats, c: Floats) -> tuple[Floats, Floats]:
-        """One linearly implicit midpoint step of states (n_x, m), and its slopes (m, n_x, n_x + n_u).
+        """Do one linearly implicit midpoint step of states (n_x, m); return it with its slopes (m, n_x, n_x + n_u).
 
         x + h (1 - h/2 J)^-1 f(x): of second order, and stable however fast the roll of a light vehicle is damped
         (Hairer and Wanner 1996, section IV.7). The slopes leave out that J itself changes.
@@ -255,7 +255,7 @@ class Program:
         return end, slope
 
     def _cost(self, plan: Plan, S: Floats, d: Floats) -> tuple[Floats, Floats]:
-        """Hessian (n + 1, n + 1) and gradient (n + 1,) in the changes of the blocks and the slack."""
+        """Return Hessian (n + 1, n + 1) and gradient (n + 1,) in the changes of the blocks and the slack."""
         n_u, n = self.model.n_u, S.shape[2]
         # Distance itself instead of its square, by iterative reweighting: far and near waypoints pull alike.
         distance = np.linalg.norm(plan.X[:3, 1:], axis=0)
@@ -295,7 +295,7 @@ class Program:
         return H, g
 
     def _bounds(self, plan: Plan) -> tuple[Floats, Floats]:
-        """Of the changes (n + 1,): thrusts stay within their limits, the slack is not negative."""
+        """Return the bounds of the changes (n + 1,): thrusts stay within their limits, the slack is not negative."""
         first = np.concatenate(([0], np.cumsum(BLOCKS)[:-1]))
         U = plan.U[:, first].T
         low = np.concatenate([((self.limits[:, 0] - U) / self.scale).ravel(), [0.0]])

@@ -2,7 +2,7 @@
 
 The observation holds the noisy position error and yaw error and the previous action; the filter predicts with the
 sheet's equations and the forces that were commanded, and corrects with the two readings. It so estimates what no
-learner is told either: roll, pitch, velocities, and a current that is constant in the world (without which a
+learner observes: roll, pitch, velocities, and a current that is constant in the world (without which a
 prediction would be wrong for as long as the water moves). Its gain is that of the linearisation about rest
 (Kalman 1960; the discrete algebraic Riccati equation by `scipy.linalg.solve_discrete_are`), turned by the yaw.
 """
@@ -55,7 +55,7 @@ class Observer:
         self.reset(0)
 
     def reset(self, n: int) -> None:
-        """Forgets everything; rows at rest, level, in still water."""
+        """Forget everything: rows at rest, level, in still water."""
         self._first = True
         self.state: Floats = np.zeros((n, self.model.n_x))
         """(n, n_x) as the model's, with the waypoint at the origin of the world axes"""
@@ -65,7 +65,7 @@ class Observer:
         """(n, 3) m/s, world axes"""
 
     def update(self, observation: Floats, rows: NDArray[np.intp]) -> None:
-        """Takes in observations (n, n_obs); only `rows` (k,) are looked at."""
+        """Take in observations (n, n_obs); read only `rows` (k,)."""
         for i in rows:
             self._update_row(int(i), observation[i])
         self._first = False
@@ -97,7 +97,7 @@ class Observer:
 
 
 def kalman_gain(model: SymbolicModel, dt: float, position_noise: float, yaw_noise: float) -> Floats:
-    """The steady gain (15, 4) from readings (x, y, z, yaw) to (position, attitude, velocity, current)."""
+    """Return the steady gain (15, 4) from readings (x, y, z, yaw) to (position, attitude, velocity, current)."""
     from scipy.linalg import expm, solve_discrete_are
 
     vehicle = model.vehicle
@@ -121,7 +121,7 @@ def kalman_gain(model: SymbolicModel, dt: float, position_noise: float, yaw_nois
 
 
 def linearised(model: SymbolicModel, velocity: Floats, thrust: Floats) -> tuple[Floats, Floats, Floats]:
-    """Jacobians about level attitude, body velocity (6,) and thrust (n_u,), lags left out.
+    """Return Jacobians about level attitude, body velocity (6,) and thrust (n_u,), lags left out.
 
     Returns:
         A (12, 12), B (12, n_u) and E (12, 3) of e' = A e + B f + E c, where e is (position, small rotation,
@@ -146,19 +146,19 @@ def linearised(model: SymbolicModel, velocity: Floats, thrust: Floats) -> tuple[
 
 
 def yaw_of(q: Floats) -> float:
-    """Yaw in rad of a quaternion (w, x, y, z)."""
+    """Return the yaw in rad of a quaternion (w, x, y, z)."""
     w, x, y, z = q
     return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
 def turned(vector: Floats, angle: float) -> Floats:
-    """A vector (3,) turned by an angle about z."""
+    """Return a vector (3,) turned by an angle about z."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])
 
 
 def _rotated(q: Floats, rotation: Floats) -> Floats:
-    """A quaternion (4,) after a small rotation (3,) in body axes."""
+    """Return a quaternion (4,) after a small rotation (3,) in body axes."""
     w, x, y, z = q
     a, b, c = 0.5 * rotation
     result = np.array(
@@ -173,6 +173,6 @@ def _rotated(q: Floats, rotation: Floats) -> Floats:
 
 
 def _deviation(span: schema.Range, config: schema.TrainConfig) -> float:
-    """Standard deviation of uniform noise with magnitudes in [low, high] and either sign."""
+    """Return the standard deviation of uniform noise with magnitudes in [low, high] and either sign."""
     low, high = span.low * config.noise.scale, span.high * config.noise.scale
     return max(float(np.sqrt((low * low + low * high + high * high) / 3.0)), SMALLEST_NOISE)

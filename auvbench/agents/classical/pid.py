@@ -29,7 +29,7 @@ LEAD_GAIN = 0.35  # rad of elevator per rad of wanted flight-path angle
 
 
 def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PIDController | FinController:
-    """The PID baseline for a vehicle: by thrusters, or by propeller and fins."""
+    """Return the PID baseline for a vehicle: by thrusters, or by propeller and fins."""
     fins = any(isinstance(unit, Fin) for unit in vehicle.units)
     return FinController(config, vehicle) if fins else PIDController(config, vehicle)
 
@@ -126,7 +126,7 @@ class FinController:
         return action
 
     def _heading_error(self, level: Floats) -> Floats:
-        """Yaw error (n,) to steer by; zero while a waypoint inside the turning circle is run away from."""
+        """Return the yaw error (n,) to steer by; zero while the vehicle leaves a waypoint inside the turning circle."""
         error = self.estimate.yaw_error
         # Distance of the waypoint from the centre of the tightest turn to its side.
         ahead, aside = level * np.cos(error), level * np.abs(np.sin(error))

@@ -80,7 +80,7 @@ def _number_or_auto(value: str) -> str | float:
 
 
 def policy_name(algo: algorithms.Network) -> str:
-    """What the learner's class calls the policy that it is to make."""
+    """Return the name by which SB3's class knows the policy."""
     return "MlpLstmPolicy" if isinstance(algo, algorithms.RecurrentPPO) else "MlpPolicy"
 
 

@@ -3,7 +3,7 @@
     action = clip(pid + share * residual, -1, 1)
 
 after Johannink et al. 2019 (arXiv:1812.03201) and Silver et al. 2018 (arXiv:1812.06298). PID gets the same noisy
-observation as everybody. The learner sees that observation and behind it PID's action of this step, to which its own
+observation as every agent. The learner sees that observation and behind it PID's action of this step, to which its own
 will be added. Without it the same residual would have another effect in each state of PID's filter and integral action,
 which the learner could not see. It is no further sensor: PID computes it from the observations alone.
 """
@@ -59,17 +59,17 @@ class Base:
         """(n, n_u) PID's, of this step"""
 
     def reset(self, n: int) -> None:
-        """Forgets everything: `n` episodes begin."""
+        """Forget everything: `n` episodes begin."""
         self._pid.reset(np.arange(n))
         self.action = np.zeros((n, self.action.shape[1]))
 
     def extend(self, observation: Observations) -> Observations:
-        """PID reads observations (n, n_obs); they come back with its actions behind them, (n, n_obs + n_u)."""
+        """Return observations (n, n_obs) with the actions of PID appended, (n, n_obs + n_u)."""
         self.action = np.clip(self._pid.act(observation), -1.0, 1.0)
         return _extended(observation, self.action)
 
     def begin(self, rows: Integers, observation: Observations) -> Observations:
-        """Begins episodes in some rows (k,), the first observations of which are (k, n_obs); extended as above."""
+        """Begin episodes in rows (k,) with first observations (k, n_obs); return them extended."""
         self._beginner.reset(rows)
         self.action[rows] = np.clip(self._beginner.act(observation), -1.0, 1.0)
         fresh = self._beginner.memory()
@@ -78,17 +78,17 @@ class Base:
         return _extended(observation, self.action[rows])
 
     def compose(self, residual: Actions) -> NDArray[np.float64]:
-        """The vehicle's actions (n, n_u) for residuals (n, n_u) in [-1, 1]."""
+        """Return the vehicle's actions (n, n_u) for residuals (n, n_u) in [-1, 1]."""
         bounded = np.clip(residual.astype(np.float64), -1.0, 1.0)
         return np.clip(self.action + self.share * bounded, -1.0, 1.0)
 
     def state_dict(self) -> Arrays:
-        """Copies of what it carries from step to step."""
+        """Return copies of what it carries from step to step."""
         memory = {**self._pid.memory(), "action": self.action}
         return {name: array.copy() for name, array in memory.items()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Returns to what `state_dict` gave."""
+        """Return to the state that `state_dict` gave."""
         self.reset(len(state["action"]))
         for name, array in {**self._pid.memory(), "action": self.action}.items():
             array[...] = state[name]
@@ -126,7 +126,7 @@ class ResidualVecEnv(VecEnvWrapper):
         return self.begin(observation)
 
     def begin(self, observation: Observations) -> Observations:
-        """Episodes begin everywhere: first observations (n, n_obs), extended."""
+        """Begin episodes everywhere; return the first observations (n, n_obs), extended."""
         self.base.reset(self.num_envs)
         return self.base.extend(observation)
 
@@ -166,7 +166,7 @@ class ResidualAgent:
         self.base.reset(len(episodes))
 
     def act(self, observation: Observations) -> Actions:
-        """Deterministic actions (n, n_u)."""
+        """Return deterministic actions (n, n_u)."""
         extended = self.base.extend(observation)
         return self.base.compose(self.policy.act(extended))
 

@@ -47,14 +47,14 @@ class SB3Learner:
         self._between_rollouts = True
 
     def reset(self, episodes: Integers) -> None:
-        """Episodes (n,) begin. While it trains, the policy as it is at this moment is what acts in them."""
+        """Begin episodes (n,). During training, the policy of this moment acts in them."""
         if self.model is not None:
             self._tested = self._frozen(self.model)
         assert self._tested is not None, "neither trained nor loaded"
         self._tested.reset(episodes)
 
     def act(self, observation: Observations) -> Actions:
-        """Deterministic actions (n, n_u) with frozen statistics; no random number is drawn."""
+        """Return deterministic actions (n, n_u) with frozen statistics; no random number is drawn."""
         assert self._tested is not None, "reset comes first"
         if self.model is None:
             return self._tested.act(observation)
@@ -67,7 +67,7 @@ class SB3Learner:
             policy.set_training_mode(training)
 
     def _frozen(self, model: BaseAlgorithm) -> Agent:
-        """What acts for a policy that is being trained."""
+        """Return the policy that is being trained, frozen for a test."""
         normaliser = _normaliser(model)
         return FrozenPolicy(
             model.policy,
@@ -77,11 +77,11 @@ class SB3Learner:
         )
 
     def _faced(self, environment: Any) -> Any:
-        """The environment as SB3 expects it, with `transition`, what its last step gave."""
+        """Return the environment as SB3 expects it; its `transition` is the result of its last step."""
         return WaypointVecEnv(environment, detailed=False)
 
     def learn(self, environment: Environment, config: schema.TrainConfig, callbacks: Callbacks) -> None:
-        """As the contract says; PPO may go up to a rollout beyond the budget, as SB3 does.
+        """Train as the contract says; PPO may exceed the budget by up to a rollout, as SB3 does.
 
         Raises:
             TrainingError: a weight, a loss, an observation or a reward is not learners.
@@ -108,13 +108,13 @@ class SB3Learner:
             )
 
     def save(self, folder: Path) -> None:
-        """Writes policy.pt, a plain dictionary of tensors, and normalisation.npz."""
+        """Write policy.pt, a plain dictionary of tensors, and normalisation.npz."""
         assert self.model is not None, "nothing was trained"
         for name, data in learners.files(self.model, _normaliser(self.model)).items():
             (folder / name).write_bytes(data)
 
     def load(self, folder: Path) -> None:
-        """Reads both without unpickling.
+        """Read both without unpickling.
 
         Raises:
             RunError: they are missing, damaged, or of another network than the configuration's.
@@ -122,7 +122,7 @@ class SB3Learner:
         self._tested = LearnedPolicy(self._config, folder, self._vehicle)
 
     def network(self) -> Network | None:
-        """The loaded policy as a network by itself; None where its actions are more than that (see `FrozenPolicy`)."""
+        """Return the loaded policy as a network by itself; None where its actions are more than that (see `FrozenPolicy`)."""
         found: Callable[[], Network | None] | None = getattr(self._tested, "network", None)
         return None if found is None else found()
 
@@ -135,7 +135,7 @@ class SB3Learner:
         """Networks, optimizers, statistics, counters, generators.
 
         Raises:
-            TrainingError: the weights are not finite, or the replay buffer is none that can be saved.
+            TrainingError: the weights are not finite, or the replay buffer cannot be saved.
         """
         model = self.model
         assert model is not None, "nothing is being trained"
@@ -147,7 +147,7 @@ class SB3Learner:
         return components
 
     def restore(self, components: Components) -> None:
-        """Puts a checkpoint into the learner, which has begun `learn`.
+        """Put a checkpoint into the learner, which has begun `learn`.
 
         Raises:
             RunError: it is of another kind of learner or of other networks.
@@ -162,7 +162,7 @@ class SB3Learner:
         return None if self._environment is None else self._environment.restarted
 
     def rollout_begins(self) -> None:
-        """The last transition is stored and the networks are updated: looks at them, and at the generators."""
+        """Check losses and weights: the last transition is stored and the networks are updated."""
         model = self.model
         assert model is not None
         if self._drawn is not None:
@@ -176,7 +176,7 @@ class SB3Learner:
             learners.check_parameters(model)
 
     def training_ends(self) -> None:
-        """The budget is used up; no rollout follows the next checkpoint."""
+        """Note that the budget is used up: no rollout follows the next checkpoint."""
         assert self.model is not None
         learners.check_losses(self.model)
         self._between_rollouts = False
@@ -241,4 +241,4 @@ class Scalars(KVWriter):
         self._log(kept, step)
 
     def close(self) -> None:
-        """Nothing of its own to close."""
+        """Do nothing: it owns no file."""

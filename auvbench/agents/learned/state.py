@@ -39,7 +39,7 @@ _GSDE = ("exploration_mat", "exploration_matrices")
 
 
 def capture(model: BaseAlgorithm) -> Components:
-    """Everything of a learner but the replay buffer, which grows and is stored by increments."""
+    """Return everything of a learner except the replay buffer, which is stored by increments."""
     components = Components()
     components.tensors.update(_networks(model))
     components.arrays["learner"] = _learner_arrays(model)
@@ -59,7 +59,7 @@ def capture(model: BaseAlgorithm) -> Components:
 def restore(
     model: BaseAlgorithm, components: Components, restarted: NDArray[np.float32] | None = None
 ) -> None:
-    """Puts `components` into a learner that has begun `learn`.
+    """Put `components` into a learner that has begun `learn`.
 
     Args:
         model: the learner.
@@ -106,7 +106,7 @@ def restore_draws(model: BaseAlgorithm, components: Components) -> None:
 
 
 def check_replay(buffer: ReplayBuffer, num_timesteps: int) -> None:
-    """Checks that a buffer can be saved row by row, and was filled by its learner alone.
+    """Check that a buffer can be saved row by row and that only its learner filled it.
 
     Raises:
         TrainingError: the buffer is of a kind that cannot be saved row by row, or was filled by other means.
@@ -128,7 +128,7 @@ def check_replay(buffer: ReplayBuffer, num_timesteps: int) -> None:
 def _begin_episodes(
     model: BaseAlgorithm, normalize: VecNormalize | None, observation: NDArray[np.float32]
 ) -> None:
-    """Lets the learner go on from the first observations (n, d) of episodes instead of the ones it had."""
+    """Let the learner continue from the first observations (n, d) of new episodes."""
     model._last_obs = observation.copy()
     model._last_episode_starts = np.ones(len(observation), dtype=bool)
     if normalize is not None:
@@ -158,7 +158,7 @@ def _networks(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:
 
 
 def _plain(node: Any) -> Any:
-    """The same with new containers and interned strings.
+    """Return the same values with new containers and interned strings.
 
     What is written then depends on values alone: a pickle refers back to objects that it has met before, and a
     restored optimizer shares other objects than one that grew by itself.
@@ -235,7 +235,7 @@ def _restore_learner_arrays(model: BaseAlgorithm, arrays: Arrays) -> None:
 
 
 def _noises(noise: ActionNoise | None) -> list[OrnsteinUhlenbeckActionNoise]:
-    """The noise processes that remember something; Gaussian noise only draws."""
+    """Return the noise processes that remember something; Gaussian noise only draws."""
     every = noise.noises if isinstance(noise, VectorizedActionNoise) else [noise]
     return [one for one in every if isinstance(one, OrnsteinUhlenbeckActionNoise)]
 
@@ -261,19 +261,19 @@ def _restore_normalisation(normalize: VecNormalize, arrays: Arrays) -> None:
 
 
 def _statistics(normalize: VecNormalize) -> dict[str, RunningMeanStd]:
-    """The running statistics by name; there are none of the observations without `norm_obs`."""
+    """Return the running statistics by name; those of observations only with `norm_obs`."""
     observations = getattr(normalize, "obs_rms", None)
     named = {"obs_rms": observations, "ret_rms": normalize.ret_rms}
     return {name: rms for name, rms in named.items() if isinstance(rms, RunningMeanStd)}
 
 
 def _numpy_generators(model: BaseAlgorithm) -> dict[str, np.random.Generator]:
-    """The action space draws the warm-up actions of off-policy learners."""
+    """Return the numpy generators by name: the action space draws the warm-up actions of off-policy learners."""
     return {"action_space": model.action_space.np_random}
 
 
 def _pending(model: BaseAlgorithm) -> list[list[Any]]:
-    """What SB3's logger has recorded and not yet written: key, type, value, count, excluded outputs."""
+    """Return what SB3's logger has recorded and not yet written: key, type, value, count, excluded outputs."""
     logger = model.logger
     rows = []
     for key, value in logger.name_to_value.items():

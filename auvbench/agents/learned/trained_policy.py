@@ -131,7 +131,7 @@ class FrozenPolicy:
         self._forward.reset(len(episodes))
 
     def network(self) -> Network | None:
-        """What `act` computes, where it is a function of the present observation; None of a policy that keeps a state."""
+        """Return the network of `act`; None for a policy that keeps a state."""
         if type(self._forward) is not Forward:
             return None
         return self.policy, (self._mean, self._scale, self._clip) if self._normalise else None
@@ -202,7 +202,7 @@ def observed(config: schema.TrainConfig, vehicle: VehicleModel) -> int:
 
 
 def _policy(config: schema.TrainConfig, vehicle: VehicleModel) -> BasePolicy:
-    """The network of `config.algo` without an environment or a learner around it."""
+    """Return the network of `config.algo` without an environment or a learner."""
     algo = config.algo
     observation_space = spaces.Box(-np.inf, np.inf, (observed(config, vehicle),), dtype=np.float32)
     action_space = spaces.Box(-1.0, 1.0, (len(vehicle.actuators),), dtype=np.float32)

@@ -81,7 +81,7 @@ class Plan:
     """s"""
 
     def on(self, n: int, duration: float | None = None) -> Plan:
-        """The same on n equal intervals, stretched to another duration in s."""
+        """Return the plan on n equal intervals, stretched to another duration in s."""
         N = self.U.shape[1]
         at = np.linspace(0.0, N, n + 1)
         X = np.array([np.interp(at, np.arange(N + 1), row) for row in self.X])
@@ -119,7 +119,7 @@ class Programs:
         return np.asarray(np.clip((thrust - self.middle[:, None]) / self.half[:, None], -1.0, 1.0))
 
     def shortest(self, guess: Plan, waypoint: Floats) -> tuple[Plan, bool]:
-        """The shortest way to a waypoint (3,) that is found from a guess, and whether IPOPT calls it a solution."""
+        """Return the shortest way to a waypoint (3,) that is found from a guess, and whether IPOPT calls it a solution."""
         if self._free is None:
             self._free = self._build(INTERVALS, free=True)
         guess = guess.on(INTERVALS)
@@ -137,7 +137,7 @@ class Programs:
         return self._plan(w[:-1], INTERVALS, w[-1]), bool(self._free.stats()["success"])
 
     def closest(self, guess: Plan, waypoint: Floats, steps: int, duration: float) -> tuple[Plan, Floats]:
-        """Where the vehicle can be closest to a waypoint (3,) after so many steps of `duration` s.
+        """Return the plan that ends closest to a waypoint (3,) after so many steps of `duration` s.
 
         Each thrust is held for `HOLD` steps, or more where there are too many of them.
 
