@@ -14,9 +14,10 @@ from auvbench.agents import base as agents
 from auvbench.agents.base import Agent
 from auvbench.config import installed, plugins, schema
 from auvbench.config.agents import AGENTS
+from auvbench.config.simulators import Ros2
 from auvbench.errors import AuvbenchError
 from auvbench.evaluation.evaluate import Report, Roll, evaluate, in_process, make_agent, stale
-from auvbench.evaluation.protocol import ResolvedCondition
+from auvbench.evaluation.protocol import ResolvedCondition, resolve_conditions
 from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.lock import RunHeldError
@@ -106,17 +107,12 @@ def _row_by_row(run: RunDirectory) -> bool:
 
 
 def _on_a_server(run: RunDirectory, protocol: schema.Protocol) -> bool:
-    """Return whether a test of the run uses ROS 2, as far as names tell."""
-    words = [*protocol.overrides, *(word for one in protocol.conditions for word in one.overrides)]
-    if "simulator=ros2" in words:
-        return True
-    if any(word.startswith("simulator=") for word in protocol.overrides):
-        return False
+    """Return whether a test of the run uses ROS 2."""
     try:
-        simulator: Any = run.config().get("simulator", {})
-        return bool(simulator.get("name") == "ros2")
-    except (AuvbenchError, AttributeError):
+        conditions = resolve_conditions(protocol, run.check())
+    except AuvbenchError:
         return False  # the test reports the error
+    return any(isinstance(condition.config.simulator, Ros2) for condition in conditions)
 
 
 def _test(
