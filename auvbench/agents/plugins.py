@@ -49,11 +49,6 @@ def _telling(who: str, what: str) -> Iterator[None]:
 class PluginAgent:
     """Check every action of a plug-in agent.
 
-    Args:
-        agent: it.
-        who: its name and package, for messages.
-        n_u: actuators of the vehicle.
-
     Attributes:
         inner: the agent itself.
     """

@@ -13,12 +13,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 class PolicyFile:
-    """The policy that a run keeps in its `model/`; `load` reads it.
-
-    Args:
-        config: of the run.
-        vehicle: what it steers.
-    """
+    """The policy that a run keeps in its `model/`; `load` reads it."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         algo = config.algo

@@ -75,7 +75,6 @@ def panels(
     """Axes in space, from above, of the distance and of the commands over time, with all that does not move.
 
     Args:
-        figure: of matplotlib.
         task: its goal radius and depth limits are drawn.
         waypoint: (3,) m.
         start: (3,) m.
@@ -130,9 +129,7 @@ class Scene:
     """Draw one episode after each of its steps.
 
     Args:
-        config: the task and the agent's step.
         force: N, the largest force of an actuator.
-        trail: of the episode; the scene looks at what is added to it.
     """
 
     def __init__(self, config: schema.TrainConfig, force: float, trail: Trail) -> None:

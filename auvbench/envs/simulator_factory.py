@@ -41,9 +41,6 @@ def make_simulator(
     makes it.
 
     Args:
-        config: which simulator, and its longest step.
-        vehicle: the sheet's.
-        n: how many vehicles.
         drawn: the ranges from which vehicles are drawn; None where all are the sheet's.
         stand_in: what is simulated in the vehicle's place, with the vehicle's step: the same, commanded otherwise.
     """

@@ -112,7 +112,6 @@ def _check_model(run: RunDirectory, again: str) -> None:
     """Compare the files of a run's model with their digests before they are loaded.
 
     Args:
-        run: of the model.
         again: what `auvbench resume` does for lost files; empty where it cannot help.
 
     Raises:
@@ -157,8 +156,6 @@ def evaluate(
     """Test a complete run and write its results; return the summary. One process at a time tests a run by a protocol.
 
     Args:
-        run: a complete run.
-        protocol: the test.
         report: called when a condition begins or episodes end.
         unless_done: return None where another process has done it in the meantime.
         roll: rolls out each condition; its rows must be those of `in_process`.

@@ -77,13 +77,12 @@ class Export:
     """largest, of an action from the run's own"""
 
 
-def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any] | None = None) -> Export:
+def export(run: RunDirectory, folder: Path | None = None) -> Export:
     """Write `<run id>.onnx` and `<run id>.json`, replacing files of these names.
 
     Args:
         run: a complete run of an agent that learns.
         folder: where to; None for the run's own `exports/`.
-        more: further entries of the card.
 
     Raises:
         RunError: the run is not complete, has no network, its files are damaged, or the file's actions differ.
@@ -121,7 +120,6 @@ def export(run: RunDirectory, folder: Path | None = None, more: Mapping[str, Any
     card["check"] = {"observations": count, "largest_difference": difference, "limit": limit}
     packages = ("onnx", "onnxruntime", "onnxscript")
     card["versions"] = provenance.versions() | {name: metadata.version(name) for name in packages}
-    card |= more or {}
     card_path = cards.card_path(target)
     path_safety.check_output(target.parent, (target.name, card_path.name))
     with storage(f"cannot write into {target.parent}"):

@@ -32,10 +32,6 @@ SECONDS = 3.0
 def measure(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
     """Return median and 95th percentile of the ms of processor time per action, and the machine.
 
-    Args:
-        agent: fresh, and not used afterwards.
-        config: of the condition; the agent steers its validation episodes.
-
     Raises:
         ActionError, RunError: the agent's actions are not valid.
     """

@@ -55,8 +55,6 @@ def evaluate_all(
     as alone (`row_by_row` of its class) is tested by all workers, episode by episode; the rows are the same to the bit.
 
     Args:
-        runs: complete runs.
-        protocol: the test.
         pool: the workers; where one worker is enough, this process does the work.
         force: test again what is tested already.
         report: called with a run, the condition under way and how many of its episodes have just ended (0 where it

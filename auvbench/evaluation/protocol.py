@@ -116,12 +116,7 @@ def fingerprint_parts(protocol: schema.Protocol, conditions: list[ResolvedCondit
 
 
 def as_played(conditions: list[ResolvedCondition], clocks: Mapping[str, str]) -> list[ResolvedCondition]:
-    """Return the conditions with the clock that each was played by, where the configuration left it to the server.
-
-    Args:
-        conditions: of a test.
-        clocks: by condition, for those that went over ROS 2.
-    """
+    """Return the conditions with the clock that each was played by, where the configuration left it to the server."""
     return [
         replace(c, config=replace(c.config, simulator=replace(c.config.simulator, clock=clocks[c.name])))
         if c.name in clocks and isinstance(c.config.simulator, Ros2)

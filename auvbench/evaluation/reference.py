@@ -78,9 +78,6 @@ def ends(config: schema.TrainConfig, frequency: float | None) -> str:
 
     Vehicles without thrust are put to either side of each, early and late in an episode. Only whole numbers enter.
 
-    Args:
-        config, frequency: as of `digest`.
-
     Raises:
         TrainingError: the simulation leaves the finite numbers.
     """

@@ -87,10 +87,7 @@ def roll_out(
     Episode e is a function of (seed, e): its row does not depend on `batch` or the other episodes.
 
     Args:
-        config: of the environments.
-        agent: acts on all rows at once.
         episodes: (n,) numbers.
-        seed: of the scenarios.
         batch: episodes at a time.
         trajectories: paths to keep, of the first episodes.
         scenarios: test or validation.

@@ -111,7 +111,7 @@ def _file(there: Path, run: RunRecord, source: RunRecord | None, export: bool) -
     if not export or source is None or source.archive is not None:
         return "its weights are not in the given folders"
     try:
-        exporting.export(RunDirectory(source.directory), there, {})
+        exporting.export(RunDirectory(source.directory), there)
     except AuvbenchError as error:
         if error.exit_code == 1:  # the disk's
             raise

@@ -61,9 +61,6 @@ class WaypointTask:
     """State of N waypoint episodes.
 
     Args:
-        config: the typed configuration (task, reward, step, noise).
-        vehicle: fixes the number of actuators n_u.
-        n: environments.
         seed: of all draws, 0 .. 2^32 - 1.
         test: draw from the streams of tests, which no training uses.
         validation: draw from the streams of validation, which neither training nor tests use.

@@ -128,12 +128,7 @@ AGENT_CHECKS: tuple[Callable[[schema.TrainConfig, Make], None], ...] = (
 
 @dataclass
 class Trainings:
-    """Makes runs of one configuration in a folder of their own.
-
-    Args:
-        overrides: as typed; `train.total_steps` among them.
-        folder: in which the runs lie.
-    """
+    """Makes runs of one configuration in a folder of their own."""
 
     overrides: tuple[str, ...]
     folder: Path

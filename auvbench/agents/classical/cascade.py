@@ -105,10 +105,6 @@ def to_body(world: Floats, yaw: Floats) -> Floats:
 class Cascade:
     """Guidance and allocation for vehicles whose thrusters span surge, sway, heave and yaw.
 
-    Args:
-        config: gains in `config.algo`, the step frequency, the frame of the observation.
-        vehicle: its masses, damping and allocation.
-
     Raises:
         ConfigError: the vehicle has actuators that are no thrusters.
     """

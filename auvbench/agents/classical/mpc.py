@@ -50,10 +50,6 @@ class MPCController:
     Attributes:
         row_by_row: an action takes as long in a batch as alone, so that a test may be shared among processes.
 
-    Args:
-        config: weights in `config.algo`, the step frequency, noise, depth limits.
-        vehicle: its equations.
-
     Raises:
         ConfigError: the vehicle has other actuators than thrusters.
         MissingExtraError: CasADi is not installed.

@@ -33,12 +33,7 @@ SMALLEST_NOISE = 0.01  # m, rad
 
 
 class Observer:
-    """Estimated states of N vehicles, each row by itself.
-
-    Args:
-        model: the vehicle's equations, driven by thrusts.
-        config: noise, step frequency, the frame of the observed position error.
-    """
+    """Estimated states of N vehicles, each row by itself."""
 
     def __init__(self, model: SymbolicModel, config: schema.TrainConfig) -> None:
         self.model = model

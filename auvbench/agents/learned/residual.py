@@ -40,10 +40,6 @@ _MEMORY = "residual"
 class Base:
     """PID under N policies: extends their observations by its action, and adds theirs to it.
 
-    Args:
-        config: with `algo.residual`: PID's gains and the learner's share.
-        vehicle: that PID knows.
-
     Raises:
         ConfigError: PID cannot steer the vehicle.
     """
@@ -99,12 +95,7 @@ def _extended(observation: Observations, action: NDArray[np.float64]) -> Observa
 
 
 class ResidualVecEnv(VecEnvWrapper):
-    """The environments as the learner of a residual sees them.
-
-    Args:
-        face: the vehicle's.
-        base: PID.
-    """
+    """The environments as the learner of a residual sees them."""
 
     def __init__(self, face: WaypointVecEnv, base: Base) -> None:
         whole = face.observation_space
@@ -150,12 +141,7 @@ class ResidualVecEnv(VecEnvWrapper):
 
 
 class ResidualAgent:
-    """PID and a policy of residuals in a test.
-
-    Args:
-        policy: acts on extended observations.
-        base: PID.
-    """
+    """PID and a policy of residuals in a test."""
 
     def __init__(self, policy: Agent, base: Base) -> None:
         self.policy = policy

@@ -27,10 +27,6 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 class SB3Learner:
     """One of Stable-Baselines3's algorithms behind the contract of `auvbench.agents.base.Learner`.
 
-    Args:
-        config: of the run; `algo` names the algorithm.
-        vehicle: that it steers.
-
     Attributes:
         model: SB3's learner while it trains; None in a process that only tests.
     """
@@ -189,13 +185,7 @@ def _normaliser(model: BaseAlgorithm) -> VecNormalize:
 
 
 class Follower(BaseCallback):
-    """Report to the worker what SB3's loop does.
-
-    Args:
-        learner: whose model learns.
-        transition: returns what the last step of the environment gave.
-        callbacks: of the contract.
-    """
+    """Report to the worker what SB3's loop does."""
 
     def __init__(self, learner: SB3Learner, transition: Callable[[], Any], callbacks: Callbacks) -> None:
         super().__init__()

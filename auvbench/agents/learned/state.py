@@ -62,8 +62,6 @@ def restore(
     """Put `components` into a learner that has begun `learn`.
 
     Args:
-        model: the learner.
-        components: what `capture` gave.
         restarted: first observations (n, d) of the episodes that the environments had to begin again.
 
     Raises:

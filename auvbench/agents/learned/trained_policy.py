@@ -108,12 +108,6 @@ class FrozenPolicy:
     """A policy as it is now, in a test: deterministic, with the statistics of its observations frozen.
 
     Draws no random number and changes nothing of the policy, so that one that is being trained may be tested.
-
-    Args:
-        policy: the network; out of training mode.
-        arrays: statistics of the observations, as `learners.statistics` gives them.
-        normalise: whether the policy was trained on normalised observations.
-        n_u: actuators of the vehicle.
     """
 
     def __init__(
@@ -154,11 +148,6 @@ class FrozenPolicy:
 
 class LearnedPolicy(FrozenPolicy):
     """A trained policy in a test: its weights and statistics read without unpickling.
-
-    Args:
-        config: of the run that trained it.
-        folder: its `model/` folder.
-        vehicle: that it steers.
 
     Raises:
         RunError: the files are missing, damaged, or of another network than the configuration's.
@@ -218,11 +207,6 @@ def _policy(config: schema.TrainConfig, vehicle: VehicleModel) -> BasePolicy:
 def read_weights(data: bytes, path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """Return the tensors of a policy.
 
-    Args:
-        data: content of the file.
-        path: the file, for messages.
-        expected: the network's own, by name: shapes and types that must agree.
-
     Raises:
         RunError: it cannot be read, is of another network, or holds a number that is not finite.
     """
@@ -259,11 +243,6 @@ def _fault(value: Any, like: Any) -> str:
 
 def read_statistics(data: bytes, path: Path, size: int) -> dict[str, Floats]:
     """Return the running statistics that scale observations: mean and variance (size,), epsilon and clip ().
-
-    Args:
-        data: content of the file.
-        path: the file, for messages.
-        size: length of an observation.
 
     Raises:
         RunError: it cannot be read, lacks an entry, or holds one of another shape or an impossible value.

@@ -59,11 +59,7 @@ class Outcome:
 
 
 class Trial:
-    """One vehicle in still water, without noise.
-
-    Args:
-        config: of a protocol's condition.
-    """
+    """One vehicle in still water, without noise."""
 
     def __init__(self, config: schema.TrainConfig) -> None:
         self.batch = Batch(silent(config), 1, seed=0, test=True, autoreset=False)

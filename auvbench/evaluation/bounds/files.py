@@ -204,8 +204,6 @@ def find(
     """Find the bounds of these scenarios.
 
     Args:
-        protocol: its name.
-        vehicle: its name.
         fingerprint: of the scenarios and their physics; bounds of another are never used.
         roots: folders of bounds that are searched before the package's.
 

@@ -43,12 +43,7 @@ MOST_THRUSTERS = 12
 
 
 class Energy:
-    """The bound for one vehicle.
-
-    Args:
-        vehicle: with thrusters alone.
-        radius: of the goal, m.
-    """
+    """The bound for one vehicle."""
 
     def __init__(self, vehicle: VehicleModel, radius: float) -> None:
         self.radius = radius

@@ -221,9 +221,6 @@ class Programs:
 class Search:
     """The search for one vehicle under one condition.
 
-    Args:
-        config: of the condition (vehicle, task, frequency).
-
     Raises:
         ConfigError: the symbolic equations do not cover the vehicle.
         MissingExtraError: CasADi is not installed.
@@ -246,10 +243,6 @@ class Search:
         """Search from commands (T, n_u) of controllers, holding each thrust for `HOLD` steps.
 
         A straight line is the start where that finds nothing better than the commands themselves.
-
-        Args:
-            scenario: start and waypoint.
-            starts: by controller; those that do not arrive are left out.
 
         Raises:
             TrainingError: the simulation left the finite numbers.

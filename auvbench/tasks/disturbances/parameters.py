@@ -38,11 +38,6 @@ class Disturbances:
     Order of calls: `draw` and, after the simulator's reset, `begin` when episodes begin; `advance` in place of the
     simulator's step; `read` before the task observes.
 
-    Args:
-        config: the typed configuration (disturbance, step).
-        vehicle: whose actuators fail and whose numbers are drawn.
-        task: its seeds and its counters of episodes and steps address the draws.
-
     Raises:
         ConfigError: a fault of an actuator that the vehicle does not have or that has no force to lose, or a
             range of masses that leaves the vehicle without buoyancy.
