@@ -117,14 +117,14 @@ def test_an_option_put_into_a_runs_configuration():
         ("disturbance.current.speed=nan", "disturbance.current.speed=nan: must be a finite number"),
         ("disturbance.current.direction=90", "disturbance.current.direction=90: must be at least -6.28"),
         ("disturbance.current.gauss_markov.mu=0", "disturbance.current.gauss_markov.mu=0: must be more than 0"),
-        ("disturbance.current.profile.top=80", "disturbance.current.profile.bottom=60: must be more than .*top=80"),
+        ("disturbance.current.profile.top=80", "profile.top=80: must be below .*profile.bottom=60"),
         ("disturbance.fault.mode=broken", "disturbance.fault.mode=broken: unknown; valid: any, dead, none, stuck, weak"),
         ("disturbance.fault.probability=1.5", "disturbance.fault.probability=1.5: must be at least 0 and at most 1"),
         ("disturbance.fault.time_high=-1", "disturbance.fault.time_high=-1: must be at least 0"),
         ("disturbance.delay.action=11", "disturbance.delay.action=11: must be at least 0 and at most 10"),
         ("disturbance.sensor.bias.x=-0.1", "disturbance.sensor.bias.x=-0.1: must be at least 0"),
         ("disturbance.randomisation.mass.low=0", "disturbance.randomisation.mass.low=0: must be at least 0.1"),
-        ("disturbance.randomisation.mass.low=2", "randomisation.mass.high=1: must be at least .*randomisation.mass.low=2"),
+        ("disturbance.randomisation.mass.low=2", "randomisation.mass.low=2: must be at most .*randomisation.mass.high=1"),
         ("disturbance.randomisation.keep_trim=maybe", "disturbance.randomisation.keep_trim: .*'maybe'"),
     ],
 )  # fmt: skip
@@ -137,8 +137,8 @@ def test_a_mistake_is_one_line(override, message):
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["disturbance.current.speed=0.5", "disturbance.current.speed_high=0.1"], "speed_high=0.1: must be at least .*speed=0.5"),
-        (["disturbance.fault.time=5", "disturbance.fault.time_high=1"], "time_high=1: must be at least .*time=5"),
+        (["disturbance.current.speed=0.5", "disturbance.current.speed_high=0.1"], "speed=0.5: must be at most .*speed_high=0.1"),
+        (["disturbance.fault.time=5", "disturbance.fault.time_high=1"], "time=5: must be at most .*time_high=1"),
         (
             ["disturbance=fault", "disturbance.fault.actuator=thruster9"],
             "disturbance.fault.actuator=thruster9: bluerov2 has no such actuator; did you mean 'thruster",
