@@ -105,7 +105,7 @@ def _text(error: BaseException) -> str:
 
 def _save(error: BaseException, arguments: Sequence[str]) -> Path | None:
     """Write versions, command and traceback into a new file; return None where no folder takes it."""
-    from auvbench.runs.ownership import state_folder
+    from auvbench.runs.lock import state_folder
 
     content = _details(error, arguments)
     name = f"error-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}-{uuid.uuid4().hex[:6]}.txt"

@@ -12,8 +12,7 @@ from omegaconf import OmegaConf
 
 from auvbench.commands.tune import plan_of, split
 from auvbench.config.compose import compose, typed
-from auvbench.tuning.scores import Score
-from auvbench.tuning.search import Search, open_study
+from auvbench.tuning.search import Score, Search, open_study
 
 TRIALS = 1000
 PACE = 30_000.0

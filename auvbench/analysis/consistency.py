@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from auvbench.record import MEASURED, OUTCOMES
-from auvbench.runs import identity, integrity, schemas
+from auvbench.runs import identity, integrity
 from auvbench.untrusted.text import short
 
 TOLERANCE = 1e-6
@@ -56,7 +56,7 @@ def of_file(holder: Mapping[str, Any], name: str, data: bytes) -> str:
 def of_neighbour(file: Path, data: bytes) -> str:
     """As `of_file`, for a file of an evaluation and the summary next to it."""
     try:
-        summary = schemas.read(file.parent / "summary.json", schemas.Summary)
+        summary = integrity.read(file.parent / "summary.json", integrity.Summary)
     except (OSError, ValueError) as error:
         return f"summary.json next to it cannot be read ({short(error)})"
     return of_file(summary, file.name, data)

@@ -14,7 +14,7 @@ import pandas as pd
 from auvbench.analysis import consistency
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.record import MEASURED, OUTCOMES
-from auvbench.runs import integrity, schemas
+from auvbench.runs import integrity
 from auvbench.untrusted import path_safety, reading, tables
 from auvbench.untrusted.text import LONGEST, plain, short
 
@@ -58,28 +58,28 @@ def finite(table: np.ndarray[Any, Any]) -> bool:
     return table.dtype.kind in "if" and bool((np.abs(table) <= LARGEST).all())
 
 
-def checked(value: Any, schema: type[schemas.Manifest | schemas.Summary], name: str) -> dict[str, Any]:
+def checked(value: Any, schema: type[integrity.Manifest | integrity.Summary], name: str) -> dict[str, Any]:
     """Return a manifest or summary from a JSON value.
 
     Raises:
         Damage: It is damaged, or of another version.
     """
     try:
-        return schemas.checked(value, schema)
+        return integrity.checked(value, schema)
     except integrity.VersionError as error:
         raise Damage(f"{name} has {error}", "foreign") from error
     except ValueError as error:
         raise Damage(f"{name}: {short(error)}") from error
 
 
-def sealed(path: Path, schema: type[schemas.Manifest | schemas.Summary]) -> dict[str, Any]:
+def sealed(path: Path, schema: type[integrity.Manifest | integrity.Summary]) -> dict[str, Any]:
     """Return a manifest or summary.
 
     Raises:
         Damage: it is missing, damaged, or of another version.
     """
     try:
-        return schemas.read(path, schema)
+        return integrity.read(path, schema)
     except FileNotFoundError as error:
         raise Damage(f"{path.name} is missing") from error
     except OSError as error:
@@ -114,7 +114,7 @@ def read_evaluation(directory: Path) -> Evaluation:
     Raises:
         Damage: One of them cannot be used, was changed, or they disagree.
     """
-    summary = sealed(directory / "summary.json", schemas.Summary)
+    summary = sealed(directory / "summary.json", integrity.Summary)
     try:
         data = reading.content(directory / "episodes.csv", reading.DATA)
         frame = tables.csv(data, words=("condition",))  # a condition may be called 1.30
@@ -134,7 +134,7 @@ def archived_evaluation(archive: Archive, run: str, protocol: str) -> Evaluation
         Damage: It cannot be used, or its summary and rows disagree.
     """
     summary = checked(
-        archive.summaries(run)[protocol], schemas.Summary, f"the summary of {short(protocol, 40)}"
+        archive.summaries(run)[protocol], integrity.Summary, f"the summary of {short(protocol, 40)}"
     )
     found = _checked(protocol, summary, archive.episodes(run, protocol), archive.folder, None)
     return replace(found, archive=archive)

@@ -27,8 +27,8 @@ from auvbench.analysis.grouping import agents
 from auvbench.analysis.records import Problem, RunRecord
 from auvbench.config import plugins
 from auvbench.errors import ReportError, closest
+from auvbench.runs import integrity
 from auvbench.runs import run_filter as filters
-from auvbench.runs import schemas
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.path_safety import child, is_plain
 from auvbench.untrusted.text import short
@@ -181,7 +181,7 @@ def _read_study(folder: Path) -> list[_Read]:
     found: list[_Read] = []
     for name in archive.ids():
         try:
-            manifest = checked(archive.document(name, "manifest"), schemas.Manifest, RUNS)
+            manifest = checked(archive.document(name, "manifest"), integrity.Manifest, RUNS)
             config = archive.document(name, "config")
             archive.summaries(name)
             found.append((_record(child(folder, name), manifest, config, archive), []))
@@ -192,7 +192,7 @@ def _read_study(folder: Path) -> list[_Read]:
 
 
 def _run(directory: Path) -> RunRecord:
-    manifest = sealed(directory / "manifest.json", schemas.Manifest)
+    manifest = sealed(directory / "manifest.json", integrity.Manifest)
     return _record(directory, manifest, _config(directory / "config.yaml"), None)
 
 

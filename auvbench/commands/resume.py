@@ -149,7 +149,7 @@ def _one(run: RunDirectory) -> int:
 def _several(runs: Sequence[RunDirectory], workers: int) -> int:
     """Side by side, each in a process of its own."""
     from auvbench.runs.directory import RunDirectory
+    from auvbench.scheduling.grid import sweep
     from auvbench.scheduling.local import LocalBackend
-    from auvbench.scheduling.sweep import sweep
 
     return sweep(runs, LocalBackend(workers), check=RunDirectory.check).exit_code

@@ -41,9 +41,9 @@ def _one(config: DictConfig, command: str) -> int:
     from auvbench.runs import status
     from auvbench.runs.plan import prepare
     from auvbench.runs.progress import WINDOW, telling
-    from auvbench.training import preflight
+    from auvbench.training import execute
 
-    preflight.check_runnable(train_config(config))
+    execute.check_runnable(train_config(config))
     run = prepare(config, command)
     now = status.of(run, deep=True)
     if now.state is status.State.COMPLETE:

@@ -58,9 +58,9 @@ def require(files: Iterable[Path], given: bool, command: str) -> None:
     Raises:
         UserError: the answer is no, or no terminal can be asked.
     """
-    from auvbench.runs import ownership
+    from auvbench.runs import lock
 
-    foreign = [file for file in files if not ownership.is_own(file)]
+    foreign = [file for file in files if not lock.is_own(file)]
     if not foreign:
         return
     more = f" and {len(foreign) - 1} more" if len(foreign) > 1 else ""
@@ -68,7 +68,7 @@ def require(files: Iterable[Path], given: bool, command: str) -> None:
     if not given and not _confirmed(what):
         raise UserError(f"{what}; read {foreign[0].name}, then add {FLAG}")
     for file in foreign:
-        ownership.sign(file)
+        lock.sign(file)
 
 
 def _confirmed(what: str) -> bool:

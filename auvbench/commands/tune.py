@@ -139,15 +139,15 @@ def plan_of(
     from auvbench.config import tuning
     from auvbench.config.compose import option, typed
     from auvbench.runs import plan as runs_plan
-    from auvbench.training import preflight
-    from auvbench.tuning import scores, space, strategy
+    from auvbench.training import execute
+    from auvbench.tuning import search, space, strategy
     from auvbench.tuning.folder import Plan, StudyFolder
     from auvbench.untrusted.typed_json import Prose
 
     if config.algo.get("agent") == "onnx":
         raise ConfigError(f"algo={config.algo.name}: a policy in a file has no settings to search")
     tune, protocol = tuning.read(config)
-    scores.objective(tune.objective, tune.then)
+    search.objective(tune.objective, tune.then)
     base = tuning.without_search(config)
     # Where runs lie, who carries them out and how long they train is the study's affair.
     name, output, seed = str(base.pop("name")), str(base.pop("output")), int(base.pop("seed"))
@@ -155,7 +155,7 @@ def plan_of(
     base["train"]["total_steps"] = tune.rungs[-1]
     checked = typed(OmegaConf.create({**base, "name": name, "output": output, "seed": seed}))
     runs_plan.check_vehicle(checked)
-    preflight.check_runnable(checked)
+    execute.check_runnable(checked)
     searched = OmegaConf.to_container(config)
     assert isinstance(searched, dict)
     written = searched.get("search")
@@ -198,17 +198,18 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
 
     from auvbench.config.compose import typed
     from auvbench.scheduling.grid import backend
-    from auvbench.tuning import runs, scores, view
+    from auvbench.tuning import controller, runs
     from auvbench.tuning.controller import Controller
     from auvbench.tuning.search import Search, open_study
+    from auvbench.tuning.search import objective as objective_of
 
     whole = {**plan.base, "name": plan.name, "output": str(study.path), "seed": plan.seed}
-    search = Search(plan, open_study(plan, study.journal), typed(OmegaConf.create(whole)))
-    objective = scores.objective(plan.tune.objective, plan.tune.then)
-    shown = view.view(search, objective, Console())
-    print(f"{study.path}: {begin(search)}", flush=True)
+    found = Search(plan, open_study(plan, study.journal), typed(OmegaConf.create(whole)))
+    objective = objective_of(plan.tune.objective, plan.tune.then)
+    shown = controller.view(found, objective, Console())
+    print(f"{study.path}: {begin(found)}", flush=True)
     made = backend(config.launcher, target=runs.TARGET, learning=plan.learns)
-    result = Controller(study, search, made, shown).carry_out()
+    result = Controller(study, found, made, shown).carry_out()
     if result.signal is not None and (best := shown.best()):
         print(best)
     return result
@@ -233,14 +234,14 @@ def _conclude(plan: Plan, study: StudyFolder) -> int:
     A failed trial is a result.
     """
     from auvbench.reporting.tuning import sentences, write
-    from auvbench.tuning import outcome, preset
+    from auvbench.tuning import outcome
 
     found = outcome.read(study)
     best = found.best
     if best is None:
         print(f"{study.path}: every trial failed, so there are no best settings")
     else:
-        preset.write(
+        outcome.write(
             study.best,
             plan,
             found.algo(best),
@@ -253,7 +254,7 @@ def _conclude(plan: Plan, study: StudyFolder) -> int:
         print(sentence)
     if best is not None:
         print(
-            f"{study.best}: cp it to conf/algo/{preset.name_of(plan)}.yaml, then algo={preset.name_of(plan)}"
+            f"{study.best}: cp it to conf/algo/{outcome.name_of(plan)}.yaml, then algo={outcome.name_of(plan)}"
         )
     print(f"{page}", flush=True)
     return int(best is None or bool(found.broken))

@@ -30,7 +30,7 @@ from auvbench.evaluation.protocol import (
 )
 from auvbench.evaluation.rollout import Rollout, roll_out
 from auvbench.record import MEASURED, OUTCOMES, RECORD_COLUMNS, SCENARIO_COLUMNS
-from auvbench.runs import identity, integrity, lock, provenance, schemas
+from auvbench.runs import identity, integrity, lock, provenance
 from auvbench.runs.atomic_io import as_json, make_folder, replace_folder, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.plan import load_config
@@ -46,7 +46,7 @@ MEANS = tuple(name for name in MEASURED if name not in SCENARIO_COLUMNS)
 def read_summary(run: RunDirectory, protocol: str) -> dict[str, Any] | None:
     """Return summary.json of an evaluation; None where it is missing or damaged."""
     try:
-        return schemas.read(run.evaluation(protocol) / "summary.json", schemas.Summary)
+        return integrity.read(run.evaluation(protocol) / "summary.json", integrity.Summary)
     except (OSError, ValueError):
         return None
 

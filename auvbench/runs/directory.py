@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from auvbench.errors import RunError
-from auvbench.runs import declared, identity, integrity, interpolations, ownership, schemas
+from auvbench.runs import declared, identity, integrity, lock
 from auvbench.runs.atomic_io import (
     FAULTS,
     as_json,
@@ -101,7 +101,7 @@ class RunDirectory:
             raise self._unreadable(self.config_path, error) from error
         if not isinstance(loaded, dict):
             raise self._unreadable(self.config_path, "not a mapping")
-        if found := interpolations.first(loaded):
+        if found := identity.first_interpolation(loaded):
             raise RunError(
                 f"{self.config_path}: {found}: the configuration of a run is resolved when it is made, "
                 "so this one was edited and is not resolved; restore it, or remove the run's folder"
@@ -119,7 +119,7 @@ class RunDirectory:
             RunError: it is missing, damaged, or of another schema version.
         """
         try:
-            return schemas.read(self.manifest_path, schemas.Manifest)
+            return integrity.read(self.manifest_path, integrity.Manifest)
         except integrity.VersionError as error:
             raise RunError(f"{self.manifest_path}: {error}") from error
         except (OSError, ValueError) as error:
@@ -214,7 +214,7 @@ def freeze(
     try:
         make_folder(run.path)
         run.write_config(config)
-        ownership.sign(run.config_path)
+        lock.sign(run.config_path)
         # Of two sweeps that begin at once, the slower must not undo what the faster's worker has written by now.
         create_atomic(
             run.manifest_path, as_json(integrity.sealed(_fresh_manifest(run, config, command, analysis)))
@@ -245,7 +245,7 @@ def renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
         return
     try:
         run.write_config(config)
-        ownership.sign(run.config_path)
+        lock.sign(run.config_path)
     except OSError as error:
         raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
 

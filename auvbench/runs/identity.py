@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from auvbench.config.agents import learns
+from auvbench.untrusted.text import short
 
 SCHEMA_VERSION = 1
 """Of the run directory's layout and of the meaning of its configuration; part of every hash."""
@@ -227,3 +228,17 @@ def _leaves(node: Any, path: str) -> Iterator[tuple[str, Any]]:
             yield from _leaves(value, f"{path}.{key}" if path else str(key))
     else:
         yield path, node
+
+
+def first_interpolation(config: Mapping[str, Any]) -> str:
+    """Return the first text that would be resolved, as `key is text`; empty without one."""
+    waiting: list[tuple[str, Any]] = [("", config)]
+    while waiting:
+        path, node = waiting.pop()
+        if isinstance(node, Mapping):
+            waiting += [(f"{path}.{key}" if path else str(key), child) for key, child in node.items()]
+        elif isinstance(node, list):
+            waiting += [(f"{path}[{index}]", child) for index, child in enumerate(node)]
+        elif isinstance(node, str) and "${" in node:
+            return f"{short(path)} is {short(repr(node), 60)}"
+    return ""

@@ -13,7 +13,7 @@ from auvbench.config import schema
 from auvbench.config.compose import typed
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
-from auvbench.runs import declared, identity, interpolations, policy_files
+from auvbench.runs import declared, identity, policy_files
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.vehicles import pace, sheet
 from auvbench.vehicles.inspect import shortest_time_constant
@@ -106,6 +106,6 @@ def _plain(config: DictConfig) -> dict[str, object]:
     assert isinstance(container, dict)
     # The analysis is none of the run's: it lies next to the runs.
     plain = {str(key): value for key, value in container.items() if key != declared.KEY}
-    if found := interpolations.first(plain):  # from a value with \${ in it
+    if found := identity.first_interpolation(plain):  # from a value with \${ in it
         raise ConfigError(f"{found}: a run's configuration holds no ${{ }}")
     return plain

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import importlib
 import multiprocessing
 import os
 import signal
@@ -21,7 +22,20 @@ from multiprocessing import forkserver, resource_tracker
 from typing import Any, TypeVar
 
 from auvbench.errors import AuvbenchWarning, TrainingError
-from auvbench.runs import fork_server, interruption, processes
+from auvbench.runs import interruption
+
+COMMAND, MODULES = "AUVBENCH_COMMAND_PID", "AUVBENCH_PRELOAD"
+"""environment variables of the server: the pid of its command, and module names with commas between them"""
+
+PID = os.getpid()
+"""of the server, also in the workers that it forks"""
+
+if COMMAND in os.environ:
+    interruption.die_with_parent(int(os.environ.pop(COMMAND)))
+    for _module in os.environ.pop(MODULES).split(","):
+        with contextlib.suppress(Exception):  # the worker that needs it reports the error
+            importlib.import_module(_module)
+
 
 CONTEXT = multiprocessing.get_context("forkserver")
 ONE_THREAD = dict.fromkeys(
@@ -43,13 +57,13 @@ def start_server(preload: Sequence[str]) -> None:
     resource_tracker.ensure_running()  # now, since its start unblocks signals
     environment = dict(os.environ)
     os.environ |= ONE_THREAD | {
-        fork_server.COMMAND: str(os.getpid()),
-        fork_server.MODULES: ",".join(preload),
+        COMMAND: str(os.getpid()),
+        MODULES: ",".join(preload),
         "PYTHONSAFEPATH": "1",  # no module of the working directory
     }
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, interruption.SIGNALS)
     try:
-        CONTEXT.set_forkserver_preload([fork_server.__name__])
+        CONTEXT.set_forkserver_preload([__name__])
         forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
@@ -73,8 +87,8 @@ def begin_worker(folder: str) -> None:
         folder: the working directory.
     """
     os.setsid()
-    processes.die_with_parent(fork_server.PID)
-    processes.prefer_in_memory_shortage()
+    interruption.die_with_parent(PID)
+    interruption.prefer_in_memory_shortage()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, interruption.SIGNALS)
     with contextlib.suppress(OSError):  # removed since
         os.chdir(folder)
@@ -90,7 +104,7 @@ class Pool:
     """
 
     def __init__(self, workers: int = 0, preload: Sequence[str] = ()) -> None:
-        self.workers = workers or processes.cores()
+        self.workers = workers or interruption.cores()
         self._preload = preload
         self._executor: ProcessPoolExecutor | None = None
 

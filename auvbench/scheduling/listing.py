@@ -12,7 +12,7 @@ from auvbench.errors import RunError, UserError, closest
 from auvbench.runs import identity, run_filter, status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.status import State
-from auvbench.scheduling import progress
+from auvbench.scheduling import estimate
 from auvbench.untrusted.text import LONGEST, plain, short
 
 
@@ -100,7 +100,7 @@ def _row(run: RunDirectory) -> Row:
     wall = float(manifest["wall_time_s"])
     if at.state in (State.RUNNING, State.INTERRUPTED):
         # The manifest is written at the start and at the end; in between, and after a kill, this knows more.
-        last = progress.read(run.path)
+        last = estimate.read(run.path)
         if last is not None and last.steps >= steps:
             steps, episodes, success = last.steps, last.episodes, last.success_rate
             if at.holder is not None:

@@ -15,7 +15,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import ClassVar
 
-from auvbench.runs import pool, processes
+from auvbench.runs import interruption, pool
 from auvbench.scheduling.base import Phase, Status
 from auvbench.training import worker
 from auvbench.training.worker import TARGET
@@ -79,7 +79,7 @@ class LocalBackend:
     name = "local"
 
     def __init__(self, workers: int = 0, *, target: str = TARGET, preload: Sequence[str] = LEARNERS) -> None:
-        self.limit: int | None = workers or processes.cores()
+        self.limit: int | None = workers or interruption.cores()
         self.target = target
         self.preload = preload
         self._jobs: list[LocalJob] = []

@@ -18,15 +18,14 @@ from auvbench.runs.atomic_io import fsync_directory, fsync_file, storage
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Request
 from auvbench.runs.lock import LockLostError
-from auvbench.runs.progress import Reporter, Watch
-from auvbench.runs.records import EpisodeLog
-from auvbench.training.checkpoint import events
+from auvbench.runs.progress import EpisodeLog, Reporter, Watch
+from auvbench.training.checkpoint import logs
 from auvbench.training.checkpoint.saver import Checkpointer
 from auvbench.training.session import Session, reached
 from auvbench.training.validation import Validator
 
 EPISODES = "train/episodes.csv"
-EVENTS = f"train/{events.NAME}"
+EVENTS = f"train/{logs.NAME}"
 VALIDATION = "train/validation.csv"
 
 
@@ -86,7 +85,7 @@ def learn(
 
     with storage(f"cannot write the records of {run.path}"):
         log = EpisodeLog(run.path / EPISODES, keep=resumed.logs[EPISODES].bytes if resumed else None)
-        writer = events.EventWriter(run.train)
+        writer = logs.EventWriter(run.train)
         if train.evaluate_every:
             validator = Validator(
                 run.config(),

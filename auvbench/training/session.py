@@ -6,15 +6,16 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from auvbench.agents.base import Environment, Learner, Transition
 from auvbench.errors import TrainingError
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Interrupted, Request
-from auvbench.runs.progress import Reporter
-from auvbench.runs.records import EpisodeLog
-from auvbench.training import finite
-from auvbench.training.checkpoint.events import EventWriter
+from auvbench.runs.progress import EpisodeLog, Reporter
+from auvbench.training.checkpoint.logs import EventWriter
 from auvbench.training.checkpoint.saver import Checkpointer
 from auvbench.training.validation import Validator
 
@@ -77,7 +78,7 @@ class Session:
             Interrupted: the run was asked to stop, and no checkpoint can be waited for.
         """
         self.steps = steps
-        finite.check_step(transition.observation, transition.reward, steps)
+        check_step(transition.observation, transition.reward, steps)
         if self._stop.signal is not None:
             self._asked_at = self._asked_at or time.monotonic()
             if not self._learner.exact_resume or time.monotonic() - self._asked_at > GRACE:
@@ -148,3 +149,20 @@ class Session:
 def reached(steps: int, reporter: Reporter) -> dict[str, Any]:
     """What a manifest says of a training that has come so far."""
     return {"steps": steps, "episodes": reporter.episodes, "success_rate": reporter.success_rate}
+
+
+def check_step(observations: NDArray[Any], rewards: NDArray[Any], step: int) -> None:
+    """Raises `TrainingError` when what the environments returned in this step is not finite.
+
+    Args:
+        observations: (n, d), as the environments give them: no clipping has hidden an infinity.
+        rewards: (n,), likewise.
+        step: environment steps so far, for the message.
+    """
+    for what, values in (("observation", observations), ("reward", rewards)):
+        fine = np.isfinite(values)
+        if not fine.all():
+            bad = ~fine
+            environment = int(np.nonzero(bad)[0][0])
+            value = values[bad][0]
+            raise TrainingError(f"step {step}: the {what} of environment {environment} is {value}")

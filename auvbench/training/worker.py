@@ -25,7 +25,7 @@ from types import FrameType
 from typing import Any
 
 from auvbench.errors import AuvbenchError, plain_warnings
-from auvbench.runs import interruption, lock, processes, status
+from auvbench.runs import interruption, lock, status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Interrupted, Request
 from auvbench.runs.pool import ONE_THREAD
@@ -193,7 +193,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--parent", type=int, help="the process with which this one is to die")
     given = parser.parse_args(arguments)
     if given.parent is not None:
-        processes.die_with_parent(given.parent)
+        interruption.die_with_parent(given.parent)
     os.environ.update(ONE_THREAD)
     requeue = Requeue() if given.requeue else None
     code = work(given.run, target=given.target, log=given.log)

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
+import yaml
 from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from optuna.trial import FrozenTrial, TrialState
 
+from auvbench import __version__
 from auvbench.analysis.measures import Measure
+from auvbench.config.tuning import STREAM
 from auvbench.errors import UserError
+from auvbench.runs import provenance
+from auvbench.runs.atomic_io import write_atomic
 from auvbench.runs.directory import RunDirectory, place
 from auvbench.statistics import crossed, pairs
 from auvbench.statistics.intervals import Estimate
-from auvbench.tuning import runs, scores
+from auvbench.tuning import runs, search
 from auvbench.tuning.folder import Plan, StudyFolder
 from auvbench.tuning.search import ERROR, Trials, open_study
 
@@ -46,9 +54,9 @@ class Outcome(Trials):
     """trainings with fresh seeds that failed"""
 
     @cached_property
-    def objective(self) -> scores.Objective:
+    def objective(self) -> search.Objective:
         """Return the measures of the study."""
-        return scores.objective(self.plan.tune.objective, self.plan.tune.then)
+        return search.objective(self.plan.tune.objective, self.plan.tune.then)
 
     @cached_property
     def ordered(self) -> list[FrozenTrial]:
@@ -114,12 +122,55 @@ def _broken(plan: Plan, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[str
 
 def _gains(of: Outcome, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[Gain, ...]:
     try:
-        agents = [scores.tested(group, of.plan.fresh_protocol.name) for group in made.values()]
+        agents = [search.tested(group, of.plan.fresh_protocol.name) for group in made.values()]
     except UserError:
         return ()
     gains = []
     for m in (of.objective.measure, of.objective.then):
         table = crossed([m.values(agent) for agent in agents], rate=m.rate, bounds=m.bounds(agents))
-        tuned, untuned = (scores.interval(agent, m) for agent in agents)
+        tuned, untuned = (search.interval(agent, m) for agent in agents)
         gains.append(Gain(m, tuned, untuned, pairs(table).estimate(0, 1, table, 0.95)))
     return tuple(gains)
+
+
+def name_of(plan: Plan) -> str:
+    """Return the preset's name in runs and tables."""
+    name = str(plan.base["algo"]["name"])
+    return f"{plan.name}_tuned" if plan.name == name else plan.name
+
+
+def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps: int, evidence: str) -> None:
+    """Write the plain values of the best settings as a preset; `evidence` is a sentence about their gain."""
+    today = datetime.now(UTC).date().isoformat()
+    git = provenance.git()
+    commit = f" (commit {git['commit'][:12]}{', modified' if git['dirty'] else ''})" if git["commit"] else ""
+    name = name_of(plan)
+    searched = [dimension.key.partition(".")[2] for dimension in plan.dimensions]
+    head = [
+        f"{name}: found by {plan.command or 'auvbench tune'}",
+        f"on {today} with auvbench {__version__}{commit}: {trials} trials, {steps:,} environment steps of training, scenarios of",
+        f"protocol={plan.protocol.name} (seed {plan.protocol.seed}, {plan.protocol.episodes} episodes), none of a test.",
+        evidence,
+        f"Searched: {', '.join(searched)}.",
+        f"To use it: cp {path} conf/algo/{name}.yaml, then algo={name}.",
+    ]
+    body = {
+        "defaults": [f"/{algo['agent']}_schema@_here_", "_self_"],
+        "name": name,
+        "agent": algo["agent"],
+        **{key: value for key, value in algo.items() if key not in ("name", "agent", "tuned")},
+        "tuned": {
+            "study": plan.name,
+            "protocol": plan.protocol.name,
+            "scenarios": STREAM,
+            "seed": plan.protocol.seed,
+            "trials": trials,
+            "steps": steps,
+            "version": __version__,
+            "date": today,
+        },
+    }
+    text = "".join(f"# {' '.join(line.split())}\n" for line in head)
+    write_atomic(
+        path, (text + yaml.safe_dump(body, sort_keys=False, width=100, default_flow_style=None)).encode()
+    )

@@ -17,9 +17,9 @@ from auvbench.config.launchers import Ray
 from auvbench.errors import UserError
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
+from auvbench.scheduling.grid import sweep
 from auvbench.scheduling.loop import Outcome, Result
 from auvbench.scheduling.ray import RayBackend
-from auvbench.scheduling.sweep import sweep
 from tests import fake_training
 from tests.cluster.slurm_cluster import until
 

@@ -20,9 +20,9 @@ from rich.console import Console
 from auvbench.config.launchers import Slurm
 from auvbench.errors import AuvbenchError
 from auvbench.runs.directory import RunDirectory
+from auvbench.scheduling.grid import sweep
 from auvbench.scheduling.loop import Outcome, Result
 from auvbench.scheduling.slurm import SlurmBackend
-from auvbench.scheduling.sweep import sweep
 from auvbench.training.worker import TARGET
 from tests import fake_training
 from tests.cluster import slurm_cluster

@@ -302,8 +302,8 @@ def checkpoint(folder: Path, where: int, value: Any, how: int, seed: int) -> Non
     """The manifest of a checkpoint with a seal that fits: what is copied from it stays inside the two runs."""
     from auvbench.agents.components import Components
     from auvbench.errors import RunError, TrainingError
+    from auvbench.training.checkpoint.extending import seed as copy_checkpoint
     from auvbench.training.checkpoint.logs import GrowingLog
-    from auvbench.training.checkpoint.seeding import seed as copy_checkpoint
     from auvbench.training.checkpoint.store import CheckpointStore
 
     root = folder / "checkpointed"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.training.checkpoint.replay_buffer import FIELDS
+from auvbench.training.checkpoint.saver import FIELDS
 from auvbench.training.checkpoint.store import CheckpointStore
 
 

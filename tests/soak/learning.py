@@ -21,9 +21,9 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from auvbench.agents.learned import state
 from auvbench.agents.learned.sb3 import Follower, SB3Learner, Scalars
-from auvbench.training import finite
-from auvbench.training.checkpoint.events import NAME, EventWriter
+from auvbench.training.checkpoint.logs import NAME, EventWriter
 from auvbench.training.checkpoint.saver import Checkpointer
+from auvbench.training.session import check_step
 from tests.soak.pendulum import Pendulums
 
 LOGS = ("train/episodes.csv", f"train/{NAME}")
@@ -120,7 +120,7 @@ class Session:
         return self.checkpointer.restore(self.learner)
 
     def step(self, steps: int, transition: Any) -> float:
-        finite.check_step(*transition, steps)
+        check_step(*transition, steps)
         return 0.0
 
     def checkpoint(self, steps: int) -> None:

@@ -7,8 +7,8 @@ from collections import Counter
 from auvbench.analysis.formatting import amount, counted, difference, listed, named
 from auvbench.analysis.measures import Measure
 from auvbench.statistics.intervals import Estimate
+from auvbench.tuning.controller import worth
 from auvbench.tuning.outcome import Outcome, state_of
-from auvbench.tuning.view import worth
 
 
 def summary(found: Outcome) -> list[str]:

@@ -21,7 +21,7 @@ from auvbench.reporting.page.table import ShownTable, minus, printed
 from auvbench.reporting.tables.table import Cell, Heading, Line, Table, estimate_cell
 from auvbench.reporting.tuning import figures, sentences
 from auvbench.reporting.write import text
-from auvbench.tuning import preset, runs
+from auvbench.tuning import outcome, runs
 from auvbench.tuning.outcome import Outcome, state_of
 from auvbench.tuning.search import ERROR
 from auvbench.untrusted import path_safety
@@ -77,8 +77,8 @@ def page(found: Outcome, drawn: Sequence[Figure], path: Path) -> str:
         best=_best(found, found.best) if found.best else None,
         best_number=found.best.number if found.best else None,
         preset_href=os.path.relpath(found.folder.best, path.parent),
-        usage=f"cp {shlex.quote(str(found.folder.best))} conf/algo/{preset.name_of(plan)}.yaml\n"
-        f"auvbench train algo={preset.name_of(plan)} seed=0",
+        usage=f"cp {shlex.quote(str(found.folder.best))} conf/algo/{outcome.name_of(plan)}.yaml\n"
+        f"auvbench train algo={outcome.name_of(plan)} seed=0",
         figures=embedded,
         trials=_trials(found, path),
         failures=[(trial.number, error) for trial in found.ordered if (error := _error(trial))],

@@ -2,21 +2,94 @@
 
 from __future__ import annotations
 
+import io
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.agents.base import Learner, replay
+from auvbench.agents.base import Learner, Ring, replay
 from auvbench.errors import TrainingError
 from auvbench.runs import lock
-from auvbench.runs.atomic_io import storage
+from auvbench.runs.atomic_io import (
+    fsync_directory,
+    make_folder,
+    sha256,
+    storage,
+    write_atomic,
+)
 from auvbench.training.checkpoint.logs import GrowingLog, LogMark, cut
-from auvbench.training.checkpoint.replay_buffer import ReplayStore
-from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore
+from auvbench.training.checkpoint.store import Checkpoint, CheckpointStore, Segment
+from auvbench.untrusted import archives, reading
+
+FIELDS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+SEGMENT_TRANSITIONS = 16_384  # about 2 MB for the waypoint task
+
+
+class ReplayStore:
+    """Write and read the segments in one folder.
+
+    Args:
+        folder: `checkpoints/replay` of a run.
+        transitions: length of a whole segment in transitions (rows x environments).
+    """
+
+    def __init__(self, folder: Path, transitions: int = SEGMENT_TRANSITIONS) -> None:
+        self.folder = folder
+        self._transitions = transitions
+        self._written: dict[tuple[int, int], Segment] = {}
+
+    def save(self, buffer: Ring, rows: int) -> list[Segment]:
+        """Write what is new up to row `rows`; return all segments of the ring's content.
+
+        Raises:
+            OSError: the disk is full or read-only; earlier segments are untouched.
+        """
+        make_folder(self.folder)
+        oldest = max(0, rows - buffer.buffer_size)
+        length = max(1, self._transitions // buffer.n_envs)
+        segments = []
+        for start in range(oldest // length * length, rows, length):
+            stop = min(start + length, rows)
+            known = self._written.get((start, stop))
+            segments.append(known or self._write(buffer, start, stop, rows))
+        fsync_directory(self.folder)
+        return segments
+
+    def _write(self, buffer: Ring, start: int, stop: int, rows: int) -> Segment:
+        # A segment whose head the ring has overwritten and that was never written whole (the cadence was
+        # longer than the ring) begins at the oldest row that is still there.
+        first = max(start, rows - buffer.buffer_size)
+        at = np.arange(first, stop) % buffer.buffer_size
+        stream = io.BytesIO()
+        np.savez(stream, **{field: getattr(buffer, field)[at] for field in FIELDS})
+        data = stream.getvalue()
+        segment = Segment(first, stop, len(data), sha256(data))
+        write_atomic(self.folder / segment.name, data, sync_folder=False)
+        self._written[start, stop] = segment
+        return segment
+
+    def load(self, buffer: Ring, segments: Iterable[Segment], rows: int) -> None:
+        """Fill a fresh buffer with the ring's content at row `rows`, bit by bit.
+
+        Raises:
+            OSError, ValueError, KeyError: a segment is not readable; `Segment.holds` tells this before.
+        """
+        oldest = max(0, rows - buffer.buffer_size)
+        length = max(1, self._transitions // buffer.n_envs)
+        for segment in segments:
+            arrays = archives.arrays(reading.content(self.folder / segment.name, reading.WEIGHTS))
+            skip = max(0, oldest - segment.first)
+            at = np.arange(segment.first + skip, segment.last) % buffer.buffer_size
+            for field in FIELDS:
+                getattr(buffer, field)[at] = arrays[field][skip:]
+            self._written[segment.first // length * length, segment.last] = segment
+        buffer.pos = rows % buffer.buffer_size
+        buffer.full = rows >= buffer.buffer_size
+
 
 CLOCK = "clock"
 """The component that holds for how long the run has trained."""

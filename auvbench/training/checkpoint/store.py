@@ -17,10 +17,9 @@ from pathlib import Path
 from auvbench.agents.components import Components
 from auvbench.errors import AuvbenchWarning, RunError, TrainingError
 from auvbench.runs import integrity
-from auvbench.runs.atomic_io import as_json, replace_folder, storage
+from auvbench.runs.atomic_io import as_json, replace_folder, sha256_of_prefix, storage
 from auvbench.runs.integrity import FileEntry
 from auvbench.training.checkpoint.logs import LogMark
-from auvbench.training.checkpoint.replay_buffer import Segment
 from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.path_safety import child
 from auvbench.untrusted.typed_json import Count
@@ -232,3 +231,27 @@ def _manifest(path: Path) -> Manifest:
         raise TrainingError(f"{path / MANIFEST} {error}") from error
     except ValueError as error:
         raise ValueError(f"{MANIFEST}: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """One file of rows, as a checkpoint's manifest has it."""
+
+    first: Count
+    last: Count
+    """one past the last row"""
+    bytes: Count
+    sha256: str
+
+    @property
+    def name(self) -> str:
+        return f"{self.first:010d}-{self.last:010d}.npz"
+
+    def holds(self, folder: Path) -> bool:
+        """Whether the file exists with the recorded size and hash."""
+        path = folder / self.name
+        return (
+            path.is_file()
+            and path.stat().st_size == self.bytes
+            and sha256_of_prefix(path, self.bytes) == self.sha256
+        )

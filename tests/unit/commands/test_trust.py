@@ -13,7 +13,7 @@ import pytest
 from auvbench import cli
 from auvbench.config import installed
 from auvbench.errors import RunError
-from auvbench.runs import ownership
+from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
 from auvbench.training import worker
 from tests.unit.runs.test_damage import frozen
@@ -75,13 +75,13 @@ def test_on_a_terminal_it_is_asked(
 
 @pytest.mark.parametrize("harm", ["no signature", "of another run", "another configuration", "a link"])
 def test_a_signature_is_of_one_configuration(harm: str, run: RunDirectory, tmp_path: Path) -> None:
-    signature = run.path / ownership.MAKER
-    assert ownership.is_own(run.config_path)
+    signature = run.path / lock.MAKER
+    assert lock.is_own(run.config_path)
     if harm == "no signature":
         signature.unlink()
     elif harm == "of another run":
         other = frozen(tmp_path / "out", "algo=random", "seed=7", state="pending")
-        shutil.copyfile(other.path / ownership.MAKER, signature)
+        shutil.copyfile(other.path / lock.MAKER, signature)
     elif harm == "another configuration":
         text = run.config_path.read_text()
         assert "workers: " in text
@@ -90,7 +90,7 @@ def test_a_signature_is_of_one_configuration(harm: str, run: RunDirectory, tmp_p
         elsewhere = tmp_path / "elsewhere"
         signature.rename(elsewhere)
         signature.symlink_to(elsewhere)
-    assert not ownership.is_own(run.config_path)
+    assert not lock.is_own(run.config_path)
     assert cli.main(["resume", str(run.path)]) == 2
 
 
@@ -103,7 +103,7 @@ def test_jobs_are_not_asked(run: RunDirectory, as_another: Callable[[], None]) -
 def test_values_that_change_no_result_are_signed_again(run: RunDirectory) -> None:
     command = ["train", "algo=random", f"output={run.path.parent.parent}"]
     assert cli.main([*command, "train.checkpoint.keep=5"]) == 0
-    assert ownership.is_own(run.config_path)
+    assert lock.is_own(run.config_path)
 
 
 def test_tests_and_reports_take_what_another_person_made(
@@ -129,7 +129,7 @@ def test_what_a_package_computes_needs_the_flag(
     assert cli.main([command, str(run.path)]) == 2
     assert "--trust" in capsys.readouterr().err
     cli.main([command, str(run.path), "--trust", *(BRIEF if command == "evaluate" else ())])
-    assert ownership.is_own(run.config_path)
+    assert lock.is_own(run.config_path)
 
 
 def test_a_study_of_another_person_needs_the_flag(
@@ -156,11 +156,11 @@ def test_a_study_of_another_person_needs_the_flag(
 
 
 def test_the_key_is_private_and_made_once(run: RunDirectory) -> None:
-    key = ownership.state_folder() / "key"
+    key = lock.state_folder() / "key"
     assert key.stat().st_mode & 0o777 == 0o600
     before = key.read_bytes()
-    ownership._key.cache_clear()
-    ownership.sign(run.config_path)
+    lock._key.cache_clear()
+    lock.sign(run.config_path)
     assert key.read_bytes() == before
 
 

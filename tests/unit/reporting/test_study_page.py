@@ -15,11 +15,10 @@ from auvbench.commands.tune import plan_of, split
 from auvbench.config.compose import compose
 from auvbench.reporting.tuning import figures, sentences, write
 from auvbench.statistics.intervals import Estimate
-from auvbench.tuning import scores
+from auvbench.tuning import search
 from auvbench.tuning.folder import Plan, StudyFolder
 from auvbench.tuning.outcome import Gain, Outcome
-from auvbench.tuning.scores import Score
-from auvbench.tuning.search import ERROR
+from auvbench.tuning.search import ERROR, Score
 
 
 def result(objective: float, then: float) -> list[float]:
@@ -58,7 +57,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
         results = [result(0.5 + 0.01 * number, 900.0), result(0.95 - 0.01 * number, 300.0)]
         trials.append(trial_of(params, plan, *results[: 2 if number < 12 else 1]))
     trials.append(trial_of(params, plan, error="step 3: train/loss became nan"))
-    objective = scores.objective("success_rate", "par1_steps")
+    objective = search.objective("success_rate", "par1_steps")
     gains = (
         Gain(
             objective.measure, Estimate(0.95, 0.9, 0.98), Estimate(0.8, 0.7, 0.9), Estimate(0.15, 0.02, 0.28)

@@ -19,14 +19,15 @@ from typing import Any
 import pytest
 
 from auvbench.errors import AuvbenchError, RunError
-from auvbench.runs import lock, processes
+from auvbench.runs import interruption, lock
 from tests.waiting import LIMIT
 
 HOLD = """
 import os, sys, time
-from auvbench.runs import lock, processes
+from auvbench.runs import lock
+from auvbench.runs import interruption
 run, host, job, forks = sys.argv[1:]
-if host: processes.host = lambda: host
+if host: interruption.host = lambda: host
 held = lock.acquire(run, job=job or None)
 if forks and os.fork() == 0:
     time.sleep(600)
@@ -71,7 +72,7 @@ def test_the_second_learns_who_holds_it(tmp_path: Path) -> None:
             lock.acquire(tmp_path)
         assert caught.value.holder.pid == process.pid
         assert caught.value.exit_code == 1
-        for word in (str(tmp_path), processes.host(), f"pid {process.pid}", "since 20"):
+        for word in (str(tmp_path), interruption.host(), f"pid {process.pid}", "since 20"):
             assert word in str(caught.value)
         assert lock.living_holder(tmp_path) == caught.value.holder
     finally:

@@ -16,11 +16,11 @@ import psutil
 import pytest
 from rich.console import Console
 
-from auvbench.runs import lock, processes, status
+from auvbench.runs import interruption, lock, status
 from auvbench.runs.directory import RunDirectory
+from auvbench.scheduling.grid import sweep
 from auvbench.scheduling.local import LocalBackend
 from auvbench.scheduling.loop import Outcome, Result, judge
-from auvbench.scheduling.sweep import sweep
 from tests import fake_training
 from tests.waiting import LIMIT, until
 
@@ -32,7 +32,7 @@ from pathlib import Path
 from rich.console import Console
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.local import LocalBackend
-from auvbench.scheduling.sweep import sweep
+from auvbench.scheduling.grid import sweep
 runs = [RunDirectory(path) for path in sorted(Path(sys.argv[1]).iterdir())]
 backend = LocalBackend(2, target="tests.fake_training:execute", preload=())
 sys.exit(sweep(runs, backend, Console(width=200)).exit_code)
@@ -216,7 +216,7 @@ def test_a_held_run_is_left_alone_and_named(folder: Path) -> None:
         result, text = carry_out([held, free])
     assert result.exit_code == 1  # whoever goes on with `&&` counts on all of them
     assert set(result.of(Outcome.HELD)) == {held.path}
-    assert f"held by others: held by {processes.host()}, pid {os.getpid()}" in text
+    assert f"held by others: held by {interruption.host()}, pid {os.getpid()}" in text
     assert held.manifest()["state"] == "pending"
 
 

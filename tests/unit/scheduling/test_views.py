@@ -16,7 +16,7 @@ from rich.console import Console
 
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Progress
-from auvbench.scheduling import estimate, live_table, views
+from auvbench.scheduling import estimate, views
 from auvbench.scheduling.base import Phase, Status
 from auvbench.scheduling.loop import Outcome
 from auvbench.scheduling.rows import Row
@@ -125,7 +125,7 @@ def test_a_success_rate_of_a_few_episodes_is_not_shown(runs: list[RunDirectory])
     write(runs[0], 250, 100.0, episodes=3)
     view.refresh()
     assert view.rows[runs[0].path].progress is not None
-    (_, line) = live_table.lines([view.rows[runs[0].path]], {"run0": 8.0}, 100)
+    (_, line) = views.lines([view.rows[runs[0].path]], {"run0": 8.0}, 100)
     assert "%" not in line.plain
     assert "success" not in views.sentence(view.rows[runs[0].path].progress)  # type: ignore[arg-type]
 
@@ -140,7 +140,7 @@ def test_steps_success_and_time_are_whole_at_any_width(tmp_path: Path, width: in
     row = Row.of(run)
     row.state = Phase.RUNNING
     row.progress = Progress(412_345, 1_000_000, 1308.4, 500, 1.0, None, time.time())
-    heading, line = (text.plain for text in live_table.lines([row], {name: 5 * 3600 + 50 * 60}, width))
+    heading, line = (text.plain for text in views.lines([row], {name: 5 * 3600 + 50 * 60}, width))
     assert max(len(heading), len(line)) <= width
     for whole in ("running", "412,345", "100%", "5 h 50 min", name[-8:], name[:10]):
         assert whole in line, whole

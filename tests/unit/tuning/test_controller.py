@@ -18,9 +18,10 @@ from auvbench.errors import TrainingError
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory, freeze
 from auvbench.scheduling.base import Phase, Status
-from auvbench.tuning import controller, runs, scores, view
+from auvbench.tuning import controller, runs
 from auvbench.tuning.controller import Controller
-from auvbench.tuning.search import ERROR, Search, open_study
+from auvbench.tuning.search import ERROR, Objective, Score, Search, open_study
+from auvbench.tuning.search import objective as objective_of
 
 WORDS = [
     "algo=ppo",
@@ -91,17 +92,17 @@ def carry_out(
 
     def by_rate(self, made, protocol):
         rate = made[0].config()["algo"]["learning_rate"]
-        return scores.Score(rate, rate, rate, rate, 1.0)
+        return Score(rate, rate, rate, rate, 1.0)
 
     monkeypatch.setattr(runs, "prepare", prepare)
     monkeypatch.setattr(runs, "test", lambda run, protocol: None)
-    monkeypatch.setattr(scores.Objective, "of", of or by_rate)
+    monkeypatch.setattr(Objective, "of", of or by_rate)
     study.path.mkdir(parents=True, exist_ok=True)
     base = typed(OmegaConf.create({**plan.base, "name": "a", "output": "b", "seed": 0}))
     search = Search(plan, open_study(plan, study.journal), base)
-    objective = scores.objective("success_rate", "par1_steps")
+    objective = objective_of("success_rate", "par1_steps")
     text = io.StringIO()
-    shown = view.view(search, objective, Console(file=text, width=200))
+    shown = controller.view(search, objective, Console(file=text, width=200))
     try:
         Controller(study, search, backend, shown).carry_out()
     finally:
@@ -207,7 +208,7 @@ def test_a_complete_run_that_is_being_tested_is_waited_for(tmp_path, monkeypatch
 
     def of(self, made, protocol):
         tested.append(lock.living_holder(made[0].path))
-        return scores.Score(1.0, 1.0, 1.0, 1.0, 1.0)
+        return Score(1.0, 1.0, 1.0, 1.0, 1.0)
 
     search, _ = carry_out(tmp_path, backend, monkeypatch, *words, of=of)
     assert tested == [None]

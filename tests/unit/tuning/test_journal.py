@@ -10,7 +10,7 @@ import pytest
 
 from auvbench.errors import RunError
 from auvbench.runs import lock
-from auvbench.tuning.journal import CONTROLLER, Journal
+from auvbench.tuning.folder import CONTROLLER, Journal
 
 
 def written(path: Path, count: int = 6) -> list[dict[str, object]]:

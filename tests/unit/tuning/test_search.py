@@ -14,10 +14,8 @@ from auvbench.commands.tune import plan_of, split
 from auvbench.config import schema
 from auvbench.config.compose import compose, typed
 from auvbench.errors import RunError
-from auvbench.tuning.folder import Plan
-from auvbench.tuning.journal import Journal
-from auvbench.tuning.scores import Score
-from auvbench.tuning.search import ERROR, Search, Step, Trials, open_study
+from auvbench.tuning.folder import Journal, Plan
+from auvbench.tuning.search import ERROR, Score, Search, Step, Trials, open_study
 
 SMALL = ["algo=ppo", "tune.trials=9", "tune.startup=4", "tune.rungs=[10,30,90]", "tune.reduction=2"]
 BROKEN = 5

@@ -6,8 +6,7 @@ import numpy as np
 from stable_baselines3.common.logger import Logger
 
 from auvbench.agents.learned.sb3 import Scalars
-from auvbench.training.checkpoint.events import NAME, EventWriter
-from auvbench.training.checkpoint.logs import GrowingLog, cut
+from auvbench.training.checkpoint.logs import NAME, EventWriter, GrowingLog, cut
 from tests.soak.learning import scalars
 
 

@@ -10,7 +10,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from auvbench.agents.components import Components
 from auvbench.agents.learned.state import check_replay
 from auvbench.errors import TrainingError
-from auvbench.training.checkpoint.replay_buffer import FIELDS, ReplayStore
+from auvbench.training.checkpoint.saver import FIELDS, ReplayStore
 from auvbench.training.checkpoint.store import CheckpointStore
 from tests.soak.killing import forked, kill_at_operation
 

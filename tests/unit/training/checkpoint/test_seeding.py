@@ -12,8 +12,8 @@ import pytest
 
 from auvbench.agents.components import Components
 from auvbench.runs import integrity
+from auvbench.training.checkpoint.extending import seed
 from auvbench.training.checkpoint.logs import GrowingLog
-from auvbench.training.checkpoint.seeding import seed
 from auvbench.training.checkpoint.store import CheckpointStore, CheckpointWarning
 
 LOG = "train/episodes.csv"
