@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -23,6 +24,9 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, ListConfig, open_dict
 
 from auvbench.errors import ConfigError
+
+MOST_JOBS = 10_000
+"""of a grid: each has a folder, and is composed before the first starts"""
 
 Axis = list[str]
 Grid = dict[str, Axis]
@@ -109,7 +113,10 @@ def _values(override: Override) -> Axis:
         return [override.get_value_element_as_str()]
     if not override.is_discrete_sweep():
         raise ConfigError(f"{override.input_line}: a grid takes lists of values, e.g. 1,2,3 or range(0,5)")
-    return list(override.sweep_string_iterator())
+    values = list(itertools.islice(override.sweep_string_iterator(), MOST_JOBS + 1))
+    if len(values) > MOST_JOBS:
+        raise ConfigError(f"{override.input_line}: has more values than the {MOST_JOBS:,} runs of a grid")
+    return values
 
 
 def from_config(parser: OverridesParser, node: Any) -> list[Grid]:
@@ -185,7 +192,16 @@ def _plain(value: str) -> object:
 
 
 def jobs(grids: Iterable[Grid]) -> list[list[str]]:
-    """The overrides of each job, grid after grid, each once; the last axis varies fastest."""
+    """The overrides of each job, grid after grid, each once; the last axis varies fastest.
+
+    Raises:
+        ConfigError: there are more than `MOST_JOBS`.
+    """
+    grids = list(grids)
+    if (count := sum(math.prod(map(len, grid.values())) for grid in grids)) > MOST_JOBS:
+        raise ConfigError(
+            f"the grid has {count:,} runs, must be at most {MOST_JOBS:,}; sweep fewer values at once"
+        )
     lists = [
         [_override(key, value) for key, value in zip(grid, values, strict=True)]
         for grid in grids

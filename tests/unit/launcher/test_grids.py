@@ -115,3 +115,12 @@ def test_grids_of_another_shape_are_refused(parser: OverridesParser, wrong: Any)
 def test_only_lists_of_values_make_an_axis(parser: OverridesParser) -> None:
     with pytest.raises(ConfigError, match="interval"):
         grids.axes(parser, ["reward.k=interval(0,1)"])
+
+
+def test_a_grid_without_an_end_is_refused(parser: OverridesParser) -> None:
+    with pytest.raises(
+        ConfigError, match=r"launcher\.name=range\(0,1e9\): has more values than the 10,000 runs"
+    ):
+        grids.axes(parser, ["launcher.name=range(0,1e9)"])
+    with pytest.raises(ConfigError, match="the grid has 1,000,000 runs, must be at most 10,000"):
+        jobs(parser, [], "seed=range(0,1000)", "reward.k=range(0,1000)")
