@@ -33,6 +33,8 @@ LOOKS = {
 }
 """colours of Okabe and Ito (2008)"""
 
+AXIS, LETTER = 2.6, 0.075
+"""inches of the axis, and of a letter of an agent's name"""
 COMMON = 0.85
 """share of the agents whose intervals the axis holds whole; the others are cut and marked by an arrow"""
 
@@ -45,7 +47,9 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     m = measure(primary.measure)
     scale = 100.0 if m.rate else 1.0
     rows = [primary.of(row.label) or row.label for row in scene.ranking.rows]
-    figure = style.canvas(4.55, 0.9 + 0.19 * len(rows))
+    labels = [row.agent if isinstance(row, Against) else f"{row} (baseline)" for row in rows]
+    width = AXIS + LETTER * max(map(len, labels))
+    figure = style.canvas(max(4.55, width), 0.9 + 0.19 * len(rows))
     ax = figure.subplots()
     low, high = _axis(primary, scale)
     if math.isfinite(primary.margin):
@@ -56,7 +60,6 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
             _line(ax, row, y, scale, (low, high))
         else:
             ax.plot(0, y, marker="|", color="#222222", markersize=9, markeredgewidth=2)
-    labels = [row.agent if isinstance(row, Against) else f"{row} (baseline)" for row in rows]
     ax.set_yticks(range(len(rows)), labels)
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_xlim(low, high)

@@ -521,3 +521,24 @@ def test_a_wild_interval_does_not_squeeze_the_others(small: Scene) -> None:
     assert max(map(abs, canvas.axes[0].get_xlim())) < 200  # points
     arrows = [line.get_marker() for line in canvas.axes[0].lines if line.get_marker() in ("<", ">")]
     assert {"<", ">"} <= set(arrows)
+
+
+def test_long_names_leave_room_for_the_axis(small: Scene, recwarn: pytest.WarningsRecorder) -> None:
+    assert small.ranking.primary is not None
+    rows = tuple(
+        replace(row, label=f"{row.label}, trained at 25 Hz in gazebo with {'x' * 20}")
+        for row in small.ranking.rows
+    )
+    names = dict(zip([row.label for row in small.ranking.rows], [row.label for row in rows], strict=True))
+    compared = tuple(replace(c, agent=names[c.agent]) for c in small.ranking.primary.comparisons)
+    primary = replace(
+        small.ranking.primary, comparisons=compared, baseline=names[small.ranking.primary.baseline]
+    )
+    canvas = draw(
+        "difference_from_baseline", replace(small, ranking=replace(small.ranking, rows=rows, primary=primary))
+    )
+    assert canvas is not None
+    canvas.draw_without_rendering()
+    inches = canvas.axes[0].get_position().width * canvas.get_figwidth()
+    assert inches > 1.5
+    assert not recwarn.list, "the layout had no room"
