@@ -176,7 +176,7 @@ def test_a_failed_run_keeps_its_error(folder, monkeypatch, capsys):
         (["train", "algo=dqn"], "algo=dqn"),
         (["train", "reward.k=-1"], "reward.k=-1"),
         (["train", "seed=abc"], "'abc'"),
-        (["train", "--experimental-rerun", "x"], "would unpickle"),
+        (["train", "--experimental-rerun", "x"], "unknown option '--experimental-rerun' of train"),
         (["evaluate", "nowhere"], "nowhere: no such file or directory"),
         (["evaluate", "."], "this is no run directory"),
         (["evaluate", "outputs", "protocol=tests"], "protocol=tests: no such option; did you mean 'test'?"),

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from auvbench.cli import main
-from auvbench.runs import lock
+from auvbench.runs import interruption, lock
 from auvbench.runs.directory import RunDirectory, find_runs
 from tests.waiting import LIMIT, until
 
@@ -128,7 +128,7 @@ def test_a_single_run_that_is_held_is_left_alone(
     run.update_manifest(state="interrupted")
     with lock.acquire(run.path):
         assert main(["train", "algo=random", "seed=3"]) == 1
-    assert f"held by {lock.processes.host()}, pid {os.getpid()}, since" in capsys.readouterr().err
+    assert f"held by {interruption.host()}, pid {os.getpid()}, since" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -29,9 +29,9 @@ from auvbench.runs import interruption
 run, host, job, forks = sys.argv[1:]
 if host: interruption.host = lambda: host
 held = lock.acquire(run, job=job or None)
-if forks and os.fork() == 0:
-    time.sleep(600)
-print("held", flush=True)
+# A child says so itself: it lets go of the lock a moment after the fork.
+if not forks or os.fork() == 0:
+    print("held", flush=True)
 time.sleep(600)
 """
 
