@@ -93,7 +93,7 @@ def command(*arguments: str, before: str = "") -> list[str]:
         before: Python that runs first.
     """
     code = (
-        f"import sys; from auvbench.runs import processes; processes.die_with_parent({os.getpid()}); {before}\n"
+        f"import sys; from auvbench.runs import interruption; interruption.die_with_parent({os.getpid()}); {before}\n"
         "from auvbench.cli import main; sys.exit(main(sys.argv[1:]))"
     )
     return [sys.executable, "-c", code, *arguments]
