@@ -63,7 +63,7 @@ HYDRA = {"train": ("-m", "--cfg", "--help"), "tune": ("--cfg", "--trust", "--hel
 OVERRIDES = {
     "evaluate": ("protocol", "force", "workers", "protocol.episodes"),
     "serve": ("vehicle", "simulator", "disturbance", "step.frequency", "task.start"),
-    "bound": ("protocol", "vehicle", "workers", "passes", "output", "force"),
+    "bound": ("protocol", "vehicle", "workers", "output", "force"),
     "resume": ("train.total_steps",),
 }
 """Keys of commands that take some `key=value`"""
@@ -86,7 +86,6 @@ VALUES: Mapping[str, Sequence[str]] = {
     "--study": STUDIES,
     "--sort": SORTS,
     "force": ("true",),
-    "passes": ("1", "2"),
 }
 """Values of flags and keys; those of other keys are files in the folder of that name"""
 

@@ -54,8 +54,7 @@ class Parser(argparse.ArgumentParser):
         given, rest = self.parse_known_intermixed_args(list(arguments))
         for word in rest:
             if word.startswith("-"):
-                following = [*arguments[list(arguments).index(word) + 1 :], "-"][0]
-                raise UserError(unknown_flag(self.command, word, self.flags(), self._keys, following))
+                raise UserError(unknown_flag(self.command, word, self.flags(), self._keys, arguments))
             raise UserError(f"{self.command}: {word}: one word too many")
         for term in given.where if self._where else ():
             if "=" not in term:

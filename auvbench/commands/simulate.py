@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from auvbench.errors import ConfigError, closest
+from auvbench.runs.atomic_io import check_writable
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -170,16 +171,7 @@ def _writable(output: str | None, plot: str | None) -> tuple[Path | None, Path |
         if path is not None:
             if key == "plot" and path.suffix.lower() not in PICTURES:
                 raise ConfigError(f"plot={name}: must end with one of {', '.join(PICTURES)}")
-            if path.is_dir():
-                raise ConfigError(f"{key}={name}: is a directory, name a file")
-            fresh = not path.exists()
-            try:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.open("a").close()
-            except OSError as error:
-                raise ConfigError(f"{key}={name}: cannot write there: {error.strerror}") from None
-            if fresh:
-                path.unlink()
+            check_writable(path, f"{key}={name}")
         paths.append(path)
     return paths[0], paths[1]
 

@@ -85,9 +85,12 @@ def _loader(*folders: Path | None) -> Iterator[ConfigLoaderImpl]:
         if folder is not None and folder.is_dir():
             path.append("own", f"{restricted_yaml.SCHEME}://{folder.absolute()}")
     path.append("hydra", "pkg://hydra.conf")
+    for (
+        release,
+        installed_folder,
+    ) in plugins.folders():  # before "main": a file that both have is found, and refused
+        path.append(release, f"{restricted_yaml.INSTALLED}://{installed_folder}")
     path.append("main", f"pkg://{CONFIG_MODULE}")
-    for release, installed_folder in plugins.folders():
-        path.append(release, f"{restricted_yaml.SCHEME}://{installed_folder}")
     path.append("schema", "structured://")
     with _LOCK:
         Plugins.instance()  # stores schemas of its own, once; they are to stay
@@ -274,10 +277,9 @@ def _parse(entry: str, arguments: Sequence[str]) -> argparse.Namespace:
     parsed, rest = parser.parse_known_args(list(arguments))
     for word in rest:
         if re.match(r"--?[A-Za-z]", word):
-            following = [*arguments[list(arguments).index(word) + 1 :], "-"][0]
             keys = hydra_errors.leaves(OmegaConf.to_container(_compose(entry, ())))
             flags = [name for action in parser._actions for name in action.option_strings]
-            raise ConfigError(suggestions.unknown_flag(entry, word, flags, keys, following))
+            raise ConfigError(suggestions.unknown_flag(entry, word, flags, keys, arguments))
     parsed.overrides += rest
     if parsed.package and not re.fullmatch(r"[\w.]+", parsed.package):
         raise ConfigError(f"--package {parsed.package}: must be a key, for example --package algo")

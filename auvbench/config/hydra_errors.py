@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import yaml
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
-from auvbench.config import suggestions
+from auvbench.config import plugins, suggestions
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.documents import no_yaml
 
@@ -51,6 +53,11 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
     if isinstance(error, MissingConfigException) and error.options:
         group, _, wanted = str(error.missing_cfg_file).partition("/")
         options = [name for name in error.options if not name.endswith("_schema")]
+        declared = plugins.find(
+            {"algo": plugins.AGENTS, "simulator": plugins.SIMULATORS}.get(group, ""), wanted
+        )
+        if declared is not None:
+            return ConfigError(f"{group}={wanted}: {declared.release} has no {group}/{wanted}.yaml for it")
         path = f"; a file of your own goes to ./conf/{group}" if wanted.endswith(".yaml") else ""
         return ConfigError(f"{group}={wanted}: no such option; {closest(wanted, options)}{path}")
     overridden = re.search(r"Could not override '([^']+)'", text)
@@ -70,9 +77,10 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
         )
     if several := re.search(r"Ambiguous value for argument '([^']*)'", text):
         key, _, values = several[1].partition("=")
-        grid = f"auvbench {'tune' if entry == 'tune' else 'train'} -m {key}={values}"
+        if entry not in ("train", "tune"):
+            return ConfigError(f"{key}={values}: give one value; grids are for auvbench train -m")
         return ConfigError(
-            f"{key}={values}: several values make a grid: {grid}; a list is written [{values}]"
+            f"{key}={values}: several values make a grid: auvbench {entry} -m {key}={values}; a list is written [{values}]"
         )
     return ConfigError(_unread(error, overrides) or text)
 
@@ -98,13 +106,18 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
 
 
 def _unparsed(override: str) -> str:
-    if "=" not in override:
+    key, separator, value = override.partition("=")
+    if not separator:
         return f"{override!r}: an override is written key=value"
-    key = override.partition("=")[0]
-    return (
-        f"{override}: the value cannot be read; put the whole in single quotes and each text with special characters in "
-        f"double quotes: '{key}=\"TEXT\"'"
-    )
+    quoted = f"{key}=" + re.sub(r"""(?<![\w."'])[\w./]+=[^\s,\[\]{}"']+""", r'"\g<0>"', value)
+    try:
+        OverridesParser.create().parse_override(quoted)
+    except HydraException:
+        return (
+            f"{override}: the value cannot be read; put the whole in single quotes and each text with special characters "
+            f"in double quotes: '{key}=\"TEXT\"'"
+        )
+    return f"{override}: the value cannot be read; put each text with a = in double quotes: {shlex.quote(quoted)}"
 
 
 def _near_key(key: str, compose: Compose, entry: str, overrides: Sequence[str]) -> str:

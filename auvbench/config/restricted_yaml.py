@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from importlib import resources
 from typing import Any
 
 from hydra._internal.core_plugins.file_config_source import FileConfigSource
@@ -16,18 +17,19 @@ from hydra._internal.sources_registry import SourcesRegistry
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from omegaconf import OmegaConf
 
+from auvbench.config import plugins
 from auvbench.errors import ConfigError
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.text import short
 
-SCHEME = "conf"
+SCHEME, INSTALLED = "conf", "installed"
 
 ALLOWED = ("hydra.mode", "hydra.sweeper.grids", "hydra.sweeper.params", "hydra.help")
 """Hydra's own keys that a file or an override may set"""
 
 
 class OwnFiles(FileConfigSource):
-    """Hydra's source of files for `./conf` and installed packages: bounded, and without code."""
+    """Hydra's source of files for `./conf`: bounded, and without code."""
 
     def __init__(self, provider: str, path: str) -> None:
         ConfigSource.__init__(self, provider=provider, path=path)
@@ -50,9 +52,31 @@ class OwnFiles(FileConfigSource):
         return result
 
 
+class InstalledFiles(OwnFiles):
+    """Hydra's source of files for the folder of an installed package; no two packages may have the same file."""
+
+    @staticmethod
+    def scheme() -> str:
+        return INSTALLED
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        name = self._normalize_file_name(config_path)
+        holders = [release for release, folder in plugins.folders() if (folder / name).is_file()]
+        if (resources.files("auvbench.conf") / name).is_file():
+            holders.append("auvbench itself")
+        if len(holders) > 1:
+            option = "=".join(name.removesuffix(".yaml").replace(os.sep, "/").rsplit("/", 1))
+            raise ConfigError(
+                f"{option}: {' and '.join(holders)} each have a file of that name; uninstall one of them: "
+                f"pip uninstall {holders[0].partition('==')[0]}"
+            )
+        return super().load_config(config_path)
+
+
 def register() -> None:
-    """Register `conf://FOLDER` with Hydra's search path."""
+    """Register `conf://FOLDER` and `installed://FOLDER` with Hydra's search path."""
     SourcesRegistry.instance().register(OwnFiles)
+    SourcesRegistry.instance().register(InstalledFiles)
 
 
 def check_file(shown: str, name: str, content: Any, package: str | None) -> None:

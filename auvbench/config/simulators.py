@@ -5,6 +5,7 @@ A configuration that asks for more than a simulator can is refused before anythi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -116,22 +117,51 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
     """
     can = capabilities(simulator)
     key, needed = _current(disturbance.current)
-    if CURRENTS.index(can.currents) < CURRENTS.index(needed):
-        able = [
-            name for name, c in CAPABILITIES.items() if CURRENTS.index(c.currents) >= CURRENTS.index(needed)
-        ]
+    who = f"simulator={simulator.name}{_restriction(simulator)}"
+
+    def flows(c: Capabilities) -> bool:
+        return CURRENTS.index(c.currents) >= CURRENTS.index(needed)
+
+    if not flows(can):
+        at_most = "has no current" if can.currents == "none" else f"takes a {can.currents} current at most"
         raise ConfigError(
-            f"{key}: asks for a {needed} current; simulator={simulator.name} with these options takes "
-            f"{'no current' if can.currents == 'none' else f'a {can.currents} one at most'}; able: {', '.join(able)}"
+            f"{key}: asks for a {needed} current, and {who} {at_most}; {_remedy(simulator, flows)}"
         )
+    if can.scales:
+        return
     for part in SCALES:
         scale: Scale = getattr(disturbance.randomisation, part)
-        if not can.scales and (scale.low != 1.0 or scale.high != 1.0):
-            able = [name for name, c in CAPABILITIES.items() if c.scales]
+        if scale.low != 1.0 or scale.high != 1.0:
             raise ConfigError(
-                f"disturbance.randomisation.{part}: simulator={simulator.name} with these options cannot change the vehicle "
-                f"between episodes; able: {', '.join(able)}"
+                f"disturbance.randomisation.{part}: asks for vehicles with numbers of their own, which {who} does not "
+                f"have; {_remedy(simulator, lambda c: c.scales)}"
             )
+
+
+_FULL = {"gazebo": ("hydrodynamics", "corrected"), "ros2": ("clock", "lockstep")}
+"""By simulator: the option, and its value, that gives it all of its CAPABILITIES."""
+
+
+def _restricted(simulator: Simulator) -> bool:
+    return capabilities(simulator) != CAPABILITIES.get(simulator.name, capabilities(simulator))
+
+
+def _restriction(simulator: Simulator) -> str:
+    """Return the option that restricts a simulator."""
+    if not _restricted(simulator):
+        return ""
+    key, _ = _FULL[simulator.name]
+    return f" with simulator.{key}={getattr(simulator, key)}"
+
+
+def _remedy(simulator: Simulator, able: Callable[[Capabilities], bool]) -> str:
+    """Return what to type: another option of this simulator if that is enough, or another simulator."""
+    options = [
+        f"simulator={name}" for name, can in CAPABILITIES.items() if able(can) and name != simulator.name
+    ]
+    if _restricted(simulator) and able(CAPABILITIES[simulator.name]):
+        options.insert(0, "simulator.{}={}".format(*_FULL[simulator.name]))
+    return f"use {' or '.join(options)}"
 
 
 def _current(current: Current) -> tuple[str, str]:

@@ -3,11 +3,33 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 
 from auvbench.config import schema
 from auvbench.config.agents import AGENTS
 from auvbench.errors import closest
+
+ELSEWHERE = {
+    "device": "auvbench trains on the processor, a thread for each run: the networks are small",
+    "cuda": "auvbench trains on the processor, a thread for each run: the networks are small",
+    "gpu": "auvbench trains on the processor, a thread for each run: the networks are small",
+    "env": "the task is task=, the vehicle vehicle=, the number of environments algo.n_envs=",
+    "num_envs": "the number of environments is algo.n_envs=",
+    "lr": "the learning rate is algo.learning_rate=",
+    "n_timesteps": "the budget is train.total_steps=",
+    "total_timesteps": "the budget is train.total_steps=",
+    "timesteps": "the budget is train.total_steps=",
+    "n_seeds": "seeds are an axis of a grid: -m seed=0,1,2",
+    "seeds": "seeds are an axis of a grid: -m seed=0,1,2",
+    "workers": "the runs at once are launcher.workers=",
+    "jobs": "the runs at once are launcher.workers=",
+    "experiment_name": "the folder of the runs is name=",
+    "protocol": "a test is chosen where runs are tested: auvbench evaluate outputs protocol=NAME",
+    "baseline": "a baseline is chosen where runs are ranked: auvbench report outputs --baseline pid",
+    "log_dir": "runs lie in <output>/<name>/<run id>: output=FOLDER, name=NAME",
+    "logdir": "runs lie in <output>/<name>/<run id>: output=FOLDER, name=NAME",
+}
+"""Keys that other programs have, and what stands for them here."""
 
 
 def nearest(key: str, known: Collection[str]) -> str | None:
@@ -44,13 +66,19 @@ def unknown_key(key: str, known: Collection[str], program: str) -> str:
     """
     if having := owners(key):
         return f"only {', '.join(having)} {'has' if len(having) == 1 else 'have'} it"
-    near = nearest(key, known)
-    question = f"did you mean {near}? " if near else ""
-    return f"{question}({program} --cfg job shows all keys)"
+    shows = f"{program} --cfg job shows all keys"
+    if there := ELSEWHERE.get(key.rpartition(".")[2]):
+        return f"{there} ({shows})"
+    of_algorithms = {name for spec in AGENTS.values() for name in schema.keys(spec.schema, "algo.")}
+    near = nearest(key, {*known, *of_algorithms})
+    if near is None:
+        return shows
+    whose = "" if near in known else f" of {', '.join(owners(near))}"
+    return f"did you mean {near}{whose}? ({shows})"
 
 
 def unknown_flag(
-    command: str, word: str, flags: Iterable[str], keys: Collection[str] = (), value: str = "-"
+    command: str, word: str, flags: Iterable[str], keys: Collection[str] = (), typed: Sequence[str] = ()
 ) -> str:
     """Return the hint for a flag that a command does not have.
 
@@ -59,12 +87,15 @@ def unknown_flag(
         word: the flag as typed, with `=VALUE` perhaps.
         flags: the valid flags.
         keys: of its configuration, which are typed key=value.
-        value: the word that follows.
+        typed: all words of the command line.
     """
     flag, separator, own = word.partition("=")
     key = flag.lstrip("-").replace("-", "_")
     meant = min((name for name in keys if f".{name}".endswith(f".{key}")), key=len, default=None)
     if meant is not None:
-        shown = own if separator else "VALUE" if value.startswith("-") else value
+        following = [*typed[typed.index(word) + 1 :], "-"][0] if word in typed else "-"
+        shown = own if separator else "VALUE" if following.startswith("-") else following
         return f"{flag}: {command} takes it as {meant}={shown} (key=value is configuration)"
+    if key in ELSEWHERE and keys:
+        return f"{flag}: {ELSEWHERE[key]}"
     return f"unknown option {flag!r} of {command}; {closest(flag, flags)}"

@@ -20,6 +20,7 @@ from auvbench.errors import UserError
 from auvbench.evaluation.replay import Replay
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.style import COLOURS, OUTCOME_LOOK
+from auvbench.runs.atomic_io import check_writable
 
 BARS = "▁▂▃▄▅▆▇█"
 
@@ -135,14 +136,7 @@ def check(path: Path) -> None:
     """
     if path.suffix.lower() != ".gif":
         raise UserError(f"--video {path}: must end in .gif; ffmpeg -i FILE.gif FILE.mp4 makes another format")
-    fresh = not path.exists()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("ab").close()
-    except OSError as error:
-        raise UserError(f"--video {path}: cannot write there: {error.strerror or error}") from error
-    if fresh:
-        path.unlink()
+    check_writable(path, f"--video {path}")
 
 
 def steps_shown(steps: int) -> list[int]:

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from auvbench.errors import TrainingError
+from auvbench.errors import TrainingError, UserError
 
 _BLOCK = 1 << 20
 
@@ -56,6 +56,22 @@ def storage(what: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise storage_error(error, what) from error
+
+
+def check_writable(path: Path, typed: str) -> None:
+    """Check that a file can be written; its folder is made, the file is left as it is.
+
+    Raises:
+        UserError: begins with `typed`, what the user wrote.
+    """
+    fresh = not path.exists()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("ab").close()
+    except OSError as error:
+        raise UserError(f"{typed}: cannot write there: {error.strerror or error}") from error
+    if fresh:
+        path.unlink()
 
 
 def fsync_directory(path: Path) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+
+import pytest
 
 from auvbench.analysis.effects import effects
 from auvbench.analysis.measures import measure
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent
+from auvbench.analysis.timing import limit_s
 from auvbench.reporting.tables import markdown
 from tests.unit.analysis.agents import agent
 
@@ -24,6 +28,15 @@ def budget(one: Agent, steps: int) -> Agent:
             replace(r, manifest={**r.manifest, "steps": steps, "total_steps": steps}) for r in one.runs
         ),
     )
+
+
+def test_the_limit_of_a_run_in_seconds() -> None:
+    (run, *_) = agent("sac", 1, 55).runs
+    assert limit_s(run) == pytest.approx(1000 / 55)
+    timed = replace(run, config={**run.config, "task.time_limit": 100.0})
+    assert limit_s(timed) == 100.0
+    unknown = replace(run, config={})
+    assert math.isnan(limit_s(unknown))
 
 
 def test_unequal_budgets_stand_beside_the_numbers() -> None:

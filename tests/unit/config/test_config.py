@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,7 @@ def test_every_file_begins_with_a_comment_that_says_what_it_is(path):
         ("name=a/b", "name='a/b': must be a plain name"),
         ("train.total_steps=0", "train.total_steps=0: must be at least 1"),
         ("reward.k=1,2", r"reward.k=1,2: several values make a grid: auvbench train -m reward.k=1,2"),
+        ("reward.name=\u00ad3", r"reward.name=.*: contains U\+00AD"),
         ("nonsense", "'nonsense': an override is written key=value"),
         ("train.progress=maybe", "train.progress: .*'maybe'"),
         ("algo.gamma=(1", r"algo.gamma=\(1: the value cannot be read"),
@@ -113,6 +115,23 @@ def test_a_mistake_in_an_algorithm_is_one_line(algo, override, message):
     with pytest.raises(ConfigError, match=rf"algo\.{override.partition('=')[0]}.*{message}") as caught:
         train_config(compose("train", [f"algo={algo}", f"algo.{override}"]))
     assert "\n" not in str(caught.value)
+
+
+def test_a_text_that_needs_quotes_is_shown_with_them():
+    typed = "protocol.conditions=[{name: calm, overrides: [noise=none]}]"
+    with pytest.raises(ConfigError) as caught:
+        compose("evaluate", [typed])
+    assert str(caught.value).startswith(f"{typed}: ")
+    (shown,) = shlex.split(str(caught.value).partition(" in double quotes: ")[2])
+    assert compose("evaluate", [shown]).protocol.conditions[0].overrides == ["noise=none"]
+    # A shell splits what is not quoted at all.
+    with pytest.raises(ConfigError, match=r"^protocol.conditions=\[\{name:: .*single quotes"):
+        compose("evaluate", ["protocol.conditions=[{name:", "calm}]"])
+
+
+def test_several_values_of_a_test_are_no_grid():
+    with pytest.raises(ConfigError, match="protocol=thesis,validation: give one value"):
+        compose("evaluate", ["protocol=thesis,validation"])
 
 
 def test_an_algorithms_own_keys_are_suggested():

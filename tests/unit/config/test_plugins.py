@@ -129,11 +129,24 @@ def test_two_packages_with_one_name(site: Site, capsys: pytest.CaptureFixture[st
     assert "pip uninstall" in error
 
 
+def test_two_packages_with_one_file(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    steering(site)
+    site.install("other", {"other/__init__.py": "", "other/conf/algo/mine.yaml": MINE}, conf="other.conf")
+    assert "algo=mine: mine-package==1.0 and other==1.0 each have a file of that name" in refused(
+        capsys, "train", "algo=mine"
+    )
+
+
+def test_an_agent_without_a_file(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    site.install("bare", {"bare.py": ""}, agents={"bare": "bare:Agent"})
+    assert "algo=bare: bare==1.0 has no algo/bare.yaml for it" in refused(capsys, "train", "algo=bare")
+
+
 def test_names_of_auvbench_itself_are_taken(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     steering(site)
     files = {"thief/__init__.py": "", "thief/conf/algo/pid.yaml": MINE}
     site.install("thief", files, agents={"ppo": "thief:PPO"}, conf="thief.conf")
-    assert compose("train", ["algo=pid"]).algo.agent == "pid"
+    assert "algo=pid: thief==1.0 and auvbench itself each have a file" in refused(capsys, "train", "algo=pid")
     assert "algo.agent=ppo: auvbench and thief have one of that name each" in refused(
         capsys, "train", "algo=ppo"
     )

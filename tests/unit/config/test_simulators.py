@@ -41,7 +41,7 @@ def test_the_embedded_simulator_takes_all_that_can_be_asked():
     [
         (["disturbance=gauss_markov"], "disturbance.current.gauss_markov", "varying"),
         (["disturbance=depth_current"], "disturbance.current.profile", "sheared"),
-        (["disturbance=randomised"], "disturbance.randomisation.mass", "cannot change the vehicle"),
+        (["disturbance=randomised"], "disturbance.randomisation.mass", "numbers of their own"),
     ],
 )
 def test_what_it_cannot_is_refused_with_the_key_and_a_way_out(plain, overrides, key, word):
@@ -52,14 +52,30 @@ def test_what_it_cannot_is_refused_with_the_key_and_a_way_out(plain, overrides, 
     assert message.startswith(f"{key}: ")
     assert word in message
     assert "simulator=fossen" in message
-    assert message.endswith(", able")
+    assert message.endswith("simulator=able")
+
+
+@pytest.mark.parametrize(
+    ("simulator", "remedy"),
+    [
+        (["simulator=gazebo", "simulator.hydrodynamics=published"], "simulator.hydrodynamics=corrected"),
+        (["simulator=ros2", "simulator.clock=wall"], "simulator.clock=lockstep"),
+    ],
+)
+def test_the_remedy_is_the_option_that_restricts(simulator, remedy):
+    with pytest.raises(ConfigError) as caught:
+        check(*simulator, "disturbance=gauss_markov")
+    proposed = str(caught.value).rpartition("; use ")[2].split(" or ")
+    assert proposed[0] == remedy
+    assert simulator[0] not in proposed
+    check(simulator[0], remedy, "disturbance=gauss_markov")
 
 
 def test_a_steady_current_passes_where_one_is_taken_and_not_where_there_is_none(plain):
     plain()
     check("disturbance=current")
     plain(currents="none")
-    with pytest.raises(ConfigError, match="takes no current"):
+    with pytest.raises(ConfigError, match="has no current"):
         check("disturbance=current")
 
 
