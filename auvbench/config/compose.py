@@ -85,10 +85,8 @@ def _loader(*folders: Path | None) -> Iterator[ConfigLoaderImpl]:
         if folder is not None and folder.is_dir():
             path.append("own", f"{restricted_yaml.SCHEME}://{folder.absolute()}")
     path.append("hydra", "pkg://hydra.conf")
-    for (
-        release,
-        installed_folder,
-    ) in plugins.folders():  # before "main": a file that both have is found, and refused
+    # Before "main": a file that both have is found there, and refused.
+    for release, installed_folder in plugins.folders():
         path.append(release, f"{restricted_yaml.INSTALLED}://{installed_folder}")
     path.append("main", f"pkg://{CONFIG_MODULE}")
     path.append("schema", "structured://")
