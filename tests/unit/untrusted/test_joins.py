@@ -40,6 +40,7 @@ KNOWN = {
     ("analysis/archive.py", "self.folder / name"): OWN,
     ("commands/tune.py", "Path(output) / 'tune' / name"): TYPED,
     ("config/restricted_yaml.py", "os.path.join(os.path.basename(self.path), name)"): TYPED,
+    ("config/restricted_yaml.py", "folder / name"): TYPED,
     ("config/restricted_yaml.py", "os.path.join(self.path, name)"): TYPED,
     ("evaluation/bounds/files.py", "root / f'{protocol}-{vehicle}'"): TYPED,
     ("reporting/archive.py", "folder / name"): OWN,
