@@ -82,6 +82,13 @@ class Document:
             self.fail(path, f"{value!r} is not known; {closest(value, choices)}")
         return value
 
+    def texts(self, key: str) -> tuple[str, ...]:
+        """The list of texts under a key at the top; empty without one."""
+        value = self.data.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
+            self.fail((key,), f"expected a list of texts, got {value!r}")
+        return tuple(value)
+
     def quantity(self, path: Keys, unit: str, shapes: tuple[tuple[int, ...], ...] = ((),)) -> FloatArray:
         """The array of a sourced quantity `{value, unit, source}` in `unit` with one of `shapes`."""
         value = self.sourced(path, unit)

@@ -78,7 +78,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
         units=units,
         controllable=_controllable(document),
         sources=_sources(document),
-        remarks=tuple(str(remark) for remark in document.data.get("remarks", ())),
+        remarks=document.texts("remarks"),
     )
     _check_allocation(document, vehicle)
     return vehicle

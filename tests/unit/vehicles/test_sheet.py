@@ -198,6 +198,7 @@ BROKEN = {
     "frame": ("\nframe: enu", "\nframe: nwu", "'nwu' is not known; .*enu"),
     "thrusters differ": ("        thruster6: [0.0025, 0.1105, -0.005]\n", "", "same thrusters"),
     "unknown type": ("type: thruster", "type: truster", "did you mean 'thruster'"),
+    "remarks": ("\nframe: enu", "\nremarks: 1.0e+16\nframe: enu", "expected a list of texts, got 1e.16"),
     "twice": ("\nframe: enu", "\nframe: enu\nframe: ned", "'frame' is given twice"),
     "yaml": ("name: bluerov2\n", "name: [bluerov2\n", "not valid YAML"),
 }  # fmt: skip
