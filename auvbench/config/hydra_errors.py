@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import yaml
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
 from auvbench.config import plugins, suggestions
+from auvbench.config.overrides import is_valid
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.documents import no_yaml
 
@@ -110,14 +110,12 @@ def _unparsed(override: str) -> str:
     if not separator:
         return f"{override!r}: an override is written key=value"
     quoted = f"{key}=" + re.sub(r"""(?<![\w."'])[\w./]+=[^\s,\[\]{}"']+""", r'"\g<0>"', value)
-    try:
-        OverridesParser.create().parse_override(quoted)
-    except HydraException:
-        return (
-            f"{override}: the value cannot be read; put the whole in single quotes and each text with special characters "
-            f"in double quotes: '{key}=\"TEXT\"'"
-        )
-    return f"{override}: the value cannot be read; put each text with a = in double quotes: {shlex.quote(quoted)}"
+    if is_valid(quoted):
+        return f"{override}: the value cannot be read; put each text with a = in double quotes: {shlex.quote(quoted)}"
+    return (
+        f"{override}: the value cannot be read; put the whole in single quotes and each text with special characters in "
+        f"double quotes: '{key}=\"TEXT\"'"
+    )
 
 
 def _near_key(key: str, compose: Compose, entry: str, overrides: Sequence[str]) -> str:

@@ -38,8 +38,9 @@ def read(overrides: Sequence[str]) -> list[str]:
                 f"{override}: has no effect here; output=FOLDER and name=NAME choose where runs lie, launcher=NAME where "
                 "they are carried out"
             )
-        if hidden := [character for character in override if unicodedata.category(character) == "Cf"]:
-            raise ConfigError(f"{override}: contains U+{ord(hidden[0]):04X}, a character that is not shown")
+        hidden = next((character for character in override if unicodedata.category(character) == "Cf"), None)
+        if hidden is not None:
+            raise ConfigError(f"{override}: contains U+{ord(hidden):04X}, a character that is not shown")
     return [_read(override) for override in overrides]
 
 
@@ -51,12 +52,13 @@ def _read(override: str) -> str:
         value = os.path.expanduser(value)  # leaves an unknown user as it is, where pathlib raises
     written = f"{key}{separator}{value}"
     is_text = key in PATHS or not re.match(r"""\w*[(\[{'"]""", value)
-    if not value or not is_text or _is_valid(written):
+    if not value or not is_text or is_valid(written):
         return written
     return f"{key}={_quote(value)}"
 
 
-def _is_valid(override: str) -> bool:
+def is_valid(override: str) -> bool:
+    """Return whether Hydra's grammar takes an override."""
     try:
         OverridesParser.create().parse_override(override)
     except (HydraException, RecursionError):

@@ -10,24 +10,20 @@ from auvbench.config.agents import AGENTS
 from auvbench.errors import closest
 
 ELSEWHERE = {
-    "device": "auvbench trains on the processor, a thread for each run: the networks are small",
-    "cuda": "auvbench trains on the processor, a thread for each run: the networks are small",
-    "gpu": "auvbench trains on the processor, a thread for each run: the networks are small",
+    **dict.fromkeys(
+        ("device", "cuda", "gpu"),
+        "auvbench trains on the processor, a thread for each run: the networks are small",
+    ),
     "env": "the task is task=, the vehicle vehicle=, the number of environments algo.n_envs=",
     "num_envs": "the number of environments is algo.n_envs=",
     "lr": "the learning rate is algo.learning_rate=",
-    "n_timesteps": "the budget is train.total_steps=",
-    "total_timesteps": "the budget is train.total_steps=",
-    "timesteps": "the budget is train.total_steps=",
-    "n_seeds": "seeds are an axis of a grid: -m seed=0,1,2",
-    "seeds": "seeds are an axis of a grid: -m seed=0,1,2",
-    "workers": "the runs at once are launcher.workers=",
-    "jobs": "the runs at once are launcher.workers=",
+    **dict.fromkeys(("n_timesteps", "total_timesteps", "timesteps"), "the budget is train.total_steps="),
+    **dict.fromkeys(("n_seeds", "seeds"), "seeds are an axis of a grid: -m seed=0,1,2"),
+    **dict.fromkeys(("workers", "jobs"), "the runs at once are launcher.workers="),
     "experiment_name": "the folder of the runs is name=",
     "protocol": "a test is chosen where runs are tested: auvbench evaluate outputs protocol=NAME",
     "baseline": "a baseline is chosen where runs are ranked: auvbench report outputs --baseline pid",
-    "log_dir": "runs lie in <output>/<name>/<run id>: output=FOLDER, name=NAME",
-    "logdir": "runs lie in <output>/<name>/<run id>: output=FOLDER, name=NAME",
+    **dict.fromkeys(("log_dir", "logdir"), "runs lie in <output>/<name>/<run id>: output=FOLDER, name=NAME"),
 }
 """Keys that other programs have, and what stands for them here."""
 
@@ -67,9 +63,12 @@ def unknown_key(key: str, known: Collection[str], program: str) -> str:
     if having := owners(key):
         return f"only {', '.join(having)} {'has' if len(having) == 1 else 'have'} it"
     shows = f"{program} --cfg job shows all keys"
-    if there := ELSEWHERE.get(key.rpartition(".")[2]):
-        return f"{there} ({shows})"
-    of_algorithms = {name for spec in AGENTS.values() for name in schema.keys(spec.schema, "algo.")}
+    group, _, last = key.rpartition(".")
+    if group in ("", "algo", "train") and last in ELSEWHERE:
+        return f"{ELSEWHERE[last]} ({shows})"
+    of_algorithms: set[str] = set()
+    if any(name.startswith("algo.") for name in known):  # a command without an algorithm has none of its keys
+        of_algorithms = {name for spec in AGENTS.values() for name in schema.keys(spec.schema, "algo.")}
     near = nearest(key, {*known, *of_algorithms})
     if near is None:
         return shows
@@ -78,7 +77,7 @@ def unknown_key(key: str, known: Collection[str], program: str) -> str:
 
 
 def unknown_flag(
-    command: str, word: str, flags: Iterable[str], keys: Collection[str] = (), typed: Sequence[str] = ()
+    command: str, word: str, flags: Iterable[str], keys: Collection[str], typed: Sequence[str]
 ) -> str:
     """Return the hint for a flag that a command does not have.
 
@@ -93,7 +92,7 @@ def unknown_flag(
     key = flag.lstrip("-").replace("-", "_")
     meant = min((name for name in keys if f".{name}".endswith(f".{key}")), key=len, default=None)
     if meant is not None:
-        following = [*typed[typed.index(word) + 1 :], "-"][0] if word in typed else "-"
+        following = next(iter(typed[typed.index(word) + 1 :]), "-")
         shown = own if separator else "VALUE" if following.startswith("-") else following
         return f"{flag}: {command} takes it as {meant}={shown} (key=value is configuration)"
     if key in ELSEWHERE and keys:

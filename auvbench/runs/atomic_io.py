@@ -64,6 +64,8 @@ def check_writable(path: Path, typed: str) -> None:
     Raises:
         UserError: begins with `typed`, what the user wrote.
     """
+    if path.is_dir():
+        raise UserError(f"{typed}: is a directory, name a file")
     fresh = not path.exists()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -83,7 +83,7 @@ class Document:
         return value
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """The list of texts under a key at the top; empty without one."""
+        """Return the list of texts under a key at the top; empty without one."""
         value = self.data.get(key, [])
         if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
             self.fail((key,), f"expected a list of texts, got {value!r}")

@@ -118,6 +118,12 @@ def test_hints_lead_to_the_key(override: str, message: str) -> None:
         train_config(compose("train", [override]))
 
 
+@pytest.mark.parametrize("command", ["evaluate", "simulate"])
+def test_a_command_without_an_algorithm_proposes_no_key_of_one(command: str) -> None:
+    with pytest.raises(ConfigError, match=r"^gamma: unknown key; (?!.*algo\.)"):
+        compose(command, ["gamma=1"])
+
+
 @pytest.mark.parametrize(
     ("typed", "total"), [("1e6", 1_000_000), ("1.5e3", 1500), ("2_000", 2000), ("3000.0", 3000)]
 )

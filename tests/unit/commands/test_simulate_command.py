@@ -122,7 +122,7 @@ def test_plot(arguments: tuple[str, ...], file: str) -> None:
         (("inputt.wrench=[1,0,0,0,0,0]",), "unknown"),
         (("durration=3",), "did you mean duration?"),
         (("output=/proc/nowhere/x.csv",), "cannot write there"),
-        (("output=.",), "Is a directory"),
+        (("output=.",), "is a directory"),
         (("plot=x.gif",), "must end with one of"),
         (("-m", "duration=1,2"), "grids are for auvbench train"),
     ],
