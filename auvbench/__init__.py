@@ -7,7 +7,9 @@
 """
 
 import os
+import re
 import sys
+from itertools import product
 
 __version__ = "0.1.0"
 
@@ -18,20 +20,26 @@ ID = "auvbench/Waypoint-v0"
 def register() -> None:
     """Registers the Gymnasium ids (by entry-point strings, so that nothing else is imported).
 
-    Besides `auvbench/Waypoint-v0`, one for each cell of the thesis: `auvbench/Waypoint-K40-25Hz-v0`.
+    Besides `auvbench/Waypoint-v0`, one for each cell of the thesis, `auvbench/Waypoint-K40-25Hz-v0`, and one for each
+    other task: `auvbench/StationKeeping-v0`, `TrajectoryTracking`, `PathFollowing`, `Docking`.
     """
     from gymnasium.envs.registration import register as add
     from gymnasium.envs.registration import registry
 
-    cells = {f"-K{k}-{hz}Hz": {"k": k, "frequency": hz} for k in (1, 40, 100) for hz in (10, 25, 55)}
-    for suffix, keywords in {"": {}, **cells}.items():
-        name = ID.replace("-v0", f"{suffix}-v0")
+    ids: dict[str, dict[str, object]] = {"Waypoint": {}}
+    for k, hz in product((1, 40, 100), (10, 25, 55)):
+        ids[f"Waypoint-K{k}-{hz}Hz"] = {"k": k, "frequency": hz}
+    for task in ("StationKeeping", "TrajectoryTracking", "PathFollowing", "Docking"):
+        ids[task] = {"task": re.sub("(?<!^)(?=[A-Z])", "_", task).lower()}
+    for short, keywords in ids.items():
+        name = f"auvbench/{short}-v0"
         if name not in registry:
             add(
                 id=name,
                 entry_point="auvbench.envs.gym_env:WaypointEnv",
                 vector_entry_point="auvbench.envs.vector_env:WaypointVectorEnv",
-                max_episode_steps=1000,
+                # The other tasks end their episodes themselves, in seconds.
+                max_episode_steps=None if "task" in keywords else 1000,
                 kwargs=keywords,
             )
 

@@ -6,7 +6,7 @@ A new metric is one entry here (docs/adding-a-metric.md). Nothing heavy is impor
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -39,10 +39,10 @@ class Totals(NamedTuple):
     """sum of norms of the change of the normalised action"""
     depth_margin: float
     """m, smallest"""
-    waypoint: tuple[float, float, float]
-    """m"""
     start_yaw: float
     """rad"""
+    own: Mapping[str, float]
+    """what the task measures by itself, by column"""
 
     @property
     def mean_deviation(self) -> float:
@@ -79,6 +79,14 @@ class Metric:
     low: float = 0.0
     high: float = math.inf
     """the range of possible values: no interval leaves it"""
+    tasks: tuple[str, ...] = ()
+    """that have it; empty: all"""
+    counts_failures: bool = False
+    """whether a failed episode counts as the worst value, whatever it measured"""
+
+    def is_of(self, task: str) -> bool:
+        """Return whether a task has the metric."""
+        return not self.tasks or task in self.tasks
 
     @property
     def measure(self) -> str:
@@ -96,14 +104,57 @@ def _share(
     definition: str,
     kind: Kind = "agent",
     better: Literal["higher", "lower"] = "higher",
+    tasks: tuple[str, ...] = (),
 ) -> Metric:
-    return Metric(name, kind, "1", better, title, definition, shown_unit="%", scale=100.0, high=1.0)
+    return Metric(
+        name, kind, "1", better, title, definition, shown_unit="%", scale=100.0, high=1.0, tasks=tasks
+    )
+
+
+def _own(
+    name: str,
+    unit: str,
+    title: str,
+    definition: str,
+    tasks: tuple[str, ...],
+    better: Literal["higher", "lower", ""] = "lower",
+    low: float = 0.0,
+    high: float = math.inf,
+    counts_failures: bool = False,
+) -> Metric:
+    """Return a column whose value the task computes (`Task.own_metrics`); without `better` it is one of the scenario."""
+    kind: Kind = "episode" if better else "scenario"
+    return Metric(
+        name,
+        kind,
+        unit,
+        better,
+        title,
+        definition,
+        lambda t: t.own[name],
+        low=low,
+        high=high,
+        tasks=tasks,
+        counts_failures=counts_failures,
+    )
+
+
+WAYPOINT = ("waypoint",)
+TRACKED = ("station_keeping", "trajectory_tracking", "path_following", "docking")
 
 
 METRICS: tuple[Metric, ...] = (
-    _share("success_rate", "success", "episodes that reach the waypoint", "rate"),
+    _share("success_rate", "success", "episodes that succeed: docs/task.md says when, for each task", "rate"),
     _share("collision_rate", "collision", "episodes that leave the depth limits", "rate", "lower"),
-    _share("timeout_rate", "timeout", "episodes that use up their steps", "rate", "lower"),
+    _share("timeout_rate", "timeout", "episodes that use up their steps without success", "rate", "lower"),
+    _share(
+        "out_of_bounds_rate",
+        "out of bounds",
+        "episodes that get too far from the reference",
+        "rate",
+        "lower",
+        TRACKED,
+    ),
     Metric(
         "par1_steps", "penalised", "", "lower", "PAR-1 steps", "agent steps; a failure counts as the limit"
     ),
@@ -184,6 +235,7 @@ METRICS: tuple[Metric, ...] = (
         "mean distance to the line through start and waypoint",
         lambda t: t.mean_deviation,
         latex=r"mean $d_\delta$",
+        tasks=WAYPOINT,
     ),
     Metric(
         "deviation_std_m",
@@ -196,6 +248,7 @@ METRICS: tuple[Metric, ...] = (
             max(t.deviation_squared / max(t.steps, 1) - t.mean_deviation * t.mean_deviation, 0.0) ** 0.5
         ),
         latex=r"std $d_\delta$",
+        tasks=WAYPOINT,
     ),
     Metric(
         "command_norm_mean_N",
@@ -247,6 +300,7 @@ METRICS: tuple[Metric, ...] = (
         lambda t: (t.initial_distance - t.distance) / t.path if t.path > 0.0 else 0.0,
         low=-1.0,
         high=1.0,
+        tasks=WAYPOINT,
     ),
     Metric(
         "smoothness_per_s",
@@ -267,10 +321,73 @@ METRICS: tuple[Metric, ...] = (
         lambda t: t.depth_margin,
         low=-math.inf,
     ),
-    Metric("waypoint_x_m", "scenario", "m", "", "waypoint x", "", lambda t: t.waypoint[0]),
-    Metric("waypoint_y_m", "scenario", "m", "", "waypoint y", "", lambda t: t.waypoint[1]),
-    Metric("waypoint_z_m", "scenario", "m", "", "waypoint z", "", lambda t: t.waypoint[2]),
+    _own("waypoint_x_m", "m", "waypoint x", "", WAYPOINT, ""),
+    _own("waypoint_y_m", "m", "waypoint y", "", WAYPOINT, ""),
+    _own("waypoint_z_m", "m", "waypoint z", "", WAYPOINT, ""),
     Metric("start_yaw_rad", "scenario", "rad", "", "start yaw", "", lambda t: t.start_yaw),
+    *(_own(f"start_{axis}_m", "m", f"start {axis}", "", TRACKED, "") for axis in "xyz"),
+    *(_own(f"goal_{axis}_m", "m", f"goal {axis}", "", TRACKED, "") for axis in "xyz"),
+    _own(
+        "position_error_rms_m",
+        "m",
+        "RMS position error",
+        "root mean square of the distance to the reference, station keeping after the settling time; an episode that "
+        "left the bounds or the water counts as the bounds",
+        ("station_keeping", "trajectory_tracking"),
+        counts_failures=True,
+    ),
+    _own(
+        "cross_track_rms_m",
+        "m",
+        "RMS cross-track distance",
+        "root mean square of the distance to the path; an episode that did not reach its end counts as the bounds",
+        ("path_following",),
+        counts_failures=True,
+    ),
+    _own(
+        "yaw_error_rms_rad",
+        "rad",
+        "RMS yaw error",
+        "root mean square of the yaw error over the same steps",
+        TRACKED,
+        high=math.pi,
+    ),
+    _own(
+        "settling_time_s",
+        "s",
+        "settling time",
+        "time after which position and yaw stay within the tolerances to the end",
+        ("station_keeping",),
+    ),
+    _own(
+        "lag_s",
+        "s",
+        "lag",
+        "mean of the position error along the velocity of the reference over its speed; positive: behind",
+        ("trajectory_tracking",),
+        low=-math.inf,
+    ),
+    _own(
+        "completion",
+        "",
+        "completion",
+        "share of the path that lies behind",
+        ("path_following",),
+        "higher",
+        high=1.0,
+    ),
+    _own(
+        "speed_error_m_per_s",
+        "m/s",
+        "speed error",
+        "mean of the absolute difference of the speed along the path from the speed asked for",
+        ("path_following",),
+    ),
+    _own(
+        "final_position_error_m", "m", "final position error", "distance to the dock at the end", ("docking",)
+    ),
+    _own("final_speed_m_per_s", "m/s", "final speed", "speed over ground at the end", ("docking",)),
+    _own("final_yaw_error_rad", "rad", "final yaw error", "at the end", ("docking",), high=math.pi),
     _share("iqm_success", "IQM of success", "interquartile mean of success over seeds and conditions"),
     _share(
         "optimality_gap",

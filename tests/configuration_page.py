@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from auvbench.config import launchers, schema, simulation, simulators, tuning
+from auvbench.config import launchers, rewards, schema, simulation, simulators, tasks, tuning
 from auvbench.config.agents import AGENTS
 
 ROOT = Path(__file__).parents[1]
@@ -31,8 +31,14 @@ SIMULATORS = {"fossen": simulators.Fossen, "gazebo": simulators.Gazebo, "ros2": 
 LAUNCHERS = {"local": launchers.Local, "slurm": launchers.Slurm, "ray": launchers.Ray}
 SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("Runs: `train`", "train.yaml", "", schema.TrainConfig),
-    ("Task", "task/waypoint.yaml", "task.", schema.Task),
-    ("Reward", "reward/thesis.yaml", "reward.", schema.Reward),
+    *(
+        (f"`task={name}`", f"task/{name}.yaml", "task.", tasks.SCHEMAS[f"task_{name}_schema"])
+        for name in tasks.TASKS
+    ),
+    *(
+        (f"`reward={name}`", f"reward/{name}.yaml", "reward.", rewards.SCHEMAS[f"reward_{name}_schema"])
+        for name in rewards.KINDS
+    ),
     ("Step", "step/default.yaml", "step.", schema.Step),
     ("Noise", "noise/thesis.yaml", "noise.", schema.Noise),
     ("Disturbance", "disturbance/none.yaml", "disturbance.", schema.Disturbance),

@@ -22,7 +22,7 @@ import pandas as pd
 import yaml
 from numpy.typing import NDArray
 
-from auvbench.record import RECORD_COLUMNS
+from auvbench.record import record_columns
 from auvbench.runs import identity, integrity
 
 FloatArray = NDArray[np.float64]
@@ -322,7 +322,7 @@ def _rows(
             "start_yaw_rad": yaw,
         }
     )
-    return frame[list(RECORD_COLUMNS)]
+    return frame[list(record_columns("waypoint"))]
 
 
 def _training(skill: Skill, frequency: float, k: float, n: int, environments: int, seed: int) -> pd.DataFrame:

@@ -26,14 +26,15 @@ CORE_COLUMNS = (
     "duration_s",
     "return",
     "final_distance_m",
-    "deviation_mean_m",
-    "deviation_std_m",
     "command_norm_mean_N",
     "command_norm_sum_N",
     "energy_J",
 )
 """without these an evaluation is not reported on; not all of a record's columns, so that an evaluation stays
 readable when a later auvbench measures something more"""
+OF_WAYPOINTS = ("deviation_mean_m", "deviation_std_m")
+OF_OTHERS = ("position_error_rms_m", "cross_track_rms_m", "final_position_error_m")
+"""alike, by task: the waypoint task has all of the former, every other task one of the latter"""
 
 LARGEST = 1e30
 """nothing that is measured comes near; the squares of larger numbers would leave what a float holds"""
@@ -162,7 +163,8 @@ def _conditions(summary: Mapping[str, Any]) -> dict[str, int]:
 def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
     """Raise Damage unless all columns and all rows of the summary are there, with possible values."""
     expected = _conditions(summary)
-    needed = ("condition", "episode", "outcome", *CORE_COLUMNS)
+    own = () if any(name in frame.columns for name in OF_OTHERS) else OF_WAYPOINTS
+    needed = ("condition", "episode", "outcome", *CORE_COLUMNS, *own)
     if missing := [c for c in needed if c not in frame.columns]:
         raise Damage(f"episodes.csv lacks the columns {', '.join(missing)}")
     rows = sum(expected.values())
@@ -195,7 +197,7 @@ def _check_rows(frame: pd.DataFrame, expected: Mapping[str, int]) -> None:
 
 def _check_numbers(frame: pd.DataFrame) -> None:
     """What was measured is a finite number everywhere, and steps are whole and at least one."""
-    columns = [name for name in MEASURED if name in frame.columns]
+    columns = [name for name in (*MEASURED, "environment") if name in frame.columns]
     if not finite(frame[columns].to_numpy()):
         for column in columns:
             numbers = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64)

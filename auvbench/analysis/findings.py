@@ -58,7 +58,7 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
     rates = [float(a.success.mean()) for a in (rich, good)]
     text = (
         f"Return and success disagree: {rich.label} has a return of {returns[0]:,.0f} against {returns[1]:,.0f} of "
-        f"{good.label}, but reaches {100 * rates[0]:.0f} % of the waypoints against {100 * rates[1]:.0f} %"
+        f"{good.label}, but succeeds in {100 * rates[0]:.0f} % of the episodes against {100 * rates[1]:.0f} %"
     )
     left = rich.metrics["final_distance_m"][rich.outcome == TIMEOUT]
     radius = rich.runs[0].config.get("task.goal_radius")

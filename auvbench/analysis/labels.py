@@ -12,8 +12,8 @@ from auvbench.untrusted.text import plain
 
 OF_THE_TEST = ("task.", "noise.", "disturbance.", "simulator.")
 """beginnings of keys that a table's test fixes for all agents"""
-OF_THE_AGENT = "task.position_frame"
-"""how an agent writes down its observation: no test changes it"""
+OF_THE_AGENT = ("task.position_frame", "task.observation", "task.history", "task.preview")
+"""beginnings of keys of what an agent observes: no test changes it"""
 OWN = "own"
 """protocol that tests each run in its own task, noise and disturbances"""
 FREQUENCY = "step.frequency"
@@ -30,7 +30,7 @@ def is_fixed(key: str, frequency_fixed: bool) -> bool:
     """
     if key == FREQUENCY:
         return frequency_fixed
-    return f"{key}.".startswith(OF_THE_TEST) and key != OF_THE_AGENT
+    return f"{key}.".startswith(OF_THE_TEST) and not key.startswith(OF_THE_AGENT)
 
 
 LONGEST = 60

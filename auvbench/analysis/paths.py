@@ -47,7 +47,8 @@ def paths(run: str, evaluation: Evaluation, condition: str, episodes: int) -> It
         return
     rows = evaluation.episodes
     rows = rows[rows["condition"] == condition].set_index("episode")
-    waypoints = rows[["waypoint_x_m", "waypoint_y_m", "waypoint_z_m"]].to_numpy(dtype=np.float64)
+    named = "waypoint" if "waypoint_x_m" in rows.columns else "goal"
+    waypoints = rows[[f"{named}_{axis}_m" for axis in "xyz"]].to_numpy(dtype=np.float64)
     where = {int(episode): i for i, episode in enumerate(rows.index)}
     found = evaluation.archive.paths(run, evaluation.protocol, condition)
     for episode, position, time in itertools.islice(found, episodes):

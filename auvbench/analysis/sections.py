@@ -24,6 +24,7 @@ class Section:
     folder: str
     """a name that a folder can have, no two sections the same"""
     vehicle: str
+    """and the task where it is not that of waypoints: 'rexrov', 'rexrov, task docking'"""
     fingerprint: str
     runs: tuple[RunRecord, ...]
     """those that were evaluated, and the others of the vehicle in its first section"""
@@ -32,20 +33,20 @@ class Section:
 
 
 def sections(runs: Sequence[RunRecord], protocol: str) -> list[Section]:
-    """Runs by vehicle and fingerprint, the largest section first; at least one of them was evaluated.
+    """Runs by vehicle, task and fingerprint, the largest section first; at least one of them was evaluated.
 
     A run without a usable evaluation goes to the first section of its vehicle, or else to the first of all.
     """
     found: dict[tuple[str, str], list[RunRecord]] = {}
     for run in runs:
         if protocol in run.evaluations:
-            found.setdefault((vehicle_of(run), run.evaluations[protocol].fingerprint), []).append(run)
+            found.setdefault((_subject(run), run.evaluations[protocol].fingerprint), []).append(run)
     order = sorted(found, key=lambda cell: (-len(found[cell]), cell))
     home = {vehicle: (vehicle, fingerprint) for vehicle, fingerprint in reversed(order)}
     members = {cell: list(found[cell]) for cell in order}
     for run in runs:
         if protocol not in run.evaluations:
-            members[home.get(vehicle_of(run), order[0])].append(run)
+            members[home.get(_subject(run), order[0])].append(run)
     own = _own_words(found) if protocol == OWN else {}
     return [
         _section(cell, home[cell[0]], found, members[cell], protocol, own.get(cell, "")) for cell in order
@@ -70,6 +71,12 @@ def _own_words(found: Mapping[tuple[str, str], Sequence[RunRecord]]) -> dict[tup
     }
 
 
+def _subject(run: RunRecord) -> str:
+    """Return vehicle and task of a run; the waypoint task goes without saying."""
+    task = str(run.config.get("task.name", "waypoint"))
+    return vehicle_of(run) if task == "waypoint" else f"{vehicle_of(run)}, task {task}"
+
+
 def vehicle_of(run: RunRecord) -> str:
     return str(run.config.get("vehicle.name", "vehicle"))
 
@@ -91,13 +98,13 @@ def _section(
     protocol: str,
     own: str,
 ) -> Section:
-    vehicle, fingerprint = cell
-    alone = [other for other in found if other[0] == vehicle] == [cell]
-    title = f"vehicle {vehicle}" if alone else f"vehicle {vehicle}, {own or f'scenarios {fingerprint[:8]}'}"
-    folder = re.sub(r"[^\w.-]+", "_", vehicle if alone else f"{vehicle}-{fingerprint[:8]}").lstrip(".") or "_"
+    subject, fingerprint = cell
+    alone = [other for other in found if other[0] == subject] == [cell]
+    title = f"vehicle {subject}" if alone else f"vehicle {subject}, {own or f'scenarios {fingerprint[:8]}'}"
+    folder = re.sub(r"[^\w.-]+", "_", subject if alone else f"{subject}-{fingerprint[:8]}").lstrip(".") or "_"
     expected = cell == home or protocol == OWN
     problems = () if expected else (_other_scenarios(cell, home, found, protocol),)
-    return Section(title, folder, vehicle, fingerprint, tuple(sorted(members, key=lambda r: r.id)), problems)
+    return Section(title, folder, subject, fingerprint, tuple(sorted(members, key=lambda r: r.id)), problems)
 
 
 def _other_scenarios(

@@ -86,6 +86,8 @@ def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str], list[str]]
     for word in words:
         key, _, value = word.partition("=")
         group = key.partition(".")[0]
+        if group == "task":
+            raise UserError(f"{word}: only the waypoint task has bounds, with the values of its file")
         if group not in KEYS:
             raise UserError(f"{word}: bound has no such key; {closest(key, KEYS)}")
         if key in own:

@@ -146,13 +146,13 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _setup(given: argparse.Namespace) -> Setup:
-    from auvbench.config import schema
+    from auvbench.config import tasks
     from auvbench.ros2.steering import Limits
     from auvbench.tasks.observation import observation_spec
     from auvbench.vehicles import sheet
 
     word = str(given.controller)
-    task = schema.Task(**_defaults("task", "waypoint"))
+    task = tasks.Waypoint(**_defaults("task", "waypoint"))
     low, high = task.depth_low, task.depth_high
     radius, steps = task.goal_radius, task.max_steps
     if word.endswith(".onnx"):
@@ -212,15 +212,15 @@ def classical(name: str, vehicle: VehicleModel, frequency: float) -> Any:
         ConfigError: the name is unknown, or the controller cannot steer this vehicle.
     """
     from auvbench.agents import base
+    from auvbench.config import tasks
     from auvbench.config.agents import AGENTS
 
     if name not in CONTROLLERS:
         raise ConfigError(f"{name}: not a POLICY.onnx and not a controller; {closest(name, CONTROLLERS)}")
     spec = AGENTS[name]
     gains = spec.schema(**_defaults("algo", name))
-    config = SimpleNamespace(
-        algo=gains, step=SimpleNamespace(frequency=frequency), task=SimpleNamespace(position_frame="world")
-    )
+    task = tasks.Waypoint(**_defaults("task", "waypoint"))
+    config = SimpleNamespace(algo=gains, step=SimpleNamespace(frequency=frequency), task=task)
     return base.resolve(spec.factory)(config, vehicle)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from auvbench.commands import report_terminal
 from auvbench.commands.report_options import Options, parse
 from auvbench.errors import ReportError, UserError
+from auvbench.record import PRIMARY
 from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
@@ -83,7 +84,8 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
     from auvbench.analysis.optional_columns import validate_columns as check_columns
     from auvbench.analysis.sections import sections, split_problems
 
-    to_rank_by(options.rank_by)  # a wrong name is said before anything is read
+    if options.rank_by != PRIMARY:
+        to_rank_by(options.rank_by)  # a wrong name is said before anything is read
     to_rank_by(options.then, "--then")
     check_columns(options.columns)
     runs, problems = load(paths, options.protocol, options.where)
@@ -145,6 +147,7 @@ def _analyse(
 
     grouped, more = agents(part.runs, options.group_by, options.protocol, condition, options.failed_trainings)
     grouped = [one_run_of_a_controller(agent) for agent in grouped]
+    rank_by = _primary(part) if options.rank_by == PRIMARY else options.rank_by
     baseline = options.baseline
     # One of several sections may lack the baseline, and a part of the runs that of the declared analysis.
     declared = options.declared is not None and baseline == options.declared.baseline
@@ -155,11 +158,11 @@ def _analyse(
             baseline, more = None, [*more, Problem(part.title, "missing", str(error))]
     ranking = rank(
         grouped,
-        rank_by=options.rank_by,
+        rank_by=rank_by,
         then=options.then,
         baseline=baseline,
         confidence=options.confidence,
-        margin=in_unit(options.margin, options.rank_by),
+        margin=in_unit(options.margin, rank_by),
         protocol=options.protocol,
         condition=condition,
         problems=(*problems, *part.problems, *more),
@@ -174,6 +177,14 @@ def _analyse(
     claims, numbers = _study(part.runs, ordered, options)
     missing = options.baseline is not None and baseline is None and not declared
     return Report(part, part.runs, ordered, ranking, find(ranking, ordered), claims, numbers, missing)
+
+
+def _primary(part: Section) -> str:
+    """Return the measure that ranks agents of the section's task."""
+    from auvbench.config.tasks import TASKS
+
+    known = TASKS.get(str(part.runs[0].config.get("task.name")))
+    return TASKS["waypoint"].primary if known is None else known.primary
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,10 +36,12 @@ from auvbench.config import (
     launchers,
     plugins,
     restricted_yaml,
+    rewards,
     schema,
     simulation,
     simulators,
     suggestions,
+    tasks,
     tuning,
 )
 from auvbench.config import overrides as typing
@@ -70,7 +72,9 @@ def register_schemas() -> None:
     store.store(group="hydra/sweeper", name="auvbench", node=Sweeper)
     # At the top level: the folders algo, launcher and simulator then list their answers alone.
     agents = {f"{name}_schema": spec.schema for name, spec in AGENTS.items()}
-    for name, node in (agents | launchers.SCHEMAS | simulators.SCHEMAS).items():
+    for name, node in (
+        agents | launchers.SCHEMAS | simulators.SCHEMAS | tasks.SCHEMAS | rewards.SCHEMAS
+    ).items():
         store.store(name=name, node=node)
 
 
@@ -147,6 +151,10 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         merged.algo = _empty(config, "algo.agent", {name: spec.schema for name, spec in AGENTS.items()})
         merged.simulator = _empty(
             config, "simulator.name", {name: simulators.schema_of(name) for name in simulators.CAPABILITIES}
+        )
+        merged.task = _empty(config, "task.name", {name: tasks.schema_of(name) for name in tasks.TASKS})
+        merged.reward = _empty(
+            config, "reward.name", {name: rewards.schema_of(name) for name in rewards.KINDS}
         )
         merged = OmegaConf.merge(merged, config)
     except OmegaConfBaseException as error:

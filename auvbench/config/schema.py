@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, field, is_dataclass
 from typing import Any, get_type_hints
 
-from auvbench.record import measure_names
+from auvbench.record import PRIMARY, measure_names
 
 INF = math.inf
 
@@ -43,34 +43,6 @@ def keys(kind: type, prefix: str = "") -> dict[str, Any]:
         if isinstance(hint, type) and is_dataclass(hint):
             found |= keys(hint, f"{prefix}{key}.")
     return found
-
-
-@dataclass(kw_only=True)
-class Task:
-    """The waypoint task (section 3 of the thesis)."""
-
-    name: str = choice("waypoint")
-    start: list[float]
-    waypoint_low: list[float]
-    waypoint_high: list[float]
-    goal_radius: float = number(0.0, 1e3, open_low=True)  # m
-    depth_low: float = number(-1e4, 0.0)  # m
-    depth_high: float = number(-1e4, 0.0)  # m
-    max_steps: int = number(1, 10_000_000)
-    time_limit: float | None = later(number(0.0, 1e7, open_low=True))  # s
-    position_frame: str = choice("world", "body")
-
-
-@dataclass(kw_only=True)
-class Reward:
-    """Equation 2.1 of the thesis."""
-
-    name: str = choice("thesis")
-    k: float = number(0.0, 1e6)
-    length: float = number(0.0, 1e6, open_low=True)  # m
-    success: float = number(-1e9, 1e9)
-    collision: float = number(-1e9, 1e9)
-    regress: float = number(-1e9, 1e9)
 
 
 @dataclass(kw_only=True)
@@ -272,7 +244,7 @@ class EvaluateConfig:
 class Analysis:
     """The primary analysis that an experiment declares before its runs; never changes a result."""
 
-    measure: str = choice(*measure_names())
+    measure: str = choice(PRIMARY, *measure_names())
     baseline: str | None
     margin: float | None = number(0.0, open_low=True)  # unit of the measure, percentage points for a rate
     seeds: int | None = number(1, 1_000_000)
@@ -287,8 +259,8 @@ class TrainConfig:
     output: str
     vehicle: Any
     simulator: Any
-    task: Task
-    reward: Reward
+    task: Any
+    reward: Any
     step: Step
     noise: Noise
     disturbance: Disturbance
@@ -298,14 +270,14 @@ class TrainConfig:
     analysis: Analysis | None = None
 
 
-def step_limit(task: Task, frequency: float) -> int:
+def step_limit(task: Any, frequency: float) -> int:
     """Return the agent steps after which an episode times out: `task.time_limit` in steps, else `task.max_steps`.
 
     Args:
         task: the task's configuration.
         frequency: agent steps per second, Hz.
     """
-    return task.max_steps if task.time_limit is None else round(task.time_limit * frequency)
+    return int(task.max_steps if task.time_limit is None else round(task.time_limit * frequency))
 
 
 def discount(algo: Any, frequency: float) -> float:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 
-from auvbench.config import algorithms, schema, simulators
+from auvbench.config import algorithms, rewards, schema, simulators, tasks
 from auvbench.config.agents import AGENTS
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.text import short
@@ -83,7 +83,12 @@ def structured(config: DictConfig, kind: type[T], key: str = "") -> T:
     typed = OmegaConf.to_object(node)
     if not isinstance(typed, kind):
         raise ConfigError(f"{key or 'this'}: is no {kind.__name__}; start from the file in conf/")
-    for group, wanted in (("algo", object), ("simulator", simulators.Simulator)):
+    for group, wanted in (
+        ("algo", object),
+        ("simulator", simulators.Simulator),
+        ("task", tasks.Task),
+        ("reward", rewards.Reward),
+    ):
         answer = getattr(typed, group, None) if isinstance(typed, schema.TrainConfig) else None
         if answer is not None and not (dataclasses.is_dataclass(answer) and isinstance(answer, wanted)):
             agent = str(answer.get("agent", "")) if isinstance(answer, dict) else ""
@@ -155,17 +160,8 @@ def require(holds: bool, key: str, value: Any, what: str) -> None:
 def _across(config: schema.TrainConfig) -> None:
     """Check rules that span several keys."""
     task, noise, frequency = config.task, config.noise, config.step.frequency
-    for key in ("start", "waypoint_low", "waypoint_high"):
-        value = getattr(task, key)
-        fits = len(value) == 3 and all(map(math.isfinite, value))
-        require(fits, f"task.{key}", value, "be three finite numbers [x, y, z] in m")
-    _below("task.depth_low", task.depth_low, "task.depth_high", task.depth_high, strictly=True)
-    for axis, low, high in zip("xyz", task.waypoint_low, task.waypoint_high, strict=True):
-        require(
-            low <= high, "task.waypoint_low", task.waypoint_low, f"be at most task.waypoint_high in {axis}"
-        )
-    inside = task.depth_low <= task.start[2] <= task.depth_high
-    require(inside, "task.start", task.start, "have a z within the depth limits")
+    _task(task)
+    rewards.check_reward(task.name, config.reward.name)
     for name in ("position", "yaw", "command"):
         span = getattr(noise, name)
         _below(f"noise.{name}.low", span.low, f"noise.{name}.high", span.high)
@@ -185,6 +181,32 @@ def _across(config: schema.TrainConfig) -> None:
         _below(f"{key}.low", scale.low, f"{key}.high", scale.high)
     simulators.check_disturbance(config.simulator, config.disturbance)
     _algorithm(config.algo)
+
+
+def _task(task: tasks.Task) -> None:
+    """Check rules that span several keys of `task`."""
+    for key in ("start", "waypoint_low", "waypoint_high", "station", "centre", "dock"):
+        value = getattr(task, key, None)
+        fits = value is None or (len(value) == 3 and all(map(math.isfinite, value)))
+        require(fits, f"task.{key}", value, "be three finite numbers [x, y, z] in m")
+    low, high = task.depth_low, task.depth_high
+    _below("task.depth_low", low, "task.depth_high", high, strictly=True)
+    for key in ("start", "station", "centre", "dock"):
+        point = getattr(task, key, None)
+        inside = point is None or low <= point[2] <= high
+        require(inside, f"task.{key}", point, "have a z within the depth limits")
+    if isinstance(task, tasks.Waypoint):
+        for axis, least, most in zip("xyz", task.waypoint_low, task.waypoint_high, strict=True):
+            what = f"be at most task.waypoint_high in {axis}"
+            require(least <= most, "task.waypoint_low", task.waypoint_low, what)
+    for key in ("size", "speed", "start"):
+        low_key, high_key = f"{key}_low", f"{key}_high"
+        if hasattr(task, low_key):
+            _below(f"task.{low_key}", getattr(task, low_key), f"task.{high_key}", getattr(task, high_key))
+    if isinstance(task, tasks.StationKeeping) and task.time_limit is not None:
+        for key in ("settling", "hold_time"):
+            _below(f"task.{key}", getattr(task, key), "task.time_limit", task.time_limit)
+    tasks.check_observation(task)
 
 
 def _below(low_key: str, low: float, high_key: str, high: float | None, strictly: bool = False) -> None:

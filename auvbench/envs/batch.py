@@ -21,19 +21,16 @@ from auvbench.envs.simulator_factory import make_simulator
 from auvbench.errors import ActionError, ConfigError
 from auvbench.record import Record
 from auvbench.simulators.fossen import FossenSimulator
+from auvbench.tasks import base as tasks
 from auvbench.tasks import disturbances
 from auvbench.tasks.kernels import (
     C_EPISODE,
-    COLLISION,
     F_DISTANCE,
-    F_WAYPOINT,
     SUCCESS,
     TIMEOUT,
     add_command_noise,
-    advance,
     observe,
 )
-from auvbench.tasks.waypoint import WaypointTask
 from auvbench.vehicles import sheet
 
 Floats = NDArray[np.float64]
@@ -42,12 +39,13 @@ Booleans = NDArray[np.bool_]
 
 @dataclass(slots=True)
 class State:
-    """Where k vehicles are and where they are to go, without noise; world axes, m."""
+    """Where k vehicles are and where they are to be, without noise; world axes, m."""
 
     pose: Floats  # (k, 7) x, y, z, quaternion (w, x, y, z)
-    waypoint: Floats  # (k, 3)
+    reference: Floats  # (k, 3) the waypoint of the waypoint task
     distance: Floats  # (k,)
     force: Floats  # (k, n_u) N, of the actuators in the last step
+    key: str  # of the reference in `info`
 
 
 @dataclass(slots=True)
@@ -56,8 +54,8 @@ class Transition:
 
     observation: NDArray[np.float32]  # (n, n_obs), already of the next episode where one ended
     reward: Floats  # (n,)
-    terminated: Booleans  # (n,) success or collision
-    truncated: Booleans  # (n,) timeout
+    terminated: Booleans  # (n,) success, collision or out of bounds
+    truncated: Booleans  # (n,) the time is up
     ended: NDArray[np.int64]  # indices of the episodes that ended
     final_observation: NDArray[np.float32]  # (len(ended), n_obs) their last observations
     final_state: State  # of len(ended) vehicles, at the end of their episodes
@@ -91,7 +89,7 @@ class Batch:
         self.vehicle = sheet.load(config.vehicle)
         drawn = config.disturbance.randomisation
         self.simulator = make_simulator(config.simulator, self.vehicle, self.n, drawn)
-        self.task = WaypointTask(
+        self.task = tasks.make(
             config,
             self.vehicle,
             self.n,
@@ -127,13 +125,14 @@ class Batch:
     @property
     def state(self) -> State:
         """Poses, waypoints and distances of all n vehicles now. Arrays are the batch's own."""
-        F, simulator = self.task.F, self.simulator
-        to = F[:, F_WAYPOINT : F_WAYPOINT + 3]
-        return State(simulator.pose, to, F[:, F_DISTANCE], simulator.command_force)
+        task, simulator = self.task, self.simulator
+        distance, force = task.F[:, F_DISTANCE], simulator.command_force
+        return State(simulator.pose, task.reference, distance, force, task.reference_key)
 
     def _state(self, indices: NDArray[np.int64]) -> State:
         now = self.state
-        return State(now.pose[indices], now.waypoint[indices], now.distance[indices], now.force[indices])
+        pose, reference, distance = now.pose[indices], now.reference[indices], now.distance[indices]
+        return State(pose, reference, distance, now.force[indices], now.key)
 
     def reseed(self, seed: int, indices: NDArray[np.int64] | None = None) -> None:
         """Start again at episode 0 with another seed, in all or some environments; `reset` must follow.
@@ -167,7 +166,7 @@ class Batch:
         Args:
             indices: None for all n.
             pose: (k, 7) x, y, z in m, unit quaternion (w, x, y, z), where the vehicles start; None draws.
-            waypoint: (k, 3) x, y, z in m, where they are to go; None draws.
+            waypoint: (k, 3) x, y, z in m, where they are to go; None draws. Of the waypoint task alone.
             distance: (k,) m, to which a drawn waypoint is moved along its direction from the start.
 
         Returns:
@@ -175,9 +174,9 @@ class Batch:
         """
         if indices is None:
             self._reset(self._all, pose, waypoint, distance)
-            return self.task.observe(self._measured())
+            return self.task.observe(*self._measured())
         self._reset(indices, pose, waypoint, distance)
-        return self.task.observe(self._measured(), indices)
+        return self.task.observe(*self._measured(), indices)
 
     def _reset(
         self,
@@ -190,18 +189,20 @@ class Batch:
         self._over[indices] = False
         if not (pose is None and waypoint is None and distance is None):
             drawn = drawn if pose is None else pose
-            to = self.task.F[indices, F_WAYPOINT : F_WAYPOINT + 3] if waypoint is None else waypoint
-            self.task.place(indices, drawn, to if distance is None else _at(distance, drawn[:, :3], to))
+            if distance is not None:
+                waypoint = _at(distance, drawn[:, :3], self.task.reference[indices])
+            self.task.place(indices, drawn, **({} if waypoint is None else {"waypoint": waypoint}))
         pose = drawn
         scales = None if self.disturbances is None else self.disturbances.draw(indices)
         self.simulator.reset(indices, pose, np.zeros((len(indices), 6)), scales)
         if self.disturbances is not None:
             self.disturbances.begin(indices, self.simulator)
 
-    def _measured(self) -> Floats:
-        return (
-            self.simulator.pose if self.disturbances is None else self.disturbances.measured(self.simulator)
-        )
+    def _measured(self) -> tuple[Floats, Floats]:
+        """Return the poses (n, 7) and velocities (n, 6) that arrive now."""
+        if self.disturbances is None:
+            return self.simulator.pose, self.simulator.velocity
+        return self.disturbances.measured(self.simulator)
 
     def step(self, action: NDArray[np.floating], begin: NDArray[np.int64] | None = None) -> Transition:
         """Advance by one agent step of 1/frequency seconds.
@@ -217,7 +218,7 @@ class Batch:
         count = self._compute(action)
         if begin is not None and len(begin):
             self._reset(begin)
-            self.task.observe(self._measured(), begin)
+            self.task.observe(*self._measured(), begin)
             self.task.reward[begin] = 0.0
             count = int(np.count_nonzero(self.task.outcome >= 0))
         return self._conclude(count)
@@ -238,20 +239,22 @@ class Batch:
         else:
             self.disturbances.advance(simulator, command)
             power = self.disturbances.power
-        ended_count = task.advance(simulator.pose, self._action, simulator.command_force, power)
+        force = simulator.command_force
+        ended_count = task.advance(simulator.pose, simulator.velocity, self._action, force, power)
         if self.disturbances is not None:
             self.disturbances.read()
-        task.observe(self._measured())
+        task.observe(*self._measured())
         return ended_count
 
     def _compute_range(self, simulator: FossenSimulator, start: int, stop: int) -> int:
         """Do the same for the environments start .. stop - 1 in compiled code, while other threads do the others."""
-        task, pose = self.task, simulator.pose
+        task, pose, velocity = self.task, simulator.pose, simulator.velocity
         force, power = simulator.command_force, simulator.power
         add_command_noise(*task.noise_arguments(self._action, start, stop))
         advance_vehicles(*simulator.kernel_arguments(task.command, task.duration, start, stop))
-        count: int = advance(*task.advance_arguments(pose, self._action, force, power, start, stop))
-        observe(*task.observe_arguments(pose, start, stop))
+        arguments = task.advance_arguments(pose, velocity, self._action, force, power, start, stop)
+        count: int = task.kernel(*arguments)
+        observe(*task.observe_arguments(pose, velocity, start, stop))
         return count
 
     def _conclude(self, ended_count: int) -> Transition:
@@ -264,15 +267,15 @@ class Batch:
                 observation, task.reward, none, none, self._none, observation[:0], self._nowhere, []
             )
         outcome = task.outcome
-        terminated = (outcome == SUCCESS) | (outcome == COLLISION)
-        truncated = outcome == TIMEOUT
+        truncated = outcome == TIMEOUT if task.success_ends else (outcome == TIMEOUT) | (outcome == SUCCESS)
+        terminated = (outcome >= 0) & ~truncated
         ended = np.flatnonzero((outcome >= 0) & ~self._over)
         records = task.records(ended)
         final = observation[ended]
         final_state = self._state(ended)
         if self.autoreset:
             self._reset(ended)
-            task.observe(self._measured(), ended)
+            task.observe(*self._measured(), ended)
         else:
             self._over[ended] = True
         return Transition(observation, task.reward, terminated, truncated, ended, final, final_state, records)

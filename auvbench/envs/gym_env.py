@@ -24,14 +24,14 @@ _FIRST = np.zeros(1, dtype=np.int64)
 
 
 class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """Track a waypoint with an underwater vehicle.
+    """One vehicle and its task: `auvbench/Waypoint-v0`, `auvbench/Docking-v0` and the others.
 
     Args:
         overrides: as on the command line, e.g. `["reward.k=40", "vehicle=rexrov"]`, or one string with spaces between.
         config: a typed configuration instead of overrides and keywords.
         render_mode: None, `rgb_array` (a picture (352, 832, 3) of the episode so far) or `ansi` (a line).
         conf: a folder with configuration files of your own, searched first.
-        keywords: `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short for the overrides in `settings.KEYS`.
+        keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short for the overrides in `settings.KEYS`.
 
     The same seed and actions give the same floats as environment 0 of the vectorised face. What `info` holds is in
     `auvbench.envs.info`.

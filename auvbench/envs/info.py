@@ -2,11 +2,11 @@
 
 =============  ==================================================================================================
 `pose`         (7,) x, y, z in m, quaternion w, x, y, z: where the vehicle is, without noise; world axes (ENU)
-`waypoint`     (3,) x, y, z in m
+`waypoint`     (3,) x, y, z in m; `reference` in other tasks than that of waypoints: where the vehicle is to be now
 `distance`     m, from the one to the other
-`is_success`   whether the episode has ended at the waypoint
+`is_success`   whether the episode has ended with success
 `record`       when an episode ends: its row of the tables (`auvbench.record`), `outcome` as a code: 0 success,
-               1 collision, 2 timeout
+               1 collision, 2 timeout, 3 out of bounds
 =============  ==================================================================================================
 
 A batch has an array of n rows under each key, and under the key with an underscore before it which rows count, as
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.envs.batch import State
-from auvbench.record import OUTCOMES, RECORD_COLUMNS, Record
+from auvbench.record import OUTCOMES, Record
 
 WHOLE = ("episode", "environment", "outcome", "steps")
 """columns of a record that are whole numbers"""
@@ -39,7 +39,7 @@ def single(state: State, i: int, record: Record | None = None) -> dict[str, Any]
     """Return the info of environment `i`; with a record where its episode ended."""
     info: dict[str, Any] = {
         "pose": state.pose[i].copy(),
-        "waypoint": state.waypoint[i].copy(),
+        state.key: state.reference[i].copy(),
         "distance": float(state.distance[i]),
         "is_success": record is not None and record["outcome"] == "success",
     }
@@ -53,8 +53,8 @@ def batch(state: State, success: NDArray[np.bool_], rows: NDArray[np.bool_]) -> 
     return {
         "pose": state.pose.copy(),
         "_pose": rows.copy(),
-        "waypoint": state.waypoint.copy(),
-        "_waypoint": rows.copy(),
+        state.key: state.reference.copy(),
+        f"_{state.key}": rows.copy(),
         "distance": state.distance.copy(),
         "_distance": rows.copy(),
         "is_success": success,
@@ -69,9 +69,10 @@ def final(
     n = len(rows)
     spread = State(
         pose=_spread(n, ended, state.pose),
-        waypoint=_spread(n, ended, state.waypoint),
+        reference=_spread(n, ended, state.reference),
         distance=_spread(n, ended, state.distance),
         force=_spread(n, ended, state.force),
+        key=state.key,
     )
     success = np.zeros(n, dtype=np.bool_)
     success[ended] = [record["outcome"] == "success" for record in records]
@@ -80,10 +81,10 @@ def final(
 
 def table(ended: NDArray[np.int64], records: Sequence[Record], rows: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the records as arrays of n rows by column."""
-    values = np.zeros((len(RECORD_COLUMNS), len(rows)))
+    values = np.zeros((len(records[0]), len(rows)))
     values[:, ended] = np.array([list(numbers(record).values()) for record in records]).T
     columns: dict[str, Any] = {}
-    for name, column in zip(RECORD_COLUMNS, values, strict=True):
+    for name, column in zip(records[0], values, strict=True):
         columns[name] = column.astype(np.int64) if name in WHOLE else column
         columns[f"_{name}"] = rows.copy()
     return columns

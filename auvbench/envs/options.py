@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import schema
+from auvbench.config import tasks
 from auvbench.errors import ConfigError, closest
 
 Floats = NDArray[np.float64]
@@ -39,13 +39,13 @@ class Places:
     distance: Floats | None = None  # (k,)
 
 
-def places(options: Mapping[str, Any], count: int, task: schema.Task, bounds: Floats) -> Places:
+def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Floats) -> Places:
     """Return where `count` environments start and go.
 
     Args:
         options: `pose` (7,) for all or (count, 7): x, y, z in m and a quaternion w, x, y, z, which is normalised; or
             (3,), (4,): x, y, z, and yaw in rad. `waypoint` (3,) or (count, 3) in m, or `distance`, one number or
-            (count,) in m, to which the drawn waypoint is moved.
+            (count,) in m, to which the drawn waypoint is moved; of the waypoint task alone.
         count: of environments.
         task: its depth limits hold.
         bounds: (3,) m, of the position error that the observation space admits.
@@ -54,6 +54,13 @@ def places(options: Mapping[str, Any], count: int, task: schema.Task, bounds: Fl
         ConfigError: a shape is another, a number is not finite or out of range, or a waypoint and a distance are given.
     """
     pose = None if options.get("pose") is None else _pose(options["pose"], count, task)
+    if not isinstance(task, tasks.Waypoint):
+        for name in ("waypoint", "distance"):
+            if options.get(name) is not None:
+                raise ConfigError(
+                    f"options[{name!r}]: task={task.name} has its own reference; give pose alone"
+                )
+        return Places(pose)
     start = np.asarray([task.start]) if pose is None else pose[:, :3]
     waypoint, distance = options.get("waypoint"), options.get("distance")
     if waypoint is not None and distance is not None:
@@ -75,7 +82,7 @@ def places(options: Mapping[str, Any], count: int, task: schema.Task, bounds: Fl
     return Places(pose, waypoint, distance)
 
 
-def _pose(value: Any, count: int, task: schema.Task) -> Floats:
+def _pose(value: Any, count: int, task: tasks.Task) -> Floats:
     given = _numbers("pose", value)
     if given.shape[-1:] in ((3,), (4,)):
         yaw = given[..., 3:].sum(-1)

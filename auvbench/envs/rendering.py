@@ -55,7 +55,7 @@ class Renderer:
         state = self._batch.state
         for i in indices.tolist():
             self._scenes[i] = None
-            trail = self._trails[i] = Trail(state.waypoint[i].copy())
+            trail = self._trails[i] = Trail(state.reference[i].copy())
             trail.add(state.pose[i], state.distance[i])
 
     def follow(self, i: int, pose: Any, distance: float, force: Any, outcome: str | None = None) -> None:
@@ -97,12 +97,12 @@ class Renderer:
 
     def _line(self, i: int) -> str:
         state = self._batch.state
-        (x, y, z, qw, qx, qy, qz), (a, b, c) = state.pose[i], state.waypoint[i]
+        (x, y, z, qw, qx, qy, qz), (a, b, c) = state.pose[i], state.reference[i]
         yaw = np.degrees(np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz)))
         time = self._steps[i] / self._batch.config.step.frequency
         return (
             f"step {self._steps[i]} ({time:.1f} s): at ({x:.2f}, {y:.2f}, {z:.2f}) m, yaw {yaw:.0f} deg; "
-            f"waypoint ({a:.2f}, {b:.2f}, {c:.2f}) m, {state.distance[i]:.2f} m away; "
+            f"{state.key} ({a:.2f}, {b:.2f}, {c:.2f}) m, {state.distance[i]:.2f} m away; "
             f"{self._outcome[i] or 'under way'}"
         )
 

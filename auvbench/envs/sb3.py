@@ -29,7 +29,7 @@ def make(
         n_envs: how many; one batch steps them all.
         seed: of every draw; environment i draws from (seed, i). None takes the configuration's.
         render_mode: as of `WaypointEnv`.
-        kwargs: overrides, config, conf, vehicle, k, frequency, noise, disturbance, as of `WaypointEnv`.
+        kwargs: overrides, config, conf, task, vehicle, k, frequency, noise, disturbance, as of `WaypointEnv`.
 
     Raises:
         ConfigError: a setting is wrong.

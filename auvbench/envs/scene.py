@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import schema
+from auvbench.config import schema, tasks
 
 Floats = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class Trail:
 
 def panels(
     figure: Any,
-    task: schema.Task,
+    task: tasks.Task,
     waypoint: Floats,
     start: Floats,
     *,
@@ -75,7 +75,7 @@ def panels(
     """Axes in space, from above, of the distance and of the commands over time, with all that does not move.
 
     Args:
-        task: its goal radius and depth limits are drawn.
+        task: its tolerance and depth limits are drawn.
         waypoint: (3,) m.
         start: (3,) m.
         low: (3,) m, a corner of what must be seen; `high` is the opposite one.
@@ -90,14 +90,15 @@ def panels(
     grid = figure.add_gridspec(2, 4, width_ratios=[1.5, 0.15, 1.2, 1.2])
     space: Any = figure.add_subplot(grid[:, 0], projection="3d")
     above, time, command = (figure.add_subplot(place) for place in (grid[:, 2], grid[0, 3], grid[1, 3]))
+    radius = tolerance(task)
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 19), np.linspace(0, np.pi, 10))
     ball = (np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v))
     space.plot_wireframe(
-        *(task.goal_radius * b + c for b, c in zip(ball, waypoint, strict=True)),
+        *(radius * b + c for b, c in zip(ball, waypoint, strict=True)),
         color="#9a9a9a",
         linewidth=0.4,
     )
-    corners = np.vstack([low, high, waypoint - task.goal_radius, waypoint + task.goal_radius])
+    corners = np.vstack([low, high, waypoint - radius, waypoint + radius])
     middle = (corners.max(0) + corners.min(0)) / 2
     half = max(float(np.ptp(corners, axis=0).max()) / 2, 2.0) * 1.05
     limits = np.stack([middle - half, middle + half], axis=1).tolist()
@@ -115,14 +116,19 @@ def panels(
         if limits[2][0] <= depth <= limits[2][1]:
             space.plot_surface(xs, ys, np.full_like(xs, depth), color="#D55E00", alpha=0.12)
     x, y = (float(value) for value in waypoint[:2])
-    above.add_patch(Circle((x, y), task.goal_radius, fill=False, color="#9a9a9a"))
+    above.add_patch(Circle((x, y), radius, fill=False, color="#9a9a9a"))
     above.plot(start[0], start[1], "k+", markersize=9)
     above.set(xlabel="x (m)", ylabel="y (m)", xlim=limits[0], ylim=limits[1], title="from above")
     above.set_aspect("equal")
-    time.axhline(task.goal_radius, color="#9a9a9a", linewidth=0.8)
+    time.axhline(radius, color="#9a9a9a", linewidth=0.8)
     time.set(ylabel="distance (m)", xlim=(0, end), ylim=(0, farthest), title="over time")
     command.set(ylabel="command (N)", xlabel="time (s)", xlim=(0, end), ylim=(-force, force))
     return space, above, time, command
+
+
+def tolerance(task: tasks.Task) -> float:
+    """Return the distance in m from the goal that is near enough; 0 where a task has none."""
+    return float(getattr(task, "goal_radius", getattr(task, "tolerance", 0.0)))
 
 
 class Scene:
@@ -184,7 +190,7 @@ class Scene:
         self._low, self._high = seen.min(0) - room, seen.max(0) + room
         while self._end < (len(position) - 1) * self._duration:
             self._end *= 2.0
-        self._farthest = 1.25 * max(*trail.distance, self._task.goal_radius)
+        self._farthest = 1.25 * max(*trail.distance, tolerance(self._task))
         with mpl.rc_context(LOOK):
             figure = Figure(figsize=SIZE, dpi=DPI, layout=ConstrainedLayoutEngine(wspace=0.12))
             self._canvas = FigureCanvasAgg(figure)  # typed Any: its stubs are not complete

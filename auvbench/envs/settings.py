@@ -26,6 +26,7 @@ STEPS = 1000
 """`max_episode_steps` of the registered ids; the thesis's episodes"""
 
 KEYS = {
+    "task": "task",
     "vehicle": "vehicle",
     "k": "reward.k",
     "frequency": "step.frequency",

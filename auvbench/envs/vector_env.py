@@ -52,7 +52,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
             nothing, and -1 takes the limit away.
         render_mode: as of `WaypointEnv`; `render` gives one picture or line per environment.
         conf: a folder with configuration files of your own.
-        keywords: `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short for the overrides in `settings.KEYS`.
+        keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short for the overrides in `settings.KEYS`.
 
     Environment i of a batch seeded s draws from (s, i), for any N.
 

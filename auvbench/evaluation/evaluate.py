@@ -18,6 +18,7 @@ from auvbench.agents.base import Agent
 from auvbench.config import installed, plugins, schema, simulators
 from auvbench.config.agents import learns
 from auvbench.config.schema import step_limit
+from auvbench.config.tasks import TASKS
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import AgentError, AuvbenchError, AuvbenchWarning, RunError
 from auvbench.evaluation import inference
@@ -29,15 +30,13 @@ from auvbench.evaluation.protocol import (
     resolve_conditions,
 )
 from auvbench.evaluation.rollout import Rollout, roll_out
-from auvbench.record import MEASURED, OUTCOMES, RECORD_COLUMNS, SCENARIO_COLUMNS
+from auvbench.record import MEASURED, SCENARIO_COLUMNS, record_columns
 from auvbench.runs import identity, integrity, lock, provenance
 from auvbench.runs.atomic_io import as_json, make_folder, replace_folder, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.plan import load_config
 from auvbench.untrusted import path_safety
 from auvbench.vehicles import sheet
-
-COLUMNS = ("condition", "frequency_hz", *RECORD_COLUMNS)
 
 MEANS = tuple(name for name in MEASURED if name not in SCENARIO_COLUMNS)
 """The columns of a record that are averaged in summary.json."""
@@ -264,8 +263,12 @@ def _condition_summary(condition: ResolvedCondition, rollout: Rollout) -> dict[s
     records = rollout.records
     counts = Counter(record["outcome"] for record in records)
     n = len(records)
-    rates = {f"{outcome}_rate": counts[outcome] / n for outcome in OUTCOMES}
-    means = {f"mean_{name}": float(np.mean([float(r[name]) for r in records])) for name in MEANS}
+    rates = {f"{outcome}_rate": counts[outcome] / n for outcome in TASKS[condition.config.task.name].outcomes}
+    means = {
+        f"mean_{name}": float(np.mean([float(r[name]) for r in records]))
+        for name in MEANS
+        if name in records[0]
+    }
     return {
         "name": condition.name,
         "frequency_hz": condition.config.step.frequency,
@@ -296,11 +299,12 @@ def _write(
 def _rows(rollouts: list[tuple[ResolvedCondition, Rollout]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    columns = record_columns(rollouts[0][0].config.task.name)
+    writer.writerow(("condition", "frequency_hz", *columns))
     for condition, rollout in rollouts:
         for record in rollout.records:
             frequency = condition.config.step.frequency
-            writer.writerow((condition.name, frequency, *(record[name] for name in RECORD_COLUMNS)))
+            writer.writerow((condition.name, frequency, *(record[name] for name in columns)))
     return text.getvalue().encode()
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from auvbench.agents.base import Agent, Observations
 from auvbench.agents.policy_file import PolicyFile
-from auvbench.config import schema
+from auvbench.config import schema, tasks
 from auvbench.config.agents import AGENTS, learns
 from auvbench.config.schema import step_limit
 from auvbench.config.simulators import Fossen
@@ -29,8 +29,8 @@ from auvbench.runs import identity, integrity, provenance
 from auvbench.runs.atomic_io import as_lines, sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import load_config
+from auvbench.tasks.bounds import bounded_spec
 from auvbench.tasks.observation import observation_spec
-from auvbench.tasks.waypoint import bounded_spec
 from auvbench.untrusted import onnx_file, path_safety
 from auvbench.untrusted.onnx_file import Port
 from auvbench.vehicles import sheet
@@ -202,10 +202,7 @@ def make_card(
         "task": {
             "name": task.name,
             "position_frame": task.position_frame,
-            "start_m": list(task.start),
-            "waypoint_low_m": list(task.waypoint_low),
-            "waypoint_high_m": list(task.waypoint_high),
-            "goal_radius_m": task.goal_radius,
+            **(_waypoint(task) if isinstance(task, tasks.Waypoint) else {}),
             "depth_low_m": task.depth_low,
             "depth_high_m": task.depth_high,
             "max_steps": step_limit(task, config.step.frequency),
@@ -223,6 +220,15 @@ def make_card(
             ),
         },
         "tests": _tests(run, manifest),
+    }
+
+
+def _waypoint(task: tasks.Waypoint) -> dict[str, Any]:
+    return {
+        "start_m": list(task.start),
+        "waypoint_low_m": list(task.waypoint_low),
+        "waypoint_high_m": list(task.waypoint_high),
+        "goal_radius_m": task.goal_radius,
     }
 
 

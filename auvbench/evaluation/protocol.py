@@ -21,6 +21,9 @@ from auvbench.evaluation.rollout import batch_of
 from auvbench.runs.identity import digest_of, without_descriptions
 from auvbench.vehicles import sheet
 
+OBSERVED = ("position_frame", "observation", "history", "preview")
+"""keys of a task that belong to the agent"""
+
 
 @dataclass(frozen=True, slots=True)
 class ResolvedCondition:
@@ -61,9 +64,13 @@ def _resolve(
         key, separator, value = override.partition("=")
         if not separator:
             raise ConfigError(f"{where}: {override!r} is not key=value")
+        # The published task of the run's kind, whatever it was trained with.
+        value = str(node.task.name) if (key, value) == ("task", "same") else value
         _apply(node, key, value, where)
-    # The frame of the observation belongs to the agent, not to the scenario.
-    node.task.position_frame = config["task"]["position_frame"]
+    # What it observes belongs to the agent, not to the scenario.
+    for key in OBSERVED:
+        if key in config["task"] and key in node.task:
+            OmegaConf.update(node, f"task.{key}", config["task"][key])
     frequency = condition.frequency or protocol.frequency
     result = typed(node)
     if frequency is not None:
@@ -138,7 +145,7 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
     config = condition.config
     # A limit in seconds enters only where it is set: fingerprints are older than it.
     limit = "time_limit" if config.task.time_limit is None else "max_steps"
-    task = {key: value for key, value in asdict(config.task).items() if key not in ("position_frame", limit)}
+    task = {key: value for key, value in asdict(config.task).items() if key not in (*OBSERVED, limit)}
     return {
         "task": task,
         "noise": asdict(config.noise),

@@ -19,13 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import schema
+from auvbench.config import rewards, schema, tasks
 from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import at_frequency
-from auvbench.record import OUTCOMES
-from auvbench.tasks.kernels import F_WAYPOINT
-from auvbench.tasks.waypoint import REFERENCE_COLUMNS
+from auvbench.record import OUTCOMES, record_columns
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +50,7 @@ ENDS_STEPS = 40
 MARGIN = 0.125
 """m from a limit, to either side"""
 
-_REWARD = schema.Reward(name="thesis", k=40.0, length=20.0, success=500.0, collision=-550.0, regress=-10.0)
+_REWARD = rewards.Thesis(name="thesis", k=40.0, length=20.0, success=500.0, collision=-550.0, regress=-10.0)
 """fixed: rewards belong to the agent, but their code computes a column of every row"""
 
 
@@ -100,16 +98,17 @@ def ends(config: schema.TrainConfig, frequency: float | None) -> str:
 
 
 def _put_near_an_end(batch: Batch, row: int, place: int) -> None:
-    """Put a vehicle just inside or outside the upper depth limit, the lower one, or the goal."""
+    """Put a vehicle just inside or outside the upper depth limit, the lower one, or the goal (the bounds of other tasks)."""
     pose, task = batch.simulator.pose, batch.config.task
     side = MARGIN if place % 2 else -MARGIN
     batch.simulator.velocity[row] = 0.0
     if place < 4:
         pose[row, 2] = (task.depth_high if place < 2 else task.depth_low) + side
         return
-    waypoint = batch.task.F[row, F_WAYPOINT : F_WAYPOINT + 3]
+    waypoint = batch.task.reference[row]
     back = pose[row, :3] - waypoint
-    pose[row, :3] = waypoint + back / np.linalg.norm(back) * (task.goal_radius + side)
+    radius = task.goal_radius if isinstance(task, tasks.Waypoint) else task.bounds
+    pose[row, :3] = waypoint + back / np.linalg.norm(back) * (radius + side)
 
 
 def rounded(values: Floats) -> NDArray[np.int64]:
@@ -149,7 +148,7 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
     for name, looks in seen.items():
         yield name, np.stack(looks)
     yield "ended", np.array(sorted(records), dtype=np.float64)
-    for column in REFERENCE_COLUMNS:
+    for column in batch.task.reference_columns or record_columns(batch.task.name):
         values = [records[i][column] for i in sorted(records)]
         numbers = [OUTCOMES.index(str(value)) for value in values] if column == "outcome" else values
         yield column, np.array(numbers, dtype=np.float64)
@@ -159,7 +158,7 @@ def _standard(
     config: schema.TrainConfig, frequency: float | None, steps: int = STEPS // 2
 ) -> schema.TrainConfig:
     """Return the condition without the agent's own keys, with episodes of at most `steps`."""
-    task = replace(config.task, position_frame="world", time_limit=None, max_steps=steps)
+    task = replace(config.task, time_limit=None, max_steps=steps, **_observed(config.task))
     simulator = config.simulator
     if not isinstance(simulator, Fossen):
         simulator = Fossen(name="fossen", max_step=0.01, threads=1)
@@ -167,10 +166,18 @@ def _standard(
     return at_frequency(standard, FREQUENCY if frequency is None else frequency)
 
 
+def _observed(task: tasks.Task) -> dict[str, Any]:
+    """Return what the reference play observes, whatever the agent does."""
+    if isinstance(task, tasks.Tracked):
+        known = [name for name in tasks.TASKS[task.name].blocks if name != "preview"]
+        return {"observation": known, "history": 1}
+    return {"position_frame": "world", "observation": [*tasks.THESIS_BLOCKS], "history": 1}
+
+
 def _set_out(batch: Batch) -> None:
     """Put the vehicles on their way: one is about to arrive, one to leave the water."""
     pose, velocity = batch.simulator.pose, batch.simulator.velocity
-    waypoint = batch.task.F[:, F_WAYPOINT : F_WAYPOINT + 3]
+    waypoint = batch.task.reference
     pose[:, :3] += PLACES[:, None] * (waypoint - pose[:, :3])
     pose[-1, 2] = batch.config.task.depth_high - 0.0625
     velocity[:] = VELOCITY

@@ -40,12 +40,14 @@ class Replay:
     position: Floats  # (T + 1, 3) m
     yaw: Floats  # (T + 1,) rad
     command: Floats  # (T, n_u) N
-    waypoint: Floats  # (3,) m
+    waypoint: Floats  # (3,) m, the goal of a task with another
+    reference: Floats | None = None  # (T + 1, 3) m, where it moves
 
     @property
     def distance(self) -> Floats:
-        """Return the distance (T + 1,) m to the waypoint."""
-        return np.asarray(np.linalg.norm(self.position - self.waypoint, axis=1), dtype=np.float32)
+        """Return the distance (T + 1,) m to the reference."""
+        to = self.waypoint if self.reference is None else self.reference
+        return np.asarray(np.linalg.norm(self.position - to, axis=1), dtype=np.float32)
 
 
 def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode: int) -> Replay:

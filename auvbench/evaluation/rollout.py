@@ -14,7 +14,6 @@ from auvbench.config import schema
 from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import at_once
 from auvbench.record import Record
-from auvbench.tasks.kernels import F_WAYPOINT
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -27,11 +26,18 @@ class Trajectory:
     position: list[Floats] = field(default_factory=list)  # (3,) m each
     yaw: list[float] = field(default_factory=list)  # rad
     command: list[Floats] = field(default_factory=list)  # (n_u,) N each
-    waypoint: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) m
+    waypoint: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) m, the goal of a task with another
+    reference: list[Floats] = field(default_factory=list)  # (3,) m each
 
     def arrays(self, duration: float) -> dict[str, NDArray[np.float32]]:
-        """Return float32 arrays: position (T + 1, 3), yaw (T + 1,), command (T, n_u), waypoint (3,), time (T + 1,)."""
+        """Return float32 arrays: position (T + 1, 3), yaw (T + 1,), command (T, n_u), waypoint (3,), time (T + 1,).
+
+        Where the reference moves, also reference (T + 1, 3).
+        """
+        reference = np.asarray(self.reference, dtype=np.float32)
+        moves = bool((reference != reference[:1]).any())
         return {
+            **({"reference": reference} if moves else {}),
             "position": np.asarray(self.position, dtype=np.float32),
             "yaw": np.asarray(self.yaw, dtype=np.float32),
             "command": np.asarray(self.command, dtype=np.float32),
@@ -130,14 +136,14 @@ def _one_batch(
     rows: dict[int, Record] = {}
     task, simulator = environments.task, environments.simulator
     for i, episode in enumerate(followed):
-        paths[episode] = Trajectory(waypoint=task.F[i, F_WAYPOINT : F_WAYPOINT + 3].copy())
-        _follow(paths[episode], simulator.pose[i])
+        paths[episode] = Trajectory(waypoint=task.goal(i))
+        _follow(paths[episode], simulator.pose[i], task.reference[i])
     while len(rows) < environments.n:
         running = [i for i in range(len(followed)) if i not in rows]
         result = environments.step(agent.act(observation))
         observation = result.observation
         for i in running:
-            _follow(paths[followed[i]], simulator.pose[i])
+            _follow(paths[followed[i]], simulator.pose[i], task.reference[i])
             paths[followed[i]].command.append(simulator.command_force[i].copy())
         before = len(rows)
         for i, record in zip(result.ended.tolist(), result.records, strict=True):
@@ -150,7 +156,8 @@ def _one_batch(
     return [rows[i] for i in range(environments.n)]
 
 
-def _follow(path: Trajectory, pose: Floats) -> None:
+def _follow(path: Trajectory, pose: Floats, reference: Floats) -> None:
+    path.reference.append(reference.copy())
     w, x, y, z = pose[3:7]
     path.position.append(pose[:3].copy())
     path.yaw.append(float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))

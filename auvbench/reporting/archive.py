@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from auvbench.analysis import archive, consistency
-from auvbench.analysis.evaluations import CORE_COLUMNS, Damage
+from auvbench.analysis.evaluations import CORE_COLUMNS, OF_OTHERS, OF_WAYPOINTS, Damage
 from auvbench.analysis.paths import has_paths, paths
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.analysis.training import training, validation_rows
@@ -61,7 +61,15 @@ def write(
                 continue
             frame = evaluation.episodes
             if protocol != protocols[0]:
-                kept = ("condition", "frequency_hz", "episode", "outcome", *CORE_COLUMNS)
+                kept = (
+                    "condition",
+                    "frequency_hz",
+                    "episode",
+                    "outcome",
+                    *CORE_COLUMNS,
+                    *OF_WAYPOINTS,
+                    *OF_OTHERS,
+                )
                 frame = frame[[name for name in kept if name in frame.columns]]
             summaries[protocol] = integrity.sealed({**evaluation.summary, integrity.FILES: {}})
             episodes.append(_labelled(frame, run.id, protocol))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from auvbench.envs.scene import panels
 from auvbench.errors import UserError
 from auvbench.evaluation.replay import Replay
+from auvbench.record import Record
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.style import COLOURS, OUTCOME_LOOK
 from auvbench.runs.atomic_io import check_writable
@@ -43,15 +44,15 @@ def summary(episode: Replay) -> str:
     """Return the episode in a dozen lines."""
     r, config = episode.record, episode.config
     wx, wy, wz = (float(v) for v in episode.waypoint)
+    waypoint = config.task.name == "waypoint"
     lines = [
         f"{episode.run}, protocol {episode.protocol}, condition {episode.condition}, episode {r['episode']}",
         f"{r['outcome']} after {r['steps']} steps ({float(r['duration_s']):.1f} s at "
         f"{config.step.frequency:g} Hz), return {float(r['return']):.1f}",
-        f"waypoint ({wx:.1f}, {wy:.1f}, {wz:.1f}) m, {float(r['initial_distance_m']):.1f} m away; "
+        f"{'waypoint' if waypoint else 'goal'} ({wx:.1f}, {wy:.1f}, {wz:.1f}) m, "
+        f"{'' if waypoint else 'reference '}{float(r['initial_distance_m']):.1f} m away; "
         f"ended {float(r['final_distance_m']):.2f} m from it",
-        f"path {float(r['path_length_m']):.1f} m (efficiency {float(r['path_efficiency']):.2f}), deviation "
-        f"{float(r['deviation_mean_m']):.2f} ± {float(r['deviation_std_m']):.2f} m, "
-        f"depth margin {float(r['depth_margin_m']):.1f} m",
+        f"path {float(r['path_length_m']):.1f} m, {_accuracy(r)}, depth margin {float(r['depth_margin_m']):.1f} m",
         f"command norm {float(r['command_norm_mean_N']):.1f} N on average, energy {float(r['energy_J']) / 1e3:.2f} kJ",
         "",
     ]
@@ -68,6 +69,22 @@ def summary(episode: Replay) -> str:
             f"{name:<{width}}  {sparkline(values, low=low, high=high)}  {np.min(values):.1f} to {np.max(values):.1f} {unit}"
         )
     return "\n".join(lines)
+
+
+def _accuracy(r: Record) -> str:
+    """Return how well the vehicle went, by the metrics of its task."""
+    if "deviation_mean_m" in r:
+        straight = f"efficiency {float(r['path_efficiency']):.2f}"
+        return (
+            f"{straight}, deviation {float(r['deviation_mean_m']):.2f} ± {float(r['deviation_std_m']):.2f} m"
+        )
+    for name, title in (
+        ("cross_track_rms_m", "RMS cross-track distance"),
+        ("position_error_rms_m", "RMS position error"),
+    ):
+        if name in r:
+            return f"{title} {float(r[name]):.2f} m"
+    return f"final position error {float(r['final_position_error_m']):.2f} m"
 
 
 def scene(figure: Canvas, episode: Replay) -> tuple[Any, Axes, Axes, Axes]:
@@ -96,6 +113,10 @@ def lines(axes: tuple[Any, Axes, Axes, Axes], episode: Replay) -> list[Any]:
     space, above, time, command = axes
     colour = OUTCOME_LOOK.get(str(episode.record["outcome"]), OUTCOME_LOOK["timeout"])[0]
     x, y, z = episode.position.T
+    if episode.reference is not None:
+        grey: Any = {"color": "#9a9a9a", "linestyle": "--", "linewidth": 1.0}
+        space.plot(*episode.reference.T, **grey)
+        above.plot(*episode.reference[:, :2].T, **grey)
     drawn = [space.plot(x, y, z, color=colour)[0], above.plot(x, y, color=colour)[0]]
     drawn += time.plot(episode.time, episode.distance, color=colour)
     for j, name in enumerate(episode.actuators):

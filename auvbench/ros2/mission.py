@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from auvbench.errors import RunError
 from auvbench.metrics import Totals
-from auvbench.record import RECORD_COLUMNS, Record, record_of
+from auvbench.record import Record, record_columns, record_of
 from auvbench.ros2.observation import yaw_of
 
 Floats = NDArray[np.float64]
@@ -112,7 +112,7 @@ class Mission:
         return self.outcome
 
     def record(self, number: int) -> Record:
-        """Return the row of an episode, columns RECORD_COLUMNS."""
+        """Return the row of an episode, columns as in a test of the waypoint task."""
         x, y, z = self.waypoint.tolist()
         return record_of(
             Totals(
@@ -131,9 +131,10 @@ class Mission:
                 path=self._path,
                 change=self._change,
                 depth_margin=self._margin,
-                waypoint=(x, y, z),
                 start_yaw=self.start_yaw,
-            )
+                own={"waypoint_x_m": x, "waypoint_y_m": y, "waypoint_z_m": z},
+            ),
+            "waypoint",
         )
 
     def trajectory(self) -> dict[str, NDArray[np.float32]]:
@@ -191,7 +192,7 @@ class Logbook:
     def _write(self) -> None:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(("condition", "frequency_hz", *RECORD_COLUMNS))
+        writer.writerow(("condition", "frequency_hz", *record_columns("waypoint")))
         for row in self._rows:
             writer.writerow((CONDITION, self._about["frequency_hz"], *row.values()))
         arrays = io.BytesIO()

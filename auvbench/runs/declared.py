@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import yaml
 
 from auvbench.errors import UserError, closest
-from auvbench.record import measure_names
+from auvbench.record import PRIMARY, measure_names
 from auvbench.runs.atomic_io import write_atomic
 from auvbench.runs.identity import digest_of
 from auvbench.untrusted import documents, reading, typed_json
@@ -81,8 +81,9 @@ def read(path: Path) -> Declared:
     for key in found:
         if key not in known:
             raise UserError(f"{path}: unknown key {short(repr(key), 40)}; {closest(str(key), known)}")
-    if analysis.measure not in measure_names():
-        raise UserError(f"{path}: measure {analysis.measure!r}: {closest(analysis.measure, measure_names())}")
+    measures = (PRIMARY, *measure_names())
+    if analysis.measure not in measures:
+        raise UserError(f"{path}: measure {analysis.measure!r}: {closest(analysis.measure, measures)}")
     return analysis
 
 

@@ -43,6 +43,8 @@ the PID to which a residual learner adds."""
 
 LATER: dict[str, Any] = {
     "task.time_limit": None,
+    "task.observation": ["yaw_error", "position_error", "previous_action"],
+    "task.history": 1,
     "algo.horizon_s": None,
     "algo.tuned": None,
     "train.evaluate_every": 0,
@@ -130,11 +132,13 @@ def _numbers(node: Any) -> Any:
 DEFAULT_VEHICLE = "bluerov2"
 """That of conf/train.yaml when ids were defined: an id names no other vehicle than one that differs from it."""
 
+DEFAULT_TASK = "waypoint"
+
 
 def run_id(config: Mapping[str, Any]) -> str:
     """`{algorithm}-k{K}-f{frequency}-s{seed}-{hash}`, e.g. ppo-k1-f10-s42-1b2c3d4e, ppo-rexrov-k1-f10-s42-5a6b7c8d.
 
-    The vehicle stands behind the algorithm where it is not the default one.
+    Vehicle and task stand behind the algorithm where they are not the default ones.
     """
     vehicle = _vehicle(config)
     return _id(config, f"{config['algo']['name']}{f'-{vehicle}' if vehicle else ''}")
@@ -153,10 +157,14 @@ def _id(config: Mapping[str, Any], head: str) -> str:
 
 
 def _vehicle(config: Mapping[str, Any]) -> str:
-    """The vehicle as an id has it: '' for the default one, and nothing that a folder's name cannot hold."""
-    vehicle = config.get("vehicle")
-    name = vehicle.get("name") if isinstance(vehicle, Mapping) else None
-    return "" if name in (None, DEFAULT_VEHICLE) else re.sub(r"[^\w.-]", "_", str(name))
+    """Vehicle and task as an id has them: '' for the default ones, and nothing that a folder's name cannot hold."""
+    found = []
+    for group, usual in (("vehicle", DEFAULT_VEHICLE), ("task", DEFAULT_TASK)):
+        node = config.get(group)
+        name = node.get("name") if isinstance(node, Mapping) else None
+        if name not in (None, usual):
+            found.append(re.sub(r"[^\w.-]", "_", str(name)))
+    return "-".join(found)
 
 
 def _short(value: float) -> str:

@@ -16,32 +16,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.record import RECORD_COLUMNS, Record
+from auvbench.record import Record
 from auvbench.untrusted.typed_json import Count, Share
-
-COLUMNS = ("step", *RECORD_COLUMNS)
 
 
 class EpisodeLog:
     """Appends rows; full precision; complete rows only.
 
     Args:
+        columns: of the records.
         path: of the CSV file; begun anew with its header unless `keep` says how many bytes of it stay.
         keep: length in bytes to which an existing file is cut (exact resume).
     """
 
-    def __init__(self, path: Path, keep: int | None = None) -> None:
+    def __init__(self, columns: Sequence[str], path: Path, keep: int | None = None) -> None:
+        self._columns = columns
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = open(path, "ab" if keep is not None else "wb")  # noqa: SIM115
         if keep is None:
-            self._write([COLUMNS])
+            self._write([("step", *columns)])
         else:
             self._file.truncate(keep)
             self._file.seek(0, os.SEEK_END)
 
     def append(self, step: int, records: Sequence[Record]) -> None:
         """Rows of the episodes that ended at environment step `step` of the run."""
-        self._write([(step, *(record[name] for name in RECORD_COLUMNS)) for record in records])
+        self._write([(step, *(record[name] for name in self._columns)) for record in records])
 
     def _write(self, rows: Sequence[Sequence[object]]) -> None:
         text = io.StringIO()

@@ -19,6 +19,7 @@ from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch
+from auvbench.tasks.base import check_vehicle
 from auvbench.vehicles import sheet
 
 
@@ -29,11 +30,12 @@ def check_runnable(config: schema.TrainConfig) -> None:
     start later.
 
     Raises:
-        ConfigError: the controller cannot steer the vehicle, or Gazebo is not installed.
+        ConfigError: the vehicle cannot do the task, the controller cannot steer it, or Gazebo is not installed.
         VehicleError: Gazebo cannot simulate the vehicle.
         MissingExtraError: the controller needs a package that is not installed.
     """
     vehicle = sheet.load(config.vehicle)
+    check_vehicle(config.task, vehicle)
     if isinstance(config.simulator, simulators.Gazebo):
         from auvbench.simulators.gazebo import bindings, sdf
 

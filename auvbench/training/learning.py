@@ -13,6 +13,7 @@ from auvbench.agents.base import Learner, learner_of
 from auvbench.config import schema, simulators
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
+from auvbench.record import record_columns
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import fsync_directory, fsync_file, storage
 from auvbench.runs.directory import RunDirectory
@@ -84,7 +85,8 @@ def learn(
         return {name: round(earlier.get(name, 0.0) + seconds, 3) for name, seconds in spent.items()}
 
     with storage(f"cannot write the records of {run.path}"):
-        log = EpisodeLog(run.path / EPISODES, keep=resumed.logs[EPISODES].bytes if resumed else None)
+        columns = record_columns(config.task.name)
+        log = EpisodeLog(columns, run.path / EPISODES, keep=resumed.logs[EPISODES].bytes if resumed else None)
         writer = logs.EventWriter(run.train)
         if train.evaluate_every:
             validator = Validator(

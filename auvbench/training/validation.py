@@ -23,22 +23,26 @@ from omegaconf import OmegaConf
 
 from auvbench.agents.base import Agent
 from auvbench.config import schema
+from auvbench.config.tasks import TASKS
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.evaluation.rollout import roll_out
-from auvbench.record import OUTCOMES, Record
+from auvbench.record import Record, record_columns
 
-COLUMNS = (
-    "step",
-    "simulated_s",
-    "training_episodes",
-    "fingerprint",
-    "episodes",
-    *(f"{outcome}_rate" for outcome in OUTCOMES),
-    "mean_steps",
-    "mean_duration_s",
-    "wall_s",
-)
-"""docs/runs.md defines them; all but the last are the same bits whenever the run is repeated"""
+
+def columns(task: str) -> tuple[str, ...]:
+    """Return the columns for a task; docs/runs.md defines them.
+
+    All but the last are the same bits whenever the run is repeated.
+    """
+    rates = (f"{outcome}_rate" for outcome in TASKS[task].outcomes)
+    means = (f"mean_{name}" for name in _means(task))
+    return ("step", "simulated_s", "training_episodes", "fingerprint", "episodes", *rates, *means, "wall_s")
+
+
+def _means(task: str) -> list[str]:
+    """Return the columns of a record whose means are written: times, and what the task is ranked by."""
+    primary = TASKS[task].primary.removeprefix("mean_")
+    return ["steps", "duration_s", *([primary] if primary in record_columns(task) else [])]
 
 
 def protocol() -> schema.Protocol:
@@ -90,7 +94,7 @@ class Validator:
             self._file.truncate(keep)
             self._file.seek(0, os.SEEK_END)
         else:
-            self._append(COLUMNS)
+            self._append(columns(self._config.task.name))
 
     def is_due(self, steps: int, n: int) -> bool:
         """Whether the last step of n environments, with which `steps` lie behind, passed a multiple of the interval."""
@@ -116,7 +120,10 @@ class Validator:
         began = time.monotonic()
         records = self._records(agent)
         counts = Counter(str(record["outcome"]) for record in records)
-        rates = {f"{outcome}_rate": counts[outcome] / len(records) for outcome in OUTCOMES}
+        rates = {
+            f"{outcome}_rate": counts[outcome] / len(records)
+            for outcome in TASKS[self._config.task.name].outcomes
+        }
         row = (
             steps,
             steps / self._frequency,
@@ -126,7 +133,7 @@ class Validator:
             *rates.values(),
             *(
                 float(np.mean([float(record[name]) for record in records]))
-                for name in ("steps", "duration_s")
+                for name in _means(self._config.task.name)
             ),
             round(elapsed, 3),
         )

@@ -12,7 +12,7 @@ from auvbench.evaluation import evaluate as evaluation
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.runs.directory import RunDirectory
 from auvbench.training.execute import execute
-from auvbench.training.validation import COLUMNS
+from auvbench.training.validation import columns
 from tests import configs
 from tests.conftest import Once, Trained
 from tests.soak.bits import bits
@@ -55,7 +55,7 @@ def test_training_does_not_notice_that_it_is_watched(
 
 def test_a_row_every_so_many_steps_and_one_at_the_end(watched: RunDirectory) -> None:
     found = rows(watched)
-    assert tuple(found[0]) == COLUMNS
+    assert tuple(found[0]) == columns("waypoint")
     steps = [int(row["step"]) for row in found]
     n, total = 8, watched.manifest()["steps"]
     assert steps[-1] == total

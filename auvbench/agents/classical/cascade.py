@@ -1,11 +1,13 @@
 """What the thruster controllers share: guidance, allocation, limits. The control law between them is their own.
 
-Guidance: a velocity towards the waypoint, `cruise_speed` when far and `approach` x distance when near, less where the
-thrusters could not hold it against the drag; the bow turns to the waypoint. The control law makes a wrench of what is
+Guidance: the velocity of the reference, if the task observes it, and one towards the reference, `cruise_speed` when far and
+`approach` x distance when near, less where the thrusters could not hold it against the drag; the bow turns to the yaw that
+the task asks for, in the waypoint task to the waypoint. The control law makes a wrench of what is
 missing. Allocation: the pseudo-inverse (Fossen 2021, section 11.2, unconstrained allocation), scaled down as a whole
 where a thruster would saturate, so that the wrench keeps its direction.
 
-No better sensors than the learners' (see `Estimator`): roll and pitch are not observed. Where the thrusters span them,
+No better sensors than the learners' (see `Estimator`). Where the task observes gravity and angular velocity and the thrusters
+span roll and pitch, they hold the vehicle level: at speed, the Munk moment may be larger than the restoring one. Otherwise
 no moment is asked for; where thrust brings one along (the BlueROV2's thrusters lie below its origin), it is kept below a
 share of what the restoring moment can hold.
 """
@@ -32,13 +34,15 @@ HEAVE, ROLL, PITCH, YAW = 2, 3, 4, 5
 CRUISE_SHARE = 0.85
 # Share of the largest restoring moment that thrust may lean against: a heel of about 27 degrees.
 RIGHTING_SHARE = 0.45
+LEVELLING = 2.0
+"""rad/s, bandwidth of the loop that holds a vehicle level"""
 
 
 class Estimator:
     """Readings and velocities of N vehicles.
 
-    Yaw is the bearing of the waypoint less the yaw error; velocities are differences of readings through a
-    first-order low-pass filter, discretised exactly.
+    Yaw is the bearing of the waypoint less the yaw error; velocities are those that the task observes, or else differences
+    of readings through a first-order low-pass filter, discretised exactly.
 
     Args:
         dt: s between readings.
@@ -52,7 +56,17 @@ class Estimator:
     def __init__(self, dt: float, filter_time: float, spec: ObservationSpec) -> None:
         self.dt = dt
         self._yaw_error, self._error = spec["yaw_error"], spec["position_error"]
+        self._read = {
+            name: spec[name]
+            for name in ("velocity", "angular_velocity", "velocity_error", "gravity")
+            if name in spec.blocks
+        }
+        # In world axes a reading in body axes would have to be turned by a yaw that is itself an estimate.
+        if spec.blocks["position_error"].axes != BODY:
+            self._read = {}
         self.body_frame = spec.blocks["position_error"].axes == BODY
+        self.levels = {"gravity", "angular_velocity"} <= self._read.keys()
+        """whether roll and pitch are known"""
         self._smoothing = 1.0 - np.exp(-dt / filter_time)
         self.reset(0)
 
@@ -66,6 +80,12 @@ class Estimator:
         self.velocity: Floats = np.zeros((n, 3))
         """(n, 3) m/s in the axes of `error`"""
         self.yaw_rate: Floats = np.zeros(n)
+        self.target: Floats = np.zeros((n, 3))
+        """(n, 3) m/s in the axes of `error`, velocity of the reference where the task observes it"""
+        self.tilt: Floats = np.zeros((n, 2))
+        """(n, 2) rad, roll and pitch where the task observes gravity"""
+        self.tilt_rate: Floats = np.zeros((n, 2))
+        """(n, 2) rad/s"""
 
     def update(self, observation: Floats) -> None:
         """Take in observations (n, n_obs)."""
@@ -81,12 +101,22 @@ class Estimator:
         self.velocity += a[:, None] * ((self.error - error) / self.dt - self.velocity)
         turned = wrap(self.yaw_error - yaw_error) if self.body_frame else wrap(yaw - self.yaw)
         self.yaw_rate += a * (turned / self.dt - self.yaw_rate)
+        if "velocity" in self._read:
+            self.velocity = observation[:, self._read["velocity"]].copy()
+        if "angular_velocity" in self._read:
+            rates = observation[:, self._read["angular_velocity"]]
+            self.tilt_rate, self.yaw_rate = rates[:, :2].copy(), rates[:, 2].copy()
+        if self.levels:
+            x, y, z = observation[:, self._read["gravity"]].T
+            self.tilt = np.stack([np.arctan2(-y, -z), np.arcsin(np.clip(x, -1.0, 1.0))], axis=1)
+        if "velocity_error" in self._read:
+            self.target = observation[:, self._read["velocity_error"]] + self.velocity
         self.error, self.yaw, self.yaw_error = error, yaw, yaw_error
         self.first = np.zeros(len(error), dtype=np.bool_)
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return what it carries from reading to reading, by name: its own arrays, a row for each vehicle."""
-        names = ("first", "error", "yaw", "yaw_error", "velocity", "yaw_rate")
+        names = ("first", "error", "yaw", "yaw_error", "velocity", "yaw_rate", "target", "tilt", "tilt_rate")
         return {name: getattr(self, name) for name in names}
 
 
@@ -128,6 +158,9 @@ class Cascade:
         self.lift = vehicle.buoyancy - vehicle.weight
         # Moments per newton that thrust brings along uncontrolled, and what the restoring moment can hold.
         self.tilting = vehicle.allocation[[ROLL, PITCH]]
+        if self.estimate.levels:
+            # What is controlled is asked for.
+            self.tilting = np.where(_controlled(vehicle.allocation)[[ROLL, PITCH]] != 0.0, 0.0, self.tilting)
         stiffness = (
             vehicle.buoyancy * vehicle.center_of_buoyancy[2] - vehicle.weight * vehicle.center_of_gravity[2]
         )
@@ -142,10 +175,15 @@ class Cascade:
         now.update(observation.astype(np.float64))
         distance = np.linalg.norm(now.error, axis=1, keepdims=True)
         speed = np.minimum(self.cruise_speed, self.approach * distance)
-        wanted = self._feasible(to_body(speed * now.error / np.maximum(distance, 1e-9), now.yaw))
+        towards = speed * now.error / np.maximum(distance, 1e-9)
+        wanted = self._feasible(to_body(towards + now.target, now.yaw))
         velocity = to_body(now.velocity, now.yaw)
         wrench = self.law(wanted, velocity)
         wrench[:, HEAVE] -= self.lift
+        if now.levels:
+            wrench[:, ROLL : PITCH + 1] -= self.mass[ROLL : PITCH + 1] * (
+                LEVELLING**2 * now.tilt + 2.0 * LEVELLING * now.tilt_rate
+            )
         thrust = self._allocate(wrench)
         scale = self._scale(thrust)
         self.after(wanted - velocity, scale >= 1.0)

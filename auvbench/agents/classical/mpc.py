@@ -16,6 +16,7 @@ took longer than the agent's step (a simulation waits for them, a vehicle would 
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.observer import Observer
-from auvbench.config import algorithms, schema
+from auvbench.config import algorithms, schema, tasks
 from auvbench.vehicles.symbolic import SymbolicModel, require, symbolic
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -67,7 +68,10 @@ class MPCController:
         task = config.task
         self.program = Program(model, algo)
         # Episodes begin at a depth that the task fixes: the first reading so tells the depth of the waypoint.
-        self.room = np.array([task.depth_low + DEPTH_MARGIN, task.depth_high - DEPTH_MARGIN]) - task.start[2]
+        # Elsewhere the depth is not known.
+        start, far = (task.start[2], 0.0) if isinstance(task, tasks.Waypoint) else (0.0, math.inf)
+        low, high = task.depth_low + DEPTH_MARGIN - far, task.depth_high - DEPTH_MARGIN + far
+        self.room = np.array([low, high]) - start
         self.solves = self.failed = self.late = 0
         self.reset(np.empty(0, dtype=np.int64))
 

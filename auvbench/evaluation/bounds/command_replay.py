@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from auvbench.config import schema
 from auvbench.envs.batch import Batch
 from auvbench.record import Record
-from auvbench.tasks.kernels import F_START_YAW, F_WAYPOINT
+from auvbench.tasks.kernels import F_REFERENCE, F_START_YAW
 
 Floats = NDArray[np.float64]
 Commands = NDArray[np.int8]
@@ -99,6 +99,6 @@ def scenarios(batch: Batch) -> list[Scenario]:
     """Return the scenarios of a batch that was just reset."""
     F, pose = batch.task.F, batch.simulator.pose
     return [
-        Scenario(pose[i].copy(), float(F[i, F_START_YAW]), F[i, F_WAYPOINT : F_WAYPOINT + 3].copy())
+        Scenario(pose[i].copy(), float(F[i, F_START_YAW]), F[i, F_REFERENCE : F_REFERENCE + 3].copy())
         for i in range(batch.n)
     ]

@@ -37,9 +37,11 @@ def trajectories(scene: Scene) -> Drawing | None:
     figure = style.canvas(10.6, 4.6)
     # The layout engine does not see the labels of axes in space: the second column keeps them off the next panel.
     layout = figure.add_gridspec(1, 4, width_ratios=[1.25, 0.25, 1.1, 0.8])
-    waypoint = np.array([float(chosen[0].metrics[f"waypoint_{axis}_m"][0, episode]) for axis in "xyz"])
+    named = "waypoint" if "waypoint_x_m" in chosen[0].metrics else "goal"
+    waypoint = np.array([float(chosen[0].metrics[f"{named}_{axis}_m"][0, episode]) for axis in "xyz"])
     start = tracks[chosen[0].label][episode][0]
-    radius = float(chosen[0].runs[0].config.get("task.goal_radius", 3.0))
+    config = chosen[0].runs[0].config
+    radius = float(config.get("task.goal_radius", config.get("task.tolerance", 0.0)))
     for column, title, axes in VIEWS:
         flat = len(axes) == 2
         ax: Any = figure.add_subplot(layout[column], projection=None if flat else "3d")
@@ -65,7 +67,7 @@ def trajectories(scene: Scene) -> Drawing | None:
     number = _episode_ids(chosen[0], protocol, condition)[episode]
     caption = (
         f"Test episode {number} (first tested seed of each agent), in space, from above and from the side. + "
-        f"start; grey: the waypoint with its {radius:g} m sphere; dashed: the depth limits. "
+        f"start; grey: the {named}{f' with its {radius:g} m sphere' if radius else ''}; dashed: the depth limits. "
         f"It ended in: {', '.join(ends)}."
         + shown(wanted, scene.agents)
         + without(wanted, chosen, "trajectories of this episode")

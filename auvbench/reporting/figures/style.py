@@ -28,7 +28,12 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
 Linestyle = Literal["-", "--", "-.", ":"]
 LINESTYLES: tuple[Linestyle, ...] = ("-", "--", "-.", ":")
 
-OUTCOME_LOOK = {"success": ("#009E73", "o"), "collision": ("#D55E00", "X"), "timeout": ("#0072B2", "s")}
+OUTCOME_LOOK = {
+    "success": ("#009E73", "o"),
+    "collision": ("#D55E00", "X"),
+    "timeout": ("#0072B2", "s"),
+    "out_of_bounds": ("#CC79A7", "D"),
+}
 """colour and marker of an outcome in every figure"""
 
 DPI = 150

@@ -208,7 +208,7 @@ def _data(
             for agent in agents
         ],
         "start": [round(value, 3) for value in start],
-        "goal_radius": _length(config.get("task.goal_radius"), 3.0),
+        "goal_radius": _length(config.get("task.goal_radius", config.get("task.tolerance", 0.0)), 3.0),
         "depth": [_length(config.get("task.depth_low"), -60.0), _length(config.get("task.depth_high"), -1.0)],
         "episodes": trajectories_.pack(scenes),
     }

@@ -8,6 +8,7 @@ from auvbench.analysis.labels import OWN
 from auvbench.analysis.measures import measure
 from auvbench.analysis.primary import OPEN
 from auvbench.analysis.records import Primary, Problem, Ranking
+from auvbench.metrics import METRICS
 from auvbench.reporting.tables.appendix import readable_letters
 from auvbench.reporting.tables.table import DAGGER
 from auvbench.statistics.binomial import SUCCEEDED
@@ -161,9 +162,11 @@ def cautions(ranking: Ranking) -> list[str]:
             "Success beyond 90 % (or below 10 %) with few seeds: where trainings differ strongly, 95 % intervals held in 80 "
             "to 90 % of simulated experiments."
         )
-    if ranking.rank_by.startswith("mean_") and ranking.rank_by != "mean_return":
+    by = measure(ranking.rank_by)
+    counted = any(metric.measure == by.name and metric.counts_failures for metric in METRICS)
+    if by.name.startswith("mean_") and by.name != "mean_return" and not counted:
         found.append(
-            f"{name(measure(ranking.rank_by)).capitalize()} is over all test episodes, however they ended: a quick failure "
+            f"{name(by).capitalize()} is over all test episodes, however they ended: a quick failure "
             "looks good. Read it with the success rate."
         )
     return found

@@ -15,8 +15,8 @@ from auvbench.config import schema
 from auvbench.config.schema import SCALES
 from auvbench.errors import ConfigError, closest
 from auvbench.simulators.base import Simulator
+from auvbench.tasks.base import Task
 from auvbench.tasks.disturbances import kernels as k
-from auvbench.tasks.waypoint import WaypointTask
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -26,7 +26,7 @@ _CHANNELS = ("x", "y", "z", "yaw")
 _STATE = ("D", "I", "commands", "measurements", "clock", "power")
 
 
-def make(config: schema.TrainConfig, vehicle: VehicleModel, task: WaypointTask) -> Disturbances | None:
+def make(config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> Disturbances | None:
     """Return the disturbances of a configuration; None without any, so that they cost nothing."""
     disturbances = Disturbances(config, vehicle, task)
     return disturbances if disturbances.active else None
@@ -43,7 +43,7 @@ class Disturbances:
             range of masses that leaves the vehicle without buoyancy.
     """
 
-    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel, task: WaypointTask) -> None:
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> None:
         disturbance = config.disturbance
         n, n_u = task.n, len(vehicle.actuators)
         self.task = task
@@ -70,7 +70,10 @@ class Disturbances:
         """ring of the last commands: that of step t lies at t modulo its length"""
         self.measurements: Floats = np.zeros((self.schedule.measurements, n, 7))
         """ring of the last measured poses"""
+        self.velocities: Floats = np.zeros((self.schedule.measurements if task.reads_velocity else 0, n, 6))
+        """ring of the last measured velocities, where the task observes them"""
         self.clock: Integers = np.zeros((), dtype=np.int64)  # steps of the batch
+        self._state = (*_STATE, *(["velocities"] if task.reads_velocity else []))
         self.power: Floats = np.zeros(n)
         """(n,) W, mean electrical power over the last agent step"""
         self._top: Floats = np.zeros((n, 3))
@@ -103,6 +106,7 @@ class Disturbances:
             self._set_current(simulator)
         self.commands[:, indices] = 0.0
         self.measurements[:, indices] = simulator.pose[indices]
+        self.velocities[:, indices] = 0.0
         self.power[indices] = 0.0
         if self.misreads:
             k.offsets_of(indices, task.C, self.Q, task.stream, self.noisy, self.D, task.offset)
@@ -129,6 +133,8 @@ class Disturbances:
             self.power += simulator.power * (segment.duration / task.duration)
             if segment.measure:
                 self.measurements[now % len(self.measurements)] = simulator.pose
+                if task.reads_velocity:
+                    self.velocities[now % len(self.velocities)] = simulator.velocity
         self.clock += 1
 
     def _fail(self, simulator: Simulator, command: Floats) -> None:
@@ -150,18 +156,22 @@ class Disturbances:
         if self.noisy or self.drifts:
             k.offsets(task.C, self.Q, task.stream, self.noisy, self.D, task.offset)
 
-    def measured(self, simulator: Simulator) -> Floats:
-        """Return the poses (n, 7) that arrive now, before errors."""
+    def measured(self, simulator: Simulator) -> tuple[Floats, Floats]:
+        """Return the poses (n, 7) and velocities (n, 6) that arrive now, before errors."""
         kept = len(self.measurements)
+        if not kept:
+            return simulator.pose, simulator.velocity
         # `clock` is where the next measurement goes: there lies the oldest.
-        return self.measurements[int(self.clock) % kept] if kept else simulator.pose
+        oldest = int(self.clock) % kept
+        velocity = self.velocities[oldest] if self.task.reads_velocity else simulator.velocity
+        return self.measurements[oldest], velocity
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Return copies of the state that an exact resume needs and neither task nor simulator holds."""
-        return {name: np.copy(getattr(self, name)) for name in _STATE}
+        return {name: np.copy(getattr(self, name)) for name in self._state}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        for name in _STATE:
+        for name in self._state:
             np.copyto(getattr(self, name), state[name], casting="no")
 
 

@@ -187,6 +187,7 @@ def test_a_summary_that_no_evaluation_wrote_is_damage(grid: list[Path], text: st
         ("episode", ["x", *range(1, 12)], r"episode is not a whole number from 0 in every row"),
         ("path_efficiency", [np.nan] * 12, r"path_efficiency is not a finite number in 12 of 12 episodes"),
         ("path_efficiency", ["abc"] * 12, r"path_efficiency is not a finite number in 12 of 12 episodes"),
+        ("environment", ["abc"] * 12, r"environment is not a finite number in 12 of 12 episodes"),
     ],
 )
 def test_a_value_that_cannot_be_is_damage(grid: list[Path], column: str, values: list, message: str) -> None:

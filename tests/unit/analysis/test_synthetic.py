@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from auvbench.record import RECORD_COLUMNS
+from auvbench.record import record_columns
 from tests.synthetic import write_experiment
 
 
@@ -29,7 +29,7 @@ def test_every_agent_meets_the_same_scenarios_and_columns_agree(tmp_path: Path) 
     assert len(runs) == 5  # pid has nothing to learn, hence one run
     frames = [pd.read_csv(run / "evaluations" / "test" / "episodes.csv") for run in runs]
     for frame in frames:
-        assert list(frame.columns) == ["condition", "frequency_hz", *RECORD_COLUMNS]
+        assert list(frame.columns) == ["condition", "frequency_hz", *record_columns("waypoint")]
         assert np.array_equal(frame["waypoint_x_m"], frames[0]["waypoint_x_m"])
         assert (frame.loc[frame["outcome"] == "success", "final_distance_m"] <= 3.0).all()
         assert frame["command_norm_sum_N"].to_numpy() == pytest.approx(

@@ -29,10 +29,16 @@ def test_every_algorithm_composes_and_is_valid(algo, vehicle):
 
 @pytest.mark.parametrize(
     "override",
-    [f"{g}={o}" for g in ("vehicle", "reward", "step", "noise", "disturbance", "train") for o in options(g)],
+    [
+        f"{g}={o}"
+        for g in ("vehicle", "task", "reward", "step", "noise", "disturbance", "train")
+        for o in options(g)
+    ],
 )
 def test_every_answer_composes_and_is_valid(override):
-    train_config(compose("train", [override]))
+    task = "waypoint" if override in ("reward=thesis", "reward=tracking") else "station_keeping"
+    whole = [f"task={task}"] if override.startswith("reward=") and override != "reward=thesis" else []
+    train_config(compose("train", [*whole, override]))
 
 
 @pytest.mark.parametrize(

@@ -177,7 +177,7 @@ def test_success_is_told():
     env = gymnasium.make(ID)
     env.reset(seed=0, options={"distance": 3.1, "pose": [0, 0, -20, 0]})
     line = env.unwrapped.batch.state
-    ahead = (line.waypoint[0] - line.pose[0, :3]) / line.distance[0]
+    ahead = (line.reference[0] - line.pose[0, :3]) / line.distance[0]
     env.reset(options={"waypoint": [0, 0, -16.99]})  # it rises by itself
     for _ in range(300):
         _, reward, terminated, _, info = env.step(np.zeros(6, np.float32))

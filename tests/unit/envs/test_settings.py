@@ -24,7 +24,7 @@ def own_conf(folder: Path) -> Path:
     conf = folder / "conf"
     (conf / "reward").mkdir(parents=True)
     (conf / "reward" / "thesis.yaml").write_text(
-        "name: thesis\nk: 7.0\nlength: 20.0\nsuccess: 500.0\ncollision: -550.0\nregress: -10.0\n"
+        "defaults: [/reward_thesis_schema@_here_, _self_]\nname: thesis\nk: 7.0\nlength: 20.0\nsuccess: 500.0\ncollision: -550.0\nregress: -10.0\n"
     )
     return conf
 

@@ -70,23 +70,26 @@ def test_it_is_the_same_interpreted_and_compiled(tmp_path: Path) -> None:
     ("file", "old", "new"),
     [
         ("dynamics/equations.py", "ws[QUADRATIC * L + l] *", "2.0 * ws[QUADRATIC * L + l] *"),
-        ("tasks/kernels.py", "r = P[P_SUCCESS]", "r = 2 * P[P_SUCCESS]"),
+        ("tasks/rewards.py", "return float(P[p + 2])", "return float(2 * P[p + 2])"),
     ],
 )
 def test_changed_sources_change_it(tmp_path: Path, file: str, old: str, new: str) -> None:
     assert played_elsewhere(tmp_path, file, old, new)[0] != digest("disturbance=severe")
 
 
-OUTSIDE = "z < P[P_DEPTH_LOW] or z > P[P_DEPTH_HIGH]"
+OUTSIDE = "if leaves_water(i, pose, P)"
 
 
 @pytest.mark.parametrize(
     "new",
-    ["z < P[P_DEPTH_LOW] - 1.0 or z > P[P_DEPTH_HIGH]", f"({OUTSIDE}) and C[i, C_STEPS] <= 24"],
+    [
+        "if leaves_water(i, pose, P) and not -61.0 < pose[i, 2] < -60.0",
+        "if leaves_water(i, pose, P) and C[i, C_STEPS] <= 24",
+    ],
     ids=["lower limit 1 m deeper", "no collisions after step 24"],
 )
 def test_changed_ends_change_the_digest_of_ends_and_not_the_fingerprint(tmp_path: Path, new: str) -> None:
-    outcomes, ending = played_elsewhere(tmp_path, "tasks/kernels.py", OUTSIDE, new)
+    outcomes, ending = played_elsewhere(tmp_path, "tasks/waypoint.py", OUTSIDE, new)
     assert outcomes == digest("disturbance=severe"), "published fingerprints would change"
     assert ending != ends("disturbance=severe")
 

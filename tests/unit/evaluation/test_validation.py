@@ -6,7 +6,7 @@ import numpy as np
 
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.evaluation.rollout import batch_of
-from auvbench.tasks.kernels import F_START_YAW, F_WAYPOINT
+from auvbench.tasks.kernels import F_REFERENCE, F_START_YAW
 from tests import configs
 from tests.unit.evaluation.test_protocol import config
 
@@ -19,7 +19,7 @@ def scenarios(of: str, n: int = 400, seed: int = 123):
     batch = batch_of(of, configs.training(), n, seed)
     batch.task.assign(np.arange(n))
     batch.reset()
-    return batch.task.F[:, [F_START_YAW, F_WAYPOINT, F_WAYPOINT + 1, F_WAYPOINT + 2]]
+    return batch.task.F[:, [F_START_YAW, F_REFERENCE, F_REFERENCE + 1, F_REFERENCE + 2]]
 
 
 def test_validation_is_the_test_s_circumstances_with_other_scenarios():
@@ -37,7 +37,7 @@ def test_no_validation_scenario_is_a_test_or_a_training_scenario():
 
     batch = Batch(training, 400)
     batch.reset()
-    trained = batch.task.F[:, [F_START_YAW, F_WAYPOINT, F_WAYPOINT + 1, F_WAYPOINT + 2]]
+    trained = batch.task.F[:, [F_START_YAW, F_REFERENCE, F_REFERENCE + 1, F_REFERENCE + 2]]
     for other in (test, trained):
         assert not (np.abs(validation[:, None, :] - other[None, :, :]) < 1e-9).any()
     # The same distribution: means within four standard errors of a uniform's.

@@ -14,11 +14,11 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError, RunError, UserError
-from auvbench.record import RECORD_COLUMNS
+from auvbench.record import record_columns
 from auvbench.ros2.mission import Logbook, Mission
 from auvbench.ros2.observation import observe
 from auvbench.ros2.thrust import SheetThrust
-from auvbench.tasks.kernels import F_WAYPOINT
+from auvbench.tasks.kernels import F_REFERENCE
 from tests.waiting import LIMIT
 
 
@@ -28,7 +28,7 @@ def flown(frame, vehicle, max_steps, seed):
     config = train_config(compose("train", [*overrides, f"task.max_steps={max_steps}"], folder=None))
     batch = Batch(config, 1, seed=seed, autoreset=False)
     seen = batch.reset()
-    pose, waypoint = batch.simulator.pose, batch.task.F[0, F_WAYPOINT : F_WAYPOINT + 3].copy()
+    pose, waypoint = batch.simulator.pose, batch.task.F[0, F_REFERENCE : F_REFERENCE + 3].copy()
     thrust = SheetThrust(batch.vehicle)
     task = config.task
     mission = Mission(
@@ -67,7 +67,7 @@ def flown(frame, vehicle, max_steps, seed):
 def test_observations_are_the_same_bits_and_rows_the_same_numbers(frame, vehicle, max_steps):
     mission, compiled = flown(frame, vehicle, max_steps, seed=3)
     row = mission.record(0)
-    assert tuple(row) == RECORD_COLUMNS
+    assert tuple(row) == record_columns("waypoint")
     assert math.isnan(row.pop("return"))
     for name, value in row.items():
         if isinstance(value, str):

@@ -23,7 +23,7 @@ def make(*overrides: str, n: int = 1) -> WaypointTask:
 
 
 def put(task: WaypointTask, waypoint, distance_before: float) -> None:
-    task.F[0, k.F_WAYPOINT : k.F_WAYPOINT + 3] = waypoint
+    task.F[0, k.F_REFERENCE : k.F_REFERENCE + 3] = waypoint
     task.F[0, k.F_DISTANCE] = distance_before
 
 
@@ -31,7 +31,7 @@ def step(task: WaypointTask, position, force=None, power=0.0, action=None) -> tu
     pose = np.array([[*position, 1.0, 0.0, 0.0, 0.0]])
     force = np.zeros((1, 6)) if force is None else np.asarray(force, dtype=float)[None]
     action = np.zeros((1, 6)) if action is None else np.asarray(action, dtype=float)[None]
-    task.advance(pose, action, force, np.array([power]))
+    task.advance(pose, np.zeros((1, 6)), action, force, np.array([power]))
     return float(task.reward[0]), int(task.outcome[0])
 
 
@@ -95,17 +95,19 @@ def test_timeout_is_a_truncation_and_the_others_are_terminations():
 
 def test_observation_is_yaw_error_position_error_and_previous_action():
     task = make()
-    task.F[0, k.F_WAYPOINT : k.F_WAYPOINT + 3] = (3.0, 4.0, -30.0)
+    task.F[0, k.F_REFERENCE : k.F_REFERENCE + 3] = (3.0, 4.0, -30.0)
     task.previous[0] = np.linspace(-1, 1, 6)
     yaw = 0.5
     pose = np.array([[0.0, 0.0, -20.0, math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]])
-    observed = task.observe(pose)[0]
+    observed = task.observe(pose, np.zeros((len(pose), 6)))[0]
     expected = [math.atan2(4, 3) - yaw, 3.0, 4.0, -10.0, *np.linspace(-1, 1, 6)]
     np.testing.assert_allclose(observed, expected, rtol=1e-6)
     body = make("task.position_frame=body")
     body.F[0] = task.F[0]
     c, s = math.cos(yaw), math.sin(yaw)
-    np.testing.assert_allclose(body.observe(pose)[0, 1:4], [c * 3 + s * 4, -s * 3 + c * 4, -10.0], rtol=1e-6)
+    np.testing.assert_allclose(
+        body.observe(pose, np.zeros((1, 6)))[0, 1:4], [c * 3 + s * 4, -s * 3 + c * 4, -10.0], rtol=1e-6
+    )
 
 
 def test_angles_wrap_to_minus_pi_inclusive_pi_exclusive():
@@ -121,7 +123,7 @@ def test_scenarios_are_uniform_in_the_box_and_in_yaw():
     task = WaypointTask(config, sheet.load(config.vehicle), n, seed=1)
     pose = task.reset(np.arange(n))
     low, high = np.array([-20.0, -20.0, -60.0]), np.array([20.0, 20.0, -1.0])
-    unit = (task.F[:, k.F_WAYPOINT : k.F_WAYPOINT + 3] - low) / (high - low)
+    unit = (task.F[:, k.F_REFERENCE : k.F_REFERENCE + 3] - low) / (high - low)
     yaw = (task.F[:, k.F_START_YAW] + math.pi) / (2 * math.pi)
     for sample in (*unit.T, yaw):
         assert 0.0 <= sample.min() < 0.001
@@ -139,8 +141,8 @@ def test_noise_has_the_stated_magnitudes_and_signs(sign, negative):
     config = configs.training(f"noise.sign={sign}")
     task = WaypointTask(config, sheet.load(config.vehicle), n, seed=1)
     pose = task.reset(np.arange(n))
-    observed = task.observe(pose).astype(float)
-    error = task.F[:, k.F_WAYPOINT : k.F_WAYPOINT + 3] - pose[:, :3]
+    observed = task.observe(pose, np.zeros((len(pose), 6))).astype(float)
+    error = task.F[:, k.F_REFERENCE : k.F_REFERENCE + 3] - pose[:, :3]
     position_noise = error - observed[:, 1:4]
     assert np.abs(position_noise).min() >= 0.05 - 1e-5
     assert np.abs(position_noise).max() <= 0.1 + 1e-5
@@ -191,7 +193,7 @@ def test_the_compiled_observation_has_the_declared_blocks() -> None:
     task.previous[:] = np.arange(6) / 10
     pose = np.array([[1.0, 2.0, -20.0, 1.0, 0.0, 0.0, 0.0]])
     put(task, (10.0, 0.0, -25.0), distance_before=9.0)
-    seen, spec = task.observe(pose)[0], task.spec
+    seen, spec = task.observe(pose, np.zeros((len(pose), 6)))[0], task.spec
     np.testing.assert_allclose(seen[spec["position_error"]], [9.0, -2.0, -5.0])
     np.testing.assert_allclose(seen[spec["previous_action"]], task.previous[0], rtol=1e-6)
     assert spec.size == len(seen) == len(spec.bounds) == len(spec.card())

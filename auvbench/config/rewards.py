@@ -1,0 +1,87 @@
+"""The schemas of the `reward` group. Their fields, in order, are the parameters of the compiled rewards (`tasks.rewards`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from auvbench.config.schema import choice, number
+from auvbench.config.tasks import TASKS
+from auvbench.errors import ConfigError
+
+KINDS = ("thesis", "tracking", "exponential", "marinegym_hover")
+"""names of rewards, in the order of their codes in `tasks.rewards`"""
+
+
+@dataclass(kw_only=True)
+class Reward:
+    """The keys of every reward."""
+
+    name: str = choice(*KINDS)
+    k: float = number(0.0, 1e6)
+
+
+@dataclass(kw_only=True)
+class Thesis(Reward):
+    """Equation 2.1 of the thesis."""
+
+    length: float = number(0.0, 1e6, open_low=True)  # m
+    success: float = number(-1e9, 1e9)
+    collision: float = number(-1e9, 1e9)
+    regress: float = number(-1e9, 1e9)
+
+
+@dataclass(kw_only=True)
+class Tracking(Reward):
+    """Small errors, little effort."""
+
+    length: float = number(0.0, 1e6, open_low=True)  # m
+    yaw: float = number(0.0, 1e6)
+    yaw_length: float = number(0.0, 1e6, open_low=True)  # rad
+    velocity: float = number(0.0, 1e6)
+    velocity_length: float = number(0.0, 1e6, open_low=True)  # m/s
+    effort: float = number(0.0, 1e6)
+    change: float = number(0.0, 1e6)
+    success: float = number(-1e9, 1e9)
+    failure: float = number(-1e9, 1e9)
+
+
+@dataclass(kw_only=True)
+class Exponential(Reward):
+    """Small position errors alone."""
+
+    rate: float = number(0.0, 1e6)  # 1/m
+    failure: float = number(-1e9, 1e9)
+
+
+@dataclass(kw_only=True)
+class MarineGymHover(Reward):
+    """The reward of MarineGym's hovering task."""
+
+    scale: float = number(0.0, 1e6)  # 1/m
+    effort: float = number(0.0, 1e6)
+
+
+SCHEMAS: dict[str, type] = {
+    "reward_thesis_schema": Thesis,
+    "reward_tracking_schema": Tracking,
+    "reward_exponential_schema": Exponential,
+    "reward_marinegym_hover_schema": MarineGymHover,
+}
+
+
+def schema_of(name: str) -> type | None:
+    """Return the schema of a reward's configuration; None if the reward is unknown."""
+    return SCHEMAS.get(f"reward_{name}_schema")
+
+
+def check_reward(task: str, reward: str) -> None:
+    """Refuse a reward that is none of the task's.
+
+    Raises:
+        ConfigError: names those that are.
+    """
+    able = TASKS[task].rewards
+    if reward not in able:
+        raise ConfigError(
+            f"reward.name={reward}: is no reward for task={task}; use reward={' or '.join(able)}"
+        )

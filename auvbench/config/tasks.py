@@ -1,0 +1,232 @@
+"""The schemas of the `task` group, and the registry of auvbench's own tasks. Importing it imports no task."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from auvbench.config.schema import choice, later, number
+from auvbench.errors import ConfigError, closest
+
+THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
+STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
+ERRORS = ("yaw_error", "position_error", "velocity_error", *STATE, "previous_action")
+
+
+@dataclass(frozen=True, slots=True)
+class TaskSpec:
+    """Everything that auvbench knows of one value of `task.name` without importing its code."""
+
+    name: str
+    title: str
+    """in tables and sentences"""
+    factory: str
+    """`module:class`"""
+    primary: str
+    """the measure that ranks agents (`analysis.measures`)"""
+    blocks: tuple[str, ...]
+    """of an observation that the task can supply"""
+    outcomes: tuple[str, ...]
+    """how its episodes end, names of `record.OUTCOMES`"""
+    rewards: tuple[str, ...]
+    """that make sense"""
+    needs_thrusters: bool = True
+    """whether only a vehicle with thrust along each axis and about the vertical can do it"""
+    has_yaw: bool = True
+    """whether the reference has a yaw of its own; otherwise it is the bearing of the reference"""
+
+
+_FOUR_ENDS = ("success", "collision", "timeout", "out_of_bounds")
+_TRACKING = ("tracking", "exponential", "marinegym_hover")
+
+TASKS = {
+    spec.name: spec
+    for spec in (
+        TaskSpec(
+            "waypoint",
+            "waypoint",
+            "auvbench.tasks.waypoint:WaypointTask",
+            "success_rate",
+            ("yaw_error", "position_error", *STATE, "previous_action"),
+            ("success", "collision", "timeout"),
+            ("thesis", "tracking", "exponential"),
+            needs_thrusters=False,
+            has_yaw=False,
+        ),
+        TaskSpec(
+            "station_keeping",
+            "station keeping",
+            "auvbench.tasks.station_keeping:StationKeepingTask",
+            "mean_position_error_rms_m",
+            ERRORS,
+            _FOUR_ENDS,
+            _TRACKING,
+        ),
+        TaskSpec(
+            "trajectory_tracking",
+            "trajectory tracking",
+            "auvbench.tasks.trajectory_tracking:TrajectoryTrackingTask",
+            "mean_position_error_rms_m",
+            (*ERRORS, "preview"),
+            ("success", "collision", "out_of_bounds"),
+            _TRACKING,
+        ),
+        TaskSpec(
+            "path_following",
+            "path following",
+            "auvbench.tasks.path_following:PathFollowingTask",
+            "mean_cross_track_rms_m",
+            (*ERRORS, "preview"),
+            _FOUR_ENDS,
+            _TRACKING,
+            needs_thrusters=False,
+        ),
+        TaskSpec(
+            "docking",
+            "docking",
+            "auvbench.tasks.docking:DockingTask",
+            "par1_time_s",
+            (*ERRORS, "goal_error"),
+            _FOUR_ENDS,
+            ("tracking", "exponential"),
+        ),
+    )
+}
+
+
+@dataclass(kw_only=True)
+class Task:
+    """The keys of every task."""
+
+    name: str = choice(*TASKS)
+    depth_low: float = number(-1e4, 0.0)  # m
+    depth_high: float = number(-1e4, 0.0)  # m
+    max_steps: int = number(1, 10_000_000)
+    time_limit: float | None = later(number(0.0, 1e7, open_low=True))  # s
+    position_frame: str = choice("world", "body")
+    observation: list[str] = field(default_factory=lambda: [*THESIS_BLOCKS])
+    history: int = later(number(1, 64), 1)
+
+
+@dataclass(kw_only=True)
+class Waypoint(Task):
+    """The waypoint task (section 3 of the thesis)."""
+
+    start: list[float]
+    waypoint_low: list[float]
+    waypoint_high: list[float]
+    goal_radius: float = number(0.0, 1e3, open_low=True)  # m
+
+
+@dataclass(kw_only=True)
+class Preview:
+    """Points of the reference ahead of now."""
+
+    points: int = number(0, 32)
+    interval: float = number(0.0, 1e3, open_low=True)  # s
+
+
+@dataclass(kw_only=True)
+class Tracked(Task):
+    """The keys of every task whose reference has a yaw of its own."""
+
+    position_frame: str = choice("body")
+    bounds: float = number(0.0, 1e4, open_low=True)  # m, from the reference
+    preview: Preview
+
+
+@dataclass(kw_only=True)
+class StationKeeping(Tracked):
+    """Hold a position and a yaw."""
+
+    station: list[float]
+    yaw: float = number(-math.pi, math.pi)  # rad
+    start_radius: float = number(0.0, 1e4)  # m
+    tolerance: float = number(0.0, 1e3, open_low=True)  # m
+    yaw_tolerance: float = number(0.0, math.pi, open_low=True)  # rad
+    settling: float = number(0.0, 1e7)  # s
+    hold_time: float = number(0.0, 1e7, open_low=True)  # s
+    hold_share: float = number(0.0, 1.0)
+
+
+@dataclass(kw_only=True)
+class TrajectoryTracking(Tracked):
+    """Follow a curve in time."""
+
+    curve: str = choice("circle", "helix", "lemniscate", "random", "any")
+    centre: list[float]
+    size_low: float = number(0.0, 1e4, open_low=True)  # m
+    size_high: float = number(0.0, 1e4, open_low=True)  # m
+    speed_low: float = number(0.0, 10.0, open_low=True)  # m/s
+    speed_high: float = number(0.0, 10.0, open_low=True)  # m/s
+    start_radius: float = number(0.0, 1e4)  # m
+    start_yaw: float = number(0.0, math.pi)  # rad
+
+
+@dataclass(kw_only=True)
+class PathFollowing(Tracked):
+    """Follow a path at a speed."""
+
+    start: list[float]
+    waypoints: int = number(2, 16)
+    spacing: float = number(0.0, 1e4, open_low=True)  # m
+    turn: float = number(0.0, math.pi)  # rad
+    climb: float = number(0.0, math.pi / 2)  # rad
+    speed: float = number(0.0, 10.0, open_low=True)  # m/s
+    start_radius: float = number(0.0, 1e4)  # m
+    goal_radius: float = number(0.0, 1e3, open_low=True)  # m
+
+
+@dataclass(kw_only=True)
+class Docking(Tracked):
+    """Enter a dock."""
+
+    dock: list[float]
+    start_low: float = number(0.0, 1e4, open_low=True)  # m
+    start_high: float = number(0.0, 1e4, open_low=True)  # m
+    tolerance: float = number(0.0, 1e3, open_low=True)  # m
+    yaw_tolerance: float = number(0.0, math.pi, open_low=True)  # rad
+    speed: float = number(0.0, 10.0, open_low=True)  # m/s
+    cone: float = number(0.0, math.pi / 2, open_low=True)  # rad
+    clearance: float = number(0.0, 1e3)  # m
+    standoff: float = number(0.0, 1e3, open_low=True)  # m
+
+
+SCHEMAS: dict[str, type] = {
+    "task_waypoint_schema": Waypoint,
+    "task_station_keeping_schema": StationKeeping,
+    "task_trajectory_tracking_schema": TrajectoryTracking,
+    "task_path_following_schema": PathFollowing,
+    "task_docking_schema": Docking,
+}
+
+
+def schema_of(name: str) -> type | None:
+    """Return the schema of a task's configuration; None if the task is unknown."""
+    return SCHEMAS.get(f"task_{name}_schema")
+
+
+def blocks(task: Any) -> Sequence[str]:
+    """Return the blocks of a task's observation; `preview` without points is none."""
+    none = {"preview"} if isinstance(task, Tracked) and task.preview.points == 0 else set()
+    return [name for name in task.observation if name not in none]
+
+
+def check_observation(task: Task) -> None:
+    """Refuse an observation that the task cannot supply.
+
+    Raises:
+        ConfigError: names the block and the closest one, or what is missing.
+    """
+    known = TASKS[task.name].blocks
+    for name in task.observation:
+        if name not in known:
+            raise ConfigError(
+                f"task.observation: {name} is no block of task={task.name}; {closest(name, known)}"
+            )
+        if task.observation.count(name) > 1:
+            raise ConfigError(f"task.observation: {name} is there twice")
+    if not task.observation:
+        raise ConfigError(f"task.observation=[]: must have at least one block: {', '.join(known)}")

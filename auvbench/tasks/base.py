@@ -1,0 +1,347 @@
+"""What a task is: N episodes of it, with start states, references, rewards, ends and records.
+
+The task of a file in this folder declares two compiled functions, `draw` and `kernel`, its parameters and its metrics.
+Everything else is here: command noise, readings, observation, records, resets, and the state that an exact resume needs.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import rewards, schema, tasks
+from auvbench.dynamics.random import TEST, VALIDATION
+from auvbench.errors import ConfigError, TrainingError
+from auvbench.metrics import Totals
+from auvbench.observation import ObservationSpec
+from auvbench.record import OUTCOMES, Record, record_of
+from auvbench.tasks import kernels as k
+from auvbench.tasks.bounds import bounded_spec
+from auvbench.tasks.observation import CODES
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Task:
+    """State of N episodes of a task.
+
+    Args:
+        seed: of all draws, 0 .. 2^32 - 1.
+        test: draw from the streams of tests, which no training uses.
+        validation: draw from the streams of validation, which neither training nor tests use.
+    """
+
+    draw: ClassVar[Callable[..., None]]
+    """`draw(indices, F, C, P, stream, pose)`: begins episodes; writes their start poses (len(indices), 7)"""
+    kernel: ClassVar[Callable[..., int]]
+    """`kernel(start, stop, pose, velocity, action, previous, force, power, F, C, P, reward)`: computes reward, ends and
+    sums of environments start .. stop - 1 after one agent step; returns how many episodes ended (-1 - i: pose i is not
+    finite)"""
+    own_floats: ClassVar[int] = 0
+    """columns of F from F_OWN on"""
+    success_ends: ClassVar[bool] = True
+    """whether success ends the episode for good; otherwise it is a property of a whole episode, which then times out"""
+    reference_columns: ClassVar[tuple[str, ...]] = ()
+    """columns of a record that a fingerprint covers; empty: all that the task has"""
+    takes: ClassVar[tuple[str, ...]] = ()
+    """options of `reset` in addition to `pose`"""
+    reference_key: ClassVar[str] = "reference"
+    """of the reference in `info`"""
+
+    def __init__(
+        self,
+        config: schema.TrainConfig,
+        vehicle: VehicleModel,
+        n: int,
+        seed: int,
+        *,
+        test: bool = False,
+        validation: bool = False,
+    ) -> None:
+        self.vehicle = vehicle
+        self.n = n
+        self.name = config.task.name
+        self.frequency = config.step.frequency
+        self.noise_scale = _command_noise_scale(config.noise, vehicle)
+        n_u = len(vehicle.actuators)
+        self.spec: ObservationSpec = bounded_spec(config, vehicle)
+        """of the observation"""
+        self.blocks = np.array([CODES[name] for name in tasks.blocks(config.task)], dtype=np.int64)
+        self.reads_velocity = bool(
+            {"velocity", "angular_velocity", "velocity_error"} & {*tasks.blocks(config.task)}
+        )
+        """whether the observation has more of a vehicle than its pose"""
+        preview = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
+        columns = k.F_OWN + self.own_floats if tasks.TASKS[self.name].has_yaw else k.N_FLOATS
+        self.parameters = self._parameters(config, columns, preview)
+        self.F: Floats = np.zeros((n, columns + 3 * preview))
+        self.C: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
+        self.seed = int(seed)
+        self.reseed(seed)
+        self.previous: Floats = np.zeros((n, n_u))
+        self.offset: Floats = np.zeros((n, 4))
+        """errors of the position (m) and yaw (rad) readings: bias, drift, noise (see disturbances)"""
+        self.reward: Floats = np.zeros(n)
+        self.command: Floats = np.zeros((n, n_u))
+        self.observation = np.zeros((n, self.spec.size), dtype=np.float32)
+        self._test = VALIDATION if validation else TEST if test else 0
+
+    def own_parameters(self, task: Any) -> list[float]:
+        """Return the task's entries of P from P_OWN on."""
+        raise NotImplementedError
+
+    def own_metrics(self, i: int) -> dict[str, float]:
+        """Return the task's own columns of the record of environment i, whose episode has ended."""
+        return {}
+
+    def _parameters(self, config: schema.TrainConfig, preview: int, previewed: int) -> Floats:
+        task, noise = config.task, config.noise
+        own = self.own_parameters(task)
+        P = np.zeros(k.P_OWN + len(own))
+        P[k.P_DEPTH_LOW], P[k.P_DEPTH_HIGH] = task.depth_low, task.depth_high
+        P[k.P_MAX_STEPS] = schema.step_limit(task, config.step.frequency)
+        P[k.P_DURATION] = 1.0 / config.step.frequency
+        P[k.P_BODY_FRAME] = task.position_frame == "body"
+        P[k.P_POSITION_LOW : k.P_POSITION_HIGH + 1] = noise.position.low, noise.position.high
+        P[k.P_YAW_LOW : k.P_YAW_HIGH + 1] = noise.yaw.low, noise.yaw.high
+        P[k.P_COMMAND_LOW : k.P_COMMAND_HIGH + 1] = noise.command.low, noise.command.high
+        P[k.P_POSITION_LOW : k.P_COMMAND_HIGH + 1] *= noise.scale
+        P[k.P_BOTH_SIGNS] = noise.sign == "both"
+        P[k.P_YAW] = tasks.TASKS[task.name].has_yaw
+        P[k.P_PREVIEW], P[k.P_PREVIEWED] = preview, previewed
+        P[k.P_HISTORY] = task.history
+        P[k.P_REWARD] = rewards.KINDS.index(config.reward.name)
+        values = [value for name, value in vars(config.reward).items() if name != "name"]
+        P[k.P_REWARD_OWN : k.P_REWARD_OWN + len(values)] = values
+        P[k.P_OWN :] = own
+        return P
+
+    @property
+    def duration(self) -> float:
+        """Simulated seconds of one agent step."""
+        return float(self.parameters[k.P_DURATION])
+
+    @property
+    def stream(self) -> int:
+        """Flag of the streams of random numbers: 0, TEST or VALIDATION."""
+        return self._test
+
+    @property
+    def outcome(self) -> Integers:
+        """(n,) -1 while an episode is under way, else an index into OUTCOMES."""
+        return self.C[:, k.C_OUTCOME]
+
+    @property
+    def reference(self) -> Floats:
+        """(n, 3) m: where the vehicles are to be now; for the waypoint task its waypoint."""
+        return self.F[:, k.F_REFERENCE : k.F_REFERENCE + 3]
+
+    def reseed(self, seed: int, indices: Integers | None = None) -> None:
+        """Put environments, all or some, before episode 0 of a seed; environment i draws from (seed, i)."""
+        rows = np.arange(self.n) if indices is None else indices
+        if len(rows) == self.n:
+            self.seed = int(seed)
+        self.C[rows, k.C_SEED] = seed
+        self.C[rows, k.C_ENVIRONMENT] = rows
+        self.C[rows, k.C_EPISODE] = -1
+
+    def reseed_each(self, indices: Integers, seeds: Integers) -> None:
+        """Put environments `indices` (k,) before episode 0 of seeds (k,) of their own, as environment 0 of each."""
+        self.C[indices, k.C_SEED] = seeds
+        self.C[indices, k.C_ENVIRONMENT] = 0
+        self.C[indices, k.C_EPISODE] = -1
+
+    def assign(self, episodes: Integers, environment: int = 0) -> None:
+        """Make row i the scenario of episode `episodes[i]` at its next reset (test protocols)."""
+        self.C[:, k.C_EPISODE] = np.asarray(episodes) - 1
+        self.C[:, k.C_ENVIRONMENT] = environment
+
+    def reset(self, indices: Integers) -> Floats:
+        """Begin the next episode of the given environments; return their start poses (len, 7)."""
+        self.C[indices, k.C_EPISODE] += 1
+        self.previous[indices] = 0.0
+        self.offset[indices] = 0.0
+        pose = np.empty((len(indices), 7))
+        self.draw(indices, self.F, self.C, self.parameters, self._test, pose)
+        return pose
+
+    def place(self, indices: Integers, pose: Floats) -> None:
+        """Replace the drawn start poses (k, 7) of environments that were just reset."""
+        F, P = self.F, self.parameters
+        distance = np.linalg.norm(self.reference[indices] - pose[:, :3], axis=1)
+        w, x, y, z = pose[:, 3:].T
+        F[indices, k.F_START : k.F_START + 3] = F[indices, k.F_POSITION : k.F_POSITION + 3] = pose[:, :3]
+        F[indices, k.F_START_YAW] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        F[indices, k.F_DISTANCE] = F[indices, k.F_INITIAL_DISTANCE] = distance
+        depth = pose[:, 2]
+        F[indices, k.F_DEPTH_MARGIN] = np.minimum(P[k.P_DEPTH_HIGH] - depth, depth - P[k.P_DEPTH_LOW])
+
+    def add_noise(self, action: Floats) -> Floats:
+        """Return the command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
+        k.add_command_noise(*self.noise_arguments(action, 0, self.n))
+        return self.command
+
+    def advance(self, pose: Floats, velocity: Floats, action: Floats, force: Floats, power: Floats) -> int:
+        """Compute reward and ends after one agent step; return how many episodes ended.
+
+        Raises:
+            TrainingError: the simulation left the finite numbers.
+        """
+        arguments = self.advance_arguments(pose, velocity, action, force, power, 0, self.n)
+        return self.checked(self.kernel(*arguments))
+
+    def checked(self, ended: int) -> int:
+        """Return the result of `kernel`, a number of episodes.
+
+        Raises:
+            TrainingError: the simulation left the finite numbers.
+        """
+        if ended < 0:
+            row = -1 - ended
+            raise TrainingError(
+                f"the simulated position of environment {row} is not finite after step {int(self.C[row, k.C_STEPS]) + 1} "
+                f"of its episode {int(self.C[row, k.C_EPISODE])}"
+            )
+        return int(ended)
+
+    def observe(self, pose: Floats, velocity: Floats, indices: Integers | None = None) -> NDArray[np.float32]:
+        """Return observations (n, n_obs) from measured poses and velocities; with `indices`, only these rows are renewed."""
+        if indices is None:
+            k.observe(*self.observe_arguments(pose, velocity, 0, self.n))
+        else:
+            k.observe_some(indices, *self.observe_arguments(pose, velocity, 0, self.n)[2:])
+        return self.observation
+
+    # Arguments of the kernels for the environments start .. stop - 1. The arrays stay the same objects.
+
+    def noise_arguments(self, action: Floats, start: int, stop: int) -> tuple[Any, ...]:
+        """Return the arguments of `kernels.add_command_noise`."""
+        return start, stop, action, self.C, self.parameters, self.noise_scale, self._test, self.command
+
+    def advance_arguments(
+        self,
+        pose: Floats,
+        velocity: Floats,
+        action: Floats,
+        force: Floats,
+        power: Floats,
+        start: int,
+        stop: int,
+    ) -> tuple[Any, ...]:
+        """Return the arguments of `kernel`."""
+        sums = self.F, self.C, self.parameters, self.reward
+        return start, stop, pose, velocity, action, self.previous, force, power, *sums
+
+    def observe_arguments(self, pose: Floats, velocity: Floats, start: int, stop: int) -> tuple[Any, ...]:
+        """Return the arguments of `kernels.observe`."""
+        state = self.previous, self.F, self.C, self.parameters, self.blocks
+        return start, stop, pose, velocity, self.offset, *state, self._test, self.observation
+
+    def goal(self, i: int) -> Floats:
+        """Return where environment i is to be at the end (3,) in m: waypoint, station, dock, end of the path or curve."""
+        return np.array(self.reference[i])
+
+    def records(self, indices: Integers) -> list[Record]:
+        """Return the records of episodes that just ended."""
+        return [record_of(self._totals(int(i)), self.name) for i in indices]
+
+    def _totals(self, i: int) -> Totals:
+        f = self.F[i].tolist()
+        steps, episode, environment, outcome = self.C[i, : k.C_OUTCOME + 1].tolist()
+        return Totals(
+            episode=episode,
+            environment=environment,
+            outcome=OUTCOMES[outcome],
+            steps=steps,
+            step_s=self.duration,
+            reward=f[k.F_RETURN],
+            initial_distance=f[k.F_INITIAL_DISTANCE],
+            distance=f[k.F_DISTANCE],
+            deviation=f[k.F_DEVIATION],
+            deviation_squared=f[k.F_DEVIATION_SQUARED],
+            command_norm=f[k.F_COMMAND_NORM],
+            energy=f[k.F_ENERGY],
+            path=f[k.F_PATH],
+            change=f[k.F_CHANGE],
+            depth_margin=f[k.F_DEPTH_MARGIN],
+            start_yaw=f[k.F_START_YAW],
+            own=self.own_metrics(i),
+        )
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """Return copies of the state that an exact resume needs."""
+        return {
+            name: np.copy(getattr(self, name)) for name in ("F", "C", "previous", "offset", "observation")
+        }
+
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
+        for name in ("F", "previous", "offset", "observation"):
+            np.copyto(getattr(self, name), state[name], casting="no")
+        # Older states lack the column of seeds: their rows have the seed of the batch.
+        self.C[:, k.C_SEED] = self.seed
+        np.copyto(self.C[:, : state["C"].shape[1]], state["C"], casting="no")
+
+
+class TrackingTask(Task):
+    """A task whose reference has a yaw of its own, with the errors that such tasks have in common."""
+
+    def errors(self, i: int, failed: float) -> dict[str, float]:
+        """Return root mean squares of the position and the yaw error; `failed` stands for the former in a failed episode."""
+        squared, yaw_squared, counted = self.F[i, k.F_ERROR_SQUARED : k.F_COUNTED + 1].tolist()
+        lost = self.C[i, k.C_OUTCOME] in (k.COLLISION, k.OUT_OF_BOUNDS)
+        return {
+            "position_error_rms_m": failed if lost else math.sqrt(squared / max(counted, 1.0)),
+            "yaw_error_rms_rad": math.sqrt(yaw_squared / max(counted, 1.0)),
+            **self.start(i),
+        }
+
+    def start(self, i: int) -> dict[str, float]:
+        """Return the columns of the scenario that such tasks have in common."""
+        start, goal = self.F[i, k.F_START : k.F_START + 3].tolist(), self.goal(i).tolist()
+        return {
+            f"{name}_{axis}_m": value
+            for name, point in (("start", start), ("goal", goal))
+            for axis, value in zip("xyz", point, strict=True)
+        }
+
+
+def _command_noise_scale(noise: schema.Noise, vehicle: VehicleModel) -> Floats:
+    """Return one unit of command noise in units of the normalised action (n_u,)."""
+    if noise.command_unit == "normalised":
+        return np.ones(len(vehicle.actuators))
+    limits = np.asarray(vehicle.command_limits, dtype=np.float64)
+    return np.asarray(2.0 / (limits[:, 1] - limits[:, 0]), dtype=np.float64)
+
+
+def check_vehicle(task: tasks.Task, vehicle: VehicleModel) -> None:
+    """Refuse a task that asks for forces which a vehicle's thrusters do not give.
+
+    Raises:
+        ConfigError: names the tasks that the vehicle can do.
+    """
+    free = [spec.name for spec in tasks.TASKS.values() if not spec.needs_thrusters]
+    controlled = vehicle.allocation[[0, 1, 2, 5]]
+    if task.name not in free and np.linalg.matrix_rank(controlled, tol=1e-6) < len(controlled):
+        raise ConfigError(
+            f"task={task.name}: asks for thrust along x, y, z and about z, which vehicle={vehicle.name} does not have; use "
+            f"task={' or '.join(free)}"
+        )
+
+
+def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, **stream: bool) -> Task:
+    """Return N episodes of the task that the configuration names.
+
+    Raises:
+        ConfigError: the vehicle cannot do it.
+    """
+    check_vehicle(config.task, vehicle)
+    module, _, name = tasks.TASKS[config.task.name].factory.partition(":")
+    made: Task = getattr(importlib.import_module(module), name)(config, vehicle, n, seed, **stream)
+    return made

@@ -1,0 +1,99 @@
+"""The bounds of an observation: how far a vehicle may get from where it is to be, and how wrong a reading may be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema, tasks
+from auvbench.config.schema import step_limit
+from auvbench.observation import ObservationSpec
+from auvbench.tasks.observation import observation_spec
+from auvbench.vehicles.inspect import net_buoyancy, terminal_speed
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+SIGMAS = 6.0
+"""standard deviations of a normal distribution that the bounds of the observation hold"""
+
+LONGEST = 1e6
+"""m; the bound where nothing slows a vehicle down"""
+
+
+def bounded_spec(config: schema.TrainConfig, vehicle: VehicleModel) -> ObservationSpec:
+    """Return the observation with its bounds."""
+    return observation_spec(config.task, vehicle.actuators, position_bounds(config, vehicle).tolist())
+
+
+def position_bounds(config: schema.TrainConfig, vehicle: VehicleModel) -> Floats:
+    """Return the largest position errors (3,) in m, with the errors of the readings."""
+    task = config.task
+    seconds = step_limit(task, config.step.frequency) / config.step.frequency
+    speed = top_speed(vehicle, config.disturbance)
+    if isinstance(task, tasks.Waypoint):
+        bounds = _until_timeout(task, speed, seconds, config.step.frequency)
+    else:
+        # The last step may lead out of bounds; those of a dock are not round the reference.
+        aside = task.standoff if isinstance(task, tasks.Docking) else 0.0
+        bounds = np.full(3, task.bounds + aside + speed / config.step.frequency)
+    return np.asarray(np.ceil(np.minimum(bounds + _misreading(config, seconds), LONGEST)))
+
+
+def _until_timeout(task: tasks.Waypoint, speed: float, seconds: float, frequency: float) -> Floats:
+    """Return how far away (3,) in m the waypoint may be at the start, and what a vehicle can move away until the end.
+
+    Vertically that is no farther than the depth limits.
+    """
+    away = speed * seconds
+    start, low, high = (
+        np.asarray(v, dtype=np.float64) for v in (task.start, task.waypoint_low, task.waypoint_high)
+    )
+    apart = np.maximum(np.abs(low - start), np.abs(high - start))
+    # The last step may lead beyond a depth limit before the episode ends.
+    below, above = high[2] - task.depth_low, task.depth_high - low[2]
+    vertical = min(apart[2] + away, max(below, above) + speed / frequency)
+    level = apart[:2] + away
+    if task.position_frame == "body":
+        level = np.full(2, math.hypot(*level))
+    return np.array([*level, vertical])
+
+
+def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
+    """Return a speed over ground in m/s that nothing in an episode exceeds for long.
+
+    Through the water: the speeds that all thrusters together and the net buoyancy would give along each body axis
+    alone, the three at once, for the strongest, slipperiest vehicle that may be drawn. The water's own speed comes on
+    top. Infinite where an axis has no damping.
+    """
+    drawn = disturbance.randomisation
+    force = np.abs(vehicle.allocation[:3]) @ np.abs(vehicle.force_limits).max(axis=1, initial=0.0)
+    force = force * drawn.thrust.high
+    heavier = vehicle.weight * (drawn.mass.high - drawn.mass.low)
+    lighter = vehicle.buoyancy * (drawn.buoyancy.high - drawn.buoyancy.low)
+    # A vehicle without thrusters glides: its net buoyancy drives it along every axis.
+    force = force + abs(net_buoyancy(vehicle)) + heavier + lighter
+    least = drawn.damping.low
+    axes = [
+        terminal_speed(float(f), least * float(d), least * float(q))
+        for f, d, q in zip(force, vehicle.linear_damping[:3], vehicle.quadratic_damping[:3], strict=True)
+    ]
+    current = disturbance.current
+    water = current.speed if current.speed_high is None else max(current.speed, current.speed_high)
+    wander = math.hypot(
+        current.gauss_markov.sigma, current.gauss_markov.sigma, current.gauss_markov.sigma_vertical
+    )
+    return math.hypot(*axes) + max(1.0, abs(current.profile.factor)) * water + SIGMAS * wander
+
+
+def _misreading(config: schema.TrainConfig, seconds: float) -> Floats:
+    """Return by how much (3,) in m the readings of the position may be wrong."""
+    sensor = config.disturbance.sensor
+    errors = [
+        math.hypot(getattr(sensor.gaussian, axis), getattr(sensor.bias, axis))
+        + getattr(sensor.drift, axis) * math.sqrt(seconds)
+        for axis in "xyz"
+    ]
+    return config.noise.position.high * config.noise.scale + SIGMAS * np.asarray(errors)

@@ -1,0 +1,206 @@
+"""Docking: into a dock from the front. docs/task.md defines it.
+
+The reference is the dock where the vehicle is near the axis in front of it; otherwise a point in front of the dock, and
+beside or behind the dock one on a circle round it, so that the way to the reference never leads through the dock.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numba import njit
+
+from auvbench.config import tasks
+from auvbench.dynamics.compiled import compiled
+from auvbench.dynamics.random import SCENARIO, uniform4
+from auvbench.tasks.base import Floats, Integers, TrackingTask
+from auvbench.tasks.kernels import (
+    C_ENVIRONMENT,
+    C_EPISODE,
+    C_SEED,
+    C_STEPS,
+    COLLISION,
+    F_GOAL,
+    F_OWN,
+    F_REFERENCE,
+    F_REFERENCE_VELOCITY,
+    F_REFERENCE_YAW,
+    F_START,
+    OUT_OF_BOUNDS,
+    P_DEPTH_HIGH,
+    P_DEPTH_LOW,
+    P_MAX_STEPS,
+    P_OWN,
+    SUCCESS,
+    TIMEOUT,
+    add_errors_row,
+    begin_row,
+    distance_row,
+    end_row,
+    leaves_water,
+    wrap,
+    yaw_row,
+)
+from auvbench.tasks.rewards import reward_row
+
+F_ERROR = F_OWN + 3  # m from the dock, now
+F_YAW_ERROR = F_OWN + 4  # rad, now
+F_SPEED = F_OWN + 5  # m/s, now
+
+P_DOCK = P_OWN  # x, y, z
+P_START = P_OWN + 3  # low, high
+P_TOLERANCE = P_OWN + 5
+P_YAW_TOLERANCE = P_OWN + 6
+P_SPEED = P_OWN + 7
+P_CONE = P_OWN + 8
+P_CLEARANCE = P_OWN + 9
+P_STANDOFF = P_OWN + 10
+P_BOUNDS = P_OWN + 11
+
+SHALLOWEST = 1.0
+"""m from a depth limit, of a start"""
+ALIGNED = 1.0 / 3.0
+"""share of the cone within which the reference is the dock"""
+TURNED = 2.0
+"""share of the cone beyond which the way leads round the dock"""
+
+
+@njit(nogil=True)
+def _angle(i: int, x: float, y: float, z: float, F: Floats) -> tuple[float, float]:
+    """Return distance from the dock in m and angle to its axis in rad of a position."""
+    dx, dy, dz = x - F[i, F_GOAL], y - F[i, F_GOAL + 1], z - F[i, F_GOAL + 2]
+    yaw = F[i, F_REFERENCE_YAW]
+    # The axis points out of the dock: against the way in.
+    along = -dx * math.cos(yaw) - dy * math.sin(yaw)
+    squared = dx * dx + dy * dy + dz * dz
+    return math.sqrt(squared), math.atan2(math.sqrt(max(squared - along * along, 0.0)), along)
+
+
+@njit(nogil=True)
+def _refer(i: int, x: float, y: float, z: float, F: Floats, P: Floats) -> None:
+    """Write the reference of a vehicle at a position."""
+    distance, angle = _angle(i, x, y, z, F)
+    yaw, cone = F[i, F_REFERENCE_YAW], P[P_CONE]
+    ax, ay = -math.cos(yaw), -math.sin(yaw)
+    along = distance * math.cos(angle)
+    # Unit vector from the axis to the vehicle; to starboard where it is on the axis.
+    lx, ly, lz = x - F[i, F_GOAL] - along * ax, y - F[i, F_GOAL + 1] - along * ay, z - F[i, F_GOAL + 2]
+    length = math.sqrt(lx * lx + ly * ly + lz * lz)
+    if length < 1e-6:
+        lx, ly, lz, length = -ay, ax, 0.0, 1.0
+    turn = max(0.0, angle - TURNED * cone)
+    far = min(1.0, max(0.0, (angle - ALIGNED * cone) / (cone - ALIGNED * cone)))
+    if angle < cone:
+        far *= min(1.0, along / P[P_STANDOFF])
+    out = P[P_STANDOFF] * far * math.cos(turn)
+    aside = P[P_STANDOFF] * far * math.sin(turn) / length
+    F[i, F_REFERENCE] = F[i, F_GOAL] + out * ax + aside * lx
+    F[i, F_REFERENCE + 1] = F[i, F_GOAL + 1] + out * ay + aside * ly
+    F[i, F_REFERENCE + 2] = F[i, F_GOAL + 2] + aside * lz
+
+
+@compiled("dynamics")
+def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: Floats) -> None:
+    """Draw yaw of the dock and start of the environments in `indices`."""
+    for row in range(indices.shape[0]):
+        i = indices[row]
+        u = uniform4(C[i, C_SEED], SCENARIO | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        v = uniform4(C[i, C_SEED], SCENARIO | test, 1, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        distance = P[P_START] + (P[P_START + 1] - P[P_START]) * u[1]
+        rise = distance * (2.0 * u[2] - 1.0)
+        level = math.sqrt(distance * distance - rise * rise)
+        F[i, F_START] = P[P_DOCK] + level * math.cos(2.0 * math.pi * u[3])
+        F[i, F_START + 1] = P[P_DOCK + 1] + level * math.sin(2.0 * math.pi * u[3])
+        z = min(P[P_DEPTH_HIGH] - SHALLOWEST, max(P[P_DEPTH_LOW] + SHALLOWEST, P[P_DOCK + 2] + rise))
+        F[i, F_START + 2] = z
+        for axis in range(3):
+            F[i, F_GOAL + axis] = P[P_DOCK + axis]
+            F[i, F_REFERENCE_VELOCITY + axis] = 0.0
+        F[i, F_REFERENCE_YAW] = wrap(2.0 * math.pi * v[0])
+        _refer(i, F[i, F_START], F[i, F_START + 1], z, F, P)
+        F[i, F_ERROR] = distance
+        begin_row(i, row, wrap(2.0 * math.pi * u[0]), F, C, P, pose)
+
+
+@compiled("dynamics")
+def advance(
+    start: int,
+    stop: int,
+    pose: Floats,
+    velocity: Floats,
+    action: Floats,
+    previous: Floats,
+    force: Floats,
+    power: Floats,
+    F: Floats,
+    C: Integers,
+    P: Floats,
+    reward: Floats,
+) -> int:
+    """Compute reward, ends and sums after one agent step; see `Task.kernel`."""
+    ended = 0
+    for i in range(start, stop):
+        x, y, z = pose[i, 0], pose[i, 1], pose[i, 2]
+        error, angle = _angle(i, x, y, z, F)
+        if not math.isfinite(error):
+            return -1 - i
+        _refer(i, x, y, z, F, P)
+        distance = distance_row(i, pose, i, F)
+        yaw_error = wrap(F[i, F_REFERENCE_YAW] - yaw_row(i, pose))
+        speed = math.sqrt(velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2)
+        F[i, F_ERROR], F[i, F_YAW_ERROR], F[i, F_SPEED] = error, abs(yaw_error), speed
+        add_errors_row(i, distance, yaw_error, F)
+        C[i, C_STEPS] += 1
+        outcome = -1
+        if leaves_water(i, pose, P):
+            outcome = COLLISION
+        elif error < P[P_TOLERANCE] and abs(yaw_error) < P[P_YAW_TOLERANCE] and speed < P[P_SPEED]:
+            outcome = SUCCESS
+        elif error < P[P_CLEARANCE] and angle > P[P_CONE]:
+            outcome = COLLISION
+        elif error > P[P_BOUNDS]:
+            outcome = OUT_OF_BOUNDS
+        elif C[i, C_STEPS] >= P[P_MAX_STEPS]:
+            outcome = TIMEOUT
+        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P)
+        ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
+    return ended
+
+
+@compiled("dynamics")
+def refer(indices: Integers, F: Floats, P: Floats) -> None:
+    """Write the references of the environments in `indices`, whose episodes begin."""
+    for row in range(indices.shape[0]):
+        i = indices[row]
+        _refer(i, F[i, F_START], F[i, F_START + 1], F[i, F_START + 2], F, P)
+
+
+class DockingTask(TrackingTask):
+    """N episodes of docking."""
+
+    draw = staticmethod(draw)
+    kernel = staticmethod(advance)
+    own_floats = 6
+
+    def own_parameters(self, task: Any) -> list[float]:
+        assert isinstance(task, tasks.Docking)
+        tolerances = [task.tolerance, task.yaw_tolerance, task.speed]
+        dock = [task.cone, task.clearance, task.standoff, task.bounds]
+        return [*task.dock, task.start_low, task.start_high, *tolerances, *dock]
+
+    def goal(self, i: int) -> Floats:
+        return self.F[i, F_GOAL : F_GOAL + 3].copy()
+
+    def place(self, indices: Integers, pose: Floats) -> None:
+        super().place(indices, pose)
+        refer(indices, self.F, self.parameters)
+
+    def own_metrics(self, i: int) -> dict[str, float]:
+        error, yaw_error, speed = self.F[i, F_ERROR : F_SPEED + 1].tolist()
+        return {
+            **self.errors(i, 0.0),
+            "final_position_error_m": error,
+            "final_yaw_error_rad": yaw_error,
+            "final_speed_m_per_s": speed,
+        }

@@ -1,0 +1,133 @@
+"""The checks of every task."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.config.tasks import TASKS
+from auvbench.envs.batch import Batch
+from auvbench.metrics import METRICS
+from auvbench.record import OUTCOMES, record_columns
+from auvbench.testing.draws import ConformanceError, same
+
+N, STEPS = 5, 40
+"""episodes side by side, steps of a check"""
+
+
+def actions(step: int, n: int, n_u: int, first: int = 0) -> NDArray[np.float64]:
+    """Return actions (n, n_u) in [-1, 1] that differ from row to row and from step to step."""
+    rows = first + np.arange(n)[:, None]
+    return np.asarray(np.sin(0.7 * step + 1.3 * rows + 0.9 * np.arange(n_u)))
+
+
+def play(batch: Batch, steps: range, first: int = 0) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
+    """Step a batch; return observations and rewards (steps, n, ...), and the records of the episodes that ended."""
+    seen: dict[str, list[NDArray[Any]]] = {"observation": [], "reward": [], "terminated": [], "truncated": []}
+    records: list[dict[str, Any]] = []
+    for step in steps:
+        result = batch.step(actions(step, batch.n, len(batch.vehicle.actuators), first))
+        for name, values in seen.items():
+            values.append(np.array(getattr(result, name)))
+        records += result.records
+    return {name: np.asarray(values) for name, values in seen.items()}, records
+
+
+def its_rows_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
+    """An episode gives the same floats in any batch."""
+    together = Batch(config, N, seed=3)
+    first = together.reset().copy()
+    seen, _ = play(together, range(STEPS))
+    for row in (0, N - 1):
+        alone = Batch(config, row + 1, seed=3)
+        same(alone.reset()[row], first[row], f"the first observation of row {row}")
+        own, _ = play(alone, range(STEPS))
+        for name, values in own.items():
+            same(values[:, row], seen[name][:, row], f"{name} of row {row} in a batch of {row + 1}")
+
+
+def it_resumes_in_mid_episode(config: schema.TrainConfig) -> None:
+    """A batch goes on from `state_dict` to the same bits."""
+    whole = Batch(config, N, seed=3)
+    whole.reset()
+    play(whole, range(STEPS // 2))
+    state = whole.state_dict()
+    rest, records = play(whole, range(STEPS // 2, STEPS))
+    fresh = Batch(config, N, seed=8)
+    fresh.reset()
+    fresh.load_state_dict(state)
+    again, others = play(fresh, range(STEPS // 2, STEPS))
+    for name, values in rest.items():
+        same(again[name], values, f"{name} after a resume")
+    if records != others:
+        raise ConformanceError("the records of episodes differ after a resume")
+
+
+def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
+    """The same seed and episode give the same start; another seed, another stream and another episode do not."""
+
+    def start(seed: int = 3, episode: int = 4, **stream: bool) -> NDArray[Any]:
+        batch = Batch(config, 2, seed=seed, **stream)
+        batch.task.assign(np.array([episode, episode + 1]))
+        batch.reset()
+        return np.concatenate([batch.task.F[0], batch.simulator.pose[0]])
+
+    if not np.array_equal(start(), start()):
+        raise ConformanceError("the same seed and episode give two starts")
+    for other in (start(seed=4), start(episode=5), start(test=True), start(validation=True)):
+        if np.array_equal(start(), other):
+            raise ConformanceError("another seed, episode or stream gives the same start")
+
+
+def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
+    """Episodes end by their limit at the latest; records have the task's columns, finite and within their ranges."""
+    limit = 2 * STEPS
+    short = replace(config, task=replace(config.task, max_steps=limit, time_limit=None))
+    batch = Batch(short, N, seed=3)
+    batch.reset()
+    seen, records = play(batch, range(limit))
+    if len(records) < N:
+        raise ConformanceError(f"only {len(records)} of {N} episodes have ended after {limit} steps")
+    for name in ("observation", "reward"):
+        if not np.isfinite(seen[name]).all():
+            raise ConformanceError(f"{name}: not finite everywhere")
+    if (np.abs(seen["observation"]) > batch.task.spec.bounds).any():
+        raise ConformanceError("an observation lies outside the bounds that its specification names")
+    ranges = {metric.name: (metric.low, metric.high) for metric in METRICS}
+    known = TASKS[batch.task.name].outcomes
+    for record in records:
+        if tuple(record) != record_columns(batch.task.name):
+            raise ConformanceError(f"a record has the columns {', '.join(record)}")
+        if record["outcome"] not in known or record["outcome"] not in OUTCOMES:
+            raise ConformanceError(
+                f"an episode ended by {record['outcome']}; the task declares {', '.join(known)}"
+            )
+        for name, value in record.items():
+            if isinstance(value, str) or name in ("episode", "environment"):
+                continue
+            low, high = ranges[name]
+            scenario = name.endswith(("_x_m", "_y_m", "_z_m", "_rad"))
+            if not np.isfinite(value) or (not scenario and not low <= value <= high):
+                raise ConformanceError(f"{name}={value}: must be finite and within [{low:g}, {high:g}]")
+
+
+CHECKS = (
+    its_rows_do_not_depend_on_the_batch,
+    it_resumes_in_mid_episode,
+    its_draws_are_functions_of_their_key,
+    its_episodes_end_with_records,
+)
+
+
+def check_task(config: schema.TrainConfig) -> None:
+    """Check the task of a configuration.
+
+    Raises:
+        ConformanceError: names what does not hold.
+    """
+    for check in CHECKS:
+        check(config)

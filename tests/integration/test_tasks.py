@@ -1,0 +1,81 @@
+"""Tasks other than the waypoint task through the commands: train, evaluate, report, replay."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from auvbench.cli import main
+from auvbench.record import record_columns
+
+WORDS = ("algo=pid,random", "vehicle=bluerov2_heavy", "name=two")
+EPISODES = ("protocol.episodes=12", "protocol.trajectories=2")
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """PID and random on station keeping and path following, tested on a dozen episodes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("tasks"))
+        assert main(["train", "-m", "task=station_keeping,path_following", *WORDS]) == 0
+        assert main(["evaluate", "outputs/two", *EPISODES]) == 0
+        yield Path("outputs/two")
+
+
+def test_a_report_ranks_each_task_by_its_own_measure(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(study), "--format", "terminal,csv,html"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "vehicle bluerov2_heavy, task path_following" in said
+    with open(study / "report/table.csv", newline="") as file:
+        rows = {(row["vehicle"], row["agent"]): row for row in csv.DictReader(file)}
+    station = rows["bluerov2_heavy, task station_keeping", "PID"]
+    assert 0.01 < float(station["mean_position_error_rms_m"]) < 0.1
+    path = rows["bluerov2_heavy, task path_following", "random"]
+    assert float(path["mean_cross_track_rms_m"]) == 10.0
+    assert path["verdict"] == "behind"
+    assert "a quick failure looks good" not in said
+
+
+def test_rows_have_the_columns_of_the_task(study: Path) -> None:
+    for run in study.glob("*-station_keeping-*"):
+        with open(run / "evaluations/test/episodes.csv", newline="") as file:
+            header = next(csv.reader(file))
+        assert header == ["condition", "frequency_hz", *record_columns("station_keeping")]
+        summary = json.loads((run / "evaluations/test/summary.json").read_text())
+        assert "out_of_bounds_rate" in summary["conditions"][0]
+
+
+def test_a_run_is_tested_by_the_values_of_the_file(study: Path) -> None:
+    main(
+        [
+            "train",
+            "task=station_keeping",
+            "task.tolerance=2",
+            "algo=pid",
+            "vehicle=bluerov2_heavy",
+            "name=own",
+        ]
+    )
+    assert main(["evaluate", "outputs/own", *EPISODES]) == 0
+    prints = {
+        json.loads(path.read_text())["fingerprint"]
+        for folder in (study, Path("outputs/own"))
+        for path in folder.glob("*-station_keeping-*/evaluations/test/summary.json")
+    }
+    assert len(prints) == 1
+
+
+@pytest.mark.parametrize("task", ["station_keeping", "path_following"])
+def test_an_episode_is_replayed(study: Path, task: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (run,) = study.glob(f"pid-*-{task}-*")
+    assert main(["replay", str(run), "--out", "pictures"]) == 0
+    assert "success after" in capsys.readouterr().out
+
+
+def test_bounds_are_of_waypoints_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bound", "task=docking"]) == 2
+    assert "only the waypoint task has bounds" in capsys.readouterr().err

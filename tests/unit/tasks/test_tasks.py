@@ -1,0 +1,412 @@
+"""The tasks beside the waypoint task, against their definitions in docs/task.md, computed by other means."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from scipy.spatial.transform import Rotation
+
+from auvbench.agents.base import make
+from auvbench.config.tasks import TASKS
+from auvbench.envs.batch import Batch
+from auvbench.errors import ConfigError
+from auvbench.evaluation.rollout import roll_out
+from auvbench.tasks import kernels as k
+from auvbench.tasks import path_following
+from auvbench.testing.tasks import CHECKS
+from auvbench.training.execute import check_runnable
+from auvbench.vehicles import sheet
+from tests import configs
+
+HEAVY = "vehicle=bluerov2_heavy"
+OTHERS = [name for name in TASKS if name != "waypoint"]
+
+
+def batch_of(task: str, *overrides: str, n: int = 1) -> Batch:
+    batch = Batch(configs.training(f"task={task}", HEAVY, "noise=none", *overrides), n, seed=5)
+    batch.reset()
+    return batch
+
+
+def put(batch: Batch, position, yaw: float = 0.0, velocity=(0.0, 0.0, 0.0)) -> None:
+    batch.simulator.pose[0] = [*position, math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]
+    batch.simulator.velocity[0] = [*velocity, 0.0, 0.0, 0.0]
+
+
+def advance(batch: Batch) -> tuple[float, int]:
+    """Judge the vehicle where it is, without moving it."""
+    simulator = batch.simulator
+    idle = np.zeros((1, len(batch.vehicle.actuators)))
+    batch.task.advance(simulator.pose, simulator.velocity, idle, idle, np.zeros(1))
+    return float(batch.task.reward[0]), int(batch.task.outcome[0])
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_keeps_the_contract(task: str, check) -> None:
+    more = ["task.history=3"] if task == "docking" else []
+    check(configs.training(f"task={task}", HEAVY, "disturbance=moderate", *more))
+
+
+@pytest.mark.parametrize("algo", ["pid", "lqr", "smc"])
+@pytest.mark.parametrize("task", OTHERS)
+def test_controllers_succeed_undisturbed(task: str, algo: str) -> None:
+    config = configs.training(f"task={task}", f"algo={algo}", HEAVY)
+    agent = make(config, sheet.load(config.vehicle))
+    records = roll_out(config, agent, episodes=np.arange(60), seed=123, batch=60).records
+    assert Counter(record["outcome"] for record in records)["success"] >= 57
+
+
+@pytest.mark.parametrize("task", OTHERS)
+def test_blocks_of_the_observation(task: str) -> None:
+    blocks = TASKS[task].blocks
+    batch = batch_of(task, f"task.observation=[{','.join(blocks)}]")
+    rng = np.random.default_rng(1)
+    for _ in range(30):
+        batch.step(rng.uniform(-1, 1, (1, 8)))
+    task_, F, pose, velocity = (
+        batch.task,
+        batch.task.F[0],
+        batch.simulator.pose[0],
+        batch.simulator.velocity[0],
+    )
+    turn = Rotation.from_quat([*pose[4:], pose[3]])
+    yaw = turn.as_euler("ZYX")[0]
+    level = Rotation.from_euler("z", yaw)
+    seen = {name: task_.observation[0, task_.spec[name]] for name in blocks}
+    reference_velocity = F[k.F_REFERENCE_VELOCITY : k.F_REFERENCE_VELOCITY + 3]
+    expected = {
+        "position_error": level.inv().apply(F[:3] - pose[:3]),
+        "yaw_error": [(F[k.F_REFERENCE_YAW] - yaw + math.pi) % (2 * math.pi) - math.pi],
+        "velocity_error": level.inv().apply(reference_velocity - turn.apply(velocity[:3])),
+        "velocity": velocity[:3],
+        "angular_velocity": velocity[3:],
+        "gravity": turn.inv().apply([0.0, 0.0, -1.0]),
+        "depth_margin": [min(-1.0 - pose[2], pose[2] + 60.0)],
+        "previous_action": task_.previous[0],
+    }
+    if task == "docking":
+        expected["goal_error"] = level.inv().apply(F[k.F_GOAL : k.F_GOAL + 3] - pose[:3])
+    for name, values in expected.items():
+        np.testing.assert_allclose(seen[name], values, rtol=2e-5, atol=2e-6, err_msg=name)
+
+
+def test_history_stacks_the_newest_first_and_begins_full() -> None:
+    batch = batch_of("station_keeping", "task.history=3")
+    size = batch.task.spec.size // 3
+    first = batch.task.observation[0].copy()
+    np.testing.assert_array_equal(first, np.tile(first[:size], 3))
+    seen = [first[:size]]
+    for step in range(4):
+        batch.step(np.full((1, 8), 0.3 * (-1) ** step))
+        seen.append(batch.task.observation[0, :size].copy())
+    np.testing.assert_array_equal(batch.task.observation[0], np.concatenate([seen[4], seen[3], seen[2]]))
+    assert batch.task.spec["yaw_error"].stop <= size
+
+
+def test_preview_is_where_the_reference_will_be() -> None:
+    batch = batch_of("trajectory_tracking", "task.curve=random", n=6)
+    for _ in range(7):
+        batch.step(np.zeros((6, 8)))
+    F, seen = batch.task.F.copy(), batch.task.observation.copy()
+    pose, columns = batch.simulator.pose.copy(), batch.task.spec["preview"]
+    for _ in range(5):  # 0.5 s
+        batch.step(np.zeros((6, 8)))
+    ahead = batch.task.F[:, :3] - pose[:, :3]
+    for i in range(6):
+        yaw = Rotation.from_quat([*pose[i, 4:], pose[i, 3]]).as_euler("ZYX")[0]
+        want = Rotation.from_euler("z", yaw).inv().apply(ahead[i])
+        np.testing.assert_allclose(seen[i, columns][:3], want, rtol=1e-5, atol=1e-5)
+    assert not np.array_equal(F[:, :3], batch.task.F[:, :3])
+
+
+def test_station_keeping_succeeds_by_its_last_half_minute() -> None:
+    batch = batch_of("station_keeping")
+    inside, outside = [0.49, 0.0, -20.0], [0.51, 0.0, -20.0]
+    for missed, outcome in ((15, k.SUCCESS), (16, k.TIMEOUT)):
+        batch.reset()
+        for step in range(600):
+            put(batch, outside if step < 300 or step >= 600 - missed else inside, yaw=0.17)
+            found = advance(batch)[1]
+            assert found == (outcome if step == 599 else -1)
+        record = batch.task.records(np.array([0]))[0]
+        error = np.sqrt((0.49**2 * (300 - missed) + 0.51**2 * (200 + missed)) / 500)  # without the first 10 s
+        assert record["position_error_rms_m"] == pytest.approx(error)
+        assert record["yaw_error_rms_rad"] == pytest.approx(0.17)
+        assert record["settling_time_s"] == pytest.approx(60.0)
+
+
+def test_a_lost_station_counts_as_the_bounds() -> None:
+    batch = batch_of("station_keeping")
+    put(batch, [0.0, 9.99, -20.0])
+    assert advance(batch)[1] == -1
+    put(batch, [0.0, 10.01, -20.0])
+    assert advance(batch)[1] == k.OUT_OF_BOUNDS
+    assert batch.task.records(np.array([0]))[0]["position_error_rms_m"] == 10.0
+
+
+def test_yaw_counts_for_success_of_station_keeping() -> None:
+    batch = batch_of("station_keeping")
+    for _ in range(600):
+        put(batch, [0.0, 0.0, -20.0], yaw=0.18)  # 10 degrees are 0.1745
+        outcome = advance(batch)[1]
+    assert outcome == k.TIMEOUT
+
+
+def test_time_ends_tasks_of_fixed_length_and_success_the_others() -> None:
+    for task, ends in (("station_keeping", False), ("trajectory_tracking", False), ("docking", True)):
+        batch = batch_of(task, "task.time_limit=null", "task.max_steps=2")
+        if task == "docking":
+            put(batch, batch.task.goal(0), yaw=float(batch.task.F[0, k.F_REFERENCE_YAW]))
+        batch.task.C[0, k.C_STEPS] = 0 if ends else 1
+        result = batch.step(np.zeros((1, 8)))
+        assert (bool(result.terminated[0]), bool(result.truncated[0])) == (ends, not ends), task
+
+
+@pytest.mark.parametrize("curve", ["circle", "helix", "lemniscate", "random"])
+def test_curves_have_their_velocity_and_largest_speed(curve: str) -> None:
+    n = 40
+    batch = batch_of(
+        "trajectory_tracking", f"task.curve={curve}", "task.time_limit=null", "task.max_steps=900", n=n
+    )
+    idle, seen = np.zeros((n, 8)), []
+    for _ in range(900):
+        batch.task.C[:, k.C_OUTCOME] = -1
+        batch.task.advance(batch.simulator.pose, batch.simulator.velocity, idle, idle, np.zeros(n))
+        seen.append(batch.task.F[:, [0, 1, 2, 20, 21, 22, 23]].copy())
+    path = np.array(seen)
+    position, yaw, velocity = path[:, :, :3], path[:, :, 3], path[:, :, 4:]
+    between = (position[2:] - position[:-2]) / 0.2
+    np.testing.assert_allclose(between, velocity[1:-1], atol=5e-3)
+    np.testing.assert_allclose(yaw, np.arctan2(velocity[..., 1], velocity[..., 0]))
+    speed = np.linalg.norm(velocity, axis=2)
+    assert speed.max() <= 0.8 * 1.005
+    assert np.all(
+        speed.max(axis=0) >= (0.15 if curve == "random" else 0.3 - 1e-3)
+    )  # the largest may come later
+    centred = position - np.array([0.0, 0.0, -20.0])
+    if curve == "circle":
+        radius = np.linalg.norm(centred[..., :2], axis=2)
+        np.testing.assert_allclose(radius, np.broadcast_to(radius[:1], radius.shape), rtol=1e-9)
+        assert radius.min() >= 3.0
+        assert radius.max() <= 6.0
+    if curve == "lemniscate":  # x = a sin t, y = a sin(2 t) / 2: y^2 = x^2 (1 - (x/a)^2)
+        x, y = centred[..., 0], centred[..., 1]
+        a = np.abs(x).max(axis=0)
+        np.testing.assert_allclose(y**2, x**2 * (1 - (x / a) ** 2), atol=0.02)
+
+
+def test_starts_lie_where_the_tasks_say() -> None:
+    n = 3000
+    for task, radius in (("station_keeping", 2.5), ("trajectory_tracking", 0.5), ("path_following", 2.0)):
+        batch = batch_of(task, n=n)
+        away = np.linalg.norm(batch.simulator.pose[:, :3] - batch.task.reference, axis=1)
+        assert away.max() <= radius
+        # Uniform in a ball: the cube of the distance is uniform.
+        share = (away / radius) ** 3
+        assert abs(share.mean() - 0.5) < 4 * math.sqrt(1 / 12 / n)
+    batch = batch_of("trajectory_tracking", n=n)
+    assert np.abs(k_yaw_error(batch)).max() <= math.radians(30) + 1e-9
+    batch = batch_of("docking", n=n)
+    away = np.linalg.norm(batch.simulator.pose[:, :3] - [0.0, 0.0, -20.0], axis=1)
+    assert away.min() >= 5.0
+    assert away.max() <= 15.0
+
+
+def k_yaw_error(batch: Batch) -> np.ndarray:
+    return (batch.task.F[:, k.F_REFERENCE_YAW] - batch.task.F[:, k.F_START_YAW] + np.pi) % (2 * np.pi) - np.pi
+
+
+def path_of(batch: Batch, i: int, count: int = 6001) -> np.ndarray:
+    """The path by scipy's Hermite spline through the points of environment i."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    points = batch.task.F[i, path_following.F_POINTS : path_following.F_POINTS + 21].reshape(7, 3)
+    slopes = np.vstack([points[1] - points[0], (points[2:] - points[:-2]) / 2, points[-1] - points[-2]])
+    return CubicHermiteSpline(np.arange(7), points, slopes)(np.linspace(0, 6, count))
+
+
+def test_the_path_reference_is_the_nearest_point() -> None:
+    n = 8
+    config = configs.training("task=path_following", "algo=pid", HEAVY)
+    agent = make(config, sheet.load(config.vehicle))
+    batch = Batch(config, n, seed=5, autoreset=False)
+    observation = batch.reset()
+    agent.reset(np.arange(n))
+    paths = [path_of(batch, i) for i in range(n)]
+    for step in range(600):
+        observation = batch.step(agent.act(observation)).observation
+        if step % 50:
+            continue
+        for i in range(n):
+            away = np.linalg.norm(paths[i] - batch.simulator.pose[i, :3], axis=1)
+            assert batch.task.F[i, k.F_DISTANCE] == pytest.approx(away.min(), abs=0.02)
+            # The errors of line-of-sight guidance: (s, e, h) = R^T (p - p_path) with s = 0.
+            tangent = batch.task.F[i, k.F_REFERENCE_VELOCITY : k.F_REFERENCE_VELOCITY + 3]
+            error = batch.simulator.pose[i, :3] - batch.task.reference[i]
+            azimuth, elevation = math.atan2(tangent[1], tangent[0]), math.asin(tangent[2] / 0.8)
+            s, e, h = Rotation.from_euler("ZY", [azimuth, -elevation]).inv().apply(error)
+            if 0.0 < batch.task.F[i, path_following.F_PROGRESS] < 6.0:
+                assert abs(s) < 0.02
+                assert batch.task.F[i, k.F_DISTANCE] == pytest.approx(math.hypot(e, h), abs=1e-3)
+            assert np.linalg.norm(tangent) == pytest.approx(0.8)
+
+
+def test_paths_are_long_and_keep_off_the_depth_limits() -> None:
+    batch = batch_of("path_following", n=200)
+    for i in range(200):
+        path = path_of(batch, i, 601)
+        length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+        assert 94.0 < length < 110.0
+        assert path[:, 2].max() < -2.0
+        assert path[:, 2].min() > -59.0
+
+
+def test_docking_takes_place_slowness_and_yaw() -> None:
+    batch = batch_of("docking")
+    yaw = float(batch.task.F[0, k.F_REFERENCE_YAW])
+    out = -np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    aside = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+    dock = batch.task.goal(0)
+    cases = [
+        (dock + 0.29 * out, yaw, 0.14, k.SUCCESS),
+        (dock + 0.31 * out, yaw, 0.14, -1),
+        (dock + 0.29 * out, yaw, 0.16, -1),
+        (dock + 0.29 * out, yaw + 0.17, 0.0, k.SUCCESS),
+        (dock + 0.29 * out, yaw + 0.18, 0.0, -1),
+        (dock + 0.8 * out + 0.8 * math.tan(0.52) * aside, yaw, 0.0, -1),
+        (dock + 0.8 * out + 0.8 * math.tan(0.53) * aside, yaw, 0.0, k.COLLISION),
+        (dock - 0.9 * out, yaw, 0.0, k.COLLISION),
+        (dock - 1.1 * out, yaw, 0.0, -1),
+        (dock + 25.1 * out, yaw, 0.0, k.OUT_OF_BOUNDS),
+    ]
+    for position, turned, speed, outcome in cases:
+        batch.task.C[0, k.C_OUTCOME] = -1
+        put(batch, position, turned, (0.0, speed, 0.0))
+        assert advance(batch)[1] == outcome, (position, turned, speed)
+    put(batch, dock + 0.2 * out, yaw)
+    advance(batch)
+    record = batch.task.records(np.array([0]))[0]
+    assert record["final_position_error_m"] == pytest.approx(0.2)
+    assert record["final_yaw_error_rad"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_way_to_the_reference_never_leads_through_the_dock() -> None:
+    batch = batch_of("docking")
+    F, dock, rng = batch.task.F, batch.task.goal(0), np.random.default_rng(2)
+    yaw = float(F[0, k.F_REFERENCE_YAW])
+    out = -np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    before = None
+    for angle in np.linspace(0.0, math.pi - 0.01, 721):
+        side = rng.normal(size=3) if before is None else side  # noqa: F821
+        side -= side @ out * out
+        side /= np.linalg.norm(side)
+        position = dock + 6.0 * (math.cos(angle) * out + math.sin(angle) * side)
+        put(batch, position)
+        advance(batch)
+        reference = batch.task.reference[0].copy()
+        if before is not None:
+            assert np.linalg.norm(reference - before) < 0.15, "the reference jumps"
+        before = reference
+        way = position + np.linspace(0.0, 1.0, 200)[:, None] * (reference - position)
+        away = way - dock
+        near = (np.linalg.norm(away, axis=1) < 1.0) & (np.linalg.norm(away, axis=1) > 1e-6)
+        ahead = np.arccos(np.clip(away[near] @ out / np.linalg.norm(away[near], axis=1).clip(1e-9), -1, 1))
+        assert not np.any(ahead > math.radians(30)), math.degrees(angle)
+
+
+def test_rewards_by_their_formulas() -> None:
+    position, yaw = [0.6, -0.8, -20.0], 0.4
+    for reward, expected in (
+        ("tracking", math.exp(-1.0) + 0.5 * math.exp(-0.4 / 0.5)),
+        ("exponential", math.exp(-2.0)),
+    ):
+        batch = batch_of("station_keeping", f"reward={reward}", "reward.k=3")
+        put(batch, position, yaw)
+        assert advance(batch)[0] == pytest.approx(3 * expected)
+        put(batch, [0.0, 11.0, -20.0], yaw)
+        failed = 3 * (math.exp(-11.0) + 0.5 * math.exp(-0.8)) if reward == "tracking" else -1.0
+        assert advance(batch)[0] == pytest.approx(failed)
+    batch = batch_of("station_keeping", "reward.effort=0.5", "reward.change=0.25")
+    put(batch, position, yaw)
+    action, before = np.linspace(-1, 1, 8)[None], np.full((1, 8), 0.5)
+    batch.task.previous[:] = before
+    batch.task.advance(batch.simulator.pose, batch.simulator.velocity, action, action, np.zeros(1))
+    cost = 0.5 * np.mean(action**2) + 0.25 * np.mean((action - before) ** 2)
+    assert batch.task.reward[0] == pytest.approx(math.exp(-1.0) + 0.5 * math.exp(-0.8) - cost)
+
+
+def test_marinegyms_reward_by_the_formula_of_its_source() -> None:
+    batch = batch_of("station_keeping", "reward=marinegym_hover", "task.yaw=0.7")
+    turn = Rotation.from_euler("ZYX", [0.4, 0.3, -0.5])
+    x, y, z, w = turn.as_quat()
+    position, velocity = np.array([0.6, -0.8, -20.5]), np.array([0.1, 0.2, 0.3, 0.4, -0.9, 0.8])
+    batch.simulator.pose[0], batch.simulator.velocity[0] = [*position, w, x, y, z], velocity
+    action = np.array([[0.3, -0.1, 0.5, 0.2, -0.7, 0.1, 0.4, -0.2]])
+    batch.task.advance(batch.simulator.pose, batch.simulator.velocity, action, action, np.zeros(1))
+    rpos = np.array([0.0, 0.0, -20.0]) - position
+    rheading = np.array([math.cos(0.7), math.sin(0.7), 0.0]) - turn.apply([1.0, 0.0, 0.0])
+    distance = np.linalg.norm(np.concatenate([rpos, rheading]))
+    pose = 0.5 / (1.0 + (1.2 * distance) ** 2)
+    up = ((turn.apply([0.0, 0.0, 1.0])[2] + 1.0) / 2.0) ** 2
+    spin = 1.0 / (1.0 + (turn.apply(velocity[3:])[2] ** 2) ** 2)
+    assert batch.task.reward[0] == pytest.approx(
+        pose + pose * (up + spin) + 0.1 * math.exp(-abs(action.sum()))
+    )
+
+
+def test_the_end_of_docking_pays() -> None:
+    batch = batch_of("docking")
+    yaw = float(batch.task.F[0, k.F_REFERENCE_YAW])
+    put(batch, batch.task.goal(0), yaw)
+    assert advance(batch)[0] == pytest.approx(1.0 + 0.5 + 200.0)
+    put(batch, batch.task.goal(0) + np.array([0.0, 0.0, 0.5]), yaw)
+    reward, outcome = advance(batch)
+    assert outcome == k.COLLISION
+    assert -100.0 < reward < -98.0
+
+
+def test_a_vehicle_that_cannot_do_the_task_is_refused_before_anything_starts() -> None:
+    config = configs.training("task=docking", "algo=random", "vehicle=lrauv")
+    with pytest.raises(ConfigError, match="vehicle=lrauv does not have; use task=waypoint or path_following"):
+        check_runnable(config)
+    check_runnable(configs.training("task=path_following", "algo=random", "vehicle=lrauv"))
+
+
+def test_gymnasium_knows_every_task() -> None:
+    for name in ("StationKeeping", "TrajectoryTracking", "PathFollowing", "Docking"):
+        environment = gymnasium.make(f"auvbench/{name}-v0", vehicle="bluerov2_heavy")
+        check_env(environment.unwrapped, skip_render_check=True)
+        _, info = environment.reset(seed=1, options={"pose": [1.0, 0.5, -21.0]})
+        assert info["pose"][:3].tolist() == [1.0, 0.5, -21.0]
+        assert info["reference"].shape == (3,)
+        with pytest.raises(ConfigError, match="has its own reference; give pose alone"):
+            environment.reset(options={"waypoint": [1.0, 2.0, -20.0]})
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["task=docking", "task.observation=[velocty]"], "velocty.*did you mean 'velocity'"),
+        (["task.observation=[goal_error]"], "goal_error is no block of task=waypoint"),
+        (["task=docking", "task.observation=[velocity,velocity]"], "velocity is there twice"),
+        (["task=docking", "task.observation=[]"], "at least one block"),
+        (["task=docking", "task.position_frame=world"], "position_frame"),
+        (["task=docking", "reward=thesis"], "no reward for task=docking; use reward=tracking"),
+        (["reward=marinegym_hover"], "no reward for task=waypoint"),
+        (["task=station_keepin"], "did you mean.*station_keeping"),
+        (["task=station_keeping", "task.station=[0,0,0]"], "task.station.*depth limits"),
+        (["task=docking", "task.start_low=20"], "task.start_low"),
+        (["task=trajectory_tracking", "task.curve=spiral"], "task.curve=spiral"),
+        (["task=docking", "task.goal_radius=2"], "goal_radius"),
+    ],
+)
+def test_wrong_tasks_are_refused_in_one_line(overrides: list[str], words: str) -> None:
+    with pytest.raises(ConfigError, match=words) as caught:
+        configs.training(*overrides)
+    assert "\n" not in str(caught.value)
