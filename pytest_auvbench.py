@@ -55,6 +55,9 @@ def _checks(session: pytest.Session, typed: str, steps: int) -> list[Check]:
     if any(word.startswith("simulator=") for word in overrides):
         for check in testing.SIMULATOR_CHECKS:
             chosen.append((check, partial(testing.check_simulator, *overrides, only=check)))
+    if any(word.startswith("task=") for word in overrides):
+        for one_of_a_task in testing.TASK_CHECKS:
+            chosen.append((one_of_a_task, partial(testing.check_task, *overrides, only=one_of_a_task)))
     if any(word.startswith("algo=") for word in overrides) or not chosen:
         checks = (*testing.AGENT_CHECKS, *(testing.LEARNER_CHECKS if learns(algo) else ()))
         for one in checks:
@@ -66,7 +69,7 @@ def _checks(session: pytest.Session, typed: str, steps: int) -> list[Check]:
 
 
 class Check(pytest.Item):
-    """One check of one agent or simulator."""
+    """One check of one agent, simulator or task."""
 
     def __init__(self, *, call: Callable[[], None], **named: Any) -> None:
         super().__init__(**named)

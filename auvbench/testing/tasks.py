@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
+from auvbench.config.compose import compose
 from auvbench.config.tasks import TASKS
+from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.metrics import METRICS
 from auvbench.record import OUTCOMES, record_columns
@@ -115,19 +118,32 @@ def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
                 raise ConformanceError(f"{name}={value}: must be finite and within [{low:g}, {high:g}]")
 
 
-CHECKS = (
+TASK_CHECKS: tuple[Callable[[schema.TrainConfig], None], ...] = (
     its_rows_do_not_depend_on_the_batch,
     it_resumes_in_mid_episode,
     its_draws_are_functions_of_their_key,
     its_episodes_end_with_records,
 )
+"""The checks of every task."""
 
 
-def check_task(config: schema.TrainConfig) -> None:
-    """Check the task of a configuration.
+def check_task(*overrides: str, only: Callable[[schema.TrainConfig], None] | None = None) -> None:
+    """Check a task against its contract (`auvbench.tasks.base.Task`).
+
+    Args:
+        overrides: what one would type behind `auvbench train`: the task, `task=NAME`, a vehicle, disturbances perhaps.
+        only: one of `TASK_CHECKS`; all of them by default.
 
     Raises:
-        ConformanceError: names what does not hold.
+        ConformanceError: it breaks its contract.
+        ConfigError: the overrides are none, or the vehicle cannot do the task.
     """
-    for check in CHECKS:
-        check(config)
+    config = train_config(compose("train", list(overrides)))
+    for check in TASK_CHECKS:
+        if only is not None and check is not only:
+            continue
+        try:
+            check(config)
+        except ConformanceError as error:
+            name = " ".join(overrides)
+            raise ConformanceError(f"{name}: {check.__name__.replace('_', ' ')}: {error}") from error

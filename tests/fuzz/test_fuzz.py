@@ -29,6 +29,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("fuzz")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", COUNTS)
 def test_command_lines(count: int, folder: Path) -> None:
     targets.keys()
@@ -42,6 +43,7 @@ def test_command_lines(count: int, folder: Path) -> None:
         one()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", targets.FILES)
 @pytest.mark.parametrize("count", COUNTS)
 def test_files(count: int, name: str, folder: Path) -> None:

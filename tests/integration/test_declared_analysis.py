@@ -95,6 +95,7 @@ def test_a_baseline_that_a_part_of_the_runs_lacks_is_no_error(runs: list[Path]) 
     assert "--baseline 'ppo' is not among the agents" in text.replace("\\", "")
 
 
+@pytest.mark.slow
 def test_a_published_study_reports_itself_without_flags(runs: list[Path], tmp_path: Path) -> None:
     words = ["--rank-by", "par1_steps", "--group-by", "algo,step.frequency", "--pictures", "failures"]
     assert main(["publish", "outputs/grid", "--to", "results/grid", *words]) == 0

@@ -43,6 +43,7 @@ def test_they_stand_in_the_table_beside_the_others(site: Site) -> None:
     assert summary["versions"]["mine-package"] == "1.0"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("act", "found"),
     [
@@ -76,6 +77,7 @@ def test_a_grid_goes_on_without_it(site: Site, capsys: pytest.CaptureFixture[str
     assert states == {"mine": "failed", "pid": "complete", "random": "complete"}
 
 
+@pytest.mark.slow
 def test_one_that_fails_in_a_test_is_a_line_and_the_others_are_tested(
     site: Site, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -131,6 +133,7 @@ def struck_and_resumed(monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
     return run
 
 
+@pytest.mark.slow
 def test_a_learner_that_resumes_exactly_ends_with_the_same_bits(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -143,6 +146,7 @@ def test_a_learner_that_resumes_exactly_ends_with_the_same_bits(
     assert "started_over" not in run.manifest()
 
 
+@pytest.mark.slow
 def test_one_that_cannot_begins_anew_and_its_manifest_says_so(
     site: Site, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -158,6 +162,7 @@ def test_one_that_cannot_begins_anew_and_its_manifest_says_so(
     assert "cannot be extended: slow does not resume exactly" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_exact_one_is_extended(site: Site) -> None:
     learning(site)
     assert cli.main(["train", "algo=slow", *SHORT]) == 0
@@ -232,6 +237,7 @@ def tank(site: Site, text: str = SIMULATOR) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_simulator_of_a_package(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     tank(site)
     assert cli.main(["train", "algo=pid", "simulator=tank"]) == 0
@@ -246,6 +252,7 @@ def test_a_simulator_of_a_package(site: Site, capsys: pytest.CaptureFixture[str]
     assert "pip install 'tank-package==1.0'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_simulator_that_fails_is_named(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     broken = (
         SIMULATOR + "\n        def step(self, command, duration):\n            raise ValueError('leak')\n"

@@ -113,6 +113,7 @@ def test_three_at_once_test_each_run_once(runs: list[RunDirectory], tmp_path: Pa
     assert all(is_done(run, evaluate_config(protocol).protocol) for run in runs)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_being_tested_is_left_alone_and_the_others_are_tested(
     runs: list[RunDirectory], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -72,6 +72,7 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outputs", ALL, indirect=True)
 def test_every_algorithm_trains_and_is_evaluated(outputs, folder):
     run = only_run(folder)
@@ -95,6 +96,7 @@ def test_every_algorithm_trains_and_is_evaluated(outputs, folder):
         ) == pytest.approx(float(tested[1]["final_distance_m"]), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_from_nothing_to_a_ranked_table(folder, capsys):
     for algo in ("ppo", "pid", "random"):
         assert auvbench("train", f"algo={algo}", *SMALL[algo], *SHORT) == 0
@@ -109,6 +111,7 @@ def test_from_nothing_to_a_ranked_table(folder, capsys):
         assert list(folder.glob(f"outputs/**/report/*.{suffix}")), suffix
 
 
+@pytest.mark.slow
 def test_the_same_command_again_does_nothing(folder, capsys):
     command = ["train", "algo=pid", *SHORT]
     assert auvbench(*command) == 0

@@ -59,6 +59,7 @@ HARMS: list[tuple[Harm, str]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("harm", "message"), HARMS)
 def test_train_brings_it_back_with_the_same_bits(
     run: RunDirectory,
@@ -94,6 +95,7 @@ def test_a_grid_sees_it_too(run: RunDirectory, capsys: pytest.CaptureFixture[str
     assert "2 complete" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("harm", [flipped("policy.pt"), flipped("normalisation.npz")])
 def test_evaluate_names_it_in_a_line_and_tests_the_others(
     run: RunDirectory, harm: Harm, capsys: pytest.CaptureFixture[str]

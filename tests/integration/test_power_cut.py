@@ -66,6 +66,7 @@ def whole(trained: Trained) -> dict[str, str]:
     return bits(trained(CASE).path)
 
 
+@pytest.mark.slow
 def test_a_run_that_ended_stands_a_cut(tmp_path: Path, whole: dict[str, str]) -> None:
     folder = tmp_path / "disk"
     folder.mkdir()

@@ -25,6 +25,7 @@ def run(tmp_path_factory) -> Path:
     return manifest.parent
 
 
+@pytest.mark.slow
 def test_the_episode_is_the_one_of_the_table(run, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(films, "LONGEST", 10)
     with open(run / "evaluations" / "test" / "episodes.csv", newline="", encoding="utf-8") as file:
@@ -105,6 +106,7 @@ def an_episode(steps):
     )
 
 
+@pytest.mark.slow
 def test_a_film_draws_its_axes_once_and_tells_how_far_it_is(tmp_path, monkeypatch):
     monkeypatch.setattr(films, "LONGEST", 30)
     told, drawn = [], []

@@ -77,6 +77,7 @@ def test_the_rates_are_those_of_the_episodes(grid: list[Path], tmp_path: Path) -
     assert row["seeds"] == "0 1 2"
 
 
+@pytest.mark.slow
 def test_the_same_runs_give_the_same_bytes(grid: list[Path], tmp_path: Path) -> None:
     written = []
     for _ in range(2):

@@ -49,6 +49,7 @@ def test_episodes_in_flight_begin_again_with_the_same_draws(forgetful):
         assert np.array_equal(a.reward, b.reward)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["ppo-8", "sac-8", "ppo_residual-8", "recurrent_ppo-8"])
 def test_a_run_goes_on_from_their_first_observations_and_its_manifest_says_so(
     forgetful, monkeypatch, tmp_path, case

@@ -76,6 +76,7 @@ def strike(monkeypatch: pytest.MonkeyPatch) -> Strike:
     return arm
 
 
+@pytest.mark.slow
 @WITH_RESIDUAL
 def test_cadence_does_not_change_a_bit(whole: dict[str, str], run: RunDirectory) -> None:
     execute(run)
@@ -83,6 +84,7 @@ def test_cadence_does_not_change_a_bit(whole: dict[str, str], run: RunDirectory)
     assert bits(run.path) == whole
 
 
+@pytest.mark.slow
 def test_nothing_in_a_run_needs_unpickling(run: RunDirectory) -> None:
     execute(run)
     kinds = set()
@@ -110,6 +112,7 @@ def test_a_checkpoint_by_the_clock_does_not_change_a_bit(
     assert bits(run.path) == whole
 
 
+@pytest.mark.slow
 @WITH_RESIDUAL
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signals_save_and_leave(
@@ -175,6 +178,7 @@ def test_without_time_to_save_the_last_checkpoint_counts(
     assert bits(run.path) == whole
 
 
+@pytest.mark.slow
 def test_a_nan_in_the_physics_stops_the_run(whole: dict[str, str], run: RunDirectory, strike: Strike) -> None:
     def blow(recorder: Follower) -> None:
         recorder._learner._environment.simulator.pose[3, 1] = np.nan
@@ -209,6 +213,7 @@ def test_weights_that_are_no_numbers_stop_the_run(
     assert bits(run.path) == whole
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::auvbench.training.checkpoint.store.CheckpointWarning")
 @pytest.mark.parametrize("damage", ["flip", "truncate"])
 def test_damage_to_any_component_costs_time_alone(
@@ -234,6 +239,7 @@ def test_damage_to_any_component_costs_time_alone(
     assert bits(run.path) == whole
 
 
+@pytest.mark.slow
 def test_a_damaged_checkpoint_is_named(run: RunDirectory, strike: Strike) -> None:
     strike(900, lambda _: os.kill(os.getpid(), signal.SIGTERM))
     with pytest.raises(Interrupted):
@@ -272,6 +278,7 @@ def test_the_manifest_knows_the_last_checkpoint_while_the_run_goes_on(
     assert manifest["wall_time_s"] > 0.0
 
 
+@pytest.mark.slow
 def test_a_run_that_somebody_took_over_is_not_written_to(
     run: RunDirectory, strike: Strike, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -316,6 +323,7 @@ def fill(disk: Path) -> None:
             return
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_named_and_costs_nothing(
     case: str, whole: dict[str, str], small_disk: Path, strike: Strike, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -361,6 +369,7 @@ def protect(disk: Path, recorder: Follower) -> None:
 TOTALS = {"ppo-8": (1000, 2000), "sac-8": (500, 1000), "ppo_residual-8": (1000, 2000)}
 
 
+@pytest.mark.slow
 @WITH_RESIDUAL
 def test_an_extended_run_is_the_longer_run(case: str, whole: dict[str, str], tmp_path: Path) -> None:
     small, large = TOTALS[case]
@@ -394,6 +403,7 @@ def test_what_cannot_be_extended_says_why(
     assert main(["resume", str(tmp_path / "nowhere")]) == 2
 
 
+@pytest.mark.slow
 def test_resume_finishes_an_interrupted_run(
     whole: dict[str, str], run: RunDirectory, strike: Strike, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -83,6 +83,7 @@ def test_an_experiment_is_started_narrowed_and_typed_again(folder: Path) -> None
     ]  # Hydra wrote nothing of its own
 
 
+@pytest.mark.slow
 def test_nothing_starts_when_one_job_is_wrong(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -119,6 +120,7 @@ def test_a_worker_of_a_sweep_and_a_process_of_its_own_compute_the_same_bits(fold
     assert len(result(one)) == 3
 
 
+@pytest.mark.slow
 def test_a_single_run_that_is_held_is_left_alone(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -116,6 +116,7 @@ def test_a_report_on_the_scenarios_of_the_search_says_that_it_is_no_ranking(
         assert ("no ranking" in (Path("outputs/default/report/report.md")).read_text()) == said
 
 
+@pytest.mark.slow
 def test_typed_again_nothing_is_done_twice_and_more_trials_go_on(
     pid: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -127,6 +128,7 @@ def test_typed_again_nothing_is_done_twice_and_more_trials_go_on(
     assert {path: path.stat().st_mtime_ns for path in study.runs.glob("*/manifest.json")} == manifests
 
 
+@pytest.mark.slow
 def test_fewer_trials_than_there_are_take_none_away(pid: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (pid / "tune" / "pid" / "journal.log").read_bytes()
     assert tune(pid, *PID, "tune.trials=2") == 0
@@ -135,6 +137,7 @@ def test_fewer_trials_than_there_are_take_none_away(pid: Path, capsys: pytest.Ca
     assert tune(pid, *PID) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -161,6 +164,7 @@ def test_another_study_in_the_same_place_is_refused(
     assert (pid / "tune" / "pid" / "journal.log").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_second_controller_says_so(pid: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study = StudyFolder(pid / "tune" / "pid")
     with lock.acquire(study.path / "controller"):
@@ -169,6 +173,7 @@ def test_a_second_controller_says_so(pid: Path, capsys: pytest.CaptureFixture[st
     assert tune(pid, *PID) == 0
 
 
+@pytest.mark.slow
 def test_a_study_of_another_version_is_refused(
     pid: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -357,6 +362,7 @@ def test_an_edited_or_removed_line_of_a_journal_is_named(
         StudyFolder(tmp_path).read()
 
 
+@pytest.mark.slow
 def test_a_study_of_a_stranger_appends_to_no_file_outside(
     pid: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

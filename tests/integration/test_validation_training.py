@@ -42,6 +42,7 @@ def watched(case: str, once: Once) -> RunDirectory:
     return RunDirectory(path)
 
 
+@pytest.mark.slow
 def test_training_does_not_notice_that_it_is_watched(
     case: str, watched: RunDirectory, trained: Trained
 ) -> None:
@@ -71,6 +72,7 @@ def test_a_row_every_so_many_steps_and_one_at_the_end(watched: RunDirectory) -> 
     assert watched.manifest()["phases"]["validation_s"] > 0
 
 
+@pytest.mark.slow
 def test_the_last_row_is_what_evaluate_finds_on_the_validation_scenarios(watched: RunDirectory) -> None:
     protocol = configs.protocol("protocol=validation")
     summary = evaluation.evaluate(watched, protocol)

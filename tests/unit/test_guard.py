@@ -54,6 +54,7 @@ def test_a_message_that_nobody_can_read_changes_no_exit_code() -> None:
     assert done.returncode == 2
 
 
+@pytest.mark.slow
 def test_letters_that_the_terminal_lacks_are_no_error() -> None:
     code, output, error = auvbench("vehicles", "bluerov2", PYTHONIOENCODING="ascii")
     assert (code, error) == (0, "")

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from auvbench import metrics
 
 ROOT = Path(__file__).parents[2]
@@ -56,6 +58,7 @@ assert fingerprint(protocol, resolve_conditions(protocol, configs.plain())) == "
 """
 
 
+@pytest.mark.slow
 def test_an_entry_is_found_in_records_tables_page_latex_docs_and_completion() -> None:
     done = subprocess.run([sys.executable, "-c", ADDED + USED], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -34,6 +34,7 @@ def test_same_numbers_in_the_sheet(name: str) -> None:
     assert sheet.added_mass_coriolis == body.added_coriolis
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(ALL))
 def test_free_motion_in_a_current(name: str) -> None:
     assert free_motion(name) < 1e-12

@@ -44,6 +44,7 @@ def success(rows) -> float:
 LEAST = {("lqr", "bluerov2_heavy"): 0.6, ("smc", "bluerov2_heavy_wu2018"): 0.75}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vehicle", THRUSTERS)
 @pytest.mark.parametrize("algo", ["lqr", "smc"])
 def test_they_fly_every_vehicle_with_thrusters(algo, vehicle):

@@ -148,6 +148,7 @@ class Push:
         return np.sin(observation[:, 10:] * 3.0 + observation[:, 1:2])
 
 
+@pytest.mark.slow
 def test_rows_of_a_test_do_not_depend_on_the_batch() -> None:
     config = configured("task.max_steps=120")
     tables = []

@@ -129,6 +129,7 @@ def test_a_run_with_foreign_json_is_named(study: Path, column: str, value: str) 
     assert problems
 
 
+@pytest.mark.slow
 def test_a_file_that_expands_without_end_is_refused(tmp_path: Path) -> None:
     texts = pa.DictionaryArray.from_arrays(pa.array([0] * 1000), pa.array(["x" * 10**6]))
     table = pa.table({"run": texts})

@@ -141,6 +141,7 @@ def test_without_seal_or_digests_a_file_is_damaged(grid: list[Path], name: str, 
     assert [problem.kind for problem in load([grid[0].parent])[1]] == ["damaged"]
 
 
+@pytest.mark.slow
 def test_no_flipped_bit_changes_a_number_without_a_word(grid: list[Path]) -> None:
     """Two hundred bits in every kind of file: each is named, or changes nothing that is read."""
     rng = np.random.default_rng(5)

@@ -93,6 +93,7 @@ def test_the_family_is_that_of_the_comparisons_alone() -> None:
     assert np.isnan([lone.difference.low, lone.difference.high]).all()
 
 
+@pytest.mark.slow
 def test_false_verdicts_are_rare_all_comparisons_together() -> None:
     """Five learners that are worth what the controller is: at most 5 % of the tables call one ahead or behind."""
     rng = np.random.default_rng(3)

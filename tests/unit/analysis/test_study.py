@@ -324,6 +324,7 @@ def kept(folder, one, gone, reward_k=None):
     return replace(one, runs=tuple(runs))
 
 
+@pytest.mark.slow
 def test_claim_3(tmp_path):
     def grid(folder, level, gone):
         made = [agent("sac", k, f, level=level(k), seed_sd=0.1, episodes=500, seeds=5) for k, f in GRID]
@@ -407,6 +408,7 @@ def test_claim_4():
     assert claim(4, (), agents).verdict == FAILS
 
 
+@pytest.mark.slow
 def test_claim_5(tmp_path):
     def world(level_when_not, folder):
         agents, runs = [], []

@@ -51,6 +51,7 @@ def test_mistakes_are_one_line(words: list[str], said: str, capsys: pytest.Captu
     assert not Path("outputs").exists()
 
 
+@pytest.mark.slow
 def test_without_casadi_the_extra_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

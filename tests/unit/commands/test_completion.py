@@ -28,6 +28,7 @@ def complete(line: str) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
 @pytest.mark.parametrize(
     ("line", "expected"),
@@ -48,6 +49,7 @@ def test_bash_completes(line, expected):
     assert complete(line) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
 def test_the_file_of_a_policy_is_completed_as_a_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -29,6 +29,7 @@ def outputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     return tmp_path / "outputs"
 
 
+@pytest.mark.slow
 def test_what_can_be_evaluated_is_and_the_rest_is_one_line(
     outputs: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -48,6 +49,7 @@ def test_what_can_be_evaluated_is_and_the_rest_is_one_line(
     assert cli.main(["report", "outputs", "--no-figures"]) == 0, "the two in one line, as the help says"
 
 
+@pytest.mark.slow
 def test_where_nothing_is_complete_it_says_what_finishes(
     outputs: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -57,6 +59,7 @@ def test_where_nothing_is_complete_it_says_what_finishes(
     assert "finish with auvbench resume outputs/default/ppo-3" in err
 
 
+@pytest.mark.slow
 def test_where_chooses_runs(outputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["evaluate", "outputs", FEW, "--where", "vehicle=rexrov"]) == 0
     (summary,) = outputs.glob("*/*/evaluations/test/summary.json")

@@ -96,6 +96,7 @@ def test_a_mistake_is_one_line(
     assert words in told(capsys, *arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("override", "message"),
     [
@@ -146,11 +147,13 @@ def test_any_path_can_be_typed(path: str) -> None:
     assert compose("train", [f"output={path}"]).output == path
 
 
+@pytest.mark.slow
 def test_the_home_folder_is_the_users(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", "/home/nemo")
     assert compose("train", ["output=~/aa"]).output == "/home/nemo/aa"
 
 
+@pytest.mark.slow
 def test_a_run_in_a_folder_with_a_foreign_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -27,6 +27,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_typed_spread(capsys: pytest.CaptureFixture[str]) -> None:
     found = planned(capsys, "--sd", "0.5", "--rates", "80,95", "--episodes", "200")
     (need,) = found["needs"]
@@ -37,6 +38,7 @@ def test_a_typed_spread(capsys: pytest.CaptureFixture[str]) -> None:
     assert wide["alone"]["0.8"] > need["alone"]["0.8"]
 
 
+@pytest.mark.slow
 def test_the_spread_of_runs_that_are_there(capsys: pytest.CaptureFixture[str], runs: Path) -> None:
     found = planned(capsys, "--resolve", "20", str(runs))
     assert found["sd_df"] == 4

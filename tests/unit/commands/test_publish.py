@@ -58,6 +58,7 @@ def report(*arguments: str) -> int:
     return cli.main(["report", *arguments, "--format", "csv", "--no-figures"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("study", [(), ("--study", "thesis")])
 def test_a_report_of_what_is_shipped_has_the_same_numbers(grid, tmp_path, study):
     assert publish("--pictures", "failures", *study) == 0
@@ -97,6 +98,7 @@ def test_without_a_study_the_verdicts_are_the_findings(grid, tmp_path):
     assert any(v["run_ids"] for v in verdicts)
 
 
+@pytest.mark.slow
 def test_nothing_of_the_machine_is_published(runs, tmp_path):
     for run in runs:
         manifest = json.loads((run / "manifest.json").read_text())
@@ -114,6 +116,7 @@ def test_nothing_of_the_machine_is_published(runs, tmp_path):
     assert "a processor" in (study / "README.md").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
@@ -136,6 +139,7 @@ def test_an_entry_of_another_type_costs_its_run_alone(
     assert len(pd.read_parquet("results/grid/runs.parquet")) == len(runs) - 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("old", ["outcome", "return", "step,"])
 def test_a_renamed_training_column_costs_the_training_rows_alone(runs, tmp_path, capsys, old: str):
     learner = next(run for run in runs if "ppo" in run.name)
@@ -183,6 +187,7 @@ def test_pictures_have_few_colours_and_look_the_same(runs, tmp_path):
     assert np.abs(difference).mean() < 1.0
 
 
+@pytest.mark.slow
 def test_conditions_of_all_protocols_are_one_table(runs, tmp_path):
     assert publish("--pictures", "failures", "--also", "robustness") == 0
     rows = pd.read_csv(tmp_path / "results/grid/conditions.csv")
@@ -191,6 +196,7 @@ def test_conditions_of_all_protocols_are_one_table(runs, tmp_path):
     assert cli.main(["publish", "outputs/grid", "--to", "results/x", "--also", "transfer"]) == 2
 
 
+@pytest.mark.slow
 def test_what_a_person_wrote_stays(runs, tmp_path, capsys):
     assert publish("--pictures", "failures") == 0
     assert "next: write the question and the answer" in capsys.readouterr().out

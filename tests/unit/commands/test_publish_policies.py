@@ -58,6 +58,7 @@ def table(folder: str) -> str:
     return Path("some-report/table.csv").read_text()
 
 
+@pytest.mark.slow
 def test_the_best_of_each_agent_is_exported_and_named(runs):
     assert publish("outputs", "--policies") == 0
     name = runs[1].id
@@ -125,6 +126,7 @@ def test_of_equals_the_first_by_id(runs):
     assert there()[1] == f"{min(runs[0].id, runs[1].id)}.onnx"
 
 
+@pytest.mark.slow
 def test_a_missing_extra_is_said_before_anything_is_written(runs, capsys, monkeypatch):
     import importlib.util
 
@@ -137,6 +139,7 @@ def test_a_missing_extra_is_said_before_anything_is_written(runs, capsys, monkey
     assert not TO.exists()
 
 
+@pytest.mark.slow
 def test_a_readme_without_a_place_is_said_before_anything_is_written(runs, capsys):
     assert publish("outputs") == 0
     before = {path: path.read_bytes() for path in TO.rglob("*") if path.is_file()}

@@ -46,6 +46,7 @@ def table(*folders: str) -> str:
     return (Path(out) / "table.csv").read_text()
 
 
+@pytest.mark.slow
 def test_a_study_that_grows_keeps_its_runs_and_gives_the_numbers_of_all(first, capsys):
     assert publish("first/outputs") == 0
     machine("second", ("sac", "ppo"), (2, 3))
@@ -76,6 +77,7 @@ def test_further_protocols_grow_too(tmp_path, monkeypatch):
     assert_same_numbers(grown, Path("results/at_once/conditions.csv").read_text())
 
 
+@pytest.mark.slow
 def test_a_run_directory_counts_before_its_published_copy(first, capsys):
     assert publish("first/outputs") == 0
     capsys.readouterr()
@@ -86,6 +88,7 @@ def test_a_run_directory_counts_before_its_published_copy(first, capsys):
     assert "not published" not in said
 
 
+@pytest.mark.slow
 def test_a_run_at_work_is_left_out(first, capsys):
     with lock.acquire(first[0]):
         assert publish("first/outputs") == 1
@@ -96,6 +99,7 @@ def test_a_run_at_work_is_left_out(first, capsys):
     assert not Path("results/alone").exists()
 
 
+@pytest.mark.slow
 def test_many_runs_that_were_not_tested_are_one_line(first, capsys):
     untested = sorted(machine("more", ("sac",), (0, 1, 2, 3, 4, 5)))
     for run in untested:
@@ -107,6 +111,7 @@ def test_many_runs_that_were_not_tested_are_one_line(first, capsys):
     assert published() == sorted(run.name for run in first)
 
 
+@pytest.mark.slow
 def test_a_damaged_run_never_replaces_a_published_one(first, capsys):
     assert publish("first/outputs") == 0
     (first[0] / "manifest.json").write_text("{")
@@ -118,6 +123,7 @@ def test_a_damaged_run_never_replaces_a_published_one(first, capsys):
     assert published() == sorted(run.name for run in first)
 
 
+@pytest.mark.slow
 def test_a_choice_removes_nothing(first, capsys):
     assert publish("first/outputs") == 0
     before = files(TO)
@@ -134,6 +140,7 @@ def test_a_folder_of_runs_is_no_place_to_publish_into(first, to, capsys):
     assert files("first") == before
 
 
+@pytest.mark.slow
 def test_a_training_that_failed_counts_in_the_published_table_too(first):
     set_state([first[2]], "failed", "NaN")
     assert publish("first/outputs") == 0

@@ -55,6 +55,7 @@ def test_enu_is_ned_with_the_signs_of_y_and_z_turned() -> None:
     np.testing.assert_allclose(rows("enu.csv")[:, 1:], rows("ned.csv")[:, 1:] * signs, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_commands_by_list_and_by_name_are_the_same() -> None:
     assert run("vehicle=lrauv", "input.command=[0.5,-0.2,0,0,0,0]", "duration=3", "output=list.csv") == 0
     assert (

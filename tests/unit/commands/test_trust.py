@@ -32,6 +32,7 @@ def run(tmp_path: Path) -> RunDirectory:
     return frozen(tmp_path / "out", "algo=random", state="pending")
 
 
+@pytest.mark.slow
 def test_what_the_user_made_is_resumed_unasked(run: RunDirectory, tmp_path: Path) -> None:
     copy = tmp_path / "copies" / "x" / run.id
     shutil.copytree(run.path, copy)
@@ -100,12 +101,14 @@ def test_jobs_are_not_asked(run: RunDirectory, as_another: Callable[[], None]) -
     assert worker.main([str(run.path)]) == 0
 
 
+@pytest.mark.slow
 def test_values_that_change_no_result_are_signed_again(run: RunDirectory) -> None:
     command = ["train", "algo=random", f"output={run.path.parent.parent}"]
     assert cli.main([*command, "train.checkpoint.keep=5"]) == 0
     assert lock.is_own(run.config_path)
 
 
+@pytest.mark.slow
 def test_tests_and_reports_take_what_another_person_made(
     run: RunDirectory, as_another: Callable[[], None]
 ) -> None:
@@ -115,6 +118,7 @@ def test_tests_and_reports_take_what_another_person_made(
     assert cli.main(["evaluate", str(run.path), *BRIEF]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["evaluate", "replay", "export"])
 def test_what_a_package_computes_needs_the_flag(
     command: str,
@@ -132,6 +136,7 @@ def test_what_a_package_computes_needs_the_flag(
     assert lock.is_own(run.config_path)
 
 
+@pytest.mark.slow
 def test_a_study_of_another_person_needs_the_flag(
     tmp_path: Path,
     as_another: Callable[[], None],
@@ -164,6 +169,7 @@ def test_the_key_is_private_and_made_once(run: RunDirectory) -> None:
     assert key.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_without_a_state_directory_runs_are_made_and_need_the_flag(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -52,6 +52,7 @@ def test_a_line_per_thruster_says_where_it_pushes(capsys: pytest.CaptureFixture[
     assert sixth.strip() == "thruster6 pushes down: heave -1"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(path.stem for path in SHEETS.glob("*.yaml")))
 def test_json_is_valid(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     facts = json.loads(show(capsys, name, "--json"))
@@ -67,6 +68,7 @@ def test_own_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert "(mine)" in show(capsys, str(own))
 
 
+@pytest.mark.slow
 def test_own_sheets_in_conf_of_the_working_directory(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

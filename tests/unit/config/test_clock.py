@@ -57,6 +57,7 @@ def test_learner_and_reward_statistics_take_the_discount_of_the_horizon():
     assert model.gamma == pytest.approx(np.exp(-1 / 50), rel=1e-15)
 
 
+@pytest.mark.slow
 def test_who_sets_neither_keeps_the_id_of_before():
     before = plain()
     for group, key in (("task", "time_limit"), ("algo", "horizon_s"), ("train", "evaluate_every")):
@@ -67,6 +68,7 @@ def test_who_sets_neither_keeps_the_id_of_before():
     assert (loaded.task.time_limit, loaded.algo.horizon_s, loaded.train.evaluate_every) == (None, None, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "override", ["task.time_limit=100", "algo.horizon_s=9.95", "train.evaluate_every=5000"]
 )

@@ -99,6 +99,7 @@ def test_a_mistake_is_one_line(override, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("algo", "override", "message"),
     [

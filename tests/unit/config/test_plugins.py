@@ -54,6 +54,7 @@ def test_it_is_chosen_with_its_types_and_its_package(site: Site) -> None:
     assert config.algo.gain == 0.5
 
 
+@pytest.mark.slow
 def test_it_is_listed_and_completed_without_being_imported(
     site: Site, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -66,6 +67,7 @@ def test_it_is_listed_and_completed_without_being_imported(
     assert "mine" not in sys.modules
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("typed", "message"),
     [
@@ -88,6 +90,7 @@ def test_what_is_typed_wrong_is_one_line(
     assert message in refused(capsys, "train", "algo=mine", typed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -121,6 +124,7 @@ def test_what_cannot_be_used_is_named_with_its_package(
     assert cli.main(["train", "algo=pid", "--cfg", "job"]) == 0  # nobody else is concerned
 
 
+@pytest.mark.slow
 def test_two_packages_with_one_name(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     steering(site)
     site.install("other", {"other.py": ""}, agents={"mine": "other:Mine"})
@@ -142,6 +146,7 @@ def test_an_agent_without_a_file(site: Site, capsys: pytest.CaptureFixture[str])
     assert "algo=bare: bare==1.0 has no algo/bare.yaml for it" in refused(capsys, "train", "algo=bare")
 
 
+@pytest.mark.slow
 def test_names_of_auvbench_itself_are_taken(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     steering(site)
     files = {"thief/__init__.py": "", "thief/conf/algo/pid.yaml": MINE}
@@ -163,6 +168,7 @@ def test_a_package_s_files_name_no_code(site: Site, capsys: pytest.CaptureFixtur
     assert "a configuration names no code" in refused(capsys, "train", "algo=mine")
 
 
+@pytest.mark.slow
 def test_a_configuration_names_no_code_but_an_entry_point_s(
     site: Site, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -173,6 +179,7 @@ def test_a_configuration_names_no_code_but_an_entry_point_s(
     assert "algo.agent=loose:Agent: unknown" in refused(capsys, "train", "algo=loose")
 
 
+@pytest.mark.slow
 def test_vehicles_and_protocols_of_a_package(site: Site) -> None:
     conf = Path(__file__).parents[3] / "conf"
     sheet = (conf / "vehicle/bluerov2.yaml").read_text().replace("name: bluerov2", "name: theirs", 1)
@@ -191,6 +198,7 @@ def test_vehicles_and_protocols_of_a_package(site: Site) -> None:
     assert compose("evaluate", ["protocol=brief"]).protocol.name == "brief"
 
 
+@pytest.mark.slow
 def test_version_and_package_are_part_of_a_run_s_identity(site: Site) -> None:
     steering(site)
     first = run_id(composed("algo=mine"))
@@ -202,6 +210,7 @@ def test_version_and_package_are_part_of_a_run_s_identity(site: Site) -> None:
     assert run_id(composed("algo=slow")) != run_id(composed("algo=slow", "train.total_steps=7"))
 
 
+@pytest.mark.slow
 def test_a_frozen_configuration_wants_the_package_it_was_made_with(site: Site) -> None:
     steering(site)
     frozen = OmegaConf.create(composed("algo=mine"))

@@ -48,6 +48,7 @@ def somewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", FILES)
 def test_files_in_conf_run_no_code(case: str, somewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, text in FILES[case].items():
@@ -124,6 +125,7 @@ def test_a_frozen_configuration_is_never_resolved(
     assert value in run.config_path.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "value"),
     [

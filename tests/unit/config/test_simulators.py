@@ -32,6 +32,7 @@ def check(*overrides):
     return train_config(compose("train", list(overrides)))
 
 
+@pytest.mark.slow
 def test_the_embedded_simulator_takes_all_that_can_be_asked():
     check("disturbance=severe", "disturbance.current.profile.factor=0.5", "disturbance.current.speed=0.3")
 
@@ -55,6 +56,7 @@ def test_what_it_cannot_is_refused_with_the_key_and_a_way_out(plain, overrides, 
     assert message.endswith("simulator=able")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("simulator", "remedy"),
     [
@@ -71,6 +73,7 @@ def test_the_remedy_is_the_option_that_restricts(simulator, remedy):
     check(simulator[0], remedy, "disturbance=gauss_markov")
 
 
+@pytest.mark.slow
 def test_a_steady_current_passes_where_one_is_taken_and_not_where_there_is_none(plain):
     plain()
     check("disturbance=current")
@@ -79,6 +82,7 @@ def test_a_steady_current_passes_where_one_is_taken_and_not_where_there_is_none(
         check("disturbance=current")
 
 
+@pytest.mark.slow
 def test_every_simulator_has_a_schema_and_a_file():
     for name in CAPABILITIES:
         assert simulators.schema_of(name) is not None

@@ -35,6 +35,7 @@ def _draw(seed, stream, count, normal):
     return out
 
 
+@pytest.mark.slow
 def test_distributions():
     assert stats.kstest(_draw(1, random.SENSOR, 20_000, False), "uniform").pvalue > 1e-3
     assert stats.kstest(_draw(1, random.SENSOR, 20_000, True), "norm").pvalue > 1e-3

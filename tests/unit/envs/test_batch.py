@@ -75,6 +75,7 @@ def test_another_seed_and_a_test_draw_other_scenarios():
     assert np.unique(base).size == base.size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frequency", [10, 25, 55, 7.3])
 def test_a_step_lasts_one_over_f_whatever_f(frequency):
     # In still water without thrust the vehicle rises: after the same time by the same height.
@@ -171,6 +172,7 @@ def test_a_seed_out_of_range_is_the_users_mistake():
         env.unwrapped.batch.reseed(1 << 32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("disturbance", ["none", "severe"])
 def test_threads_change_neither_floats_nor_saved_states(disturbance, monkeypatch):
     monkeypatch.setattr(fossen, "THREADED", 8)

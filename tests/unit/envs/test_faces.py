@@ -84,6 +84,7 @@ def test_without_automatic_reset_a_mask_says_who_begins():
             env.reset(options={"reset_mask": bad})
 
 
+@pytest.mark.slow
 def test_automatic_reset_is_the_same_on_threads_and_with_disturbances(monkeypatch):
     monkeypatch.setattr(fossen, "THREADED", 8)
     for disturbance in ("none", "severe"):
@@ -297,6 +298,7 @@ def test_seeds_of_any_size():
         envs.reset(seed=[1, 2, 3])
 
 
+@pytest.mark.slow
 def test_the_thesis_cells_have_ids():
     env = gymnasium.make("auvbench/Waypoint-K40-25Hz-v0", vehicle="rexrov").unwrapped
     assert env.config.reward.k == 40
@@ -316,6 +318,7 @@ def test_the_thesis_cells_have_ids():
     )
 
 
+@pytest.mark.slow
 def test_the_observation_space_holds_what_happens_and_scales():
     for overrides in ("", "disturbance=severe", "vehicle=rexrov task.position_frame=body", "vehicle=lrauv"):
         env = gymnasium.make(ID, overrides=overrides)

@@ -109,6 +109,7 @@ def drawn(name: str, *overrides: str) -> Batch:
     return batch
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sheet_names())
 def test_the_lightest_vehicle_that_may_be_drawn_decides(name: str) -> None:
     """A third of mass and inertia with three times the damping, tumbling at full thrust."""
@@ -148,6 +149,7 @@ def test_the_bound_is_the_time_constant_of_the_extreme_vehicle() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_usual_levels_keep_the_usual_steps() -> None:
     for level in ("none", "calm", "moderate", "severe"):
         simulator = drawn("bluerov2", f"disturbance={level}").simulator

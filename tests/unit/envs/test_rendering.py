@@ -20,6 +20,7 @@ assert auvbench.__version__
 ID = "auvbench/Waypoint-v0"
 
 
+@pytest.mark.slow
 def test_pictures_show_where_the_vehicle_is():
     env = gymnasium.make(ID, render_mode="rgb_array", frequency=25)
     assert env.metadata["render_fps"] == 25
@@ -48,6 +49,7 @@ def test_pictures_show_where_the_vehicle_is():
     assert (difference > 80).mean() < 0.01
 
 
+@pytest.mark.slow
 def test_a_picture_is_drawn_on_the_one_before(monkeypatch):
     drawn = []
     whole = Figure.draw
@@ -81,6 +83,7 @@ def test_modes():
         gymnasium.make(ID, render_mode="ansi").unwrapped.render()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["NEXT_STEP", "SAME_STEP", "DISABLED"])
 def test_a_batch_shows_each_environment(mode):
     envs = WaypointVectorEnv(2, "task.max_steps=3", render_mode="ansi", autoreset_mode=mode)

@@ -115,6 +115,7 @@ def test_nothing_is_proven_where_coriolis_forces_do_work() -> None:
     np.testing.assert_array_equal(turned.pace, real.pace)
 
 
+@pytest.mark.slow
 def test_no_controller_arrives_sooner_than_is_proven() -> None:
     protocol = protocol_of(episodes=4)
     (condition,) = resolve_conditions(protocol, config_of())
@@ -129,6 +130,7 @@ def test_no_controller_arrives_sooner_than_is_proven() -> None:
         assert least > 20
 
 
+@pytest.mark.slow
 def test_what_is_found_arrives_and_is_quicker_than_controllers(
     near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits]
 ) -> None:
@@ -209,6 +211,7 @@ def test_limits_of_other_scenarios_and_damaged_ones_are_not_used(
         files.read(tmp_path / "test-bluerov2")
 
 
+@pytest.mark.slow
 def test_what_has_no_limit_is_refused() -> None:
     config = config_of()
     with pytest.raises(ConfigError, match="leaves the frequency to each agent"):
@@ -226,6 +229,7 @@ def test_what_has_no_limit_is_refused() -> None:
         Search(condition.config)
 
 
+@pytest.mark.slow
 def test_thrusters_with_lag_are_covered() -> None:
     protocol = protocol_of(*NEAR, episodes=1)
     (condition,) = resolve_conditions(protocol, config_of("vehicle=rexrov"))
@@ -240,6 +244,7 @@ def test_thrusters_with_lag_are_covered() -> None:
 SHIPPED = sorted(folder.name for folder in files.shipped().glob("*-*") if folder.is_dir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHIPPED or [pytest.param("none", marks=pytest.mark.skip("none is shipped"))])
 def test_shipped_limits_are_of_today_s_scenarios_and_arrive(name: str) -> None:
     limits = files.read(files.shipped() / name)

@@ -35,6 +35,7 @@ class Slow:
         return np.zeros((1, 6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("computes", [False, True])
 def test_what_an_action_waits_for_does_not_count(computes, monkeypatch):
     monkeypatch.setattr(inference, "ACTIONS", 30)
@@ -46,6 +47,7 @@ def test_what_an_action_waits_for_does_not_count(computes, monkeypatch):
         assert found["median_ms"] < 5.0
 
 
+@pytest.mark.slow
 def test_an_action_longer_than_the_limit_is_timed(monkeypatch):
     monkeypatch.setattr(inference, "SECONDS", 0.05)
     found = inference.measure(Slow(0.1, computes=True), train_config(compose("train", ["algo=pid"])))
@@ -53,6 +55,7 @@ def test_an_action_longer_than_the_limit_is_timed(monkeypatch):
     assert found["median_ms"] >= 100.0
 
 
+@pytest.mark.slow
 def test_a_failed_measurement_is_null_and_keeps_the_rows(tmp_path, monkeypatch, capsys):
     def fail(*_):
         raise IndexError("no time")
@@ -69,6 +72,7 @@ def test_a_failed_measurement_is_null_and_keeps_the_rows(tmp_path, monkeypatch, 
     assert "nan" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_rows_are_there_before_the_measurement(tmp_path, monkeypatch):
     run = frozen(tmp_path, "algo=pid")
     there = []

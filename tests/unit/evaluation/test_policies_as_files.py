@@ -73,6 +73,7 @@ LEARNERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overrides", LEARNERS, ids=" ".join)
 def test_an_exported_policy_acts_as_its_run_does(tmp_path: Path, overrides: tuple[str, ...]) -> None:
     run = trained(tmp_path / "runs", *overrides)
@@ -91,6 +92,7 @@ def test_an_exported_policy_acts_as_its_run_does(tmp_path: Path, overrides: tupl
     assert np.ptp(own, axis=0).min() > 1e-3  # it does answer differently to different observations
 
 
+@pytest.mark.slow
 def test_the_same_run_gives_the_same_bytes(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     run = trained(tmp_path / "runs", "algo=sac")
     capfd.readouterr()
@@ -101,6 +103,7 @@ def test_the_same_run_gives_the_same_bytes(tmp_path: Path, capfd: pytest.Capture
     assert one.card_path.read_bytes() == other.card_path.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_card_says_what_goes_in_and_out(tmp_path: Path) -> None:
     run = trained(tmp_path / "runs", "algo=ppo", "seed=3")
     assert cli.main(["evaluate", str(run.path), *BRIEF]) == 0
@@ -126,6 +129,7 @@ def test_the_card_says_what_goes_in_and_out(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_a_file_that_acts_otherwise_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = trained(tmp_path / "runs", "algo=ppo")
     policy = trained_policy.FrozenPolicy
@@ -152,6 +156,7 @@ def _reordered(policy: Any) -> Any:
     return policy
 
 
+@pytest.mark.slow
 def test_large_weights_magnify_rounding_in_the_run_as_in_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -179,6 +184,7 @@ def test_large_weights_magnify_rounding_in_the_run_as_in_the_file(
     assert done.difference <= check["limit"] < 1e-2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algo", ["recurrent_ppo", "ppo_residual", "sac_residual"])
 def test_what_is_more_than_a_network_is_not_exported(
     tmp_path: Path, algo: str, capsys: pytest.CaptureFixture[str]
@@ -203,6 +209,7 @@ def test_what_has_no_network_is_not_exported(
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_export_of_a_folder_leaves_out_what_has_no_network(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -216,6 +223,7 @@ def test_export_of_a_folder_leaves_out_what_has_no_network(
     assert len(list((tmp_path / "out").iterdir())) == 2
 
 
+@pytest.mark.slow
 def test_a_missing_extra_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -271,6 +279,7 @@ def test_a_file_from_plain_torch_is_trained_evaluated_and_ranked(
     assert cli.main(["evaluate", str(run.path), *BRIEF, "force=true"]) == 0
 
 
+@pytest.mark.slow
 def test_where_a_file_lies_does_not_matter_and_what_it_holds_does(tmp_path: Path) -> None:
     for name in ("a", "b", "c"):
         (tmp_path / name).mkdir()
@@ -283,6 +292,7 @@ def test_where_a_file_lies_does_not_matter_and_what_it_holds_does(tmp_path: Path
     assert named.startswith("mine-")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", ["", ".", "/", "..", "a" * 300, "nowhere/p.onnx"])
 def test_a_path_that_is_no_file_is_one_line(
     tmp_path: Path, path: str, capsys: pytest.CaptureFixture[str]
@@ -293,6 +303,7 @@ def test_a_path_that_is_no_file_is_one_line(
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_digest_that_is_typed_must_be_the_file_s(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -319,6 +330,7 @@ def test_an_exported_policy_has_the_outcomes_of_its_run(tmp_path: Path) -> None:
     assert rows[0] == rows[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("override", "message"),
     [
@@ -338,6 +350,7 @@ def test_a_card_of_another_vehicle_clock_or_frame_is_told(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -387,6 +400,7 @@ def test_a_grid_goes_on_without_the_one_that_fails(
     assert states == {"good": "complete", "bad": "failed"}
 
 
+@pytest.mark.slow
 def test_a_run_whose_file_was_lost_or_changed_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

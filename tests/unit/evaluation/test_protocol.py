@@ -33,6 +33,7 @@ def base() -> str:
     return of(protocol(), config())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "override",
     [
@@ -60,6 +61,7 @@ def test_other_vehicles_are_other_scenarios(override, base):
     assert of(protocol(), config(override)) != base
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "override",
     [
@@ -80,6 +82,7 @@ def test_how_a_test_is_carried_out_does_not_matter(override, base):
     assert of(protocol(override), config()) == base
 
 
+@pytest.mark.slow
 def test_native_uses_each_agents_own_frequency_and_compares_across_them():
     test = protocol("protocol=native")
     (condition,) = resolve_conditions(test, config("step.frequency=55"))
@@ -87,6 +90,7 @@ def test_native_uses_each_agents_own_frequency_and_compares_across_them():
     assert of(test, config("step.frequency=55")) == of(test, config("step.frequency=10"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("override", ["task.goal_radius=0.5", "noise=none", "disturbance=severe"])
 def test_own_tests_a_run_in_what_it_was_trained_with(override):
     test = protocol("protocol=own")
@@ -99,6 +103,7 @@ def test_own_tests_a_run_in_what_it_was_trained_with(override):
     assert of(test, config("reward.k=100")) == of(test, config())
 
 
+@pytest.mark.slow
 def test_robustness_has_levels_and_one_factor_at_a_time():
     found = {c.name: c.config for c in resolve_conditions(protocol("protocol=robustness"), config())}
     nominal = found["nominal"]
@@ -121,6 +126,7 @@ def test_robustness_has_levels_and_one_factor_at_a_time():
             assert changed.noise == nominal.noise, name
 
 
+@pytest.mark.slow
 def test_long_is_test_with_more_steps_whatever_a_run_was_trained_with(base):
     (longer,) = resolve_conditions(protocol("protocol=long"), config("vehicle=lrauv"))
     (usual,) = resolve_conditions(protocol(), config("vehicle=lrauv", "task.max_steps=5000"))
@@ -132,6 +138,7 @@ def test_long_is_test_with_more_steps_whatever_a_run_was_trained_with(base):
     assert "protocol=long" in remarks
 
 
+@pytest.mark.slow
 def test_transfer_leaves_out_vehicles_with_other_actuators():
     test = protocol("protocol=transfer")
     names = [c.name for c in resolve_conditions(test, config())]

@@ -62,10 +62,12 @@ def played_elsewhere(folder: Path, file: str = "", old: str = "", new: str = "")
     return outcomes, ending
 
 
+@pytest.mark.slow
 def test_it_is_the_same_interpreted_and_compiled(tmp_path: Path) -> None:
     assert played_elsewhere(tmp_path) == (digest("disturbance=severe"), ends("disturbance=severe"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "old", "new"),
     [
@@ -80,6 +82,7 @@ def test_changed_sources_change_it(tmp_path: Path, file: str, old: str, new: str
 OUTSIDE = "if leaves_water(i, pose, P)"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "new",
     [
@@ -94,6 +97,7 @@ def test_changed_ends_change_the_digest_of_ends_and_not_the_fingerprint(tmp_path
     assert ending != ends("disturbance=severe")
 
 
+@pytest.mark.slow
 def test_a_doubled_drag_changes_it_and_a_thousandth_does_too(monkeypatch: pytest.MonkeyPatch) -> None:
     before = digest()
     ordinary = packing.parameter_rows
@@ -106,11 +110,13 @@ def test_a_doubled_drag_changes_it_and_a_thousandth_does_too(monkeypatch: pytest
         assert digest() != before
 
 
+@pytest.mark.slow
 def test_agents_and_their_rewards_do_not_enter() -> None:
     same = ["algo=pid", "reward.k=100", "seed=7", "task.position_frame=body", "task.max_steps=77"]
     assert {digest(override) for override in same} == {digest()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "override",
     [
@@ -125,6 +131,7 @@ def test_what_is_played_enters(override: str) -> None:
     assert digest(override) != digest()
 
 
+@pytest.mark.slow
 def test_the_last_bits_of_another_machine_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     """Errors of a hundred last places, in every number, on vehicles and disturbances of many kinds."""
     conditions = [("vehicle=" + name,) for name in ("bluerov2", "bluerov2_heavy", "rexrov", "lrauv")]

@@ -16,6 +16,7 @@ def plain(*overrides):
     return OmegaConf.to_container(compose("train", ["algo=pid", *overrides], folder=None), resolve=True)
 
 
+@pytest.mark.slow
 def test_the_clock_of_a_test_is_in_its_fingerprint_and_the_server_s_place_is_not():
     protocol = evaluate_config(
         compose("evaluate", ["protocol=ros2", "protocol.episodes=2"], folder=None)
@@ -44,6 +45,7 @@ def test_the_clock_of_a_test_is_in_its_fingerprint_and_the_server_s_place_is_not
     assert as_played(conditions, {}) == conditions
 
 
+@pytest.mark.slow
 def test_where_a_server_is_makes_no_other_run():
     here = plain("simulator=ros2")
     assert run_id(here) == run_id(plain("simulator=ros2", "simulator.namespace=b", "simulator.timeout=1"))
@@ -51,6 +53,7 @@ def test_where_a_server_is_makes_no_other_run():
     assert run_id(here) != run_id(plain())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "asked", ["disturbance=gauss_markov", "disturbance=depth_current", "disturbance=randomised"]
 )

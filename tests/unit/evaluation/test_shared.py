@@ -66,6 +66,7 @@ def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
     assert counts[0]["solves"] == steps
 
 
+@pytest.mark.slow
 def test_one_pool_tests_whole_runs_and_then_episodes(tmp_path: Path) -> None:
     pytest.importorskip("casadi")
     for algo in ("pid", "random", "mpc"):
@@ -108,6 +109,7 @@ def test_parts_are_joined_in_order() -> None:
     assert whole.notes == {"solves": 9, "late_solves": 3}
 
 
+@pytest.mark.slow
 def test_a_summary_says_how_long_an_action_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = frozen(tmp_path, "algo=pid")
     assert cli.main(["evaluate", str(run.path), "protocol.episodes=4", "workers=1"]) == 0

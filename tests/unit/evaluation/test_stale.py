@@ -76,6 +76,7 @@ HARMS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("harm", "why"), HARMS, ids=[why[:20] for _, why in HARMS])
 def test_what_is_stale_is_tested_again_and_why_is_said(
     run: RunDirectory,
@@ -95,6 +96,7 @@ def test_what_is_stale_is_tested_again_and_why_is_said(
     assert "tested again" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_rows_of_another_physics_are_stale(
     run: RunDirectory, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,6 +110,7 @@ def test_rows_of_another_physics_are_stale(
     )
 
 
+@pytest.mark.slow
 def test_an_evaluation_that_was_copied_in_is_not_this_run_s(run: RunDirectory, tmp_path: Path) -> None:
     other = frozen(tmp_path, "algo=random", "task.max_steps=20", "seed=7")
     shutil.copytree(run.evaluation("test"), other.evaluation("test"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.evaluation.rollout import batch_of
@@ -22,6 +23,7 @@ def scenarios(of: str, n: int = 400, seed: int = 123):
     return batch.task.F[:, [F_START_YAW, F_REFERENCE, F_REFERENCE + 1, F_REFERENCE + 2]]
 
 
+@pytest.mark.slow
 def test_validation_is_the_test_s_circumstances_with_other_scenarios():
     (test,), (validation,) = (resolve_conditions(protocol(name), config()) for name in ("test", "validation"))
     assert test.config == validation.config
@@ -30,6 +32,7 @@ def test_validation_is_the_test_s_circumstances_with_other_scenarios():
     assert fingerprint(protocol("validation"), [validation]) != fingerprint(protocol("test"), [test])
 
 
+@pytest.mark.slow
 def test_no_validation_scenario_is_a_test_or_a_training_scenario():
     test, validation = scenarios("test"), scenarios("validation")
     training = configs.training("seed=123")

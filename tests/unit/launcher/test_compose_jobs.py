@@ -27,6 +27,7 @@ def alone(overrides: Sequence[str]) -> Any:
     return OmegaConf.to_container(compose("train", overrides), resolve=True)
 
 
+@pytest.mark.slow
 def test_each_job_is_what_it_would_be_alone() -> None:
     found = jobs(
         "algo=sac,ppo",
@@ -46,12 +47,14 @@ def test_each_job_is_what_it_would_be_alone() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_jobs_do_not_share_what_they_may_change() -> None:
     first, second = jobs("algo=ppo", "seed=1,2")
     first.algo.net_arch.append(8)
     assert second.algo.net_arch == compose("train", ["algo=ppo"]).algo.net_arch
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -71,6 +74,7 @@ def test_a_mistake_in_any_job_is_one_line(arguments: list[str], message: str) ->
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_an_experiment_with_grids_cannot_be_an_axis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "conf" / "experiment"
     folder.mkdir(parents=True)
@@ -81,6 +85,7 @@ def test_an_experiment_with_grids_cannot_be_an_axis(tmp_path: Path, monkeypatch:
         jobs("experiment=study,null")
 
 
+@pytest.mark.slow
 def test_a_grid_that_nothing_remains_of_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "conf" / "experiment"
     folder.mkdir(parents=True)
@@ -91,6 +96,7 @@ def test_a_grid_that_nothing_remains_of_is_said(tmp_path: Path, monkeypatch: pyt
         jobs("experiment=study", "algo=pid", "seed=1")
 
 
+@pytest.mark.slow
 def test_a_value_that_only_the_swept_algorithms_have() -> None:
     composed = jobs("algo=sac,td3", "algo.learning_starts=304", "algo.net_arch=[8,8]")
     assert [config.algo.name for config in composed] == ["sac", "td3"]

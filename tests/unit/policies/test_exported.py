@@ -291,6 +291,7 @@ def test_json_beside_it_that_is_no_card_does_not_matter(tmp_path: Path) -> None:
         exported.load(path)
 
 
+@pytest.mark.slow
 def test_reading_needs_numpy_onnx_and_onnx_runtime_alone(tmp_path: Path) -> None:
     path = saved(tmp_path / "mine.onnx", model())
     script = f"""

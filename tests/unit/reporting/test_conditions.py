@@ -48,6 +48,7 @@ def test_examples_of_the_docstrings() -> None:
     assert result.failed == 0
 
 
+@pytest.mark.slow
 def test_the_rates_are_those_of_the_episodes(grid: Path) -> None:
     ranking = ranked(grid)
     assert tuple(c.name for c in ranking.conditions) == ROBUSTNESS
@@ -190,6 +191,7 @@ def test_a_later_report_leaves_no_table_of_conditions_behind(grid: Path, tmp_pat
     assert not names & {path.name for path in tmp_path.iterdir()}
 
 
+@pytest.mark.slow
 def test_the_page_shows_them_too(grid: Path, tmp_path: Path) -> None:
     options = ["--format", "html", "--no-figures", "--out", str(tmp_path)]
     for protocol, shown in (("robustness", True), ("test", False)):

@@ -74,6 +74,7 @@ def test_every_figure_is_written_twice_with_title_and_caption(small: Scene, tmp_
         assert figure.svg.stat().st_size < 600_000
 
 
+@pytest.mark.slow
 def test_a_figure_of_an_earlier_report_goes_when_it_is_not_drawn_again(small: Scene, tmp_path: Path) -> None:
     (tmp_path / "figures").mkdir()
     (tmp_path / "figures" / "training_curves.png").touch()
@@ -108,6 +109,7 @@ def test_one_agent_with_one_seed_and_one_episode(name: str, tmp_path: Path) -> N
     assert (canvas is None) == (name in comparing or name.startswith("training"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in FIGURES if name != "validation_success"])
 def test_27_agents_stay_readable(name: str, many: Scene) -> None:
     with style.styled():
@@ -149,6 +151,7 @@ def test_the_best_eight_differ_in_colour_and_all_27_in_look(many: Scene) -> None
     assert colour_of([agent.label for agent in many.agents]) == looks
 
 
+@pytest.mark.slow
 def test_few_agents_share_a_panel_and_nine_have_one_each(tmp_path: Path) -> None:
     grid = {"algorithms": ("ppo", "sac", "td3"), "reward_k": (1, 40, 100), "seeds": (0, 1), "episodes": 5}
     nine = build(tmp_path / "nine", train_episodes=60, **grid)
@@ -332,6 +335,7 @@ def test_robustness_never_mixes_scenarios(small: Scene, tmp_path: Path) -> None:
     assert not np.allclose(both, cells())
 
 
+@pytest.mark.slow
 def test_all_agents_stand_under_all_conditions_each_once(small: Scene) -> None:
     canvas = draw("success_over_conditions", small)
     assert canvas is not None

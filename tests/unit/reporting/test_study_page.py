@@ -67,6 +67,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     return Outcome(plan, study_of(trials), study, gains)
 
 
+@pytest.mark.slow
 def test_the_gain_with_fresh_seeds_comes_before_the_winner_of_the_search(found: Outcome) -> None:
     said = sentences.summary(found)
     assert said[0].count(", better") == 2
@@ -95,6 +96,7 @@ def test_without_fresh_seeds_nothing_is_called_a_gain(found: Outcome) -> None:
     assert "Not compared with fresh seeds" in sentences.evidence(replace(found, gains=()))
 
 
+@pytest.mark.slow
 def test_the_page_holds_everything_and_nothing_that_runs(found: Outcome) -> None:
     path = write.report(found)
     html = path.read_text()

@@ -60,6 +60,7 @@ def flown(frame, vehicle, max_steps, seed):
             return mission, result.records[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frame", "vehicle", "max_steps"),
     [("world", "bluerov2", 400), ("world", "bluerov2_heavy", 30), ("body", "rexrov", 40)],
@@ -104,6 +105,7 @@ def policy(tmp_path_factory):
     return file
 
 
+@pytest.mark.slow
 def test_a_policy_from_a_file_is_steered_by_as_its_card_says(policy):
     setup = command._setup(command.parser().read([str(policy)]))
     assert (setup.vehicle.name, setup.frequency, setup.spec.size) == ("bluerov2", 10.0, 10)

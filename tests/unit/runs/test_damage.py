@@ -75,6 +75,7 @@ HARMS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("harm", "message"), HARMS)
 def test_a_config_that_is_not_the_run_s_is_refused_whatever_the_state(
     harm: Harm, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -166,6 +167,7 @@ def test_a_warning_of_ours_is_one_line_without_code() -> None:
         warnings.formatwarning = ORDINARY
 
 
+@pytest.mark.slow
 def test_all_runs_of_a_folder_are_checked_before_the_first_is_extended(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

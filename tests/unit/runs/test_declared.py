@@ -35,6 +35,7 @@ def test_a_run_carries_the_digest_and_its_folder_the_analysis(tmp_path: Path) ->
     assert declared.KEY not in run.config()
 
 
+@pytest.mark.slow
 def test_the_same_run_serves_another_analysis(tmp_path: Path) -> None:
     first = prepare(compose("train", settings(tmp_path)))
     other = settings(tmp_path, "analysis.measure=par1_time_s", "analysis.margin=1")

@@ -65,6 +65,7 @@ def judge(code: int, error: str, disk: Disk) -> None:
         assert any(reason in error for reason in reasons)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flags", [["--no-figures"], ["--format", "csv,tex"]])
 def test_a_report(
     flags: list[str], failing: Callable[[int, int], Disk], tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -136,6 +136,7 @@ def test_freezing_writes_what_resolves_to_the_same_run(tmp_path):
     assert (manifest["state"], manifest["command"]) == ("pending", "auvbench train algo=td3")
 
 
+@pytest.mark.slow
 def test_finding_runs(tmp_path):
     runs = [freeze(plain(f"output={tmp_path}", f"seed={seed}", "name=a")) for seed in range(3)]
     assert {run.id for run in find_runs([tmp_path])} == {run.id for run in runs}

@@ -292,6 +292,7 @@ def contend(run: str, turns: int) -> None:
         held.release()
 
 
+@pytest.mark.slow
 def test_contenders_never_share_it(tmp_path: Path) -> None:
     (tmp_path / "counter").write_text("0")
     context = multiprocessing.get_context("spawn")
@@ -314,6 +315,7 @@ def take_over(run: str, together: Any, all_tried: Any, answers: Any) -> None:
     all_tried.wait()
 
 
+@pytest.mark.slow
 def test_of_many_heirs_of_a_dead_holder_one_takes_over(tmp_path: Path) -> None:
     dead = hold_elsewhere(tmp_path)
     dead.kill()
@@ -332,6 +334,7 @@ def test_of_many_heirs_of_a_dead_holder_one_takes_over(tmp_path: Path) -> None:
     assert sorted(answers.get() for _ in heirs) == ["left"] * 4 + ["took"]
 
 
+@pytest.mark.slow
 def test_a_look_at_a_dead_holder_costs_no_heir_the_run(tmp_path: Path) -> None:
     dead = hold_elsewhere(tmp_path)
     dead.kill()

@@ -38,6 +38,7 @@ def die(folder: Path, name: str, deaths: int) -> str:
     return name
 
 
+@pytest.mark.slow
 def test_results_come_by_key_and_a_second_pool_follows_at_once() -> None:
     for _ in range(3):
         with Pool(2) as pool:
@@ -59,6 +60,7 @@ def test_a_killed_worker_costs_no_result_and_is_reported(tmp_path: Path) -> None
         assert dict(pool.results(die, jobs, "job")) == {name: name for name in jobs}
 
 
+@pytest.mark.slow
 def test_a_job_that_kills_each_worker_is_named_and_costs_no_other(tmp_path: Path) -> None:
     jobs = {name: (tmp_path, name, deaths) for name, deaths in (("a", 0), ("b", 99), ("c", 0), ("d", 0))}
     with Pool(2) as pool, pytest.warns(AuvbenchWarning):

@@ -110,6 +110,7 @@ def test_one_failure_costs_no_other(folder: Path) -> None:
     assert "ValueError" in (bad.path / "train" / "log.txt").read_text()
 
 
+@pytest.mark.slow
 def test_a_worker_killed_by_the_system_fails_alone_and_is_resumed_next_time(folder: Path) -> None:
     shot = fake_training.make(folder / "shot", kill_at=25, once=True)
     good = fake_training.make(folder / "good")
@@ -133,6 +134,7 @@ def test_a_target_that_cannot_be_imported_fails_with_its_reason(folder: Path) ->
     assert run.manifest()["error"]["type"] == "ModuleNotFoundError"
 
 
+@pytest.mark.slow
 def test_the_server_of_the_workers_dies_and_the_runs_go_on(folder: Path) -> None:
     runs = [fake_training.make(folder / f"run{number}", step_s=0.02) for number in range(2)]
     process = start_sweep(folder)
@@ -148,6 +150,7 @@ def test_the_server_of_the_workers_dies_and_the_runs_go_on(folder: Path) -> None
         assert run.manifest()["attempts"] == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_is_passed_on_and_the_runs_save(folder: Path, number: signal.Signals, code: int) -> None:
     runs = [fake_training.make(folder / f"run{i}", step_s=0.02, total_steps=500) for i in range(3)]
@@ -165,6 +168,7 @@ def test_a_signal_is_passed_on_and_the_runs_save(folder: Path, number: signal.Si
             assert json.loads((run.path / "saved.json").read_text())[0] == run.manifest()["steps"] > 0
 
 
+@pytest.mark.slow
 def test_a_second_signal_kills(folder: Path) -> None:
     deaf = fake_training.make(folder / "deaf", step_s=60.0)
     process = start_sweep(folder)
@@ -179,6 +183,7 @@ def test_a_second_signal_kills(folder: Path) -> None:
     assert process.returncode == 130
 
 
+@pytest.mark.slow
 def test_kill_9_of_the_sweep_leaves_nothing_behind_and_costs_nothing(folder: Path) -> None:
     runs = [fake_training.make(folder / f"run{i}", step_s=0.01, total_steps=60) for i in range(4)]
     for _ in range(6):
@@ -197,6 +202,7 @@ def test_kill_9_of_the_sweep_leaves_nothing_behind_and_costs_nothing(folder: Pat
         assert (run.path / "result.txt").read_text() == fake_training.chain(60)
 
 
+@pytest.mark.slow
 def test_two_sweeps_at_once_share_the_work(folder: Path) -> None:
     runs = [fake_training.make(folder / f"run{i}", step_s=0.01) for i in range(6)]
     sweeps = [start_sweep(folder) for _ in range(2)]
@@ -228,6 +234,7 @@ def test_outputs_that_cannot_be_written_fail_with_a_clear_message(folder: Path) 
     assert result.exit_code == 1
 
 
+@pytest.mark.slow
 def test_a_run_that_is_removed_meanwhile_costs_no_other(folder: Path) -> None:
     gone = fake_training.make(folder / "gone", step_s=0.05)
     good = fake_training.make(folder / "good", step_s=0.05)
@@ -241,6 +248,7 @@ def test_a_run_that_is_removed_meanwhile_costs_no_other(folder: Path) -> None:
     shutil.rmtree(gone.path, ignore_errors=True)
 
 
+@pytest.mark.slow
 def test_a_worker_computes_with_one_thread(folder: Path) -> None:
     run = fake_training.make(folder / "run")
     backend = LocalBackend(1, target="tests.fake_training:report_threads", preload=("torch",))
@@ -277,6 +285,7 @@ def test_an_interrupted_sweep_does_not_wait_for_imports(folder: Path, endless: P
 IMPORTING = SWEEP.replace("preload=()", 'preload=("endless",)')
 
 
+@pytest.mark.slow
 def test_a_killed_sweep_leaves_no_server_that_imports(folder: Path, endless: Path) -> None:
     fake_training.make(folder / "ppo-a")
     process = subprocess.Popen([sys.executable, "-c", IMPORTING, str(folder)], start_new_session=True)

@@ -197,6 +197,7 @@ def test_a_dead_job_says_how_it_died(cluster: Cluster, run: RunDirectory) -> Non
     )
 
 
+@pytest.mark.slow
 def test_a_job_that_the_cluster_has_forgotten_is_dead_after_the_grace(
     cluster: Cluster, run: RunDirectory
 ) -> None:
@@ -207,6 +208,7 @@ def test_a_job_that_the_cluster_has_forgotten_is_dead_after_the_grace(
     assert poll(job).describe() == f"slurm job {job.number} is no longer known to the cluster"
 
 
+@pytest.mark.slow
 def test_a_silent_controller_says_nothing_about_the_jobs(cluster: Cluster, run: RunDirectory) -> None:
     job = submit(cluster, run)
     cluster.down = True
@@ -222,6 +224,7 @@ def test_the_queue_is_asked_once_for_all_and_not_too_often(cluster: Cluster, tmp
     assert sum(arguments[0] == "squeue" for arguments in cluster.asked) == 1
 
 
+@pytest.mark.slow
 def test_the_next_sweep_finds_a_living_job_and_only_that(cluster: Cluster, run: RunDirectory) -> None:
     assert backend().adopt(run.path) is None
     job = submit(cluster, run)

@@ -48,6 +48,7 @@ def test_reset_brings_thrusters_to_rest_one_by_one():
     assert np.array_equal(thrust.states[1], np.zeros(24))
 
 
+@pytest.mark.slow
 def test_missing_bindings_are_one_line_that_says_how_they_come(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(bindings, "_MODULES", ("auvbench_has_no_such_module",))
     bindings.load.cache_clear()
@@ -65,6 +66,7 @@ def test_missing_bindings_are_one_line_that_says_how_they_come(monkeypatch, caps
         bindings.load.cache_clear()
 
 
+@pytest.mark.slow
 def test_currents_that_gazebo_cannot_are_refused_while_composing():
     published = ["simulator=gazebo", "simulator.hydrodynamics=published"]
     with pytest.raises(

@@ -236,6 +236,7 @@ def test_different_scenario_counts_do_not_mix():
         crossed([np.zeros((1, 3)), np.zeros((1, 4))])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("S", [2, 3, 5])
 @pytest.mark.parametrize("seed_sd", [0.0, 0.5])
 def test_the_intervals_hold_the_truth_as_often_as_they_say(S, seed_sd):
@@ -264,6 +265,7 @@ def test_three_seeds_of_trainings_that_fail_at_times_hold_the_truth_as_rarely_as
     assert (np.abs(found[:2] - [0.649, 0.624]) < 0.1).all(), found
 
 
+@pytest.mark.slow
 def test_the_bootstrap_of_three_seeds_covers_too_little():
     """Why the tables do not use it (docs/statistics-appendix.md)."""
     world = World(1.0, 1.0)

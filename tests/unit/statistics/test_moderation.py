@@ -68,10 +68,12 @@ def studies():
     return shipped(("test", "gazebo"))
 
 
+@pytest.mark.slow
 def test_every_shipped_study_is_here(studies):
     assert {table.name.partition(",")[0] for table in studies} >= {"leaderboard", "thesis", "gazebo"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["par1_steps", "success_rate"])
 def test_a_verdict_does_not_depend_on_a_third_row(studies, name):
     """No p-value changes when any row of any shipped table is dropped."""
@@ -86,6 +88,7 @@ def test_a_verdict_does_not_depend_on_a_third_row(studies, name):
             )
 
 
+@pytest.mark.slow
 def test_what_was_used_before_lost_verdicts(studies):
     table = next(table for table in studies if table.name.startswith("leaderboard"))
     m = measure("par1_steps")

@@ -122,6 +122,7 @@ def test_the_formula_agrees_with_the_simulation() -> None:
     assert pw.seeds_by_formula(1.0, per_seed, 4.0) is None, "episodes alone leave more than the difference"
 
 
+@pytest.mark.slow
 def test_a_table_of_several_needs_more() -> None:
     need = needs(pw.Rates(0.5), (0.8, 0.95), 200, agents=12, targets=(0.8,), replications=100)
     assert need.among[0.8] > need.alone[0.8]

@@ -118,6 +118,7 @@ def test_false_letters_are_rare(rate, place, S, most):
     assert found[USED] <= allowed(most)
 
 
+@pytest.mark.slow
 def test_other_rules_err_more_often():
     design = letters.equal(0.98, 10)[3]
     names = ("own variances", "table's median", "table's robust prior")

@@ -101,6 +101,7 @@ def test_the_configuration_of_a_run_reads_back():
     assert typed(plain).disturbance == train_config(config).disturbance
 
 
+@pytest.mark.slow
 def test_an_option_put_into_a_runs_configuration():
     config = configs.composed("algo=pid", "disturbance=moderate")
     config.disturbance = option("disturbance", "severe")

@@ -118,6 +118,7 @@ def test_a_protocols_episode_is_the_same_whatever_ran_before():
     assert not np.array_equal(every[-1, 6], every[-1, 7])
 
 
+@pytest.mark.slow
 def test_training_and_tests_draw_other_disturbances():
     config = configuration("disturbance=severe")
     drawn = []

@@ -18,7 +18,8 @@ from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import roll_out
 from auvbench.tasks import kernels as k
 from auvbench.tasks import path_following
-from auvbench.testing.tasks import CHECKS
+from auvbench.tasks.base import Task
+from auvbench.testing import TASK_CHECKS, ConformanceError, check_task
 from auvbench.training.execute import check_runnable
 from auvbench.vehicles import sheet
 from tests import configs
@@ -46,13 +47,30 @@ def advance(batch: Batch) -> tuple[float, int]:
     return float(batch.task.reward[0]), int(batch.task.outcome[0])
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", TASK_CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("task", TASKS)
 def test_every_task_keeps_the_contract(task: str, check) -> None:
     more = ["task.history=3"] if task == "docking" else []
-    check(configs.training(f"task={task}", HEAVY, "disturbance=moderate", *more))
+    check_task(f"task={task}", HEAVY, "disturbance=moderate", *more, only=check)
 
 
+def test_a_broken_contract_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    draws = iter(range(1, 100))
+    whole = Task.reset
+
+    def reset(self, indices):
+        pose = whole(self, indices)
+        pose[:, 0] += next(draws)
+        return pose
+
+    monkeypatch.setattr(Task, "reset", reset)
+    with pytest.raises(ConformanceError, match="bluerov2_heavy: its rows do not depend on the batch: "):
+        check_task("task=docking", HEAVY)
+    with pytest.raises(ConformanceError, match="the same seed and episode give two starts"):
+        check_task("task=docking", HEAVY, only=TASK_CHECKS[2])
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("algo", ["pid", "lqr", "smc"])
 @pytest.mark.parametrize("task", OTHERS)
 def test_controllers_succeed_undisturbed(task: str, algo: str) -> None:
@@ -231,6 +249,7 @@ def path_of(batch: Batch, i: int, count: int = 6001) -> np.ndarray:
     return CubicHermiteSpline(np.arange(7), points, slopes)(np.linspace(0, 6, count))
 
 
+@pytest.mark.slow
 def test_the_path_reference_is_the_nearest_point() -> None:
     n = 8
     config = configs.training("task=path_following", "algo=pid", HEAVY)

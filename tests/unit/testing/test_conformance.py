@@ -83,6 +83,7 @@ def test_a_learner_that_keeps_its_contract(site: Site, exact: bool) -> None:
     testing.check_agent("algo=slow", steps=400)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("check", "old", "new", "message"),
     [
@@ -236,6 +237,7 @@ def test_pytest_runs_the_checks_one_by_one(site: Site) -> None:
     assert "Traceback" not in done.stdout
 
 
+@pytest.mark.slow
 def test_pytest_names_what_there_is_not(site: Site) -> None:
     done = pytest_says("--auvbench", "algo=nobody")
     assert done.returncode == 4

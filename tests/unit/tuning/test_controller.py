@@ -114,6 +114,7 @@ def errors(search: Search) -> list[str]:
     return [trial.user_attrs[ERROR] for trial in search.trials if ERROR in trial.user_attrs]
 
 
+@pytest.mark.slow
 def test_every_trial_is_carried_out_and_the_best_reach_the_top(tmp_path, monkeypatch):
     search, text = carry_out(tmp_path, Backend(limit=3), monkeypatch, "tune.seeds=[0,1]")
     assert len(search.trials) == 6
@@ -123,6 +124,7 @@ def test_every_trial_is_carried_out_and_the_best_reach_the_top(tmp_path, monkeyp
     assert "6 of 6 trials begun" in text
 
 
+@pytest.mark.slow
 def test_settings_that_ruin_a_training_are_a_failed_trial(tmp_path, monkeypatch):
     def behave(number, run):
         return ("TrainingError", "step 7: train/loss became nan", 1) if number == 2 else None
@@ -133,6 +135,7 @@ def test_settings_that_ruin_a_training_are_a_failed_trial(tmp_path, monkeypatch)
     assert "became nan" in text
 
 
+@pytest.mark.slow
 def test_what_is_not_the_settings_fault_stops_the_study_and_it_goes_on_later(tmp_path, monkeypatch):
     def behave(number, run):
         return ("TrainingError", "cannot write: the disk is full", 1) if number == 3 else None
@@ -144,6 +147,7 @@ def test_what_is_not_the_settings_fault_stops_the_study_and_it_goes_on_later(tmp
     assert len(search.trials) == 6
 
 
+@pytest.mark.slow
 def test_a_worker_that_was_killed_is_started_again_a_few_times(tmp_path, monkeypatch):
     backend = Backend(behave=lambda number, run: ("", "", -9) if number == 2 else None)
     search, text = carry_out(tmp_path, backend, monkeypatch)

@@ -89,6 +89,7 @@ def check(study: Plan, path: Path) -> list[FrozenTrial]:
     return trials
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pruner", ["halving", "hyperband", "median", "none"])
 def test_a_kill_after_any_operation_loses_no_result_and_asks_for_none_twice(
     pruner: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -113,6 +114,7 @@ def test_a_kill_after_any_operation_loses_no_result_and_asks_for_none_twice(
         assert [trial.number for trial in trials if ERROR in trial.user_attrs] == [BROKEN]
 
 
+@pytest.mark.slow
 def test_more_trials_go_on_from_those_there_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "journal.log"
     before = [trial.params for trial in carry_out(plan(), path, monkeypatch)[0].trials]
@@ -123,6 +125,7 @@ def test_more_trials_go_on_from_those_there_are(tmp_path: Path, monkeypatch: pyt
     assert len({tuple(params.values()) for params in after}) == 14
 
 
+@pytest.mark.slow
 def test_a_grid_goes_on_after_a_kill_and_has_every_point_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -162,6 +165,7 @@ def test_the_best_has_the_largest_budget_before_the_best_score() -> None:
     assert [t.number for t in Trials(plan(), study).ranked] == [1, 3, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("other", "word"),
     [("algo.gamma=interval(0.9,0.99)", "parameters"), ("tune.rungs=[20,40,80]", "rungs")],

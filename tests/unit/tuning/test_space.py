@@ -27,6 +27,7 @@ def searched(*arguments):
     return {dimension.key: dimension for dimension in planned(*arguments).dimensions}
 
 
+@pytest.mark.slow
 def test_the_space_is_that_of_the_algorithm_and_typed_keys_narrow_it():
     found = searched("algo=sac", "algo.gamma=0.99", "algo.tau=tag(log,interval(0.002,0.03))")
     assert "algo.gamma" not in found
@@ -35,6 +36,7 @@ def test_the_space_is_that_of_the_algorithm_and_typed_keys_narrow_it():
     assert planned("algo=sac", "algo.gamma=0.99").base["algo"]["gamma"] == 0.99
 
 
+@pytest.mark.slow
 def test_kinds_follow_the_schema():
     found = searched(
         "algo=ppo",
@@ -52,6 +54,7 @@ def test_kinds_follow_the_schema():
     assert found["algo.vf_coef"].plain("0.5") == 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -105,6 +108,7 @@ def test_what_is_no_space_is_refused_in_one_line(arguments, words):
         assert word in message
 
 
+@pytest.mark.slow
 def test_a_search_that_is_not_there_is_not_passed_over(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["tune", "algo=pid", "search=pdi", "algo.bandwidth=interval(1,2)"]) == 2

@@ -57,6 +57,7 @@ def proposed(of: Plan, path: Path, count: int) -> list[dict[str, object]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tpe", "random", "cmaes", "gp"])
 def test_a_restart_repeats_no_proposal_and_stays_in_the_space(name: str, tmp_path: Path) -> None:
     of = plan(f"tune.sampler={name}", "tune.startup=4", "tune.rungs=[100]")
@@ -70,6 +71,7 @@ def test_a_restart_repeats_no_proposal_and_stays_in_the_space(name: str, tmp_pat
         assert params["algo.activation"] in ("tanh", "relu")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tpe", "cmaes"])
 def test_a_sampler_that_is_restarted_for_every_third_trial_beats_chance(name: str, tmp_path: Path) -> None:
     def mean_of_the_last(name: str) -> float:
@@ -162,6 +164,7 @@ def test_of_equal_trials_only_the_first_goes_on() -> None:
     assert sum(n > 1 for n in climbed(plan("tune.rungs=[1,3]"), [0.0] * 12)) <= 4
 
 
+@pytest.mark.slow
 def test_hyperband_prunes_later_brackets_later() -> None:
     values = [float(v) for v in random.Random(1).sample(range(1000), 300)]
     counts = Counter(climbed(plan("tune.rungs=[1,3,9]", "tune.pruner=hyperband"), values))
@@ -170,6 +173,7 @@ def test_hyperband_prunes_later_brackets_later() -> None:
     assert counts[3] > halving[3]
 
 
+@pytest.mark.slow
 def test_median_prunes_what_is_worse_than_the_median() -> None:
     reached = climbed(plan("tune.rungs=[1,3]", "tune.pruner=median"), [float(v) for v in range(40, 0, -1)])
     assert 5 <= sum(n == 2 for n in reached) <= 24

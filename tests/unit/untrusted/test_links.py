@@ -119,6 +119,7 @@ def test_a_link_above_the_run_is_the_user_s_own(tmp_path: Path) -> None:
     RunDirectory(tmp_path / "link" / "default" / run.id).check()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["report", "report/figures", "report/index.html", "report/figures/summary.png"]
 )

@@ -28,6 +28,7 @@ def test_no_table(data):
         tables.csv(data, words=("a",))
 
 
+@pytest.mark.slow
 def test_a_condition_called_not_available_is_reported(tmp_path, capsys):
     write_experiment(tmp_path / "grid", algorithms=("pid",), protocols={"test": ("nominal", "NA")})
     assert main(["report", str(tmp_path / "grid"), "--condition", "NA"]) == 0

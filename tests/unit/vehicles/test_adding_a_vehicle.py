@@ -47,6 +47,7 @@ def test_the_commands_of_the_page(capsys: pytest.CaptureFixture[str]) -> None:
     assert "PID" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_folder")
 def test_what_the_page_says_of_its_sheet(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["vehicles", "polyu"]) == 0

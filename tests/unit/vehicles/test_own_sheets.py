@@ -102,6 +102,7 @@ def test_every_command_says_the_same_of_a_broken_text(
     assert refusal(capsys, "train", "-m", "vehicle=bluerov2,w", "algo=pid") == said
 
 
+@pytest.mark.slow
 def test_every_command_says_the_same_of_a_wrong_number(capsys: pytest.CaptureFixture[str]) -> None:
     text = BLUEROV2.replace("name: bluerov2\n", "name: w\n").replace("[25.15, 7.364", "[-25.15, 7.364")
     write(text)

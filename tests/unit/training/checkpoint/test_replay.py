@@ -89,6 +89,7 @@ def test_a_damaged_segment_damages_only_the_checkpoints_that_hold_it(tmp_path: P
         assert checkpoints.latest_valid().step == 160  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_a_kill_while_segments_are_written_costs_nothing(tmp_path: Path) -> None:
     for count in range(1, 100):
         run = tmp_path / str(count)
