@@ -94,6 +94,7 @@ def test_one_that_fails_in_a_test_is_a_line_and_the_others_are_tested(
     assert "Traceback" not in said.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("action", "message"),
     [

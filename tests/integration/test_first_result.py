@@ -157,6 +157,7 @@ def test_rows_do_not_depend_on_the_batch(outputs, folder):
     assert tables[0] == tables[1] == tables[2]
 
 
+@pytest.mark.slow
 def test_a_failed_run_keeps_its_error(folder, monkeypatch, capsys):
     from auvbench.envs.batch import Batch
     from auvbench.errors import TrainingError

@@ -78,6 +78,7 @@ def test_train_brings_it_back_with_the_same_bits(
     assert "complete already" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_without_a_checkpoint_it_is_trained_anew(run: RunDirectory, trained: Trained) -> None:
     emptied(run)
     shutil.rmtree(CheckpointStore(run.path).folder)

@@ -37,6 +37,7 @@ def test_report_command_writes_the_page(tmp_path: Path) -> None:
     assert '"episode": 2' in page.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("condition", ["level=severe", "current=0.5"])
 def test_page_of_another_condition_shows_its_paths(tmp_path: Path, condition: str) -> None:
     protocols = {"robustness": ROBUSTNESS}

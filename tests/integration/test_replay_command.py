@@ -120,6 +120,7 @@ def test_a_film_draws_its_axes_once_and_tells_how_far_it_is(tmp_path, monkeypatc
         assert pictures.size == (832, 352)
 
 
+@pytest.mark.slow
 def test_a_picture_of_the_film_is_the_scene_drawn_anew():
     """Drawing over a background must not leave traces of the pictures before."""
     episode = an_episode(40)

@@ -88,6 +88,7 @@ def test_the_same_runs_give_the_same_bytes(grid: list[Path], tmp_path: Path) -> 
     assert written[0] == written[1]
 
 
+@pytest.mark.slow
 def test_what_can_be_reported_is_and_the_rest_is_named(
     grid: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,6 +152,7 @@ def test_nothing_to_report_is_exit_code_2(tmp_path: Path, capsys: pytest.Capture
     assert main(["report"]) == 2
 
 
+@pytest.mark.slow
 def test_a_preset_holds_options_and_the_command_line_beats_it(grid: list[Path], tmp_path: Path) -> None:
     preset = tmp_path / "report.yaml"
     preset.write_text(

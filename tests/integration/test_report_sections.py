@@ -54,6 +54,7 @@ def test_no_vehicle_is_lost(fleet: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert "evaluate it again" not in screen
 
 
+@pytest.mark.slow
 def test_every_link_of_the_first_page_leads_somewhere(fleet: Path) -> None:
     report(fleet, "--no-figures", "--format", "html")
     page = fleet / "report" / "index.html"
@@ -78,6 +79,7 @@ def test_a_section_may_lack_the_baseline_but_not_all_of_them(
     assert "'sac'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_what_a_report_of_one_section_left_behind_goes(fleet: Path) -> None:
     out = fleet / "report"
     report(*fleet.glob("ppo-k*"), "--no-figures", "--out", out)

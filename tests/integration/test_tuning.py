@@ -192,6 +192,7 @@ def test_a_study_of_another_version_is_refused(
         assert error.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "protocol", ["test", "thesis", "native", "long", "robustness", "transfer", "frequency_sweep"]
 )
@@ -203,6 +204,7 @@ def test_no_protocol_of_a_test_is_accepted(
     assert not list(tmp_path.rglob("*.json"))
 
 
+@pytest.mark.slow
 def test_no_scenarios_of_a_test_are_accepted(tmp_path: Path) -> None:
     assert tune(tmp_path, *PID, "protocol.scenarios=test") == 2
     assert not list(tmp_path.rglob("*.json"))

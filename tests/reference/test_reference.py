@@ -38,6 +38,7 @@ TRAJECTORIES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("file", "body", "wrench", "until"), TRAJECTORIES, ids=[t[0] for t in TRAJECTORIES])
 def test_published_trajectories(file: str, body: Body, wrench: tuple[float, ...], until: float) -> None:
     rows = np.loadtxt(DATA / f"{file}.csv", delimiter=",", skiprows=1)
@@ -49,6 +50,7 @@ def test_published_trajectories(file: str, body: Body, wrench: tuple[float, ...]
     assert np.all(np.abs(got - rows[:, 1:]) <= 2e-6 * size + 1e-12)
 
 
+@pytest.mark.slow
 def test_either_frame_gives_the_same_motion() -> None:
     """A roll, a current and a skew wrench in NED, and the same three turned into ENU/FLU."""
     T6 = np.kron(np.eye(2), np.diag([1.0, -1.0, -1.0]))
@@ -80,6 +82,7 @@ def test_two_forms_of_the_rigid_body_coriolis_matrix_do_the_same(body: Body) -> 
     np.testing.assert_allclose(body.C_RB(nu) @ nu, coriolis_of(body.M_RB(), nu) @ nu, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_relative_motion_is_galilean() -> None:
     """A vehicle that turns in a moving water body moves as it would in still water, carried along."""
     times, current = np.linspace(0, 5, 6), np.array([0.4, -0.3, 0.2])

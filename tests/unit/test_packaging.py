@@ -9,6 +9,8 @@ from importlib import resources
 from itertools import takewhile
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -96,10 +98,12 @@ def test_help_imports_nothing_heavy():
     assert not imported("--help") & (HEAVY | {"hydra", "omegaconf", "gymnasium", "numpy", "rich"})
 
 
+@pytest.mark.slow
 def test_composing_imports_no_learner():
     assert not imported("train", "--cfg", "job") & HEAVY
 
 
+@pytest.mark.slow
 def test_loading_runs_for_a_report_loads_no_compiler():
     code = "import sys, auvbench.analysis.load; print(sorted({'numba', 'torch'} & sys.modules.keys()))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

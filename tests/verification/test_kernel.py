@@ -40,6 +40,7 @@ def test_free_motion_in_a_current(name: str) -> None:
     assert free_motion(name) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(ALL))
 def test_against_an_integrator_of_another_kind(name: str) -> None:
     assert other_integrator(name) < 1e-7

@@ -3,7 +3,7 @@
 At each step one Gauss-Newton iteration (Diehl et al. 2005, "A real-time iteration scheme for nonlinear optimization in
 optimal feedback control") of
 
-    min  sum_k w_k |p_k - target| + |R u_k|^2 + |S (u_k - u_(k-1))|^2 + q |(p_k, q_k)|^2
+    min  sum_k w_k |p_k - target_k| + v |yaw_k - yaw target|^2 + |R u_k|^2 + |S (u_k - u_(k-1))|^2 + q |(p_k, q_k)|^2
     s.t. x_(k+1) = F(x_k, u_k),  u_min <= u_k <= u_max,  depth limits (soft)
 
 over the thrusts u of a horizon, held in blocks that grow with time. States at the nodes are variables of their own
@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
+from auvbench.agents.classical.cascade import wrap
 from auvbench.agents.classical.observer import Observer
 from auvbench.config import algorithms, schema, tasks
 from auvbench.vehicles.symbolic import SymbolicModel, require, symbolic
@@ -41,12 +42,14 @@ LONGEST_SUBSTEP = 0.125
 # Where the nodes of a plan are further apart than this from where its thrusts lead (m, m/s, rad/s), the linearisation is
 # not to be trusted: the plan is simulated anew.
 LARGEST_GAP = 1.0
+# m^2 per rad^2: what a yaw error costs where the task has a yaw of its own.
+YAW_WEIGHT = 1.0
 # Iterations when an episode begins, from a plan of no thrust; later steps take one each.
 FIRST_ITERATIONS = 8
 
 
 class MPCController:
-    """A waypoint controller for vehicles that have thrusters alone.
+    """A controller of position, and of yaw where the task has one of its own, for vehicles that have thrusters alone.
 
     Attributes:
         row_by_row: an action takes as long in a batch as alone, so that a test may be shared among processes.
@@ -72,6 +75,7 @@ class MPCController:
         start, far = (task.start[2], 0.0) if isinstance(task, tasks.Waypoint) else (0.0, math.inf)
         low, high = task.depth_low + DEPTH_MARGIN - far, task.depth_high - DEPTH_MARGIN + far
         self.room = np.array([low, high]) - start
+        self.turns = tasks.TASKS[task.name].has_yaw
         self.solves = self.failed = self.late = 0
         self.reset(np.empty(0, dtype=np.int64))
 
@@ -97,6 +101,8 @@ class MPCController:
                 plan.depth = self.room + self.observer.state[i, 2]
             else:
                 plan.advance(self.dt / self.program.interval)
+            plan.target = self.observer.target[i]
+            plan.yaw = self.observer.yaw_target[i] if self.turns else None
             for _ in range(FIRST_ITERATIONS if self._first else 1):
                 if self._first:
                     self.program.simulate(plan, self.observer.state[i], self.observer.current[i])
@@ -125,6 +131,10 @@ class Plan:
         """where z is to stay, in m above the waypoint"""
         self.applied: Floats = np.zeros(U.shape[0])
         """thrust that is being given while the plan is made"""
+        self.target: Floats = np.zeros(3)
+        """m/s, velocity of the reference, which is at the origin now"""
+        self.yaw: float | None = None
+        """rad, where the bow is to point; None where that is free"""
 
     def advance(self, share: float) -> None:
         """Move on in time by a share of an interval."""
@@ -258,10 +268,11 @@ class Program:
         """Return Hessian (n + 1, n + 1) and gradient (n + 1,) in the changes of the blocks and the slack."""
         n_u, n = self.model.n_u, S.shape[2]
         # Distance itself instead of its square, by iterative reweighting: far and near waypoints pull alike.
-        distance = np.linalg.norm(plan.X[:3, 1:], axis=0)
+        ahead = np.outer(plan.target, self.interval * np.arange(1, self.N + 1))
+        distance = np.linalg.norm(plan.X[:3, 1:] - ahead, axis=0)
         w = (self.position_weight[1:] / np.sqrt(np.maximum(distance, 1.0)))[:, None]
         J = (w[:, :, None] * S[1:, :3]).reshape(-1, n)
-        r = (w * (plan.X[:3, 1:].T + d[1:, :3])).ravel()
+        r = (w * (plan.X[:3, 1:].T - ahead.T + d[1:, :3])).ravel()
         H = np.zeros((n + 1, n + 1))
         g = np.zeros(n + 1)
         # Roll and pitch rates cost, so that a plan does not tumble through attitudes which the filter would lose.
@@ -269,6 +280,14 @@ class Program:
         rates = np.sqrt(self.spin_weight) * (plan.X[10:12, 1:].T + d[1:, 10:12]).ravel()
         H[:n, :n] = J.T @ J + spin.T @ spin
         g[:n] = J.T @ r + spin.T @ rates
+        if plan.yaw is not None:
+            # The yaw of a level quaternion turns by 2 (w dz - z dw).
+            q = plan.X[3:7, 1:]
+            slope = 2.0 * (q[0][:, None] * S[1:, 6] - q[3][:, None] * S[1:, 3])
+            drift = 2.0 * (q[0] * d[1:, 6] - q[3] * d[1:, 3])
+            yaw = np.arctan2(2.0 * (q[0] * q[3] + q[1] * q[2]), 1.0 - 2.0 * (q[2] ** 2 + q[3] ** 2))
+            H[:n, :n] += YAW_WEIGHT * slope.T @ slope
+            g[:n] += YAW_WEIGHT * slope.T @ (wrap(yaw - plan.yaw) + drift)
         # Thrust and its changes, block by block; each block starts where it was.
         first = np.concatenate(([0], np.cumsum(BLOCKS)[:-1]))
         U = plan.U[:, first] / self.scale[:, None]

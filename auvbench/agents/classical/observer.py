@@ -41,6 +41,8 @@ class Observer:
         self.dt = 1.0 / config.step.frequency
         spec = observation_spec(config.task, self.vehicle.actuators)
         self._columns = spec["yaw_error"], spec["position_error"], spec["previous_action"]
+        moves = {"velocity", "velocity_error"} <= spec.blocks.keys()
+        self._target = (spec["velocity"], spec["velocity_error"]) if moves else None
         self.body_frame = spec.blocks["position_error"].axes == BODY
         substeps = max(1, int(np.ceil(self.dt / min(0.1, model.longest_step) - 1e-9)))
         self._step = model.step(self.dt, substeps)
@@ -53,11 +55,15 @@ class Observer:
         """Forget everything: rows at rest, level, in still water."""
         self._first = True
         self.state: Floats = np.zeros((n, self.model.n_x))
-        """(n, n_x) as the model's, with the waypoint at the origin of the world axes"""
+        """(n, n_x) as the model's, with the reference at the origin of the world axes"""
         self.state[:, 3] = 1.0
         self.state[:, RIGID:] = self.model.rest
         self.current: Floats = np.zeros((n, 3))
         """(n, 3) m/s, world axes"""
+        self.target: Floats = np.zeros((n, 3))
+        """(n, 3) m/s, velocity of the reference, axes of the state, where the task observes it"""
+        self.yaw_target: Floats = np.zeros(n)
+        """(n,) rad, yaw of the reference, axes of the state"""
 
     def update(self, observation: Floats, rows: NDArray[np.intp]) -> None:
         """Take in observations (n, n_obs); read only `rows` (k,)."""
@@ -70,12 +76,17 @@ class Observer:
         x = self.state[i]
         if not self._first:
             x[:] = self._step(x, self.vehicle.force(previous), self.current[i]).full()[:, 0]
+            x[:3] -= self.target[i] * self.dt
         predicted = yaw_of(x[3:7])
         if self.body_frame:
             # The readings say nothing of the yaw in the world: it is only a name for the axes.
             yaw, position = predicted, -turned(error, predicted)
         else:
             yaw, position = float(wrap(np.arctan2(error[1], error[0]) - yaw_error)), -error
+        self.yaw_target[i] = yaw + yaw_error
+        if self._target is not None:
+            velocity, missing = (observation[columns] for columns in self._target)
+            self.target[i] = turned(velocity + missing, yaw)
         if self._first:
             x[:3] = position
             x[3:7] = np.cos(yaw / 2.0), 0.0, 0.0, np.sin(yaw / 2.0)

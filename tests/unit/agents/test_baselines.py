@@ -23,6 +23,7 @@ def success_rate(vehicle: str, episodes: int, *overrides: str) -> float:
     return float(np.mean([record["outcome"] == "success" for record in result.records]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("vehicle", "at_least"),
     [
@@ -40,6 +41,7 @@ def test_pid_flies_every_vehicle(vehicle, at_least):
     assert success_rate(vehicle, 100) >= at_least
 
 
+@pytest.mark.slow
 def test_pid_also_flies_by_the_body_frame():
     assert success_rate("bluerov2", 100, "task.position_frame=body") >= 0.95
 

@@ -62,6 +62,7 @@ def test_fins_are_refused_by_name(algo):
         controller(algo, "vehicle=lrauv")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algo", ["lqr", "smc", "mpc"])
 def test_rows_do_not_depend_on_the_batch(algo):
     together = records(algo, 4, "task.max_steps=40")

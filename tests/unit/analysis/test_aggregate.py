@@ -80,6 +80,7 @@ def test_who_met_fewer_tasks_stands_last(folder: Path) -> None:
     assert table.rows[0].iqm.value >= table.rows[1].iqm.value
 
 
+@pytest.mark.slow
 def test_the_command_writes_it_and_a_later_one_takes_it_away(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -51,6 +51,7 @@ def change(study: Path, name: str, edit) -> None:  # type: ignore[no-untyped-def
     (study / archive.RUNS).write_bytes(tables.parquet(runs, archive.note(runs, files)))
 
 
+@pytest.mark.slow
 def test_pandas_opens_it(study: Path) -> None:
     rows = pd.read_parquet(study / "episodes.parquet")
     success = (

@@ -355,6 +355,7 @@ def test_grouping_by_less_pools_and_by_nonsense_is_refused(grid: list[Path]) -> 
         agents(runs, ("algo", "reward.kk"))
 
 
+@pytest.mark.slow
 def test_conditions(grid: list[Path]) -> None:
     for path in grid[:-1]:
         write_evaluation(path, "robustness", ("nominal", "current=0.5"), 6)

@@ -460,6 +460,7 @@ def with_means(agents, deviation, steps, failing):
     return found
 
 
+@pytest.mark.slow
 def test_claim_6():
     rng = np.random.default_rng(2)
     told = claim(6, (), [agent("sac", k, f) for k, f in GRID])

@@ -7,6 +7,7 @@ from auvbench.analysis.study.verdict import OPEN
 from benchmarks.statistics.claims import WORLDS, shares
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", WORLDS, ids=lambda w: w.truth)
 def test_wrong_verdicts_are_as_rare_as_they_promise(world):
     """5 seeds, and what so few experiments may show by chance."""

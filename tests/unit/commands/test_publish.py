@@ -152,6 +152,7 @@ def test_a_renamed_training_column_costs_the_training_rows_alone(runs, tmp_path,
     assert set(rows.loc[rows["run"] == learner.name, "protocol"]) == {"test"}
 
 
+@pytest.mark.slow
 def test_a_condition_may_be_called_as_a_number(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_experiment(tmp_path / "outputs/grid", algorithms=("pid",), protocols={"test": ("1.30",)})

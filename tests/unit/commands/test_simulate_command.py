@@ -46,6 +46,7 @@ def test_initial_pose_and_velocity_in_ned() -> None:
     )
 
 
+@pytest.mark.slow
 def test_enu_is_ned_with_the_signs_of_y_and_z_turned() -> None:
     assert run("vehicle=rexrov", "input.wrench=[900,300,-200,10,20,30]", "input.velocity=[0.3,0.1,0.2,0,0.1,0.1]",
                "input.current=[0.1,0.2,0.3]", "duration=5", "input.frame=ned", "output=ned.csv") == 0  # fmt: skip
@@ -88,6 +89,7 @@ def test_without_output_the_csv_goes_to_the_terminal(capsys: pytest.CaptureFixtu
     assert [line.split(",")[0] for line in out[1:]] == ["0", "0.5", "1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "file"),
     [(("--plot",), "trajectory.png"), (("--plot", "a b.svg"), "a b.svg"), (("--plot=c.pdf",), "c.pdf"),

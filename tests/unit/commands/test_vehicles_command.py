@@ -61,6 +61,7 @@ def test_json_is_valid(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert facts["net_buoyancy_N"] == pytest.approx(facts["buoyancy_N"] - facts["weight_N"])
 
 
+@pytest.mark.slow
 def test_own_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     own = tmp_path / "mine.yaml"
     text = (SHEETS / "bluerov2.yaml").read_text(encoding="utf-8")

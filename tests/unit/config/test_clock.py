@@ -38,6 +38,7 @@ def test_a_limit_in_seconds_ends_episodes_at_the_same_time_at_every_frequency(fr
     assert {record["duration_s"] for record in transition.records} == {4.0}
 
 
+@pytest.mark.slow
 def test_a_limit_in_seconds_holds_at_the_frequency_of_a_test():
     config = at_frequency(configuration("task.time_limit=20", "step.frequency=55"), 10.0)
     assert step_limit(config.task, config.step.frequency) == 200
@@ -76,6 +77,7 @@ def test_who_sets_one_has_another_run(override):
     assert identity.run_id(plain(override)) != identity.run_id(plain())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("override", "replaced"),
     [("task.time_limit=9", "task.max_steps=7"), ("algo.horizon_s=9", "algo.gamma=0.5")],
@@ -84,6 +86,7 @@ def test_what_is_replaced_does_not_count(override, replaced):
     assert identity.run_id(plain(override, replaced)) == identity.run_id(plain(override))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("override", "message"),
     [

@@ -18,6 +18,7 @@ def options(group: str) -> list[str]:
     return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algo", options("algo"))
 @pytest.mark.parametrize("vehicle", ["bluerov2"])
 def test_every_algorithm_composes_and_is_valid(algo, vehicle):
@@ -62,6 +63,7 @@ def test_every_file_begins_with_a_comment_that_says_what_it_is(path):
     assert path.read_text(encoding="utf-8").startswith("# ")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("override", "message"),
     [
@@ -141,6 +143,7 @@ def test_several_values_of_a_test_are_no_grid():
         compose("evaluate", ["protocol=thesis,validation"])
 
 
+@pytest.mark.slow
 def test_an_algorithms_own_keys_are_suggested():
     with pytest.raises(ConfigError, match=r"did you mean algo.buffer_size\?"):
         compose("train", ["algo=sac", "algo.bufer_size=3"])

@@ -36,6 +36,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     return error
 
 
+@pytest.mark.slow
 def test_it_is_chosen_with_its_types_and_its_package(site: Site) -> None:
     steering(site)
     algo = composed("algo=mine", "algo.gain=2", "algo.patience=1e3")["algo"]

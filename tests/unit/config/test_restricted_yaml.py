@@ -107,6 +107,7 @@ def test_a_file_without_end_is_one_line(
         assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", ["${oc.env:HOME}", "${seed}", "a${nope}b"])
 def test_a_frozen_configuration_is_never_resolved(
     value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

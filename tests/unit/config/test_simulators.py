@@ -37,6 +37,7 @@ def test_the_embedded_simulator_takes_all_that_can_be_asked():
     check("disturbance=severe", "disturbance.current.profile.factor=0.5", "disturbance.current.speed=0.3")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("overrides", "key", "word"),
     [

@@ -127,6 +127,7 @@ def test_a_state_saved_before_rows_had_seeds_restores_to_the_same_bits():
         np.testing.assert_array_equal(batch.step(action).observation, other.step(action).observation)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_gymnasium_accepts_the_environment_without_warnings():
     env = gymnasium.make("auvbench/Waypoint-v0", overrides=["task.max_steps=20"])

@@ -238,6 +238,7 @@ def test_options_place_vehicle_and_waypoint():
             env.reset(options=options)
 
 
+@pytest.mark.slow
 def test_what_is_no_action_is_refused_and_nothing_moves(monkeypatch):
     monkeypatch.setattr(fossen, "THREADED", 2)
     single = gymnasium.make(ID).unwrapped

@@ -107,6 +107,7 @@ def test_a_batch_shows_each_environment(mode):
     assert (one != other).any()
 
 
+@pytest.mark.slow
 def test_stable_baselines_tiles_the_pictures():
     env = sb3.make(2, render_mode="rgb_array", overrides="task.max_steps=3")
     env.reset()

@@ -29,6 +29,7 @@ def own_conf(folder: Path) -> Path:
     return conf
 
 
+@pytest.mark.slow
 def test_the_working_directory_counts_when_asked_for(tmp_path, monkeypatch):
     conf = own_conf(tmp_path)
     (conf / "train.yaml").write_text("this: is somebody else's\n")

@@ -85,6 +85,7 @@ def test_energy_is_what_thrusters_give_less_what_damping_takes() -> None:
         assert slope == pytest.approx(nu @ vehicle.allocation @ f - taken, rel=1e-5, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "share"), [("bluerov2", 0.95), ("bluerov2_heavy", 0.6)])
 def test_no_velocity_and_thrust_gain_more_than_is_proven(name: str, share: float) -> None:
     """The Heavy's lag may overshoot, which the bound allows for and the steady thrusts here do not reach."""
@@ -109,6 +110,7 @@ def test_no_velocity_and_thrust_gain_more_than_is_proven(name: str, share: float
         assert gained.max() >= share * pace, "and the bound is not idle"
 
 
+@pytest.mark.slow
 def test_nothing_is_proven_where_coriolis_forces_do_work() -> None:
     assert not np.isfinite(Energy(sheet.load("bluerov2_gz_sim_8_11"), 3.0).pace).any()
     turned, real = Energy(sheet.load("bluerov2_gz_sim_8_12"), 3.0), Energy(sheet.load("bluerov2"), 3.0)

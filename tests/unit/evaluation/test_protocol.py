@@ -165,6 +165,7 @@ def test_a_condition_with_a_mistake_is_named(override, message):
         resolve_conditions(dataclasses.replace(test, conditions=[broken]), config())
 
 
+@pytest.mark.slow
 def test_conditions_need_names_of_their_own():
     with pytest.raises(ConfigError, match="must be unique"):
         protocol("protocol.conditions=[{name: a},{name: a}]")

@@ -116,6 +116,7 @@ def test_an_option_is_a_name(override: str) -> None:
         run("train", [override], job=lambda config: None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -182,6 +182,7 @@ def test_the_tables_for_a_paper_fit_its_width(grid: Path, tmp_path: Path) -> Non
     assert "Overfull" not in compile_article(tmp_path, tables.conditions_latex(ranked(grid)))
 
 
+@pytest.mark.slow
 def test_a_later_report_leaves_no_table_of_conditions_behind(grid: Path, tmp_path: Path) -> None:
     options = [str(grid), "--format", "csv,tex", "--out", str(tmp_path)]
     assert main([*options, "--protocol", "robustness"]) == 0

@@ -214,6 +214,7 @@ def test_no_span_is_shorter_than_what_all_environments_need_for_their_longest_ep
     assert len(training.binned(drawn_from, alone, "success")[0]) == 30  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_long_label_is_broken_into_lines(tmp_path: Path) -> None:
     grid = {"algorithms": ("ppo", "sac", "td3"), "reward_k": (1, 40), "seeds": (0, 1), "episodes": 5}
     six = build(tmp_path / "six", train_episodes=60, **grid)
@@ -273,6 +274,7 @@ def test_the_heat_map_shows_the_table(small: Scene) -> None:
             assert rounded(row.estimates["success_rate"], 100)[0] in shown
 
 
+@pytest.mark.slow
 def test_a_training_without_one_finished_episode_is_not_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -465,6 +467,7 @@ def test_damage_met_while_drawing_is_named_in_a_problem_and_in_the_caption(
     assert "Shown:" not in caption
 
 
+@pytest.mark.slow
 def test_trajectories_of_another_shape_are_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     only(monkeypatch, "trajectories")
     written = write_experiment(tmp_path / "grid", algorithms=("ppo", "sac"), seeds=(0,), episodes=8)

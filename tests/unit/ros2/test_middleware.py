@@ -32,6 +32,7 @@ def test_ours_where_there_is_no_other(tmp_path):
     assert chosen(tmp_path) == str(middleware.DISCOVERY)
 
 
+@pytest.mark.slow
 def test_the_users_own_stays(tmp_path):
     assert chosen(tmp_path, **{middleware.PROFILES: "/mine.xml"}) == "/mine.xml"
     (tmp_path / middleware.OWN_PROFILES).write_text("<dds/>")

@@ -119,6 +119,7 @@ def test_a_policy_from_a_file_is_steered_by_as_its_card_says(policy):
         command._setup(command.parser().read(["pidd"]))
 
 
+@pytest.mark.slow
 def test_a_pilot_needs_no_compiler_no_torch_and_no_hydra(policy):
     code = """
 import sys

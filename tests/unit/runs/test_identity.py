@@ -172,6 +172,7 @@ def test_what_cannot_change_the_result_is_taken_from_the_latest_command(tmp_path
     assert again.check()["simulator"]["threads"] == 2  # a complete run says how it was made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("override", "key", "value"),
     [
@@ -189,6 +190,7 @@ def test_a_run_that_goes_on_takes_what_is_typed_beyond_its_identity(override, ke
     assert OmegaConf.select(OmegaConf.create(first.check()), key) == value
 
 
+@pytest.mark.slow
 def test_operational_values_of_a_run_are_replaced_and_others_are_refused(tmp_path):
     run = freeze(plain(f"output={tmp_path}", "simulator=ros2", "simulator.namespace=blurov2"))
     found = renewed(run, ["simulator.namespace=bluerov2", "train.checkpoint.steps=1e3"])

@@ -54,6 +54,7 @@ def test_an_error_of_a_job_is_raised_and_the_pool_goes_on() -> None:
         assert dict(pool.results(divmod, {"good": (5, 2)}, "division")) == {"good": (2, 1)}
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_no_result_and_is_reported(tmp_path: Path) -> None:
     jobs = {name: (tmp_path, name, deaths) for name, deaths in (("a", 0), ("b", 1), ("c", 0), ("d", 0))}
     with Pool(2) as pool, pytest.warns(AuvbenchWarning, match=r"killed.*\bb\b"):
@@ -71,6 +72,7 @@ def test_a_job_that_kills_each_worker_is_named_and_costs_no_other(tmp_path: Path
     assert (tmp_path / "b").read_text() == "xx"
 
 
+@pytest.mark.slow
 def test_a_server_that_was_killed_is_replaced() -> None:
     with Pool(1) as pool:
         assert dict(pool.results(square, {1: (1,)}, "square")) == {1: 1}
@@ -134,6 +136,7 @@ def wait_for_ever(folder: str, number: int) -> None:
     signal.pause()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("importing", [True, False])
 def test_a_killed_command_leaves_no_process(importing: bool, tmp_path: Path) -> None:
     modules, marks = tmp_path / "modules", tmp_path / "marks"

@@ -14,6 +14,7 @@ from auvbench.runs.directory import freeze
 from auvbench.training.execute import execute
 
 
+@pytest.mark.slow
 def test_threads_are_those_of_the_run(tmp_path: Path) -> None:
     config = compose("train", [f"output={tmp_path}", "algo=random", "simulator.threads=2"])
     run = freeze(OmegaConf.to_container(config, resolve=True))

@@ -103,6 +103,7 @@ def test_a_pipe_for_a_manifest_does_not_hang(tmp_path: Path, capsys: pytest.Capt
         assert "defect" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_configuration_without_end_costs_no_other_run(tmp_path: Path) -> None:
     """In a process of its own, which PyYAML's loader ended."""
     good = frozen(tmp_path, "algo=random", "seed=0", state="complete")

@@ -81,6 +81,7 @@ def under_way(runs: list[RunDirectory]) -> int:
     return sum((run.path / "progress.json").exists() for run in runs)
 
 
+@pytest.mark.slow
 def test_all_complete_and_a_second_time_skips(folder: Path) -> None:
     runs = [fake_training.make(folder / f"run{number}") for number in range(5)]
     result, text = carry_out(runs)
@@ -96,6 +97,7 @@ def test_all_complete_and_a_second_time_skips(folder: Path) -> None:
     assert all(run.manifest()["attempts"] == 1 for run in runs)
 
 
+@pytest.mark.slow
 def test_one_failure_costs_no_other(folder: Path) -> None:
     bad = fake_training.make(folder / "bad", fail_at=20)
     good = [fake_training.make(folder / f"good{number}") for number in range(3)]

@@ -170,6 +170,7 @@ def test_a_submitted_run_holds_no_link_so_that_whoever_works_on_it_takes_it(
     assert [file.name for file in (run.path / slurm.SCRIPTS).iterdir()] == ["101_submission.sh"]
 
 
+@pytest.mark.slow
 def test_a_job_waits_runs_and_ends(cluster: Cluster, run: RunDirectory) -> None:
     job = submit(cluster, run)
     assert job.poll().phase is Phase.QUEUED
@@ -280,6 +281,7 @@ def test_an_option_that_sbatch_would_answer_otherwise(cluster: Cluster, option: 
         backend(f"launcher.sbatch=['{option}']")
 
 
+@pytest.mark.slow
 def test_a_folder_whose_name_slurm_would_change(cluster: Cluster, tmp_path: Path) -> None:
     run = fake_training.make(tmp_path / "job%j" / "run")
     with pytest.raises(UserError, match="has a %j"):
@@ -287,6 +289,7 @@ def test_a_folder_whose_name_slurm_would_change(cluster: Cluster, tmp_path: Path
     assert not cluster.scripts
 
 
+@pytest.mark.slow
 def test_the_line_that_names_the_mistake_is_passed_on(
     cluster: Cluster, run: RunDirectory, tmp_path: Path
 ) -> None:

@@ -260,6 +260,7 @@ def test_one_seed_holds_the_truth_over_test_episodes():
         assert (found[[0, 1, 3]] < 0.95 + 3.5 * 0.0063).all(), found
 
 
+@pytest.mark.slow
 def test_three_seeds_of_trainings_that_fail_at_times_hold_the_truth_as_rarely_as_the_docs_say():
     found = coverage(World(3.25, 0.5, failing=0.3), 3, 200, replications=400)
     assert (np.abs(found[:2] - [0.649, 0.624]) < 0.1).all(), found

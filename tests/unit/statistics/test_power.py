@@ -11,6 +11,7 @@ from auvbench.statistics import power as pw
 RNG = np.random.default_rng
 
 
+@pytest.mark.slow
 def test_drawn_rates_have_the_mean_that_was_asked_for() -> None:
     found = pw.Rates(0.8, 1.3).draw([0.6, 0.95], 20_000, 20, RNG(0))
     # 20 scenarios shared by all: their error is that of 20 probits, so compare over many small draws instead.
@@ -102,6 +103,7 @@ def test_the_seeds_named_have_the_power_asked_for_on_other_draws() -> None:
     assert pw.seeds_needed(lambda S: 0.1, 0.8, most=20) is None
 
 
+@pytest.mark.slow
 def test_no_difference_is_found_as_often_as_alpha_says() -> None:
     p = pw.simulated_p(pw.Rates(0.5), (0.9, 0.9), 5, 300, replications=600)
     assert (p < 0.05).mean() < 0.08

@@ -130,6 +130,7 @@ def test_training_and_tests_draw_other_disturbances():
     assert not np.any(drawn[0][:, horizontal] == drawn[1][:, horizontal])
 
 
+@pytest.mark.slow
 def test_switching_a_factor_on_leaves_the_draws_of_the_others():
     one = alone("disturbance=current", "disturbance.current.speed_high=0.6", n=50)
     both = alone("disturbance=severe", "disturbance.current.speed=0.3", n=50)
@@ -442,6 +443,7 @@ def test_energy_weighs_the_commands_that_act_by_their_time():
 # --- sensors --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frequency", [10.0, 55.0])
 def test_errors_of_the_readings(frequency):
     n, seconds = 20_000, 2.0

@@ -14,6 +14,7 @@ needs_casadi = pytest.mark.skipif(importlib.util.find_spec("casadi") is None, re
 DIVERGES = ["simulator=gazebo", "simulator.hydrodynamics=published", "vehicle=rexrov"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [

@@ -159,6 +159,7 @@ def test_a_worker_that_was_killed_is_started_again_a_few_times(tmp_path, monkeyp
     assert len(always.submitted) == controller.TRIES
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_on_after_its_trial_failed_is_not_begun_twice(tmp_path, monkeypatch):
     """Two trials of the same settings and two seeds; the first seed fails while the second is still being trained."""
     backend = Backend(limit=4, behave=lambda number, run: None)
@@ -194,6 +195,7 @@ def test_a_run_that_goes_on_after_its_trial_failed_is_not_begun_twice(tmp_path, 
     assert len(set(seconds)) == len(seconds)
 
 
+@pytest.mark.slow
 def test_a_complete_run_that_is_being_tested_is_waited_for(tmp_path, monkeypatch):
     """By a worker of an earlier controller, which was killed: its score is asked for when it has let go."""
     backend, held, tested, waits = Backend(), [], [], []
@@ -221,6 +223,7 @@ def test_a_complete_run_that_is_being_tested_is_waited_for(tmp_path, monkeypatch
     assert search.trials[0].state is TrialState.COMPLETE
 
 
+@pytest.mark.slow
 def test_equal_settings_share_a_run(tmp_path, monkeypatch):
     backend = Backend(limit=4)
     fixed = [

@@ -29,6 +29,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     assert Journal(path).read_logs(4) == logs[4:]
 
 
+@pytest.mark.slow
 def test_a_kill_after_any_byte_loses_no_whole_line(tmp_path: Path) -> None:
     path = tmp_path / "journal.log"
     logs = written(path)

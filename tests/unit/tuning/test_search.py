@@ -142,6 +142,7 @@ def test_a_grid_goes_on_after_a_kill_and_has_every_point_once(
         assert len({tuple(sorted(trial.params.items())) for trial in search.trials}) == 6
 
 
+@pytest.mark.slow
 def test_impossible_settings_are_a_failed_trial_and_not_the_end(tmp_path: Path) -> None:
     study = plan("algo.batch_size=choice(512,1024)", "algo.n_steps=choice(32,64,128,256)")
     search = Search(study, open_study(study, tmp_path / "journal.log"), base_of(study))
@@ -152,6 +153,7 @@ def test_impossible_settings_are_a_failed_trial_and_not_the_end(tmp_path: Path) 
     assert search.best is None
 
 
+@pytest.mark.slow
 def test_the_best_has_the_largest_budget_before_the_best_score() -> None:
     def trial(number: int, *values: float) -> FrozenTrial:
         found = create_trial(state=TrialState.PRUNED)
@@ -179,6 +181,7 @@ def test_the_journal_of_another_study_is_refused(
         open_study(plan(other), path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "log",
     [

@@ -83,6 +83,7 @@ def test_a_sampler_that_is_restarted_for_every_third_trial_beats_chance(name: st
     assert mean_of_the_last(name) > mean_of_the_last("random") + 0.05
 
 
+@pytest.mark.slow
 def test_cmaes_unpickles_nothing_from_a_journal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     of = plan("tune.sampler=cmaes", "tune.startup=2", "tune.rungs=[100]")
     proposed(of, tmp_path / "journal.log", 15)
@@ -118,6 +119,7 @@ def test_a_grid_has_every_point_once() -> None:
     }
 
 
+@pytest.mark.slow
 def test_cmaes_needs_two_numbers_and_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
     dimensions = plan().dimensions
     choices = [dimension for dimension in dimensions if dimension.choices]
@@ -149,6 +151,7 @@ def climbed(of: Plan, values: list[float], at_once: int = 1) -> list[int]:
             waiting.append(trial)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_once", [1, 4])
 @pytest.mark.parametrize("rungs", ["[1,3,9]", "[100,120,5000]"])
 def test_halving_lets_about_one_in_three_through_and_the_best_to_the_top(at_once: int, rungs: str) -> None:
@@ -160,6 +163,7 @@ def test_halving_lets_about_one_in_three_through_and_the_best_to_the_top(at_once
     assert counts[3] < counts[2] + counts[3]
 
 
+@pytest.mark.slow
 def test_of_equal_trials_only_the_first_goes_on() -> None:
     assert sum(n > 1 for n in climbed(plan("tune.rungs=[1,3]"), [0.0] * 12)) <= 4
 

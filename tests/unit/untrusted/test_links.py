@@ -173,6 +173,7 @@ def test_a_name_out_of_a_file_leads_through_no_link(link: str, photographs: Path
         path_safety.child(run, "model/policy.pt")
 
 
+@pytest.mark.slow
 def test_a_folder_deeper_than_python_recurses_is_searched(tmp_path: Path) -> None:
     here = os.getcwd()
     os.chdir(tmp_path)

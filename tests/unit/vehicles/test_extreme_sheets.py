@@ -28,6 +28,7 @@ def scaled(node: Any, factor: float) -> Any:
     return node * factor if isinstance(node, int | float) and not isinstance(node, bool) else node
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1e12, 1e-12, 1e300])
 @pytest.mark.parametrize("part", ["hydrodynamics", "rigid_body", "buoyancy", "actuators", ""])
 def test_numbers_of_another_world_do_not_hang(
@@ -46,6 +47,7 @@ def test_numbers_of_another_world_do_not_hang(
         judge(command)
 
 
+@pytest.mark.slow
 def test_damping_that_no_step_resolves_is_refused_before_a_run_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

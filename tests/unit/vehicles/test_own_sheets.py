@@ -113,6 +113,7 @@ def test_every_command_says_the_same_of_a_wrong_number(capsys: pytest.CaptureFix
     assert refusal(capsys, "train", "vehicle=w", "algo=pid") == said
 
 
+@pytest.mark.slow
 def test_an_override_is_no_line_of_the_sheet(capsys: pytest.CaptureFixture[str]) -> None:
     write(BLUEROV2.replace("name: bluerov2\n", "name: w\n").replace("{value: 15.22", "{value: -15.22"))
     assert "conf/vehicle/w.yaml line" in refusal(capsys, "simulate", "vehicle=w")
