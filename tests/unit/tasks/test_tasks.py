@@ -1,4 +1,4 @@
-"""The tasks beside the waypoint task, against their definitions in docs/task.md, computed by other means."""
+"""The tasks other than waypoints, against their definitions in docs/task.md, computed by other means."""
 
 from __future__ import annotations
 
@@ -78,6 +78,17 @@ def test_controllers_succeed_undisturbed(task: str, algo: str) -> None:
     agent = make(config, sheet.load(config.vehicle))
     records = roll_out(config, agent, episodes=np.arange(60), seed=123, batch=60).records
     assert Counter(record["outcome"] for record in records)["success"] >= 57
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", ["station_keeping", "trajectory_tracking"])
+def test_mpc_holds_yaw_and_follows_a_reference_that_moves(task: str) -> None:
+    config = configs.training(f"task={task}", "algo=mpc", HEAVY, "task.time_limit=35")
+    agent = make(config, sheet.load(config.vehicle))
+    for record in roll_out(config, agent, episodes=np.arange(3), seed=123, batch=3).records:
+        assert record["outcome"] == "success"
+        assert record["position_error_rms_m"] < 0.2
+        assert record["yaw_error_rms_rad"] < 0.5
 
 
 @pytest.mark.parametrize("task", OTHERS)
