@@ -95,4 +95,7 @@ def _clock(path: Path) -> str:
     card = read_card(path)
     typed = "" if card.vehicle == "bluerov2" else f" vehicle={card.vehicle}"
     typed += "" if card.frequency == 10.0 else f" step.frequency={card.frequency:g}"
+    task = str(card.document["task"].get("name", "waypoint"))
+    if task != "waypoint":
+        return f"{typed} task={task}"
     return typed + ("" if card.position_frame == "world" else f" task.position_frame={card.position_frame}")

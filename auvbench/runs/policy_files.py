@@ -23,6 +23,7 @@ from auvbench.runs.atomic_io import sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
 from auvbench.tasks.observation import observation_spec
 from auvbench.untrusted import path_safety
+from auvbench.untrusted.text import short
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 UNNAMED = "onnx"
@@ -135,6 +136,19 @@ def _compare(card: cards.Card, where: str, config: schema.TrainConfig, vehicle: 
         raise ConfigError(
             f"task.position_frame={config.task.position_frame}: {where} observes the position error in the "
             f"{card.position_frame} frame, its card says; type task.position_frame={card.position_frame}"
+        )
+    own = [entry["name"] for entry in observation_spec(config.task, vehicle.actuators).card()]
+    if own != list(card.observation):
+        missing = [name for name in card.observation if name not in own]
+        what = (
+            f"{missing[0]}, which is not observed here"
+            if missing
+            else f"{len(card.observation)} of the {len(own)} numbers"
+        )
+        trained = short(str(card.document["task"].get("name", "waypoint")), 40)
+        raise ConfigError(
+            f"task={config.task.name}: {where} observes {what}, its card says; it was trained with task={trained} "
+            "(task.observation lists what is observed)"
         )
     if card.frequency != config.step.frequency:
         raise ConfigError(

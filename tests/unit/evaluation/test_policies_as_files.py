@@ -351,6 +351,22 @@ def test_a_card_of_another_vehicle_clock_or_frame_is_told(
 
 
 @pytest.mark.slow
+def test_a_policy_of_another_task_is_told_and_its_next_command_works(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = trained(tmp_path / "runs", "algo=ppo", "task=docking", "vehicle=bluerov2_heavy")
+    assert cli.main(["export", str(run.path), "--out", str(tmp_path / "files")]) == 0
+    typed = capsys.readouterr().out.split("next: auvbench ")[1].split()
+    assert typed[-2:] == ["vehicle=bluerov2_heavy", "task=docking"]
+    assert cli.main([*typed, f"output={tmp_path / 'out'}"]) == 0
+    assert cli.main([*typed[:-1], "task=station_keeping", f"output={tmp_path / 'other'}"]) == 2
+    err = capsys.readouterr().err
+    assert "observes goal_error_x, which is not observed here" in err
+    assert "trained with task=docking" in err
+    assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "message"),
     [
