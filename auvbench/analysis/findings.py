@@ -56,9 +56,11 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
         return None
     returns = [float(a.metrics["return"].mean()) for a in (rich, good)]
     rates = [float(a.success.mean()) for a in (rich, good)]
+    waypoints = rich.runs[0].config.get("task.name", "waypoint") == "waypoint"
+    verb, of = ("reaches", "of the waypoints") if waypoints else ("succeeds in", "of the episodes")
     text = (
         f"Return and success disagree: {rich.label} has a return of {returns[0]:,.0f} against {returns[1]:,.0f} of "
-        f"{good.label}, but succeeds in {100 * rates[0]:.0f} % of the episodes against {100 * rates[1]:.0f} %"
+        f"{good.label}, but {verb} {100 * rates[0]:.0f} % {of} against {100 * rates[1]:.0f} %"
     )
     left = rich.metrics["final_distance_m"][rich.outcome == TIMEOUT]
     radius = rich.runs[0].config.get("task.goal_radius")

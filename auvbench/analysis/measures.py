@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from auvbench.analysis.records import Agent
+from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError, closest
 from auvbench.metrics import METRICS, Metric
 from auvbench.record import OUTCOMES, SCENARIO_COLUMNS
@@ -170,4 +171,7 @@ def all_measures(agents: Sequence[Agent]) -> list[Measure]:
     """Return the measures that at least one agent has, also of unknown columns, which never rank."""
     columns = {c: None for agent in agents for c in agent.metrics if c not in OF_THE_SCENARIO}
     means = [MEASURES.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in columns]
-    return [*RATES, *means, *(m for m in PENALISED if m.column in columns)]
+    named = {str(agent.runs[0].config.get("task.name")) for agent in agents if agent.runs}
+    ends = {end for name in named for end in TASKS.get(name, TASKS["waypoint"]).outcomes}
+    rates = [m for m in RATES if m.name.removesuffix("_rate") in ends] if ends else RATES
+    return [*rates, *means, *(m for m in PENALISED if m.column in columns)]
