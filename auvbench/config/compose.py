@@ -14,16 +14,17 @@ import re
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NoReturn
 
 from hydra import version
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra._internal.config_repository import ConfigRepository
 from hydra._internal.config_search_path_impl import ConfigSearchPathImpl
 from hydra._internal.core_plugins.bash_completion import BashCompletion
 from hydra._internal.hydra import Hydra
-from hydra.core.config_store import ConfigStore
+from hydra.core.config_store import ConfigNode, ConfigStore
 from hydra.core.plugins import Plugins
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
@@ -63,19 +64,32 @@ class Sweeper:
     grids: list[Any] = dataclasses.field(default_factory=list)
 
 
-def register_schemas() -> None:
-    store = ConfigStore.instance()
-    store.store(name="train_schema", node=schema.TrainConfig)
-    store.store(name="evaluate_schema", node=schema.EvaluateConfig)
-    store.store(name="tune_schema", node=tuning.TuneConfig)
-    store.store(name="simulate_schema", node=simulation.Simulation)
+def _register_schemas(store: ConfigStore) -> None:
     store.store(group="hydra/sweeper", name="auvbench", node=Sweeper)
+    kinds = {
+        "train_schema": schema.TrainConfig,
+        "evaluate_schema": schema.EvaluateConfig,
+        "tune_schema": tuning.TuneConfig,
+        "simulate_schema": simulation.Simulation,
+        **{f"{name}_schema": spec.schema for name, spec in AGENTS.items()},
+        **launchers.SCHEMAS,
+        **simulators.SCHEMAS,
+        **tasks.SCHEMAS,
+        **rewards.SCHEMAS,
+    }
     # At the top level: the folders algo, launcher and simulator then list their answers alone.
-    agents = {f"{name}_schema": spec.schema for name, spec in AGENTS.items()}
-    for name, node in (
-        agents | launchers.SCHEMAS | simulators.SCHEMAS | tasks.SCHEMAS | rewards.SCHEMAS
-    ).items():
-        store.store(name=name, node=node)
+    store.repo |= {f"{name}.yaml": _node(f"{name}.yaml", kind) for name, kind in kinds.items()}
+
+
+@cache
+def _node(name: str, kind: type) -> ConfigNode:
+    """Building a node is slow, and Hydra copies it before use."""
+    return ConfigNode(name=name, node=OmegaConf.structured(kind), group=None, package=None, provider=None)
+
+
+class _Repository(ConfigRepository):
+    def __deepcopy__(self, memo: dict[int, Any]) -> _Repository:
+        return copy.copy(self)  # Hydra exchanges the list of sources in a copy; a deep one has all schemas
 
 
 @contextmanager
@@ -88,11 +102,11 @@ def _loader(*folders: Path | None) -> Iterator[ConfigLoaderImpl]:
     for folder in folders:
         if folder is not None and folder.is_dir():
             path.append("own", f"{restricted_yaml.SCHEME}://{folder.absolute()}")
-    path.append("hydra", "pkg://hydra.conf")
+    path.append("hydra", f"{restricted_yaml.PACKAGE}://hydra.conf")
     # Before "main": a file that both have is found there, and refused.
     for release, installed_folder in plugins.folders():
         path.append(release, f"{restricted_yaml.INSTALLED}://{installed_folder}")
-    path.append("main", f"pkg://{CONFIG_MODULE}")
+    path.append("main", f"{restricted_yaml.PACKAGE}://{CONFIG_MODULE}")
     path.append("schema", "structured://")
     with _LOCK:
         Plugins.instance()  # stores schemas of its own, once; they are to stay
@@ -101,9 +115,11 @@ def _loader(*folders: Path | None) -> Iterator[ConfigLoaderImpl]:
         store.repo = _copied(repository)
         try:
             version.setbase("1.3")
-            register_schemas()
+            _register_schemas(store)
             restricted_yaml.register()
-            yield ConfigLoaderImpl(config_search_path=path)
+            loader = ConfigLoaderImpl(config_search_path=path)
+            loader.repository = _Repository(path)
+            yield loader
         finally:
             store.repo, base.version_base = repository, theirs
 

@@ -7,12 +7,15 @@ user who types `auvbench train` there. So a file may set none of this.
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Iterator
+from functools import cache
 from importlib import resources
 from typing import Any
 
 from hydra._internal.core_plugins.file_config_source import FileConfigSource
+from hydra._internal.core_plugins.importlib_resources_config_source import ImportlibResourcesConfigSource
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from omegaconf import OmegaConf
@@ -22,7 +25,7 @@ from auvbench.errors import ConfigError
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.text import short
 
-SCHEME, INSTALLED = "conf", "installed"
+SCHEME, INSTALLED, PACKAGE = "conf", "installed", "package"
 
 ALLOWED = ("hydra.mode", "hydra.sweeper.grids", "hydra.sweeper.params", "hydra.help")
 """Hydra's own keys that a file or an override may set"""
@@ -73,10 +76,26 @@ class InstalledFiles(OwnFiles):
         return super().load_config(config_path)
 
 
+class PackageFiles(ImportlibResourcesConfigSource):
+    """Hydra's source of files for a package that does not change while the program runs: each is parsed once."""
+
+    @staticmethod
+    def scheme() -> str:
+        return PACKAGE
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        return copy.deepcopy(_parsed(self.provider, self.path, config_path))
+
+
+@cache
+def _parsed(provider: str, package: str, config_path: str) -> ConfigResult:
+    return ImportlibResourcesConfigSource(provider, f"pkg://{package}").load_config(config_path)
+
+
 def register() -> None:
-    """Register `conf://FOLDER` and `installed://FOLDER` with Hydra's search path."""
-    SourcesRegistry.instance().register(OwnFiles)
-    SourcesRegistry.instance().register(InstalledFiles)
+    """Register the schemes `conf`, `installed` and `package` with Hydra's search path."""
+    for source in (OwnFiles, InstalledFiles, PackageFiles):
+        SourcesRegistry.instance().register(source)
 
 
 def check_file(shown: str, name: str, content: Any, package: str | None) -> None:

@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from omegaconf import open_dict
 
 from auvbench.config.compose import compose, typed
 from auvbench.config.validate import evaluate_config, train_config
@@ -157,3 +158,21 @@ def test_the_working_directory_adds_answers(tmp_path, monkeypatch):
     )
     monkeypatch.chdir(tmp_path)
     assert compose("train", ["reward=mine"]).reward.k == 7.0
+
+
+def test_changing_a_composed_configuration_leaves_the_next_one_alone():
+    first = compose("train", ["algo=sac"])
+    with open_dict(first):
+        first.algo.gamma = 0.5
+        del first["noise"]
+    second = compose("train", ["algo=sac"])
+    assert second.algo.gamma != 0.5
+    assert "noise" in second
+
+
+def test_a_file_of_ones_own_is_read_each_time(tmp_path):
+    own = tmp_path / "reward" / "mine.yaml"
+    own.parent.mkdir()
+    for k in (2.0, 3.0):
+        own.write_text(f"defaults: [thesis]\nk: {k}\n")
+        assert compose("train", ["reward=mine"], folder=tmp_path).reward.k == k
