@@ -8,7 +8,7 @@ from auvbench.config.schema import choice, number
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ConfigError
 
-KINDS = ("thesis", "tracking", "exponential", "marinegym_hover")
+KINDS = ("thesis", "tracking", "exponential", "marinegym_hover", "gym_auv_path", "gym_dockauv")
 """names of rewards, in the order of their codes in `tasks.rewards`"""
 
 
@@ -61,11 +61,42 @@ class MarineGymHover(Reward):
     effort: float = number(0.0, 1e6)
 
 
+@dataclass(kw_only=True)
+class GymAuvPath(Reward):
+    """The reward of gym-auv's path following in three dimensions."""
+
+    look_ahead: float = number(0.0, 1e4, open_low=True)  # m
+    course: float = number(0.0, 1e6)
+    roll: float = number(0.0, 1e6)
+    roll_rate: float = number(0.0, 1e6)
+    effort: float = number(0.0, 1e6)
+
+
+@dataclass(kw_only=True)
+class GymDockauv(Reward):
+    """The reward of gym_dockauv."""
+
+    distance: float = number(0.0, 1e6)
+    near: float = number(0.0, 1e4, open_low=True)  # m
+    far: float = number(0.0, 1e4, open_low=True)  # m
+    elevation: float = number(0.0, 1e6)
+    heading: float = number(0.0, 1e6)
+    attitude: float = number(0.0, 1e6)
+    rates: float = number(0.0, 1e6)
+    effort: float = number(0.0, 1e6)
+    success: float = number(-1e9, 1e9)
+    out_of_bounds: float = number(-1e9, 1e9)
+    timeout: float = number(-1e9, 1e9)
+    collision: float = number(-1e9, 1e9)
+
+
 SCHEMAS: dict[str, type] = {
     "reward_thesis_schema": Thesis,
     "reward_tracking_schema": Tracking,
     "reward_exponential_schema": Exponential,
     "reward_marinegym_hover_schema": MarineGymHover,
+    "reward_gym_auv_path_schema": GymAuvPath,
+    "reward_gym_dockauv_schema": GymDockauv,
 }
 
 

@@ -80,7 +80,7 @@ TASKS = {
             "mean_cross_track_rms_m",
             (*ERRORS, "preview"),
             _FOUR_ENDS,
-            _TRACKING,
+            (*_TRACKING, "gym_auv_path"),
             needs_thrusters=False,
         ),
         TaskSpec(
@@ -90,7 +90,7 @@ TASKS = {
             "par1_time_s",
             (*ERRORS, "goal_error"),
             _FOUR_ENDS,
-            ("tracking", "exponential"),
+            ("tracking", "exponential", "gym_dockauv"),
         ),
     )
 }

@@ -162,6 +162,8 @@ def _across(config: schema.TrainConfig) -> None:
     task, noise, frequency = config.task, config.noise, config.step.frequency
     _task(task)
     rewards.check_reward(task.name, config.reward.name)
+    if isinstance(config.reward, rewards.GymDockauv):
+        _below("reward.near", config.reward.near, "reward.far", config.reward.far, strictly=True)
     for name in ("position", "yaw", "command"):
         span = getattr(noise, name)
         _below(f"noise.{name}.low", span.low, f"noise.{name}.high", span.high)

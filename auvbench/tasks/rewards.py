@@ -9,6 +9,8 @@ from numba import njit
 from auvbench.tasks.kernels import (
     COLLISION,
     F_DISTANCE,
+    F_GOAL,
+    F_REFERENCE,
     F_REFERENCE_VELOCITY,
     F_REFERENCE_YAW,
     OUT_OF_BOUNDS,
@@ -16,8 +18,11 @@ from auvbench.tasks.kernels import (
     P_REWARD_OWN,
     P_YAW,
     SUCCESS,
+    TIMEOUT,
     Floats,
     velocity_row,
+    wrap,
+    yaw_row,
 )
 
 # Codes of the rewards, and the order of their parameters from P_REWARD_OWN on: that of the fields in `config.rewards`.
@@ -25,6 +30,8 @@ THESIS = 0
 TRACKING = 1
 EXPONENTIAL = 2
 MARINEGYM_HOVER = 3
+GYM_AUV_PATH = 4
+GYM_DOCKAUV = 5
 
 
 @njit(nogil=True)
@@ -61,6 +68,10 @@ def reward_row(
         change += (action[i, j] - previous[i, j]) ** 2
     if kind == MARINEGYM_HOVER:
         return float(k * _marinegym_hover(i, distance, thrust, pose, velocity, F, P))
+    if kind == GYM_AUV_PATH:
+        return float(k * _gym_auv_path(i, effort, pose, velocity, F, P))
+    if kind == GYM_DOCKAUV:
+        return float(k * _gym_dockauv(i, outcome, effort / n_u**2, pose, velocity, F, P))
     r = (
         math.exp(-distance / P[p + 1])
         + P[p + 2] * math.exp(-abs(yaw_error) / P[p + 3])
@@ -98,3 +109,79 @@ def _marinegym_hover(
     return float(
         near + near * (upright * upright + 1.0 / (1.0 + spin**4)) + P[p + 2] * math.exp(-abs(thrust))
     )
+
+
+@njit(nogil=True)
+def _roll_pitch(i: int, pose: Floats) -> tuple[float, float]:
+    """Return roll and pitch of pose i in rad, the bow up."""
+    w, x, y, z = pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return roll, -math.asin(min(1.0, max(-1.0, 2.0 * (w * y - x * z))))
+
+
+@njit(nogil=True)
+def _gym_auv_path(i: int, effort: float, pose: Floats, velocity: Floats, F: Floats, P: Floats) -> float:
+    """Return gym-auv's reward: step_reward of gym_auv/envs/pathcolav3d.py at commit 90f88ec; `effort`: sum of squares."""
+    p = P_REWARD_OWN
+    tx, ty, tz = F[i, F_REFERENCE_VELOCITY], F[i, F_REFERENCE_VELOCITY + 1], F[i, F_REFERENCE_VELOCITY + 2]
+    level = math.sqrt(tx * tx + ty * ty)
+    course, climb = math.atan2(ty, tx), math.atan2(tz, level)
+    dx, dy = pose[i, 0] - F[i, F_REFERENCE], pose[i, 1] - F[i, F_REFERENCE + 1]
+    dz = pose[i, 2] - F[i, F_REFERENCE + 2]
+    # Cross-track errors, to port and up.
+    port = dy * math.cos(course) - dx * math.sin(course)
+    up = dz * math.cos(climb) - (dx * math.cos(course) + dy * math.sin(course)) * math.sin(climb)
+    course -= math.atan2(port, P[p + 1])
+    climb -= math.atan2(up, math.sqrt(port * port + P[p + 1] ** 2))
+    vx, vy = velocity_row(i, pose, velocity, 0), velocity_row(i, pose, velocity, 1)
+    vz = velocity_row(i, pose, velocity, 2)
+    course_error = wrap(math.atan2(vy, vx) - course) / math.pi
+    climb_error = wrap(math.atan2(vz, math.sqrt(vx * vx + vy * vy)) - climb) / math.pi
+    roll, _ = _roll_pitch(i, pose)
+    return float(
+        -P[p + 2] * (course_error**2 + climb_error**2)
+        - P[p + 3] * roll**2
+        - P[p + 4] * velocity[i, 3] ** 2
+        - P[p + 5] * effort
+    )
+
+
+@njit(nogil=True)
+def _gym_dockauv(
+    i: int, outcome: int, effort: float, pose: Floats, velocity: Floats, F: Floats, P: Floats
+) -> float:
+    """Return gym_dockauv's reward: reward_step of gym_dockauv/envs/docking3d.py, set 1, at commit 6b36b5b."""
+    p = P_REWARD_OWN
+    dx, dy = F[i, F_GOAL] - pose[i, 0], F[i, F_GOAL + 1] - pose[i, 1]
+    dz = F[i, F_GOAL + 2] - pose[i, 2]
+    level = math.sqrt(dx * dx + dy * dy)
+    distance, near, far = math.sqrt(level * level + dz * dz), P[p + 2], P[p + 3]
+    # 0 at the goal's radius, 1 at the bounds.
+    away = 1.0 - min(1.0, max(0.0, math.log(max(distance, 1e-3) / far) / math.log(near / far)))
+    roll, pitch = _roll_pitch(i, pose)
+    elevation = pitch - math.atan2(dz, level)
+    heading = wrap(math.atan2(dy, dx) - yaw_row(i, pose))
+    # Rates of the Euler angles. The source's episodes end at a pitch of 60 degrees: the rates grow no more beyond it.
+    q, r = velocity[i, 4], velocity[i, 5]
+    turn = (q * math.sin(roll) + r * math.cos(roll)) / max(0.5, math.cos(pitch))
+    roll_rate = velocity[i, 3] - turn * math.sin(pitch)
+    pitch_rate = q * math.cos(roll) - r * math.sin(roll)
+    rates = roll_rate**2 + pitch_rate**2 + turn**2
+    quarter = 0.5 * math.pi
+    result = (
+        -P[p + 1] * away
+        - P[p + 4] * (elevation / quarter) ** 2
+        - P[p + 5] * (heading / math.pi) ** 2
+        - P[p + 6] * (roll * roll + pitch * pitch) / quarter**2
+        - P[p + 7] * rates / quarter**2
+        - P[p + 8] * effort
+    )
+    if outcome == SUCCESS:
+        result += P[p + 9]
+    elif outcome == OUT_OF_BOUNDS:
+        result += P[p + 10]
+    elif outcome == TIMEOUT:
+        result += P[p + 11]
+    elif outcome == COLLISION:
+        result += P[p + 12]
+    return float(result)

@@ -371,25 +371,6 @@ def test_rewards_by_their_formulas() -> None:
     assert batch.task.reward[0] == pytest.approx(math.exp(-1.0) + 0.5 * math.exp(-0.8) - cost)
 
 
-def test_marinegyms_reward_by_the_formula_of_its_source() -> None:
-    batch = batch_of("station_keeping", "reward=marinegym_hover", "task.yaw=0.7")
-    turn = Rotation.from_euler("ZYX", [0.4, 0.3, -0.5])
-    x, y, z, w = turn.as_quat()
-    position, velocity = np.array([0.6, -0.8, -20.5]), np.array([0.1, 0.2, 0.3, 0.4, -0.9, 0.8])
-    batch.simulator.pose[0], batch.simulator.velocity[0] = [*position, w, x, y, z], velocity
-    action = np.array([[0.3, -0.1, 0.5, 0.2, -0.7, 0.1, 0.4, -0.2]])
-    batch.task.advance(batch.simulator.pose, batch.simulator.velocity, action, action, np.zeros(1))
-    rpos = np.array([0.0, 0.0, -20.0]) - position
-    rheading = np.array([math.cos(0.7), math.sin(0.7), 0.0]) - turn.apply([1.0, 0.0, 0.0])
-    distance = np.linalg.norm(np.concatenate([rpos, rheading]))
-    pose = 0.5 / (1.0 + (1.2 * distance) ** 2)
-    up = ((turn.apply([0.0, 0.0, 1.0])[2] + 1.0) / 2.0) ** 2
-    spin = 1.0 / (1.0 + (turn.apply(velocity[3:])[2] ** 2) ** 2)
-    assert batch.task.reward[0] == pytest.approx(
-        pose + pose * (up + spin) + 0.1 * math.exp(-abs(action.sum()))
-    )
-
-
 def test_the_end_of_docking_pays() -> None:
     batch = batch_of("docking")
     yaw = float(batch.task.F[0, k.F_REFERENCE_YAW])
@@ -429,6 +410,8 @@ def test_gymnasium_knows_every_task() -> None:
         (["task=docking", "task.position_frame=world"], "position_frame"),
         (["task=docking", "reward=thesis"], "no reward for task=docking; use reward=tracking"),
         (["reward=marinegym_hover"], "no reward for task=waypoint"),
+        (["task=docking", "reward=gym_auv_path"], "no reward for task=docking"),
+        (["task=docking", "reward=gym_dockauv", "reward.near=20"], "reward.near.*reward.far"),
         (["task=station_keepin"], "did you mean.*station_keeping"),
         (["task=station_keeping", "task.station=[0,0,0]"], "task.station.*depth limits"),
         (["task=docking", "task.start_low=20"], "task.start_low"),
