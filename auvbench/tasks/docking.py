@@ -78,8 +78,8 @@ def _angle(i: int, x: float, y: float, z: float, F: Floats) -> tuple[float, floa
 
 
 @njit(nogil=True)
-def _refer(i: int, x: float, y: float, z: float, F: Floats, P: Floats) -> None:
-    """Write the reference of a vehicle at a position."""
+def _refer(i: int, x: float, y: float, z: float, F: Floats, P: Floats) -> float:
+    """Write the reference of a vehicle at a position; return the length in m of the way from there into the dock."""
     distance, angle = _angle(i, x, y, z, F)
     yaw, cone = F[i, F_REFERENCE_YAW], P[P_CONE]
     ax, ay = -math.cos(yaw), -math.sin(yaw)
@@ -98,6 +98,7 @@ def _refer(i: int, x: float, y: float, z: float, F: Floats, P: Floats) -> None:
     F[i, F_REFERENCE] = F[i, F_GOAL] + out * ax + aside * lx
     F[i, F_REFERENCE + 1] = F[i, F_GOAL + 1] + out * ay + aside * ly
     F[i, F_REFERENCE + 2] = F[i, F_GOAL + 2] + aside * lz
+    return P[P_STANDOFF] * far * (1.0 + turn)
 
 
 @compiled("dynamics")
@@ -145,7 +146,7 @@ def advance(
         error, angle = _angle(i, x, y, z, F)
         if not math.isfinite(error):
             return -1 - i
-        _refer(i, x, y, z, F, P)
+        way = _refer(i, x, y, z, F, P)
         distance = distance_row(i, pose, i, F)
         yaw_error = wrap(F[i, F_REFERENCE_YAW] - yaw_row(i, pose))
         speed = math.sqrt(velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2)
@@ -163,7 +164,7 @@ def advance(
             outcome = OUT_OF_BOUNDS
         elif C[i, C_STEPS] >= P[P_MAX_STEPS]:
             outcome = TIMEOUT
-        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P)
+        r = reward_row(i, outcome, distance + way, yaw_error, pose, velocity, action, previous, F, P)
         ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
 

@@ -371,6 +371,28 @@ def test_rewards_by_their_formulas() -> None:
     assert batch.task.reward[0] == pytest.approx(math.exp(-1.0) + 0.5 * math.exp(-0.8) - cost)
 
 
+def test_the_reward_of_docking_grows_on_the_way_of_the_reference() -> None:
+    batch, rng = batch_of("docking"), np.random.default_rng(3)
+    yaw, dock = float(batch.task.F[0, k.F_REFERENCE_YAW]), batch.task.goal(0)
+    for _ in range(20):
+        direction = rng.normal(size=3)
+        position = dock + 8.0 * direction / np.linalg.norm(direction)
+        before, outcome = -math.inf, -1
+        while outcome < 0:
+            put(batch, position, yaw, [0.2, 0.0, 0.0])
+            reward, outcome = advance(batch)
+            assert reward > before
+            assert batch.task.C[0, k.C_STEPS] < 550
+            to = batch.task.reference[0] - position
+            position = position + 0.05 * to / np.linalg.norm(to)
+            before = reward
+            if np.linalg.norm(position - dock) < 0.1:
+                break
+        assert np.linalg.norm(position - dock) < 0.1
+        batch.reset()
+        yaw, dock = float(batch.task.F[0, k.F_REFERENCE_YAW]), batch.task.goal(0)
+
+
 def test_the_end_of_docking_pays() -> None:
     batch = batch_of("docking")
     yaw = float(batch.task.F[0, k.F_REFERENCE_YAW])
