@@ -49,15 +49,19 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     if len(reports) == 1:
         with storage(f"cannot write the report into {out}"):
             report, written = write(reports[0], options, command, out, over=over)
+            for name in ("score.tex", "score.csv"):  # of an earlier report of several tasks
+                (out / name).unlink(missing_ok=True)
         report_terminal.show(report, options)
     else:
-        from auvbench.commands.report_sections import write_sections
+        from auvbench.commands.report_sections import across_tasks, write_sections
 
+        score = across_tasks(reports, options)
         with storage(f"cannot write the report into {out}"):
-            reports, written = write_sections(reports, options, command, out, over)
+            reports, written = write_sections(reports, options, command, out, over, score)
         for report in reports:
             report_terminal.heading(report.section.title)
             report_terminal.show(report, options)
+        report_terminal.show_score(score, options)
     report_terminal.show_over(over, options)
     report_terminal.say_written(written)
 

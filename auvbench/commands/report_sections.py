@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,10 +12,70 @@ from auvbench.commands.report_options import Options
 
 if TYPE_CHECKING:
     from auvbench.analysis.aggregate import Across
+    from auvbench.analysis.records import Agent
+    from auvbench.analysis.score import Scores
+
+
+def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
+    """Return the score across tasks; None where the sections have one task. Of sections of one task the largest counts."""
+    from auvbench.analysis import score
+    from auvbench.analysis.measures import to_rank_by
+
+    parts: dict[str, Report] = {}
+    for report in reports:
+        parts.setdefault(report.section.vehicle, report)
+    if len({_task(report) for report in parts.values()}) < 2:
+        return None
+    one_vehicle = len({report.runs[0].config.get("vehicle.name") for report in parts.values()}) == 1
+    tested = [
+        score.Tested(
+            _task(report).replace("_", " ") if one_vehicle else subject,
+            to_rank_by(report.ranking.rank_by),
+            _by_condition(report, options),
+            {name: _adding(report, name, options.protocol) for name in (score.ZERO, score.ONE)},
+        )
+        for subject, report in parts.items()
+    ]
+    return score.scores(tested, options.protocol, options.confidence, options.seed)
+
+
+def _task(report: Report) -> str:
+    return str(report.runs[0].config.get("task.name", "waypoint"))
+
+
+def _by_condition(report: Report, options: Options) -> dict[str, Sequence[Agent]]:
+    """Return the agents of a section under each condition of the protocol."""
+    from auvbench.analysis.load import agents
+    from auvbench.analysis.ranking import one_run_of_a_controller
+
+    names = [condition.name for condition in report.ranking.conditions]
+    if not names:
+        return {report.ranking.condition: report.agents}
+    found: dict[str, Sequence[Agent]] = {}
+    for name in names:
+        met, _ = agents(report.runs, options.group_by, options.protocol, name, options.failed_trainings)
+        found[name] = [one_run_of_a_controller(agent) for agent in met]
+    return found
+
+
+def _adding(report: Report, algorithm: str, protocol: str) -> str:
+    """Return the commands that add an algorithm to a section."""
+    run = report.runs[0]
+    config = run.config
+    words = [f"{key}={config.get(f'{key}.name')}" for key in ("task", "vehicle")]
+    train = ["auvbench", "train", *words, f"algo={algorithm}", f"name={config.get('name')}"]
+    test = ["auvbench", "evaluate", str(run.directory.parent)]
+    test += [] if protocol == "test" else [f"protocol={protocol}"]
+    return f"{shlex.join(train)} && {shlex.join(test)} adds them."
 
 
 def write_sections(
-    reports: Sequence[Report], options: Options, command: str, out: Path, over: Across | None = None
+    reports: Sequence[Report],
+    options: Options,
+    command: str,
+    out: Path,
+    over: Across | None = None,
+    score: Scores | None = None,
 ) -> tuple[list[Report], list[Path]]:
     """Writes each section into a folder of its own below `out`, and `index.html`, `report.md` and `table.csv` of all.
 
@@ -36,12 +97,17 @@ def write_sections(
     parts = [Part(r.section.title, r.section.folder, r.ranking, r.agents, r.runs, r.findings) for r in whole]
     above = []
     if "html" in options.format:
-        above.append(write_overview(out / "index.html", parts, command, over))
+        above.append(write_overview(out / "index.html", parts, command, over, score))
     if "md" in options.format:
-        above.append(files.sections_markdown(out / "report.md", parts, over))
+        above.append(files.sections_markdown(out / "report.md", parts, over, score))
     if "csv" in options.format:
         rows = tables.joined("vehicle", [(r.section.vehicle, tables.csv(r.ranking)) for r in whole])
         above.append(text(out / "table.csv", rows))
     above += write_over(over, options, out)
     files.clear(out)
+    if "tex" in options.format:
+        above += files.if_any(out / "score.tex", tables.score_latex(score) if score else "")
+    if "csv" in options.format:
+        above += files.if_any(out / "score.csv", tables.score_csv(score) if score else "")
+        above += files.if_any(out / "verdicts.json", files.scores(score) if score else "")
     return whole, above + [path for path in below if path.suffix not in {p.suffix for p in above}]

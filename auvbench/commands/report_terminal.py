@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from auvbench.analysis.aggregate import Across
+    from auvbench.analysis.score import Scores
     from auvbench.commands.report import Report
     from auvbench.commands.report_options import Options
 
@@ -51,6 +52,17 @@ def show_over(over: Across | None, options: Options) -> None:
         console = Console(highlight=False)
         console.print()
         console.print(tables.across_terminal(over))
+
+
+def show_score(score: Scores | None, options: Options) -> None:
+    """The table across tasks, where there are several."""
+    from rich.console import Console
+
+    from auvbench.reporting import tables
+
+    if score is not None and "terminal" in options.format:
+        heading("score across tasks")
+        Console(highlight=False).print(tables.score_terminal(score))
 
 
 def heading(title: str) -> None:

@@ -11,12 +11,14 @@ from typing import Any
 from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
+from auvbench.analysis.score import Scores
 from auvbench.analysis.study import ComparisonRow
 from auvbench.reporting import tables
 from auvbench.reporting.figures import FIGURES, MAIN, Figure
 from auvbench.reporting.tables.notes import of_pairs
 from auvbench.reporting.tables.text_formats import escape
 from auvbench.runs.atomic_io import as_json, write_atomic
+from auvbench.statistics.intervals import Estimate
 
 
 def text(path: Path, content: str) -> Path:
@@ -101,9 +103,32 @@ def _plain(finding: Finding) -> dict[str, Any]:
     """Return a finding as JSON takes it: no number is null."""
     found = asdict(finding)
     if finding.estimate is not None:
-        ends = {key: value for key, value in found["estimate"].items() if value == value}
-        found["estimate"] = {"low": None, "high": None} | ends
+        found["estimate"] = _numbers(finding.estimate)
     return found
+
+
+def _numbers(estimate: Estimate) -> dict[str, Any]:
+    ends = {key: value for key, value in asdict(estimate).items() if value == value}
+    return {"value": None, "low": None, "high": None} | ends
+
+
+def scores(found: Scores) -> str:
+    """Return verdicts.json of a report of several tasks: the score of each agent as data; empty without any."""
+    rows = [
+        {
+            "kind": "score",
+            "agents": [row.label],
+            "protocol": found.protocol,
+            "estimate": _numbers(row.score),
+            "tasks": {
+                title: value if value == value else None
+                for title, value in zip(found.titles, row.tasks, strict=True)
+            },
+            "run_ids": row.run_ids,
+        }
+        for row in found.rows
+    ]
+    return as_json(rows).decode() if rows else ""
 
 
 def findings_in_markdown(findings: Sequence[Finding]) -> str:
@@ -135,12 +160,16 @@ OF_ONE_SECTION = ("table.tex", "conditions.tex", "conditions.csv", "comparisons.
 """files that a report of one section writes and the overview of several does not"""
 
 
-def sections_markdown(path: Path, parts: Sequence[Part], over: Across | None = None) -> Path:
+def sections_markdown(
+    path: Path, parts: Sequence[Part], over: Across | None = None, score: Scores | None = None
+) -> Path:
     """Write report.md with the table and the findings of each section, and a link to its own report."""
     pieces = [
         "# Report",
         f"{len(parts)} sections: agents are compared on one vehicle and the same scenarios, never across.",
     ]
+    if score is not None:
+        pieces += ["## Score across tasks", tables.score_markdown(score).rstrip()]
     if over is not None:
         pieces += ["## Over all tasks", tables.across_markdown(over).rstrip()]
     for part in parts:

@@ -17,6 +17,7 @@ from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
+from auvbench.analysis.score import Scores
 from auvbench.reporting.figures import MAIN, Figure
 from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import sources, table
@@ -33,6 +34,7 @@ from auvbench.reporting.tables.appendix import (
 )
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines, notes, of_pairs
+from auvbench.reporting.tables.score import score_notes, score_table
 from auvbench.reporting.write import Part, text
 
 if TYPE_CHECKING:
@@ -218,7 +220,21 @@ def _length(value: Any, default: float) -> float:
     return float(value) if isinstance(value, int | float) and abs(value) < 1e6 else default
 
 
-def write_overview(path: Path, parts: Sequence[Part], command: str = "", over: Across | None = None) -> Path:
+def _scored(found: Scores | None) -> dict[str, Any] | None:
+    """Return the score across tasks as the template draws it; without a score its notes say what is missing."""
+    if found is None:
+        return None
+    shown = table.printed(score_table(found)) if found.rows else None
+    return {"table": shown, "notes": [table.minus(line) for line in score_notes(found)]}
+
+
+def write_overview(
+    path: Path,
+    parts: Sequence[Part],
+    command: str = "",
+    over: Across | None = None,
+    score: Scores | None = None,
+) -> Path:
     """Write the page of all sections; each has its own page at `<folder>/index.html`.
 
     Raises:
@@ -255,5 +271,6 @@ def write_overview(path: Path, parts: Sequence[Part], command: str = "", over: A
         facts=[fact for fact in facts if fact[0] != "Scenarios"],  # each section has its own
         command=command,
         over=over_all(over),
+        score=_scored(score),
     )
     return text(path, html)

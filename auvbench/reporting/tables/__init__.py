@@ -1,6 +1,7 @@
 """The tables of a report in every format. Each function draws what a `Ranking` holds and computes nothing."""
 
-from auvbench.reporting.tables.latex import across_latex, conditions_latex, latex
+from auvbench.reporting.tables.latex import across_latex, conditions_latex, latex, score_latex
+from auvbench.reporting.tables.score import score_csv, score_markdown
 from auvbench.reporting.tables.terminal import (
     across_terminal,
     appendix_terminal,
@@ -8,6 +9,7 @@ from auvbench.reporting.tables.terminal import (
     comparison_terminal,
     conditions_terminal,
     findings_terminal,
+    score_terminal,
     terminal,
 )
 from auvbench.reporting.tables.text_formats import (
@@ -45,5 +47,9 @@ __all__ = [
     "limit_csv",
     "markdown",
     "ranks_markdown",
+    "score_csv",
+    "score_latex",
+    "score_markdown",
+    "score_terminal",
     "terminal",
 ]

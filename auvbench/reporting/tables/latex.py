@@ -6,9 +6,11 @@ from auvbench.analysis.aggregate import Across
 from auvbench.analysis.formatting import name
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Ranking
+from auvbench.analysis.score import Scores
 from auvbench.reporting.tables.appendix import across_notes, across_table, conditions_note, conditions_table
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes
+from auvbench.reporting.tables.score import score_notes, score_table
 from auvbench.reporting.tables.table import Cell, Heading, Table
 
 HEAD = r"% \usepackage{booktabs} \usepackage{graphicx} \usepackage{amssymb} \usepackage[T1]{fontenc}"
@@ -71,6 +73,11 @@ def conditions_latex(ranking: Ranking) -> str:
 def across_latex(table: Across) -> str:
     r"""Return the agents over all tasks to `\input`."""
     return _document(across_table(table), " ".join(across_notes(table)), "across")
+
+
+def score_latex(found: Scores) -> str:
+    r"""Return the score across tasks to `\input`; an empty string without a score."""
+    return _document(score_table(found), " ".join(score_notes(found)), "score") if found.rows else ""
 
 
 def _document(table: Table, caption: str, label: str, below: str = "") -> str:

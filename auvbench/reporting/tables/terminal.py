@@ -14,6 +14,7 @@ from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN, headline
 from auvbench.analysis.records import ClaimVerdict, Finding, Ranking
+from auvbench.analysis.score import Scores
 from auvbench.analysis.study import ComparisonRow
 from auvbench.reporting.tables.appendix import (
     COMPARISON_NOTE,
@@ -27,6 +28,7 @@ from auvbench.reporting.tables.appendix import (
 )
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes, of_pairs
+from auvbench.reporting.tables.score import score_notes, score_table
 from auvbench.reporting.tables.table import Cell, Line, Table, split
 
 MOST_PROBLEMS = 6
@@ -173,6 +175,14 @@ def across_terminal(table: Across) -> RenderableType:
     """Return the agents over all tasks."""
     lines = [Text(line, style="dim") for line in across_notes(table)]
     return Group(Text("over all tasks", style="bold"), TableView(across_table(table)), *lines)
+
+
+def score_terminal(found: Scores) -> RenderableType:
+    """Return the score across tasks and of each task."""
+    if not found.rows:
+        return Text("\n".join(found.notes), style="yellow")
+    lines = [Text(line, style="dim") for line in score_notes(found)]
+    return Group(TableView(score_table(found)), *lines)
 
 
 def comparison_terminal(rows: Sequence[ComparisonRow]) -> RenderableType:

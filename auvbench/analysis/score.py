@@ -1,0 +1,189 @@
+"""A score across tasks: each task's own measure, scaled so that random is 0 and PID is 1.
+
+The score of an agent under one condition of one task is (m(agent) - m(random)) / (m(PID) - m(random)), m the mean of the
+measure that ranks agents there. It needs the agent, PID and random alone: no other row of a table changes it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from auvbench.analysis.effects import learns
+from auvbench.analysis.formatting import listed
+from auvbench.analysis.grouping import frequency_fixed
+from auvbench.analysis.labels import labels
+from auvbench.analysis.measures import Measure
+from auvbench.analysis.optional_columns import draws
+from auvbench.analysis.primary import default_margin
+from auvbench.analysis.records import NO_POLICY, Agent
+from auvbench.statistics import aggregate as st
+from auvbench.statistics.intervals import Estimate, FloatArray
+
+ZERO, ONE = "random", "pid"
+"""algorithms whose scores are 0 and 1"""
+
+Name = tuple[tuple[str, str], ...]
+"""what tells an agent from others within a task"""
+
+
+@dataclass(frozen=True, slots=True)
+class Tested:
+    """What the agents of one task did."""
+
+    title: str
+    """in the heading of a column: 'docking'"""
+    measure: Measure
+    conditions: Mapping[str, Sequence[Agent]]
+    """by condition of the protocol, in its order"""
+    add: Mapping[str, str]
+    """by algorithm, the command that adds a run of it"""
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """One agent's scores."""
+
+    label: str
+    key: Mapping[str, Any]
+    trained: bool
+    trainings: tuple[int, ...]
+    """training seeds of each task; 0 where it was not tested"""
+    tasks: tuple[float, ...]
+    """mean over seeds and conditions by task; NaN where it was not tested"""
+    score: Estimate
+    """interquartile mean over seeds, conditions and tasks; NaN where it was not tested on each task"""
+    run_ids: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """The table across tasks, best first; agents without all tasks come last."""
+
+    titles: tuple[str, ...]
+    measures: tuple[Measure, ...]
+    """by which each task is scored"""
+    rows: tuple[Scored, ...]
+    cells: int
+    """pairs of task and condition that have a score"""
+    protocol: str
+    confidence: float
+    notes: tuple[str, ...] = ()
+    """what is left out, or why there is no score at all"""
+
+
+def scores(tasks: Sequence[Tested], protocol: str, confidence: float, seed: int = 0) -> Scores | None:
+    """Return the score of each agent over all tasks; None for fewer than two tasks.
+
+    An agent of one task is that of another where they agree in everything that tells agents apart within a task. A
+    training that failed scores 0. A condition under which PID is not ahead of random by more than the default margin is left
+    out: there is no scale.
+
+    Args:
+        tasks: of one vehicle or several; all conditions of a task have the same agents.
+        protocol: whose conditions are meant.
+        confidence: of the intervals.
+        seed: of the resampling.
+    """
+    if len(tasks) < 2:
+        return None
+    titles, measures = tuple(t.title for t in tasks), tuple(t.measure for t in tasks)
+    if missing := [line for task in tasks for line in _missing(task)]:
+        return Scores(titles, measures, (), 0, protocol, confidence, tuple(missing))
+    found: dict[Name, list[tuple[Agent, FloatArray] | None]] = {}
+    notes: list[str] = []
+    cells = 0
+    for i, task in enumerate(tasks):
+        scored, without = _task(task)
+        cells += len(task.conditions) - len(without)
+        if without:
+            notes.append(
+                f"{task.title}: no score under {listed(without, 4)}, where PID is not ahead of random by more than the margin."
+            )
+        for name, cell in scored.items():
+            found.setdefault(name, [None] * len(tasks))[i] = cell
+    rows = _rows(list(found.values()), confidence, seed)
+    if partly := [row.label for row in rows if math.isnan(row.score.value)]:
+        notes.append(f"No score across tasks for {listed(partly, 4)}: not tested on every task.")
+    return Scores(titles, measures, tuple(rows), cells, protocol, confidence, tuple(notes))
+
+
+def _missing(task: Tested) -> list[str]:
+    """Return a line for each of PID and random that a task lacks or has several of."""
+    agents = next(iter(task.conditions.values()))
+    found = []
+    for name in (ONE, ZERO):
+        n = sum(_algorithm(agent) == name for agent in agents)
+        if n == 0:
+            found.append(f"No score across tasks: {task.title} has no runs of {name}. {task.add[name]}")
+        elif n > 1:
+            found.append(
+                f"No score across tasks: {task.title} has {n} agents of algo={name}; --where leaves one."
+            )
+    return found
+
+
+def _algorithm(agent: Agent) -> str:
+    return str(agent.runs[0].config.get("algo.name"))
+
+
+def _task(task: Tested) -> tuple[dict[Name, tuple[Agent, FloatArray]], list[str]]:
+    """Return the scores (seeds, conditions) of the agents that met all conditions, and the conditions without a scale."""
+    m = task.measure
+    members: dict[Name, list[tuple[Agent, FloatArray]]] = {}
+    without = []
+    for condition, agents in task.conditions.items():
+        of = {_algorithm(agent): float(m.values(agent).mean()) for agent in agents}
+        zero, one = of.get(ZERO, math.nan), of.get(ONE, math.nan)
+        if not m.sign * (one - zero) > np.nan_to_num(default_margin(m, one)):
+            without.append(condition)
+            continue
+        for agent in agents:
+            failed = (agent.outcome == NO_POLICY).all(axis=1)
+            score = (m.values(agent).mean(axis=1) - zero) / (one - zero)
+            name = tuple(sorted((k, str(v)) for k, v in agent.key.items()))
+            members.setdefault(name, []).append((agent, np.where(failed, 0.0, score)))
+    found = {}
+    for name, cells in members.items():
+        columns = [values for _, values in cells]
+        whole = len(cells) == len(task.conditions) - len(without) and len({len(x) for x in columns}) == 1
+        if whole and np.isfinite(columns).all():
+            found[name] = cells[0][0], np.stack(columns, axis=1)
+    return found, without
+
+
+def _rows(
+    members: Sequence[Sequence[tuple[Agent, FloatArray] | None]], confidence: float, seed: int
+) -> list[Scored]:
+    firsts = [next(cell[0] for cell in row if cell is not None) for row in members]
+    names = list(dict.fromkeys(name for agent in firsts for name in agent.key))
+    keys = [{name: agent.key.get(name) for name in names} for agent in firsts]
+    fixed = frequency_fixed(a.metrics["frequency_hz"] for a in firsts if "frequency_hz" in a.metrics)
+    shown = labels(keys, [learns(agent) for agent in firsts], fixed)
+    rows = []
+    for label, agent, row in zip(shown, firsts, members, strict=True):
+        runs = tuple(run.id for cell in row if cell is not None for run in cell[0].runs)
+        strata = [cell[1] for cell in row if cell is not None]
+        score = Estimate(math.nan, math.nan, math.nan, confidence)
+        if len(strata) == len(row):
+            # Its own runs seed its draws: no other row changes them.
+            rng = draws(seed, " ".join(runs))
+            score = st.stratified(strata, st.interquartile, confidence=confidence, rng=rng)
+        rows.append(
+            Scored(
+                label,
+                agent.key,
+                learns(agent),
+                tuple(0 if cell is None else len(cell[1]) for cell in row),
+                tuple(math.nan if cell is None else float(cell[1].mean()) for cell in row),
+                score,
+                runs,
+            )
+        )
+    return sorted(
+        rows, key=lambda row: (math.isnan(row.score.value), -np.nan_to_num(row.score.value), row.label)
+    )
