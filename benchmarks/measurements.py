@@ -12,6 +12,7 @@ import numpy as np
 
 from auvbench.config.compose import compose
 from auvbench.config.schema import TrainConfig
+from auvbench.config.tasks import TASKS
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import make_simulator
@@ -20,7 +21,7 @@ from auvbench.vehicles import sheet
 from auvbench.vehicles.reader import sheet_names
 from benchmarks import tuning
 from benchmarks.ros2 import ros2
-from benchmarks.timing import best, command
+from benchmarks.timing import best, command, loop_rate
 
 Row = tuple[str, str, str, str]
 FREQUENCY = 25.0
@@ -55,6 +56,27 @@ def environments() -> Iterator[Row]:
             f"{n / seconds:,.0f}",
             "steps/s",
             f"{1e6 * seconds:.1f} µs a batch step, {n / seconds / FREQUENCY:,.0f} times real time",
+        )
+
+
+def tasks() -> Iterator[Row]:
+    """The full environment step of each task."""
+    n, vehicle, waypoint = 1024, "bluerov2_heavy", 0.0
+    yield (
+        "plain Python, `for i in range(n): x += i * 0.5`",
+        f"{loop_rate() / 1e6:.1f}",
+        "million turns/s",
+        "to compare machines",
+    )
+    for task in TASKS:
+        words = f"task={task}", f"vehicle={vehicle}", f"step.frequency={FREQUENCY}"
+        rate = n / _stepper(Batch(configuration(*words), n))
+        waypoint = waypoint or rate
+        yield (
+            f"environment steps, {task}, {vehicle}, N = {n}",
+            f"{rate:,.0f}",
+            "steps/s",
+            f"{rate / waypoint:.2f} times waypoint",
         )
 
 
@@ -224,6 +246,7 @@ def reports() -> Iterator[Row]:
 
 SECTIONS = {
     "environments": environments,
+    "tasks": tasks,
     "threads": threads,
     "vehicles": vehicles,
     "reference": reference,

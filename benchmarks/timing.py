@@ -26,6 +26,17 @@ def best(function: Callable[[], object], *, seconds: float = 0.3, repetitions: i
     return fastest
 
 
+def loop_rate(turns: int = 2_000_000) -> float:
+    """Turns per second of a plain Python loop, as `.ci/run` prints it: rates of two machines compare once divided by it."""
+
+    def loop() -> None:
+        x = 0.0
+        for i in range(turns):
+            x += i * 0.5
+
+    return turns / best(loop, repetitions=3)
+
+
 def command(*arguments: str, repetitions: int = 5, fresh: bool = False) -> float:
     """Seconds of a whole `auvbench` command, interpreter and imports included; the fastest of several.
 

@@ -265,3 +265,30 @@ def holm(p: dict[tuple[str, str], float]) -> dict[tuple[str, str], float]:
         worst = max(worst, (len(p) - place) * value)
         found[pair] = min(worst, 1.0)
     return found
+
+
+def score(agent: np.ndarray, random: float, pid: float) -> list[float]:
+    """0 for random's mean, 1 for PID's: of each seed of an agent (seeds, episodes)."""
+    return [(sum(row) / len(row) - random) / (pid - random) for row in agent.tolist()]
+
+
+def interquartile_mean(values: list[float]) -> float:
+    """The mean without the lowest and the highest quarter, as many as fit in a whole number."""
+    cut = len(values) // 4
+    kept = sorted(values)[cut : len(values) - cut]
+    return sum(kept) / len(kept)
+
+
+def bootstrap(strata: list[list[list[float]]], picks: list[np.ndarray], tail: float) -> tuple[float, float]:
+    """Ends of the interquartile mean: `picks` are (resamples, seeds - 1) indices of seeds for each stratum."""
+    found = []
+    for draw in range(len(picks[0])):
+        values = [
+            value
+            for rows, pick in zip(strata, picks, strict=True)
+            for seed in pick[draw]
+            for value in rows[seed]
+        ]
+        found.append(interquartile_mean(values))
+    low, high = np.quantile(found, [tail, 1 - tail])
+    return float(low), float(high)

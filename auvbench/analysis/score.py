@@ -32,7 +32,7 @@ Name = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Tested:
+class OneTask:
     """What the agents of one task did."""
 
     title: str
@@ -76,7 +76,7 @@ class Scores:
     """what is left out, or why there is no score at all"""
 
 
-def scores(tasks: Sequence[Tested], protocol: str, confidence: float, seed: int = 0) -> Scores | None:
+def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int = 0) -> Scores | None:
     """Return the score of each agent over all tasks; None for fewer than two tasks.
 
     An agent of one task is that of another where they agree in everything that tells agents apart within a task. A
@@ -112,7 +112,7 @@ def scores(tasks: Sequence[Tested], protocol: str, confidence: float, seed: int 
     return Scores(titles, measures, tuple(rows), cells, protocol, confidence, tuple(notes))
 
 
-def _missing(task: Tested) -> list[str]:
+def _missing(task: OneTask) -> list[str]:
     """Return a line for each of PID and random that a task lacks or has several of."""
     agents = next(iter(task.conditions.values()))
     found = []
@@ -131,7 +131,7 @@ def _algorithm(agent: Agent) -> str:
     return str(agent.runs[0].config.get("algo.name"))
 
 
-def _task(task: Tested) -> tuple[dict[Name, tuple[Agent, FloatArray]], list[str]]:
+def _task(task: OneTask) -> tuple[dict[Name, tuple[Agent, FloatArray]], list[str]]:
     """Return the scores (seeds, conditions) of the agents that met all conditions, and the conditions without a scale."""
     m = task.measure
     members: dict[Name, list[tuple[Agent, FloatArray]]] = {}

@@ -28,7 +28,7 @@ def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
         return None
     one_vehicle = len({report.runs[0].config.get("vehicle.name") for report in parts.values()}) == 1
     tested = [
-        score.Tested(
+        score.OneTask(
             _task(report).replace("_", " ") if one_vehicle else subject,
             to_rank_by(report.ranking.rank_by),
             _by_condition(report, options),

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from auvbench.config import schema
+from auvbench.config import schema, tasks
 from auvbench.config.compose import option, typed
 from auvbench.config.simulators import Fossen, Ros2
 from auvbench.envs.simulator_factory import at_frequency
@@ -66,7 +66,8 @@ def _resolve(
             raise ConfigError(f"{where}: {override!r} is not key=value")
         # The published task of the run's kind, whatever it was trained with.
         value = str(node.task.name) if (key, value) == ("task", "same") else value
-        _apply(node, key, value, where)
+        if not _of_other_tasks(node, key):
+            _apply(node, key, value, where)
     # What it observes belongs to the agent, not to the scenario.
     for key in OBSERVED:
         if key in config["task"] and key in node.task:
@@ -89,6 +90,16 @@ def _apply(node: DictConfig, key: str, value: str, where: str) -> None:
         OmegaConf.update(node, key, OmegaConf.create(f"value: {value}").value)
     except OmegaConfBaseException as error:
         raise ConfigError(f"{where}: {key}={value}: {str(error).splitlines()[0]}") from error
+
+
+def _of_other_tasks(node: DictConfig, key: str) -> bool:
+    """Whether a key is one of other tasks alone: `task.station` in a condition moves stations, and no dock."""
+    group, _, name = key.partition(".")
+    return (
+        group == "task"
+        and name not in node.task
+        and any(name == field.name for schema in tasks.SCHEMAS.values() for field in fields(schema))
+    )
 
 
 def _has(node: DictConfig, key: str) -> bool:

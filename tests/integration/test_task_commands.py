@@ -40,6 +40,33 @@ def test_a_report_ranks_each_task_by_its_own_measure(study: Path, capsys: pytest
     assert "a quick failure looks good" not in said
 
 
+def test_a_report_of_several_tasks_has_a_score(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(study), "--format", "terminal,csv,html,md,tex"]) == 0
+    assert "score across tasks" in capsys.readouterr().out
+    with open(study / "report/score.csv", newline="") as file:
+        rows = {row["agent"]: row for row in csv.DictReader(file)}
+    assert {name: float(row["score"]) for name, row in rows.items()} == {"PID": 1.0, "random": 0.0}
+    assert rows["PID"]["measure: path following"] == "mean_cross_track_rms_m"
+    verdicts = {row["agents"][0]: row for row in json.loads((study / "report/verdicts.json").read_text())}
+    assert verdicts["PID"]["tasks"] == {"path following": 1.0, "station keeping": 1.0}
+    assert verdicts["PID"]["estimate"]["low"] is None
+    page = (study / "report/index.html").read_text()
+    assert page.index('id="score"') < page.index('id="part-1"')
+    assert "## Score across tasks" in (study / "report/report.md").read_text()
+    assert r"\toprule" in (study / "report/score.tex").read_text()
+
+
+def test_without_random_a_report_names_the_command_that_adds_it(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--format", "terminal,csv,html", "--out", str(tmp_path), "--where", "algo=pid"]
+    assert main(["report", str(study), *words]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "auvbench train task=path_following vehicle=bluerov2_heavy algo=random name=two" in said
+    assert not (tmp_path / "score.csv").exists()
+    assert 'id="score-table"' not in (tmp_path / "index.html").read_text()
+
+
 def test_rows_have_the_columns_of_the_task(study: Path) -> None:
     for run in study.glob("*-station_keeping-*"):
         with open(run / "evaluations/test/episodes.csv", newline="") as file:
