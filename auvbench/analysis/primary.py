@@ -148,15 +148,17 @@ def headline(ranking: Ranking) -> str:
         return f"None of {len(ranking.rows)} agents is compared: each has one training seed."
     ahead = primary.having(AHEAD)
     first = (
-        _lead(max(ahead, key=lambda c: m.sign * c.difference.value), primary, m)
+        _lead(max(ahead, key=lambda c: m.sign * c.difference.value), primary, m, ranking.task)
         if ahead
         else f"No agent is ahead of {primary.baseline} in {name(m)}"
     )
     return f"{first}; {_counts(primary, m)}." if _counts(primary, m) else f"{first}."
 
 
-def _lead(best: Against, primary: Primary, m: Measure) -> str:
+def _lead(best: Against, primary: Primary, m: Measure, task: str) -> str:
     gain, interval = rounded_difference(best.difference, m)
+    if task != "waypoint":
+        return f"{best.agent} is ahead of {primary.baseline} by {gain} in {name(m)}{interval}"
     if m.column in LIMITED_BY_STEPS:
         return f"{best.agent} reaches waypoints {gain} sooner than {primary.baseline}{interval}"
     if m.name == "success_rate":

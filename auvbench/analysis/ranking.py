@@ -116,6 +116,7 @@ def rank(
         problems=(*problems, *_without_values(agents, (by, finer))),
         conditions=successes(agents, name, confidence),
         notices=tuple(filter(None, (tuned_on_these(agents, name),))),
+        task=str(agents[0].runs[0].config.get("task.name", "waypoint")),
         more_seeds=more_seeds(agents),
     )
 

@@ -273,6 +273,8 @@ class Ranking:
     """None where it was not looked for, or there is none"""
     no_limit: str = ""
     """why there is none, with the command that computes it"""
+    task: str = "waypoint"
+    """of its scenarios"""
     more_seeds: str = ""
     """the command that trains further seeds of the rows that are not compared; '' where there are none"""
 

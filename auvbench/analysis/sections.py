@@ -13,6 +13,8 @@ from auvbench.analysis.records import Problem, RunRecord
 
 OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
 """beginnings of keys of a run that a protocol takes over into its test"""
+TASK = ", task "
+"""between a vehicle and its task in the subject of a section"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +76,7 @@ def _own_words(found: Mapping[tuple[str, str], Sequence[RunRecord]]) -> dict[tup
 def _subject(run: RunRecord) -> str:
     """Return vehicle and task of a run; the waypoint task goes without saying."""
     task = str(run.config.get("task.name", "waypoint"))
-    return vehicle_of(run) if task == "waypoint" else f"{vehicle_of(run)}, task {task}"
+    return vehicle_of(run) if task == "waypoint" else f"{vehicle_of(run)}{TASK}{task}"
 
 
 def vehicle_of(run: RunRecord) -> str:
@@ -100,7 +102,9 @@ def _section(
 ) -> Section:
     subject, fingerprint = cell
     alone = [other for other in found if other[0] == subject] == [cell]
-    title = f"vehicle {subject}" if alone else f"vehicle {subject}, {own or f'scenarios {fingerprint[:8]}'}"
+    # Next to other tasks the waypoint task is named, too.
+    named = subject if TASK in subject or not any(TASK in s for s, _ in found) else f"{subject}{TASK}waypoint"
+    title = f"vehicle {named}" if alone else f"vehicle {named}, {own or f'scenarios {fingerprint[:8]}'}"
     folder = re.sub(r"[^\w.-]+", "_", subject if alone else f"{subject}-{fingerprint[:8]}").lstrip(".") or "_"
     expected = cell == home or protocol == OWN
     problems = () if expected else (_other_scenarios(cell, home, found, protocol),)

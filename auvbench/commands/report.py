@@ -95,6 +95,7 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
     runs, problems = load(paths, options.protocol, options.where)
     require(runs, problems, options.protocol)
     parts = sections(runs, options.protocol)
+    _check_margin(parts, options)
     condition = options.condition or default(runs, options.protocol)
     found = split_problems(problems, parts)
     several = len(parts) > 1
@@ -151,7 +152,7 @@ def _analyse(
 
     grouped, more = agents(part.runs, options.group_by, options.protocol, condition, options.failed_trainings)
     grouped = [one_run_of_a_controller(agent) for agent in grouped]
-    rank_by = _primary(part) if options.rank_by == PRIMARY else options.rank_by
+    rank_by = _measure(part, options)
     baseline = options.baseline
     # One of several sections may lack the baseline, and a part of the runs that of the declared analysis.
     declared = options.declared is not None and baseline == options.declared.baseline
@@ -183,10 +184,25 @@ def _analyse(
     return Report(part, part.runs, ordered, ranking, find(ranking, ordered), claims, numbers, missing)
 
 
-def _primary(part: Section) -> str:
-    """Return the measure that ranks agents of the section's task."""
+def _check_margin(parts: Sequence[Section], options: Options) -> None:
+    """
+    Raises:
+        ReportError: the sections have measures of different units, and a margin in one of them.
+    """
+    measures = dict.fromkeys(_measure(part, options) for part in parts)
+    if options.margin is not None and len(measures) > 1:
+        raise ReportError(
+            f"margin={options.margin:g}: the tasks are ranked by {', '.join(measures)}, of different units; leave the margin "
+            "out (null), or name one task: --where task=NAME"
+        )
+
+
+def _measure(part: Section, options: Options) -> str:
+    """Return the measure that ranks agents of the section: by default that of its task."""
     from auvbench.config.tasks import TASKS
 
+    if options.rank_by != PRIMARY:
+        return options.rank_by
     known = TASKS.get(str(part.runs[0].config.get("task.name")))
     return TASKS["waypoint"].primary if known is None else known.primary
 

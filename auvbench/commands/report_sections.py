@@ -20,12 +20,15 @@ def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
     """Return the score across tasks; None where the sections have one task. Of sections of one task the largest counts."""
     from auvbench.analysis import score
     from auvbench.analysis.measures import to_rank_by
+    from auvbench.config.tasks import TASKS
 
     parts: dict[str, Report] = {}
     for report in reports:
         parts.setdefault(report.section.vehicle, report)
     if len({_task(report) for report in parts.values()}) < 2:
         return None
+    known = {name: place for place, name in enumerate(TASKS)}
+    parts = dict(sorted(parts.items(), key=lambda part: known.get(_task(part[1]), len(known))))
     one_vehicle = len({report.runs[0].config.get("vehicle.name") for report in parts.values()}) == 1
     tested = [
         score.OneTask(

@@ -160,13 +160,22 @@ OF_ONE_SECTION = ("table.tex", "conditions.tex", "conditions.csv", "comparisons.
 """files that a report of one section writes and the overview of several does not"""
 
 
+def overview(sections: int, score: Scores | None) -> str:
+    """Return the headline of a report of several sections."""
+    if score is None or not score.rows:
+        return (
+            f"{sections} sections: agents are compared on one vehicle and the same scenarios, never across."
+        )
+    return f"{len(score.titles)} tasks: agents are compared within each task, and a score describes them across tasks."
+
+
 def sections_markdown(
     path: Path, parts: Sequence[Part], over: Across | None = None, score: Scores | None = None
 ) -> Path:
     """Write report.md with the table and the findings of each section, and a link to its own report."""
     pieces = [
         "# Report",
-        f"{len(parts)} sections: agents are compared on one vehicle and the same scenarios, never across.",
+        overview(len(parts), score),
     ]
     if score is not None:
         pieces += ["## Score across tasks", tables.score_markdown(score).rstrip()]

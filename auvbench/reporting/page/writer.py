@@ -35,7 +35,7 @@ from auvbench.reporting.tables.appendix import (
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines, notes, of_pairs
 from auvbench.reporting.tables.score import score_notes, score_table
-from auvbench.reporting.write import Part, text
+from auvbench.reporting.write import Part, overview, text
 
 if TYPE_CHECKING:
     from auvbench.analysis.study import ComparisonRow
@@ -263,7 +263,7 @@ def write_overview(
         runs,
         first,
         title=title_of(runs),
-        headline=f"{len(parts)} sections: agents are compared on one vehicle and the same scenarios, never across.",
+        headline=overview(len(parts), score),
         parts=shown,
         problems=grouped(
             tuple(dict.fromkeys(problem for part in parts for problem in part.ranking.problems))

@@ -7,8 +7,9 @@ import math
 from auvbench.analysis.formatting import name
 from auvbench.analysis.rounding import NOTHING, fixed
 from auvbench.analysis.score import Scored, Scores
-from auvbench.reporting.tables.table import DAGGER, Cell, Heading, Line, Table, estimate_cell
+from auvbench.reporting.tables.table import DAGGER, Cell, Heading, Line, Table
 from auvbench.reporting.tables.text_formats import escape, lines, pipes
+from auvbench.statistics.intervals import Estimate
 
 
 def score_table(found: Scores) -> Table:
@@ -21,9 +22,19 @@ def score_table(found: Scores) -> Table:
 def _cells(row: Scored) -> tuple[Cell, ...]:
     one_seed = row.trained and 1 in row.trainings
     seeds = ", ".join(map(str, dict.fromkeys(n for n in row.trainings if n))) if row.trained else NOTHING
-    tasks = [Cell(NOTHING) if math.isnan(x) else Cell(fixed(x, 2), sort=x) for x in row.tasks]
-    score = Cell(NOTHING) if math.isnan(row.score.value) else estimate_cell(row.score)
-    return Cell(f"{row.label} {DAGGER}" if one_seed else row.label), Cell(seeds), score, *tasks
+    return (
+        Cell(f"{row.label} {DAGGER}" if one_seed else row.label),
+        Cell(seeds),
+        _cell(row.score),
+        *(_cell(Estimate(x, math.nan, math.nan)) for x in row.tasks),
+    )
+
+
+def _cell(score: Estimate) -> Cell:
+    if math.isnan(score.value):
+        return Cell(NOTHING)
+    interval = "" if math.isnan(score.low) else f"[{fixed(score.low, 2)}, {fixed(score.high, 2)}]"
+    return Cell(fixed(score.value, 2), interval, score.value)
 
 
 def score_notes(found: Scores) -> list[str]:
