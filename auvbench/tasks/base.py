@@ -41,9 +41,9 @@ class Task:
     draw: ClassVar[Callable[..., None]]
     """`draw(indices, F, C, P, stream, pose)`: begins episodes; writes their start poses (len(indices), 7)"""
     kernel: ClassVar[Callable[..., int]]
-    """`kernel(start, stop, pose, velocity, action, previous, force, power, F, C, P, reward)`: computes reward, ends and
-    sums of environments start .. stop - 1 after one agent step; returns how many episodes ended (-1 - i: pose i is not
-    finite)"""
+    """`kernel(start, stop, pose, velocity, action, previous, force, power, F, C, P, reward, hook)`: computes reward, ends
+    and sums of environments start .. stop - 1 after one agent step; returns how many episodes ended (-1 - i: pose i is
+    not finite). It hands `hook` to `rewards.reward_row`"""
     own_floats: ClassVar[int] = 0
     """columns of F from F_OWN on"""
     success_ends: ClassVar[bool] = True
@@ -83,6 +83,8 @@ class Task:
         self.parameters = self._parameters(config, columns, preview)
         self.F: Floats = np.zeros((n, columns + 3 * preview))
         self.C: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
+        self.hook: Any = None
+        """the reward of an installed package (`rewards.hook_of`)"""
         self.seed = int(seed)
         self.reseed(seed)
         self.previous: Floats = np.zeros((n, n_u))
@@ -236,7 +238,7 @@ class Task:
         stop: int,
     ) -> tuple[Any, ...]:
         """Return the arguments of `kernel`."""
-        sums = self.F, self.C, self.parameters, self.reward
+        sums = self.F, self.C, self.parameters, self.reward, self.hook
         return start, stop, pose, velocity, action, self.previous, force, power, *sums
 
     def observe_arguments(self, pose: Floats, velocity: Floats, start: int, stop: int) -> tuple[Any, ...]:

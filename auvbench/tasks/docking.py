@@ -138,6 +138,7 @@ def advance(
     C: Integers,
     P: Floats,
     reward: Floats,
+    hook: Any,
 ) -> int:
     """Compute reward, ends and sums after one agent step; see `Task.kernel`."""
     ended = 0
@@ -164,7 +165,7 @@ def advance(
             outcome = OUT_OF_BOUNDS
         elif C[i, C_STEPS] >= P[P_MAX_STEPS]:
             outcome = TIMEOUT
-        r = reward_row(i, outcome, distance + way, yaw_error, pose, velocity, action, previous, F, P)
+        r = reward_row(i, outcome, distance + way, yaw_error, pose, velocity, action, previous, F, P, hook)
         ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
 

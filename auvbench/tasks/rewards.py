@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
-from numba import njit
+from numba import cfunc, njit, types
 
 from auvbench.tasks.kernels import (
     COLLISION,
@@ -14,6 +16,7 @@ from auvbench.tasks.kernels import (
     F_REFERENCE_VELOCITY,
     F_REFERENCE_YAW,
     OUT_OF_BOUNDS,
+    P_OWN,
     P_REWARD,
     P_REWARD_OWN,
     P_YAW,
@@ -26,12 +29,37 @@ from auvbench.tasks.kernels import (
 )
 
 # Codes of the rewards, and the order of their parameters from P_REWARD_OWN on: that of the fields in `config.rewards`.
+FOREIGN = -1  # of an installed package
 THESIS = 0
 TRACKING = 1
 EXPONENTIAL = 2
 MARINEGYM_HOVER = 3
 GYM_AUV_PATH = 4
 GYM_DOCKAUV = 5
+
+_TABLE = types.Array(types.float64, 2, "C")
+_SIGNATURE = types.float64(
+    types.int64,
+    types.int64,
+    types.float64,
+    types.float64,
+    *(_TABLE,) * 5,
+    types.Array(types.float64, 1, "C"),
+)
+"""of a reward of an installed package"""
+
+
+def hook_of(function: Callable[..., float]) -> Any:
+    """Compile the reward of an installed package.
+
+    Called by address, so that numba keeps a kernel on disk whatever reward it calls; the reward itself is compiled in
+    each process.
+
+    Args:
+        function: `(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, p) -> float`, of plain Python
+            or `njit`; the arguments are those of `reward_row`, and p the reward's parameters in the order of its schema.
+    """
+    return cfunc(_SIGNATURE)(getattr(function, "py_func", function))
 
 
 @njit(nogil=True)
@@ -46,8 +74,15 @@ def reward_row(
     previous: Floats,
     F: Floats,
     P: Floats,
+    hook: Any,
 ) -> float:
-    """Return the reward of a step that led to `pose` and `outcome` (-1: the episode goes on)."""
+    """Return the reward of a step that led to `pose` and `outcome` (-1: the episode goes on).
+
+    `hook`: the reward of an installed package (`hook_of`), or None.
+    """
+    if hook is not None:
+        row = hook(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P[P_REWARD_OWN:P_OWN])
+        return float(row)
     kind = int(P[P_REWARD])
     k, p = P[P_REWARD_OWN], P_REWARD_OWN
     failed = outcome in (COLLISION, OUT_OF_BOUNDS)

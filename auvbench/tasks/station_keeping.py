@@ -79,6 +79,7 @@ def advance(
     C: Integers,
     P: Floats,
     reward: Floats,
+    hook: Any,
 ) -> int:
     """Compute reward, ends and sums after one agent step; see `Task.kernel`."""
     ended = 0
@@ -103,7 +104,7 @@ def advance(
             outcome = OUT_OF_BOUNDS
         elif step >= P[P_MAX_STEPS]:
             outcome = SUCCESS if F[i, F_HELD] >= P[P_SHARE] * P[P_HOLD] else TIMEOUT
-        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P)
+        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
         ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
 

@@ -170,6 +170,7 @@ def advance(
     C: Integers,
     P: Floats,
     reward: Floats,
+    hook: Any,
 ) -> int:
     """Compute reward, ends and sums after one agent step; see `Task.kernel`."""
     ended = 0
@@ -194,7 +195,7 @@ def advance(
             outcome = OUT_OF_BOUNDS
         elif C[i, C_STEPS] >= P[P_MAX_STEPS]:
             outcome = SUCCESS
-        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P)
+        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
         ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
 

@@ -93,6 +93,7 @@ def advance(
     C: Integers,
     P: Floats,
     reward: Floats,
+    hook: Any,
 ) -> int:
     """Compute reward, ends and sums after one agent step; return how many episodes ended (-1 - i: pose i is not finite).
 
@@ -127,7 +128,7 @@ def advance(
         if P[P_REWARD] != THESIS:
             ahead = math.atan2(F[i, F_REFERENCE + 1] - pose[i, 1], F[i, F_REFERENCE] - pose[i, 0])
             yaw_error = wrap(ahead - yaw_row(i, pose))
-        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P)
+        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
         ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
 
