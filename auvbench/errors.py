@@ -58,7 +58,7 @@ class ActionError(AuvbenchError, ValueError):
 
 
 class AgentError(AuvbenchError):
-    """An agent or a simulator of an installed package does not do what it must; the message names both."""
+    """An agent, a simulator, a task or a reward of an installed package does not do what it must; the message names it."""
 
 
 class AuvbenchWarning(UserWarning):

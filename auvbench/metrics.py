@@ -6,8 +6,8 @@ A new metric is one entry here (docs/adding-a-metric.md). Nothing heavy is impor
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 
@@ -143,7 +143,7 @@ WAYPOINT = ("waypoint",)
 TRACKED = ("station_keeping", "trajectory_tracking", "path_following", "docking")
 
 
-METRICS: tuple[Metric, ...] = (
+METRICS: list[Metric] = [
     _share("success_rate", "success", "episodes that succeed: docs/task.md says when, for each task", "rate"),
     _share("collision_rate", "collision", "episodes that leave the depth limits", "rate", "lower"),
     _share("timeout_rate", "timeout", "episodes that use up their steps without success", "rate", "lower"),
@@ -427,7 +427,66 @@ METRICS: tuple[Metric, ...] = (
         "a training, cores",
         "processor time of a training, mean over runs",
     ),
+]
+"""auvbench's own, and those of tasks of installed packages (`add`)"""
+
+SHARED = (
+    "position_error_rms_m",
+    "yaw_error_rms_rad",
+    *(f"{point}_{axis}_m" for point in ("start", "goal") for axis in "xyz"),
 )
+"""columns that every task of an installed package has: what `TrackingTask.errors` returns"""
+
+
+def column(
+    name: str,
+    unit: str,
+    title: str,
+    definition: str,
+    better: Literal["higher", "lower", ""] = "lower",
+    *,
+    low: float = 0.0,
+    high: float = math.inf,
+    counts_failures: bool = False,
+) -> Metric:
+    """Return a column of a task of an installed package, whose value is the task's `own_metrics()[name]`.
+
+    Args:
+        name: of the column, with its unit: `pole_distance_m`.
+        unit: in files.
+        title: in tables.
+        definition: in tables and docs.
+        better: empty for a column of the scenario.
+        low: least possible value.
+        high: largest possible value.
+        counts_failures: whether a failed episode counts as the worst value, whatever it measured.
+    """
+    return _own(name, unit, title, definition, (), better, low, high, counts_failures)
+
+
+def add(task: str, own: Iterable[Metric]) -> None:
+    """Add the columns of a task of an installed package.
+
+    Raises:
+        ValueError: a metric has the name of another one.
+    """
+    drop(task)
+    for metric in own:
+        if any(metric.name == other.name for other in METRICS):
+            raise ValueError(
+                f"has the metric {metric.name}, a name that another metric has; choose another name"
+            )
+    METRICS[:] = [replace(m, tasks=(*m.tasks, task)) if m.name in SHARED else m for m in METRICS]
+    METRICS.extend(replace(metric, tasks=(task,)) for metric in own)
+
+
+def drop(task: str) -> None:
+    """Remove the columns that `add` added."""
+    METRICS[:] = [
+        replace(metric, tasks=tuple(name for name in metric.tasks if name != task))
+        for metric in METRICS
+        if metric.tasks != (task,)
+    ]
 
 
 def definitions() -> str:

@@ -1,20 +1,25 @@
-"""What a package needs that enters agents or simulators into auvbench (docs/adding-a-controller.md).
+"""What a package needs that enters agents, simulators, tasks or rewards into auvbench (docs/adding-a-controller.md).
 
 An agent is made by `factory(config, vehicle)` from the whole configuration, a simulator by `factory(config, vehicle, n,
 max_step)` from its own part of it, for n vehicles and steps of at most `max_step` s; the entry point names
-the factory, and its attribute `Config` is the dataclass of what its YAML file says.
+the factory, and its attribute `Config` is the dataclass of what its YAML file says. A task is a `TaskSpec`, a reward a
+`RewardSpec` (docs/adding-a-task.md); their code takes `auvbench.tasks.base` and `auvbench.tasks.kernels` too.
 """
 
 from auvbench.agents.base import Agent, Callbacks, Environment, Learner, Transition
 from auvbench.agents.components import Components
-from auvbench.config.installed import AgentConfig, SimulatorConfig
+from auvbench.config.installed import AgentConfig, RewardConfig, SimulatorConfig, TaskConfig
+from auvbench.config.rewards import RewardSpec
 from auvbench.config.schema import TrainConfig, choice, number
 from auvbench.config.simulators import Capabilities
+from auvbench.config.tasks import ERRORS, TaskSpec
 from auvbench.errors import AgentError, ConfigError, RunError, TrainingError
+from auvbench.metrics import column
 from auvbench.simulators.base import Simulator
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 __all__ = [
+    "ERRORS",
     "Agent",
     "AgentConfig",
     "AgentError",
@@ -24,13 +29,18 @@ __all__ = [
     "ConfigError",
     "Environment",
     "Learner",
+    "RewardConfig",
+    "RewardSpec",
     "RunError",
     "Simulator",
     "SimulatorConfig",
+    "TaskConfig",
+    "TaskSpec",
     "TrainConfig",
     "TrainingError",
     "Transition",
     "VehicleModel",
     "choice",
+    "column",
     "number",
 ]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
-from auvbench.metrics import METRICS, Totals
+from auvbench.metrics import METRICS, Kind, Totals
 
 OUTCOMES = ("success", "collision", "timeout", "out_of_bounds")
 """How an episode ends, in the order of the codes 0 to 3 in tasks/kernels.py. A task lists those of its own."""
@@ -14,29 +15,35 @@ PRIMARY = "primary"
 
 Record = dict[str, float | int | str]
 
-_COLUMNS = {metric.name: metric for metric in METRICS if metric.value is not None}
-ALL_COLUMNS = tuple(_COLUMNS)
-"""of all tasks"""
-SCENARIO_COLUMNS = tuple(name for name, metric in _COLUMNS.items() if metric.kind == "scenario")
-"""Columns of the scenario alone, the same for every agent that meets it."""
-MEASURED = tuple(name for name, metric in _COLUMNS.items() if metric.kind != "key")
-"""Columns that hold a finite number in every row that has them."""
+
+def columns(*kinds: Kind) -> tuple[str, ...]:
+    """Return the columns of all tasks, or those of some kinds: `scenario`, the same for every agent that meets it."""
+    return tuple(m.name for m in METRICS if m.value is not None and (not kinds or m.kind in kinds))
+
+
+def measured() -> tuple[str, ...]:
+    """Return the columns that hold a finite number in every row that has them."""
+    return columns("scenario", "episode")
 
 
 @cache
+def _of(task: str) -> dict[str, Callable[[Totals], float | int | str]]:
+    return {m.name: m.value for m in METRICS if m.value is not None and m.is_of(task)}
+
+
 def record_columns(task: str) -> tuple[str, ...]:
     """Return the columns of the records of a task."""
-    return tuple(name for name, metric in _COLUMNS.items() if metric.is_of(task))
+    return tuple(_of(task))
 
 
 def record_of(totals: Totals, task: str) -> Record:
     """Return the record of an episode of a task."""
-    found: Record = {}
-    for name in record_columns(task):
-        value = _COLUMNS[name].value
-        assert value is not None
-        found[name] = value(totals)
-    return found
+    return {name: value(totals) for name, value in _of(task).items()}
+
+
+def forget() -> None:
+    """Clear what is cached: the metrics have changed."""
+    _of.cache_clear()
 
 
 def measure_names() -> tuple[str, ...]:

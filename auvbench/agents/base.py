@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from auvbench.agents.components import Components
 from auvbench.config import schema
 from auvbench.config.agents import AGENTS
+from auvbench.config.plugins import resolve
 from auvbench.record import Record
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -183,12 +183,6 @@ def replay(learner: Learner) -> Ring | None:
     """Return the memory of transitions that a learner's checkpoints store by increments: its attribute `replay`, if any."""
     ring: Ring | None = getattr(learner, "replay", None)
     return ring
-
-
-def resolve(target: str) -> Any:
-    """Return the object that a registry's "module:name" stands for."""
-    module, _, name = target.partition(":")
-    return getattr(importlib.import_module(module), name)
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:

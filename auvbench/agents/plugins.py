@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ import numpy as np
 from auvbench.agents.base import Actions, Agent, Integers, Learner, Observations
 from auvbench.agents.components import Components
 from auvbench.config import installed, plugins, schema
-from auvbench.errors import AgentError, AuvbenchError
+from auvbench.errors import AgentError
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 
@@ -26,24 +24,13 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
     algo = config.algo
     who = f"{algo.agent} of {algo.package}"
     factory = installed.thing_of(plugins.AGENTS, algo.agent, algo.package)
-    with _telling(who, "cannot be made"):
+    with plugins.telling(who, "cannot be made"):
         made = factory(config, vehicle)
     lacking = [name for name in ("reset", "act") if not callable(getattr(made, name, None))]
     if lacking:
         raise AgentError(f"{who}: what it makes, a {type(made).__name__}, lacks {' and '.join(lacking)}")
     kind = PluginLearner if algo.learns else PluginAgent
     return kind(made, who, len(vehicle.actuators))
-
-
-@contextmanager
-def _telling(who: str, what: str) -> Iterator[None]:
-    """Turn an exception of a plug-in into an `AgentError` that names the plug-in and the call."""
-    try:
-        yield
-    except AuvbenchError:
-        raise
-    except Exception as error:
-        raise AgentError(f"{who}: {what}: {plugins.describe_error(error)}") from error
 
 
 class PluginAgent:
@@ -65,11 +52,11 @@ class PluginAgent:
                 setattr(self, name, checked)
 
     def _ended(self, rows: Integers) -> None:
-        with _telling(self._who, "ended fails"):
+        with plugins.telling(self._who, "ended fails"):
             self.inner.ended(rows.copy())
 
     def _notes(self) -> dict[str, int]:
-        with _telling(self._who, "notes fails"):
+        with plugins.telling(self._who, "notes fails"):
             found = dict(self.inner.notes())
         if not all(isinstance(name, str) and type(number) is int for name, number in found.items()):
             raise AgentError(f"{self._who}: notes gives something else than whole numbers by name")
@@ -81,7 +68,7 @@ class PluginAgent:
         Raises:
             AgentError: it fails.
         """
-        with _telling(self._who, "reset fails"):
+        with plugins.telling(self._who, "reset fails"):
             self.inner.reset(episodes.copy())
 
     def act(self, observation: Observations) -> Actions:
@@ -90,7 +77,7 @@ class PluginAgent:
         Raises:
             AgentError: it fails, or its actions are none: of another shape, no numbers, not finite, out of range.
         """
-        with _telling(self._who, "act fails"):
+        with plugins.telling(self._who, "act fails"):
             action = self.inner.act(observation.copy())
         if fault := action_fault(action, len(observation), self._n_u):
             raise AgentError(f"{self._who}: {fault}")
@@ -136,7 +123,7 @@ class PluginLearner(PluginAgent):
         Raises:
             AgentError: it fails.
         """
-        with _telling(self._who, f"load fails on {folder}"):
+        with plugins.telling(self._who, f"load fails on {folder}"):
             self.inner.load(folder)
 
     def state(self) -> Components:

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.record import ALL_COLUMNS
+from auvbench.record import columns
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import sha256
 from auvbench.untrusted import documents, reading, tables, typed_json
@@ -131,7 +131,7 @@ class Archive:
         for name, (value, other) in FOLLOWING.items():
             if {value, other} <= set(frame.columns):
                 frame[name] = follows(name, frame[value], frame[other])
-        known = [name for name in ALL_COLUMNS if name in frame.columns]
+        known = [name for name in columns() if name in frame.columns]
         return frame[[*(name for name in frame.columns if name not in known), *known]]
 
     def paths(self, run: str, protocol: str, condition: str) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:

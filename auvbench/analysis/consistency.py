@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from auvbench.record import MEASURED, OUTCOMES
+from auvbench.record import OUTCOMES, measured
 from auvbench.runs import identity, integrity
 from auvbench.untrusted.text import short
 
@@ -82,7 +82,7 @@ def _found(
 ) -> Iterator[tuple[Mapping[str, Any], NDArray[np.bool_], dict[str, float]]]:
     """Each condition of a summary, which rows are its own, and their rates and means."""
     # Column by column: to bring whole numbers and others into one table takes longer than all the rest.
-    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in MEASURED if name in frame.columns}
+    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in measured() if name in frame.columns}
     outcomes = frame["outcome"].to_numpy(dtype=object)
     alone = len(summary["conditions"]) == 1
     names = None if alone else frame["condition"].to_numpy(dtype=object)

@@ -13,7 +13,7 @@ import pandas as pd
 
 from auvbench.analysis import consistency
 from auvbench.analysis.records import Evaluation, RunRecord
-from auvbench.record import MEASURED, OUTCOMES
+from auvbench.record import OUTCOMES, measured
 from auvbench.runs import integrity
 from auvbench.untrusted import path_safety, reading, tables
 from auvbench.untrusted.text import LONGEST, plain, short
@@ -197,7 +197,7 @@ def _check_rows(frame: pd.DataFrame, expected: Mapping[str, int]) -> None:
 
 def _check_numbers(frame: pd.DataFrame) -> None:
     """What was measured is a finite number everywhere, and steps are whole and at least one."""
-    columns = [name for name in (*MEASURED, "environment") if name in frame.columns]
+    columns = [name for name in (*measured(), "environment") if name in frame.columns]
     if not finite(frame[columns].to_numpy()):
         for column in columns:
             numbers = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64)

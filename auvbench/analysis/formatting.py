@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from auvbench.analysis.measures import COLUMNS, UNKNOWN, Measure
+from auvbench.analysis.measures import UNKNOWN, Measure, metric_of
 from auvbench.analysis.rounding import rounded, significant
 from auvbench.statistics.intervals import Estimate
 
@@ -19,7 +19,7 @@ def name(m: Measure) -> str:
     """
     if m.penalty:
         return f"PAR-{m.penalty:.0f} {'steps' if m.column == 'steps' else 'time'}"
-    known = COLUMNS.get(m.column)
+    known = metric_of(m.column)
     return (m.name if m.rate else m.column).replace("_", " ") if known is None else known.title
 
 
@@ -36,7 +36,7 @@ def unit(m: Measure) -> str:
         return " %"
     if m.column == "steps":
         return " steps"
-    known = COLUMNS.get(m.column, UNKNOWN).unit
+    known = (metric_of(m.column) or UNKNOWN).unit
     return "/s" if known == "1/s" else f" {known}" if known else ""
 
 

@@ -13,7 +13,7 @@ from auvbench.analysis.effects import run_learns
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.grouping_keys import differing, level, matters, only_fixed, refined, trained
 from auvbench.analysis.labels import labels, sort_key
-from auvbench.analysis.measures import OF_THE_SCENARIO
+from auvbench.analysis.measures import of_the_scenario
 from auvbench.analysis.records import NO_POLICY, Agent, Evaluation, Problem, RunRecord
 from auvbench.errors import ReportError, closest
 from auvbench.record import OUTCOMES
@@ -200,7 +200,7 @@ def _agent(
             metrics[str(column)] = values = np.full(outcome.shape, np.nan)
             values[tested] = np.array(table[column], dtype=np.float64).reshape(len(tested), len(some))
     metrics["time_to_goal_s"] = np.where(outcome == 0, metrics["duration_s"], np.nan)
-    for column in OF_THE_SCENARIO:  # those of a training that failed are everybody's
+    for column in of_the_scenario():  # those of a training that failed are everybody's
         if column in metrics:
             # A copy's rows may lack the column.
             known = next(frame for frame in rows.values() if column in frame)

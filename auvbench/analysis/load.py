@@ -25,8 +25,8 @@ from auvbench.analysis.evaluations import (
 )
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.records import Problem, RunRecord
-from auvbench.config import plugins
-from auvbench.errors import ReportError, closest
+from auvbench.config import installed, plugins
+from auvbench.errors import ConfigError, ReportError, closest
 from auvbench.runs import integrity
 from auvbench.runs import run_filter as filters
 from auvbench.untrusted import documents, reading
@@ -202,6 +202,11 @@ def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Arc
     if archive is not None and manifest["id"] != directory.name:
         raise Damage(f"manifest.json is of the run {_brief(manifest['id'])}", "foreign")
     flat = _flattened(config)
+    if release := flat.get("task.package"):
+        try:
+            installed.enter_task(str(flat.get("task.name")), str(release))
+        except ConfigError as error:
+            raise Damage(str(error), "missing") from error
     if wrong := consistency.of_run(manifest, config):
         raise Damage(wrong)
     return RunRecord(

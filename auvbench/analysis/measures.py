@@ -12,12 +12,10 @@ from auvbench.analysis.records import Agent
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError, closest
 from auvbench.metrics import METRICS, Metric
-from auvbench.record import OUTCOMES, SCENARIO_COLUMNS
+from auvbench.record import OUTCOMES, columns
 from auvbench.statistics import Crossed, crossed
 from auvbench.statistics.intervals import FloatArray
 
-COLUMNS = {metric.name: metric for metric in METRICS if metric.kind in ("episode", "derived")}
-"""columns that describe the agent"""
 UNKNOWN = Metric("unknown", "episode", "", "higher", "", "", low=-math.inf)
 """a column that is not in the registry"""
 
@@ -26,8 +24,15 @@ LIMITED_BY_STEPS = ("steps", "duration_s", "time_to_goal_s")
 
 SUCCESS, TIMEOUT = OUTCOMES.index("success"), OUTCOMES.index("timeout")
 
-OF_THE_SCENARIO = ("frequency_hz", *SCENARIO_COLUMNS)
-"""columns of the scenario, the same for every agent"""
+
+def metric_of(column: str) -> Metric | None:
+    """Return the metric of a column that describes the agent; None where it is not in the registry."""
+    return next((m for m in METRICS if m.name == column and m.kind in ("episode", "derived")), None)
+
+
+def of_the_scenario() -> tuple[str, ...]:
+    """Return the columns of the scenario, the same for every agent."""
+    return ("frequency_hz", *columns("scenario"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +69,7 @@ class Measure:
 
     def bounds(self, agents: Sequence[Agent]) -> tuple[FloatArray, FloatArray]:
         """Return the least and the largest possible mean (n,) of each agent."""
-        kind = COLUMNS.get(self.column, UNKNOWN)
+        kind = metric_of(self.column) or UNKNOWN
         least, most = np.full(len(agents), kind.low), np.full(len(agents), kind.high)
         if self.penalty:
             limits = [np.max(self.penalty * _limit(agent, self.column)) for agent in agents]
@@ -95,16 +100,20 @@ PENALISED = tuple(
 )
 """Penalised means: a failure counts as the limit (PAR-1) or twice that (PAR-2), the penalised average runtime of
 algorithm selection (Hutter, Hoos & Leyton-Brown 2011, LION 5; PAR-10 is usual there)."""
-MEASURES = {m.name: m for m in (*RATES, *PENALISED)} | {
-    metric.measure: Measure(metric.measure, column, metric.better == "higher", False)
-    for column, metric in COLUMNS.items()
-}
 RANKED_AS = {
     "mean_steps": "par1_steps",
     "mean_duration_s": "par1_time_s",
     "mean_time_to_goal_s": "par1_time_s",
 }
 """measures that rank in place of a mean that quick failures improve, or that leaves failures out"""
+
+
+def measures() -> dict[str, Measure]:
+    """Return all measures by name."""
+    means = (m for m in METRICS if m.kind in ("episode", "derived"))
+    return {m.name: m for m in (*RATES, *PENALISED)} | {
+        m.measure: Measure(m.measure, m.name, m.better == "higher", False) for m in means
+    }
 
 
 def _step_limit(agents: Sequence[Agent]) -> float:
@@ -144,9 +153,10 @@ def measure(name: str, option: str = "--rank-by") -> Measure:
     Raises:
         ReportError: the name is unknown; the error has the closest one.
     """
-    if name not in MEASURES:
-        raise ReportError(f"{option} {name!r} is no measure; {closest(name, MEASURES)}")
-    return MEASURES[name]
+    known = measures()
+    if name not in known:
+        raise ReportError(f"{option} {name!r} is no measure; {closest(name, known)}")
+    return known[name]
 
 
 def to_rank_by(name: str, option: str = "--rank-by") -> Measure:
@@ -169,9 +179,10 @@ def in_unit(margin: float | None, name: str) -> float | None:
 
 def all_measures(agents: Sequence[Agent]) -> list[Measure]:
     """Return the measures that at least one agent has, also of unknown columns, which never rank."""
-    columns = {c: None for agent in agents for c in agent.metrics if c not in OF_THE_SCENARIO}
-    means = [MEASURES.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in columns]
+    scenario, known = of_the_scenario(), measures()
+    found = {c: None for agent in agents for c in agent.metrics if c not in scenario}
+    means = [known.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in found]
     named = {str(agent.runs[0].config.get("task.name")) for agent in agents if agent.runs}
     ends = {end for name in named for end in TASKS.get(name, TASKS["waypoint"]).outcomes}
     rates = [m for m in RATES if m.name.removesuffix("_rate") in ends] if ends else RATES
-    return [*rates, *means, *(m for m in PENALISED if m.column in columns)]
+    return [*rates, *means, *(m for m in PENALISED if m.column in found)]

@@ -13,7 +13,7 @@ from auvbench.analysis import optimality
 from auvbench.analysis.effects import learns
 from auvbench.analysis.evaluations import LARGEST, Damage
 from auvbench.analysis.formatting import listed
-from auvbench.analysis.measures import MEASURES
+from auvbench.analysis.measures import measures
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, RunRecord
 from auvbench.errors import ReportError, closest
 from auvbench.statistics import aggregate as st
@@ -148,7 +148,7 @@ def validate_columns(names: Sequence[str]) -> None:
     Raises:
         ReportError: there is no column of that name.
     """
-    known = [*COLUMNS, *MEASURES]
+    known = [*COLUMNS, *measures()]
     for name in names:
         if name not in known:
             raise ReportError(f"--columns {name!r} is not a column; {closest(name, known)}")

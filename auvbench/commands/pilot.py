@@ -211,8 +211,7 @@ def classical(name: str, vehicle: VehicleModel, frequency: float) -> Any:
     Raises:
         ConfigError: the name is unknown, or the controller cannot steer this vehicle.
     """
-    from auvbench.agents import base
-    from auvbench.config import tasks
+    from auvbench.config import plugins, tasks
     from auvbench.config.agents import AGENTS
 
     if name not in CONTROLLERS:
@@ -221,7 +220,7 @@ def classical(name: str, vehicle: VehicleModel, frequency: float) -> Any:
     gains = spec.schema(**_defaults("algo", name))
     task = tasks.Waypoint(**_defaults("task", "waypoint"))
     config = SimpleNamespace(algo=gains, step=SimpleNamespace(frequency=frequency), task=task)
-    return base.resolve(spec.factory)(config, vehicle)
+    return plugins.resolve(spec.factory)(config, vehicle)
 
 
 def _defaults(group: str, name: str) -> dict[str, Any]:

@@ -168,7 +168,7 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         merged.simulator = _empty(
             config, "simulator.name", {name: simulators.schema_of(name) for name in simulators.CAPABILITIES}
         )
-        merged.task = _empty(config, "task.name", {name: tasks.schema_of(name) for name in tasks.TASKS})
+        merged.task = _empty(config, "task.name", {name: tasks.schema_of(name) for name in tasks.OWN})
         merged.reward = _empty(
             config, "reward.name", {name: rewards.schema_of(name) for name in rewards.KINDS}
         )
@@ -180,9 +180,9 @@ def typed(config: DictConfig) -> schema.TrainConfig:
 
 
 def _empty(config: DictConfig, key: str, schemas: Mapping[str, type | None]) -> Any:
-    """Return the typed, still empty `algo` or `simulator` of a configuration."""
+    """Return the typed, still empty `algo`, `simulator`, `task` or `reward` of a configuration."""
     known = OmegaConf.get_type(config, key.partition(".")[0])
-    if isinstance(known, type) and issubclass(known, installed.AgentConfig | installed.SimulatorConfig):
+    if isinstance(known, type) and issubclass(known, installed.CONFIGS):
         return OmegaConf.structured(known)
     name = str(OmegaConf.select(config, key))
     if name not in schemas:

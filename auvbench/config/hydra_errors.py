@@ -53,9 +53,8 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
     if isinstance(error, MissingConfigException) and error.options:
         group, _, wanted = str(error.missing_cfg_file).partition("/")
         options = [name for name in error.options if not name.endswith("_schema")]
-        declared = plugins.find(
-            {"algo": plugins.AGENTS, "simulator": plugins.SIMULATORS}.get(group, ""), wanted
-        )
+        groups = {key.partition(".")[0]: name for name, key in plugins.KEYS.items()}
+        declared = plugins.find(groups.get(group, ""), wanted)
         if declared is not None:
             return ConfigError(f"{group}={wanted}: {declared.release} has no {group}/{wanted}.yaml for it")
         path = f"; a file of your own goes to ./conf/{group}" if wanted.endswith(".yaml") else ""

@@ -1,14 +1,16 @@
-"""The configuration of agents and simulators of installed packages: their schemas, and the keys added to them.
+"""The configuration of what installed packages bring: its schemas, and the keys added to them.
 
 A package's `algo/NAME.yaml` holds its values and the comments that explain them; the class behind its entry point holds
-their types and ranges as `Config`, a dataclass below `AgentConfig` (`SimulatorConfig`). Composing adds two keys:
-`package`, name and version of the installed package, and `learns`. They are part of a run's identity: another version
-is another run.
+their types and ranges as `Config`, a dataclass below `AgentConfig` (`SimulatorConfig`), and the `TaskSpec` or `RewardSpec`
+behind it as `schema`. Composing adds the key `package`, name and version of the installed package, and to agents
+`learns`. They are part of a run's identity: another version is another run. A task enters the registries of tasks and
+metrics when it is composed.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -16,12 +18,13 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
-from auvbench.config import plugins, schema
+from auvbench import metrics, record
+from auvbench.config import plugins, rewards, schema, tasks
 from auvbench.config.agents import AGENTS
 from auvbench.config.algorithms import Tuned
 from auvbench.config.overrides import whole
 from auvbench.config.simulators import CAPABILITIES, Capabilities, InstalledSimulator
-from auvbench.errors import ConfigError
+from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.text import short
 
 
@@ -38,6 +41,24 @@ class AgentConfig:
 
 
 SimulatorConfig = InstalledSimulator
+TaskConfig = tasks.InstalledTask
+RewardConfig = rewards.InstalledReward
+
+OWN = {
+    plugins.AGENTS: tuple(AGENTS),
+    plugins.SIMULATORS: tuple(CAPABILITIES),
+    plugins.TASKS: tasks.OWN,
+    plugins.REWARDS: rewards.KINDS,
+}
+"""names of auvbench's own, by group of entry points"""
+_BASES: dict[str, tuple[str, type, str]] = {
+    plugins.AGENTS: ("Config", AgentConfig, "AgentConfig"),
+    plugins.SIMULATORS: ("Config", SimulatorConfig, "SimulatorConfig"),
+    plugins.TASKS: ("schema", TaskConfig, "TaskConfig"),
+    plugins.REWARDS: ("schema", RewardConfig, "RewardConfig"),
+}
+"""by group: the attribute that is the schema, and what it is below, with its name in `auvbench.plugin`"""
+CONFIGS = tuple(kind for _, kind, _ in _BASES.values())
 
 
 def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
@@ -51,7 +72,7 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
         ConfigError: a key is unknown or missing, a type is wrong, or the package cannot be used.
         OmegaConfBaseException: as above, for `compose.translate`.
     """
-    for group, own in ((plugins.AGENTS, list(AGENTS)), (plugins.SIMULATORS, list(CAPABILITIES))):
+    for group, own in OWN.items():
         key, _, named_by = plugins.KEYS[group].partition(".")
         node = config.get(key)
         chosen = node.get(named_by) if isinstance(node, DictConfig) else None
@@ -72,6 +93,8 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
 def _completed(found: plugins.Declared, key: str, node: DictConfig) -> DictConfig:
     thing = plugins.load(found)
     kind = _schema_of(found, thing)
+    if found.group in (plugins.TASKS, plugins.REWARDS):
+        enter(found)
     added: dict[str, Any] = {"package": found.release}
     if found.group == plugins.AGENTS:
         added["learns"] = _learns(found, thing)
@@ -96,8 +119,8 @@ def _schema_of(one: plugins.Declared, thing: Any) -> type:
     Raises:
         ConfigError: it is no such dataclass.
     """
-    base = AgentConfig if one.group == plugins.AGENTS else SimulatorConfig
-    found = getattr(thing, "Config", base)
+    attribute, base, name = _BASES[one.group]
+    found = getattr(thing, attribute, base)
     try:
         if isinstance(found, type) and issubclass(found, base) and dataclasses.is_dataclass(found):
             OmegaConf.structured(found)
@@ -105,8 +128,83 @@ def _schema_of(one: plugins.Declared, thing: Any) -> type:
         reason = ""
     except (OmegaConfBaseException, TypeError, ValueError) as error:
         reason = f" ({plugins.describe_error(error)})"
-    name = "AgentConfig" if base is AgentConfig else "SimulatorConfig"
-    raise one.error(f"has a Config that is no dataclass below auvbench.plugin.{name}{reason}")
+    raise one.error(f"has a {attribute} that is no dataclass below auvbench.plugin.{name}{reason}")
+
+
+def enter(found: plugins.Declared) -> None:
+    """Enter the task or the reward of an installed package into the registries.
+
+    Raises:
+        ConfigError: what it declares cannot be used.
+    """
+    spec = plugins.load(found)
+    kind = tasks.TaskSpec if found.group == plugins.TASKS else rewards.RewardSpec
+    if not isinstance(spec, kind):
+        raise found.error(f"is a {type(spec).__name__}; it must be an auvbench.plugin.{kind.__name__}")
+    if spec.name != found.name:
+        raise found.error(f"has the name {short(repr(spec.name))}; it must be that of its entry point")
+    if isinstance(spec, rewards.RewardSpec):
+        _check_reward(found, spec)
+        rewards.REWARDS[spec.name] = spec
+    elif tasks.TASKS.get(spec.name) is not spec:
+        _check_task(found, spec)
+        try:
+            metrics.add(spec.name, spec.metrics)
+        except ValueError as error:
+            raise found.error(str(error)) from None
+        tasks.TASKS[spec.name] = spec
+        record.forget()
+
+
+def _check_reward(one: plugins.Declared, spec: rewards.RewardSpec) -> None:
+    keys = {key: hint for key, hint in schema.keys(spec.schema).items() if key not in ("name", "package")}
+    for key, hint in keys.items():
+        if hint not in (int, float):
+            raise one.error(f"has the parameter {key}, which is no number: int or float")
+    if len(keys) > rewards.PARAMETERS:
+        raise one.error(f"has {len(keys)} parameters; at most {rewards.PARAMETERS} fit")
+
+
+def _check_task(one: plugins.Declared, spec: tasks.TaskSpec) -> None:
+    for what, values, known in (
+        ("block", spec.blocks, tasks.BLOCKS),
+        ("outcome", spec.outcomes, record.OUTCOMES),
+    ):
+        for value in values:
+            if value not in known:
+                raise one.error(f"declares the {what} {short(repr(value))}; {closest(str(value), known)}")
+    for metric in spec.metrics:
+        column = isinstance(metric, metrics.Metric) and metric.kind in ("episode", "scenario")
+        if not column or not re.fullmatch(r"[a-z]\w*", metric.name) or not metric.low < metric.high:
+            raise one.error(f"declares {short(repr(metric))} as a metric; make it by auvbench.plugin.column")
+    own = tuple(metric.measure for metric in spec.metrics if metric.better)
+    ranks = (*record.measure_names(), *own)
+    if spec.primary not in ranks:
+        raise one.error(
+            f"is ranked by {short(repr(spec.primary))}, which is no measure; {closest(spec.primary, ranks)}"
+        )
+
+
+def enter_task(name: str, release: str) -> None:
+    """Enter the task of a run that is read, so that its metrics have titles, units and ranges; any version does.
+
+    Raises:
+        ConfigError: its package is not installed, or cannot be used.
+    """
+    found = plugins.find(plugins.TASKS, name, OWN[plugins.TASKS])
+    if found is None:
+        raise plugins.missing(plugins.TASKS, name, release)
+    enter(found)
+
+
+def forget() -> None:
+    """Remove what `enter` entered and clear what is cached: for tests, and for programs that install packages."""
+    for name in set(tasks.TASKS) - set(tasks.OWN):
+        del tasks.TASKS[name]
+        metrics.drop(name)
+    rewards.REWARDS.clear()
+    record.forget()
+    plugins.forget()
 
 
 def _learns(one: plugins.Declared, thing: Any) -> bool:
@@ -156,13 +254,16 @@ def thing_of(group: str, name: str, release: str) -> Any:
     return plugins.load(found)
 
 
+_PARTS = tuple(key.partition(".")[0] for key in plugins.KEYS.values())
+
+
 def releases(config: Any) -> dict[str, str]:
     """Return the versions of the packages behind a typed configuration, by name, for a manifest."""
-    given = (str(getattr(node, "package", "")) for node in (config.algo, config.simulator))
+    given = (str(getattr(getattr(config, key), "package", "")) for key in _PARTS)
     return dict(release.split("==", 1) for release in given if "==" in release)
 
 
 def releases_of(config: Mapping[str, Any]) -> list[str]:
     """Return the packages behind a plain configuration, with their versions."""
-    nodes = (config.get(key) for key in ("algo", "simulator"))
+    nodes = (config.get(key) for key in _PARTS)
     return [str(node["package"]) for node in nodes if isinstance(node, Mapping) and node.get("package")]

@@ -1,4 +1,4 @@
-"""Agents, simulators and folders of configuration that installed packages declare as entry points.
+"""Agents, simulators, tasks, rewards and folders of configuration that installed packages declare as entry points.
 
 Nothing else is ever loaded: no path and no code that a configuration or a run directory names. Names come from the
 metadata alone; a package is imported when something of it is chosen.
@@ -6,9 +6,11 @@ metadata alone; a package is imported when something of it is chosen.
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata, resources
@@ -16,13 +18,20 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from auvbench.errors import ConfigError
+from auvbench.errors import AgentError, AuvbenchError, ConfigError
 from auvbench.untrusted.text import first_line, short
 
-AGENTS, SIMULATORS, CONF = "auvbench.agents", "auvbench.simulators", "auvbench.conf"
-"""The groups of entry points: `module:object` of an agent or a simulator, and the dotted path of a folder."""
+AGENTS, SIMULATORS, TASKS, REWARDS = (
+    "auvbench.agents",
+    "auvbench.simulators",
+    "auvbench.tasks",
+    "auvbench.rewards",
+)
+"""The groups of entry points `module:object`: of an agent, a simulator, a `TaskSpec`, a `RewardSpec`."""
+CONF = "auvbench.conf"
+"""The group of entry points that are the dotted path of a folder."""
 
-KEYS = {AGENTS: "algo.agent", SIMULATORS: "simulator.name"}
+KEYS = {AGENTS: "algo.agent", SIMULATORS: "simulator.name", TASKS: "task.name", REWARDS: "reward.name"}
 """The key of a configuration that names an entry point of a group"""
 
 
@@ -62,7 +71,7 @@ def find(group: str, name: str, own: Iterable[str] = ()) -> Declared | None:
     """Return the entry point of this name, or None.
 
     Args:
-        group: `AGENTS` or `SIMULATORS`.
+        group: one of `KEYS`.
         name: its name.
         own: the names that auvbench itself has.
 
@@ -103,10 +112,27 @@ def load(one: Declared) -> Any:
         raise one.error(f"cannot be imported: {describe_error(error)}") from error
 
 
+def resolve(target: str) -> Any:
+    """Return the object that "module:name" of a registry, or of what an entry point names, stands for."""
+    module, _, name = target.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
 def describe_error(error: BaseException) -> str:
     """Return an exception of foreign code in one line."""
     kind = type(error).__name__
     return short(f"{kind}: {first_line(error)}" if str(error) else kind)
+
+
+@contextmanager
+def telling(who: str, what: str) -> Iterator[None]:
+    """Turn an exception of foreign code into an `AgentError` that names the plug-in and the call."""
+    try:
+        yield
+    except AuvbenchError:
+        raise
+    except Exception as error:
+        raise AgentError(f"{who}: {what}: {describe_error(error)}") from error
 
 
 @cache
@@ -152,6 +178,6 @@ def options(group: str) -> list[str]:
 
 
 def forget() -> None:
-    """Clear what is cached: for tests, and for programs that install packages while they run."""
+    """Clear what is cached; `installed.forget` clears the registries too."""
     for cached in (declared, load, folders):
         cached.cache_clear()

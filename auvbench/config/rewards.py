@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from auvbench.config.schema import choice, number
+from auvbench.config.schema import name as plain_name
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ConfigError
 
@@ -18,6 +19,39 @@ class Reward:
 
     name: str = choice(*KINDS)
     k: float = number(0.0, 1e6)
+
+
+@dataclass(kw_only=True)
+class InstalledReward(Reward):
+    """A reward of an installed package; a subclass has keys of its own, all of them numbers."""
+
+    name: str = plain_name()
+    package: str
+
+
+@dataclass(frozen=True, slots=True)
+class RewardSpec:
+    """A reward of an installed package, which its entry point names."""
+
+    name: str
+    """value of `reward.name`"""
+    function: str
+    """`module:function`, the reward of a step (`tasks.rewards.hook_of`)"""
+    schema: type
+    """of its configuration, below `InstalledReward`"""
+    tasks: tuple[str, ...] = ()
+    """for which it makes sense, besides the tasks that name it"""
+
+
+REWARDS: dict[str, RewardSpec] = {}
+"""of installed packages, as far as one was chosen (`installed.enter`)"""
+PARAMETERS = 15
+"""the most that a reward has"""
+
+
+def parameters(reward: Reward) -> list[float]:
+    """Return the parameters of a reward: the values of its schema's fields, in their order; k is the first."""
+    return [value for key, value in vars(reward).items() if key not in ("name", "package")]
 
 
 @dataclass(kw_only=True)
@@ -111,7 +145,7 @@ def check_reward(task: str, reward: str) -> None:
     Raises:
         ConfigError: names those that are.
     """
-    able = TASKS[task].rewards
+    able = (*TASKS[task].rewards, *(name for name, spec in REWARDS.items() if task in spec.tasks))
     if reward not in able:
         raise ConfigError(
             f"reward.name={reward}: is no reward for task={task}; use reward={' or '.join(able)}"

@@ -244,7 +244,7 @@ class EvaluateConfig:
 class Analysis:
     """The primary analysis that an experiment declares before its runs; never changes a result."""
 
-    measure: str = choice(PRIMARY, *measure_names())
+    measure: str = field(metadata={"choices": lambda: (PRIMARY, *measure_names())})
     baseline: str | None
     margin: float | None = number(0.0, open_low=True)  # unit of the measure, percentage points for a rate
     seeds: int | None = number(1, 1_000_000)

@@ -8,11 +8,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from auvbench.config.schema import choice, later, number
+from auvbench.config.schema import name as plain_name
 from auvbench.errors import ConfigError, closest
+from auvbench.metrics import Metric
 
 THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
 STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
 ERRORS = ("yaw_error", "position_error", "velocity_error", *STATE, "previous_action")
+BLOCKS = (*ERRORS, "preview", "goal_error")
+"""that a task may have"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +40,10 @@ class TaskSpec:
     """whether only a vehicle with thrust along each axis and about the vertical can do it"""
     has_yaw: bool = True
     """whether the reference has a yaw of its own; otherwise it is the bearing of the reference"""
+    schema: type | None = None
+    """of its configuration, below `InstalledTask`, where an installed package brings it; auvbench's own are `SCHEMAS`"""
+    metrics: tuple[Metric, ...] = ()
+    """that an installed package brings with it (`metrics.column`), in addition to `metrics.SHARED`"""
 
 
 _FOUR_ENDS = ("success", "collision", "timeout", "out_of_bounds")
@@ -95,6 +103,9 @@ TASKS = {
     )
 }
 
+OWN = tuple(TASKS)
+"""auvbench's own; `installed.enter` adds those of installed packages to `TASKS`"""
+
 
 @dataclass(kw_only=True)
 class Task:
@@ -135,6 +146,14 @@ class Tracked(Task):
     position_frame: str = choice("body")
     bounds: float = number(0.0, 1e4, open_low=True)  # m, from the reference
     preview: Preview
+
+
+@dataclass(kw_only=True)
+class InstalledTask(Tracked):
+    """A task of an installed package; a subclass has keys of its own."""
+
+    name: str = plain_name()
+    package: str
 
 
 @dataclass(kw_only=True)

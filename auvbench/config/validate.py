@@ -45,8 +45,10 @@ def validate_fields(config: Any, prefix: str = "") -> None:
 def _check_value(key: str, value: Any, rule: dict[str, Any]) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{key}={value}: must be a finite number")
-    if "choices" in rule and value not in rule["choices"]:
-        raise ConfigError(f"{key}={value}: unknown; {closest(str(value), rule['choices'])}")
+    choices = rule.get("choices")
+    known = choices() if callable(choices) else choices
+    if known is not None and value not in known:
+        raise ConfigError(f"{key}={value}: unknown; {closest(str(value), known)}")
     if "name" in rule and not _NAME.fullmatch(str(value)):
         raise ConfigError(
             f"{key}={value!r}: must be a plain name (letters, digits, dots, dashes, underscores), since it names a folder"

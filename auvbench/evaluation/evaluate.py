@@ -30,7 +30,7 @@ from auvbench.evaluation.protocol import (
     resolve_conditions,
 )
 from auvbench.evaluation.rollout import Rollout, roll_out
-from auvbench.record import MEASURED, SCENARIO_COLUMNS, record_columns
+from auvbench.record import columns, record_columns
 from auvbench.runs import identity, integrity, lock, provenance
 from auvbench.runs.atomic_io import as_json, make_folder, replace_folder, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, now
@@ -38,7 +38,6 @@ from auvbench.runs.plan import load_config
 from auvbench.untrusted import path_safety
 from auvbench.vehicles import sheet
 
-MEANS = tuple(name for name in MEASURED if name not in SCENARIO_COLUMNS)
 """The columns of a record that are averaged in summary.json."""
 
 
@@ -266,7 +265,7 @@ def _condition_summary(condition: ResolvedCondition, rollout: Rollout) -> dict[s
     rates = {f"{outcome}_rate": counts[outcome] / n for outcome in TASKS[condition.config.task.name].outcomes}
     means = {
         f"mean_{name}": float(np.mean([float(r[name]) for r in records]))
-        for name in MEANS
+        for name in columns("episode")
         if name in records[0]
     }
     return {
@@ -299,12 +298,12 @@ def _write(
 def _rows(rollouts: list[tuple[ResolvedCondition, Rollout]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    columns = record_columns(rollouts[0][0].config.task.name)
-    writer.writerow(("condition", "frequency_hz", *columns))
+    names = record_columns(rollouts[0][0].config.task.name)
+    writer.writerow(("condition", "frequency_hz", *names))
     for condition, rollout in rollouts:
         for record in rollout.records:
             frequency = condition.config.step.frequency
-            writer.writerow((condition.name, frequency, *(record[name] for name in columns)))
+            writer.writerow((condition.name, frequency, *(record[name] for name in names)))
     return text.getvalue().encode()
 
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.agents import base as agents
 from auvbench.agents.base import Agent
 from auvbench.config import installed, plugins, schema
 from auvbench.config.agents import AGENTS
@@ -96,7 +95,7 @@ def _row_by_row(run: RunDirectory) -> bool:
         algo: Any = run.config().get("algo", {})
         spec = AGENTS.get(str(algo.get("agent")))
         if spec is not None:
-            factory = None if spec.learns else agents.resolve(spec.factory)
+            factory = None if spec.learns else plugins.resolve(spec.factory)
         else:
             factory = installed.thing_of(plugins.AGENTS, str(algo.get("agent")), str(algo.get("package")))
     except (AuvbenchError, AttributeError):

@@ -6,7 +6,6 @@ Everything else is here: command noise, readings, observation, records, resets, 
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
@@ -14,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import rewards, schema, tasks
+from auvbench.config import plugins, rewards, schema, tasks
 from auvbench.dynamics.random import TEST, VALIDATION
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.metrics import Totals
@@ -23,6 +22,7 @@ from auvbench.record import OUTCOMES, Record, record_of
 from auvbench.tasks import kernels as k
 from auvbench.tasks.bounds import bounded_spec
 from auvbench.tasks.observation import CODES
+from auvbench.tasks.rewards import FOREIGN
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -79,7 +79,7 @@ class Task:
         )
         """whether the observation has more of a vehicle than its pose"""
         preview = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
-        columns = k.F_OWN + self.own_floats if tasks.TASKS[self.name].has_yaw else k.N_FLOATS
+        columns = k.F_OWN + self.own_floats if isinstance(config.task, tasks.Tracked) else k.N_FLOATS
         self.parameters = self._parameters(config, columns, preview)
         self.F: Floats = np.zeros((n, columns + 3 * preview))
         self.C: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
@@ -119,8 +119,9 @@ class Task:
         P[k.P_YAW] = tasks.TASKS[task.name].has_yaw
         P[k.P_PREVIEW], P[k.P_PREVIEWED] = preview, previewed
         P[k.P_HISTORY] = task.history
-        P[k.P_REWARD] = rewards.KINDS.index(config.reward.name)
-        values = [value for name, value in vars(config.reward).items() if name != "name"]
+        name = config.reward.name
+        P[k.P_REWARD] = rewards.KINDS.index(name) if name in rewards.KINDS else FOREIGN
+        values = rewards.parameters(config.reward)
         P[k.P_REWARD_OWN : k.P_REWARD_OWN + len(values)] = values
         P[k.P_OWN :] = own
         return P
@@ -344,6 +345,14 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
         ConfigError: the vehicle cannot do it.
     """
     check_vehicle(config.task, vehicle)
-    module, _, name = tasks.TASKS[config.task.name].factory.partition(":")
-    made: Task = getattr(importlib.import_module(module), name)(config, vehicle, n, seed, **stream)
-    return made
+    if isinstance(config.task, tasks.InstalledTask) or isinstance(config.reward, rewards.InstalledReward):
+        from auvbench.tasks import installed
+
+        return installed.make(config, vehicle, n, seed, **stream)
+    return factory(config.task.name)(config, vehicle, n, seed, **stream)
+
+
+def factory(name: str) -> Callable[..., Task]:
+    """Return the class of one of auvbench's own tasks."""
+    found: Callable[..., Task] = plugins.resolve(tasks.TASKS[name].factory)
+    return found

@@ -81,7 +81,9 @@ def reward_row(
     `hook`: the reward of an installed package (`hook_of`), or None.
     """
     if hook is not None:
-        row = hook(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P[P_REWARD_OWN:P_OWN])
+        row = hook(
+            i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P[P_REWARD_OWN:P_OWN]
+        )
         return float(row)
     kind = int(P[P_REWARD])
     k, p = P[P_REWARD_OWN], P_REWARD_OWN

@@ -15,12 +15,12 @@ ADDED = '''
 import math
 from auvbench import metrics
 
-metrics.METRICS += (
+metrics.METRICS += [
     metrics.Metric(
         "jerk_m_s3", "episode", "m/s³", "lower", "jerk", "change of acceleration, mean over the steps",
         lambda t: t.change / (t.steps * t.step_s), latex=r"mean $j$",
     ),
-)
+]
 '''  # fmt: skip
 USED = """
 import numpy as np

@@ -23,9 +23,9 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from auvbench.agents.base import resolve
 from auvbench.config import algorithms, schema
 from auvbench.config.agents import AGENTS
+from auvbench.config.plugins import resolve
 from auvbench.config.schema import discount
 from auvbench.errors import ActionError, AuvbenchError, TrainingError
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 
 from auvbench.analysis.rounding import NOTHING, rounded
-from auvbench.metrics import METRICS
+from auvbench.metrics import METRICS, Metric
 from auvbench.statistics.intervals import Estimate
 
 DAGGER = "†"
@@ -30,7 +30,8 @@ class Column:
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
 
-_METRICS = {metric.measure: metric for metric in METRICS}
+def _metric(measure: str) -> Metric | None:
+    return next((metric for metric in METRICS if metric.measure == measure), None)
 
 
 def column_of(metric: str) -> Column:
@@ -39,19 +40,20 @@ def column_of(metric: str) -> Column:
     >>> column_of("mean_path_length_m").heading, column_of("success_rate").heading
     ('path length (m)', 'success (%)')
     """
-    if known := _METRICS.get(metric):
+    if known := _metric(metric):
         return Column(metric, known.title, known.table_unit, known.latex, known.scale)
     return Column(metric, metric.removeprefix("mean_").replace("_", " "))
 
 
 def definition_of(metric: str) -> str:
     """Return what a metric is; empty where auvbench does not know it."""
-    return _METRICS[metric].definition if metric in _METRICS else ""
+    known = _metric(metric)
+    return known.definition if known else ""
 
 
 def in_order(metrics: Iterable[str]) -> list[str]:
     """Return metrics in the order of the registry, unknown ones last."""
-    order = {metric: place for place, metric in enumerate(_METRICS)}
+    order = {metric: place for place, metric in enumerate(m.measure for m in METRICS)}
     return sorted(metrics, key=lambda metric: (order.get(metric, len(order)), metric))
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from auvbench.agents.base import resolve
 from auvbench.agents.classical.cascade import Estimator
 from auvbench.config.agents import AGENTS
+from auvbench.config.plugins import resolve
 from auvbench.envs.batch import Batch
 from auvbench.evaluation.rollout import roll_out
 from auvbench.vehicles import sheet

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from auvbench.agents.base import resolve
 from auvbench.agents.classical import lqr
 from auvbench.config.agents import AGENTS
+from auvbench.config.plugins import resolve
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import roll_out
