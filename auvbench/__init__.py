@@ -21,16 +21,21 @@ def register() -> None:
     """Registers the Gymnasium ids (by entry-point strings, so that nothing else is imported).
 
     Besides `auvbench/Waypoint-v0`, one for each cell of the thesis, `auvbench/Waypoint-K40-25Hz-v0`, and one for each
-    other task: `auvbench/StationKeeping-v0`, `TrajectoryTracking`, `PathFollowing`, `Docking`.
+    other task: `auvbench/StationKeeping-v0`, `TrajectoryTracking`, `PathFollowing`, `Docking`, and those of installed
+    packages, `PoleInspection` for `pole_inspection`.
     """
     from gymnasium.envs.registration import register as add
     from gymnasium.envs.registration import registry
+
+    from auvbench.config import plugins
 
     ids: dict[str, dict[str, object]] = {"Waypoint": {}}
     for k, hz in product((1, 40, 100), (10, 25, 55)):
         ids[f"Waypoint-K{k}-{hz}Hz"] = {"k": k, "frequency": hz}
     for task in ("StationKeeping", "TrajectoryTracking", "PathFollowing", "Docking"):
         ids[task] = {"task": re.sub("(?<!^)(?=[A-Z])", "_", task).lower()}
+    for one in plugins.declared(plugins.TASKS):
+        ids.setdefault("".join(word.capitalize() for word in one.name.split("_")), {"task": one.name})
     for short, keywords in ids.items():
         name = f"auvbench/{short}-v0"
         if name not in registry:

@@ -118,11 +118,31 @@ def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
                 raise ConformanceError(f"{name}={value}: must be finite and within [{low:g}, {high:g}]")
 
 
+def its_functions_stay_within_their_arrays(config: schema.TrainConfig) -> None:
+    """Its two functions, run as Python, read and write no row and column that does not exist."""
+    batch = Batch(config, 2, seed=3)
+    for name in ("draw", "kernel"):
+        function = getattr(type(batch.task), name)
+        setattr(batch.task, name, getattr(function, "py_func", function))
+    try:
+        batch.reset()
+        task, simulator = batch.task, batch.simulator
+        for step in range(3):
+            action = actions(step, 2, len(batch.vehicle.actuators))
+            simulator.step(action, task.duration)
+            task.advance(simulator.pose, simulator.velocity, action, simulator.command_force, simulator.power)
+        for row in range(2):
+            task.own_metrics(row)
+    except IndexError as error:
+        raise ConformanceError(f"{error}; own_floats are the columns of F from F_OWN on") from error
+
+
 TASK_CHECKS: tuple[Callable[[schema.TrainConfig], None], ...] = (
     its_rows_do_not_depend_on_the_batch,
     it_resumes_in_mid_episode,
     its_draws_are_functions_of_their_key,
     its_episodes_end_with_records,
+    its_functions_stay_within_their_arrays,
 )
 """The checks of every task."""
 

@@ -129,7 +129,7 @@ def _detail(error: Exception, step: int) -> dict[str, Any]:
 
 def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity.Entry]:
     """Tries an agent that came from elsewhere and learns nothing here; returns the files that the manifest is to vouch for."""
-    if isinstance(config.algo, installed.AgentConfig):
+    if any(isinstance(part, installed.CONFIGS) for part in (config.algo, config.task, config.reward)):
         _try(config)
     if not isinstance(config.algo, algorithms.ONNX):
         return {}
@@ -146,14 +146,14 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
 
 
 def _try(config: schema.TrainConfig) -> None:
-    """Lets a controller of an installed package act once, so that its run fails if it cannot."""
+    """Lets what an installed package brings act once, so that its run fails if it cannot."""
     from auvbench.agents.base import make
     from auvbench.envs.batch import Batch
 
     batch = Batch(config, 1)
     agent = make(config, batch.vehicle)
     agent.reset(np.zeros(1, dtype=np.int64))
-    agent.act(batch.reset())
+    batch.step(np.asarray(agent.act(batch.reset())))
 
 
 def _learn(run: RunDirectory, config: schema.TrainConfig, *arguments: Any) -> dict[str, Any]:

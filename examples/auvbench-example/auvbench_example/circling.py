@@ -37,7 +37,15 @@ SPEC = TaskSpec(
     rewards=("view", "tracking"),
     schema=CirclingConfig,
     metrics=(
-        column("in_view", "", "in view", "share of the time with the pole in view", "higher", high=1.0),
+        column(
+            "in_view",
+            "",
+            "share in view",
+            "share of the time limit with the pole in view",
+            "higher",
+            high=1.0,
+            counts_failures=True,
+        ),
         column("closest_m", "m", "closest", "least distance to the axis of the pole", "higher"),
     ),
 )
@@ -131,6 +139,5 @@ class CirclingTask(TrackingTask):
     def own_metrics(self, i):
         """Return the columns of the record of environment i, whose episode has ended."""
         seen, closest = self.F[i, SEEN : CLOSEST + 1].tolist()
-        # An episode that ends early has seen nothing in the rest of its time.
-        share = seen / self.parameters[k.P_MAX_STEPS]
+        share = seen / self.parameters[k.P_MAX_STEPS]  # an episode that ends early sees no more
         return {**self.errors(i, self.bounds), "in_view": share, "closest_m": closest}

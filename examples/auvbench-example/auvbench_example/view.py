@@ -19,7 +19,7 @@ class ViewConfig(RewardConfig):
 def view(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, p):
     """Return the reward of a step of environment i; p holds the parameters, k first."""
     k, length, effort, failure = p[0], p[1], p[2], p[3]
-    if outcome == COLLISION or outcome == OUT_OF_BOUNDS:
+    if outcome in (COLLISION, OUT_OF_BOUNDS):
         return k * failure
     squared = 0.0
     for j in range(action.shape[1]):
