@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from auvbench.config import plugins
+from auvbench.config import installed
 
 
 @dataclass
@@ -31,6 +31,8 @@ class Site:
         *,
         agents: Mapping[str, str] | None = None,
         simulators: Mapping[str, str] | None = None,
+        tasks: Mapping[str, str] | None = None,
+        rewards: Mapping[str, str] | None = None,
         conf: str | None = None,
         version: str = "1.0",
     ) -> None:
@@ -42,6 +44,7 @@ class Site:
             place.write_text(textwrap.dedent(text))
             self.modules.add(path.split("/", 1)[0].removesuffix(".py"))
         groups = {"auvbench.agents": agents or {}, "auvbench.simulators": simulators or {}}
+        groups |= {"auvbench.tasks": tasks or {}, "auvbench.rewards": rewards or {}}
         groups["auvbench.conf"] = {} if conf is None else {package: conf}
         info = self.folder / f"{package.replace('-', '_')}-{version}.dist-info"
         info.mkdir()
@@ -65,7 +68,7 @@ class Site:
     def look_again(self) -> None:
         for name in [n for n in sys.modules if n.partition(".")[0] in self.modules]:
             del sys.modules[name]
-        plugins.forget()
+        installed.forget()
 
 
 @pytest.fixture
@@ -193,4 +196,25 @@ def learning(site: Site, *, exact: bool = True, action: str = DRAWN) -> None:
         {"slow/__init__.py": "", "slow/learning.py": text, "slow/conf/algo/slow.yaml": SLOW},
         agents={"slow": "slow.learning:Slow"},
         conf="slow.conf",
+    )
+
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "auvbench-example"
+
+
+def tasking(site: Site, *changes: tuple[str, str], version: str = "1.0") -> None:
+    """Installs `task=circling` and `reward=view` of the example; each change replaces a text of its files."""
+    root = EXAMPLE / "auvbench_example"
+    names = ("__init__.py", "circling.py", "view.py", "conf/task/circling.yaml", "conf/reward/view.yaml")
+    files = {f"auvbench_example/{name}": (root / name).read_text(encoding="utf-8") for name in names}
+    for old, new in changes:
+        assert any(old in text for text in files.values()), old
+        files = {name: text.replace(old, new) for name, text in files.items()}
+    site.install(
+        "auvbench-example",
+        files,
+        tasks={"circling": "auvbench_example.circling:SPEC"},
+        rewards={"view": "auvbench_example.view:SPEC"},
+        conf="auvbench_example.conf",
+        version=version,
     )

@@ -11,7 +11,7 @@ import numpy as np
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from auvbench.config import schema, tasks
+from auvbench.config import installed, schema, tasks
 from auvbench.config.compose import option, typed
 from auvbench.config.simulators import Fossen, Ros2
 from auvbench.envs.simulator_factory import at_frequency
@@ -59,6 +59,7 @@ def _resolve(
     protocol: schema.Protocol, condition: schema.Condition, config: dict[str, Any]
 ) -> ResolvedCondition:
     node = OmegaConf.create(config)
+    installed.complete(node.copy(), frozen=True)  # its packages must be there before their options are
     where = f"protocol {protocol.name}, condition {condition.name}"
     for override in [*protocol.overrides, *condition.overrides]:
         key, separator, value = override.partition("=")

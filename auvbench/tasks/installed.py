@@ -67,19 +67,18 @@ def _guard(task: Task, who: str, paid: str) -> None:
         pose[:] = np.nan
         with plugins.telling(who, "draw fails"):
             draw(indices, F, C, P, test, pose)
+        finite = np.isfinite(F[indices]).all(axis=1)
+        _refuse(task, who, indices, finite, "draw writes a number that is not finite")
         turned = np.abs(np.linalg.norm(pose[:, 3:], axis=1) - 1.0) < 1e-6
         good = np.isfinite(pose).all(axis=1) & turned & (C[indices, k.C_OUTCOME] == -1)
         _refuse(task, who, indices, good, "draw gives no start: begin_row must be called for each row")
-        _refuse(
-            task, who, indices, np.isfinite(F[indices]).all(axis=1), "draw writes a number that is not finite"
-        )
 
     def checked_kernel(start: int, stop: int, *arguments: Any) -> int:
         with plugins.telling(who, "the kernel fails"):
             ended = kernel(start, stop, *arguments)
-        if type(ended) is int and ended < 0:
-            return ended
-        rows, mine = np.arange(start, stop), slice(start, stop)
+        pose, rows, mine = arguments[0], np.arange(start, stop), slice(start, stop)
+        if not np.isfinite(pose[mine]).all():
+            return int(ended)  # the simulation is to blame
         _refuse(task, paid, rows, np.isfinite(task.reward[mine]), "the reward is not finite")
         _refuse(
             task,

@@ -30,9 +30,9 @@ def includes(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_included_file_exists(page: Path) -> None:
+def test_every_included_file_has_content(page: Path) -> None:
     for path in includes(page.read_text(encoding="utf-8")):
-        assert (ROOT / path).is_file(), path
+        assert (ROOT / path).read_text(encoding="utf-8").strip(), path
 
 
 def test_the_page_on_controllers_includes_the_example() -> None:
@@ -42,6 +42,16 @@ def test_the_page_on_controllers_includes_the_example() -> None:
         "pursuit.yaml",
         "pursuit.py",
         "search.py",
+    ]
+
+
+def test_the_page_on_tasks_includes_the_example() -> None:
+    found = includes((ROOT / "docs" / "adding-a-task.md").read_text(encoding="utf-8"))
+    assert [Path(path).name for path in found] == [
+        "pyproject.toml",
+        "circling.yaml",
+        "circling.py",
+        "view.py",
     ]
 
 

@@ -1,1 +1,1 @@
-"""Two contestants for auvbench: one that steers, one that learns."""
+"""Two contestants, a task and a reward for auvbench."""

@@ -125,16 +125,9 @@ class CirclingTask(TrackingTask):
     def own_parameters(self, task):
         """Return the entries of P from P_OWN on."""
         self.bounds = task.bounds
-        start, tolerances = (task.thickness, task.start_radius), (task.tolerance, task.view)
-        return [
-            *task.centre,
-            task.radius,
-            task.speed / task.radius,
-            *start,
-            task.bounds,
-            *tolerances,
-            task.share,
-        ]
+        circle = [*task.centre, task.radius, task.speed / task.radius]
+        near = [task.thickness, task.start_radius, task.bounds]
+        return [*circle, *near, task.tolerance, task.view, task.share]
 
     def own_metrics(self, i):
         """Return the columns of the record of environment i, whose episode has ended."""

@@ -1,0 +1,275 @@
+"""Tasks and rewards of installed packages: chosen, checked, measured, and refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+import auvbench
+from auvbench import cli, metrics
+from auvbench.config import rewards, tasks
+from auvbench.config.compose import compose, typed
+from auvbench.config.validate import train_config
+from auvbench.envs.batch import Batch
+from auvbench.errors import AgentError
+from auvbench.record import record_columns
+from auvbench.tasks import kernels as k
+from auvbench.testing import ConformanceError, check_task
+from auvbench.testing.tasks import its_functions_stay_within_their_arrays
+from tests.packages import Site, site, tasking
+
+__all__ = ["site"]
+
+CIRCLING = ("task=circling", "vehicle=bluerov2_heavy")
+PLAIN = ('@compiled("dynamics", "tasks")\n', "")
+"""draw and kernel as plain Python"""
+
+
+def batch(*overrides: str, n: int = 2) -> Batch:
+    return Batch(train_config(compose("train", overrides)), n, seed=3)
+
+
+def steps(one: Batch, count: int) -> list[np.ndarray]:
+    one.reset()
+    rng = np.random.default_rng(0)
+    shape = (one.n, len(one.vehicle.actuators))
+    return [one.step(rng.uniform(-1.0, 1.0, shape)).reward.copy() for _ in range(count)]
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """The one line with which a command ends with exit code 2."""
+    assert cli.main(list(words)) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1, error
+    return error
+
+
+def test_parameters_of_a_reward_fit() -> None:
+    assert k.P_REWARD_OWN + rewards.PARAMETERS == k.P_OWN
+
+
+@pytest.mark.slow
+def test_it_is_chosen_with_its_reward_its_types_and_its_package(site: Site) -> None:
+    tasking(site)
+    config = train_config(compose("train", [*CIRCLING, "task.radius=4"]))
+    assert type(config.task).__name__ == "CirclingConfig"
+    assert (config.task.radius, config.task.package) == (4.0, "auvbench-example==1.0")
+    assert (config.reward.name, config.reward.package) == ("view", "auvbench-example==1.0")
+    assert tasks.TASKS["circling"].title == "circling a pole"
+    assert record_columns("circling")[-2:] == ("in_view", "closest_m")
+    assert set(metrics.SHARED) < set(record_columns("circling"))
+
+
+@pytest.mark.slow
+def test_what_it_entered_is_gone_when_it_is_forgotten(site: Site) -> None:
+    before = list(metrics.METRICS)
+    tasking(site)
+    compose("train", CIRCLING)
+    assert len(metrics.METRICS) == len(before) + 2
+    site.look_again()
+    assert before == metrics.METRICS
+    assert "circling" not in tasks.TASKS
+    assert not rewards.REWARDS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ("reward=thesis",),
+            "reward.name=thesis: is no reward for task=circling; use reward=view or tracking",
+        ),
+        (("task.radius=-1",), "task.radius=-1: must be more than 0"),
+        (("task.raduis=1",), "task.raduis: unknown key; did you mean task.radius?"),
+        (("reward.effort=x",), "reward.effort: 'x' is not a number"),
+        (("task.observation=[preview]",), "preview is no block of task=circling"),
+        (("task.centre=[0,0]",), "task.centre=[0.0, 0.0]: must be three finite numbers"),
+        (("+task.package=x",), "task.package=x: auvbench sets it (auvbench-example==1.0)"),
+        (("vehicle=lrauv",), "task=circling: asks for thrust along x, y, z"),
+        (("task=waypoint", "reward=view"), "reward.name=view: is no reward for task=waypoint"),
+        (("task=circlin",), "did you mean 'circling'?"),
+    ],
+)
+def test_what_is_typed_wrong_is_one_line(
+    site: Site, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str
+) -> None:
+    tasking(site)
+    assert message in refused(capsys, "train", "algo=pid", *CIRCLING, *words)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("SPEC = TaskSpec(", "SPEC = dict("), "is a dict; it must be an auvbench.plugin.TaskSpec"),
+        (('name="circling"', 'name="round"'), "has the name 'round'; it must be that of its entry point"),
+        (("schema=CirclingConfig", "schema=int"), "has a schema that is no dataclass below auvbench.plugin.TaskConfig"),
+        (("blocks=ERRORS", 'blocks=("yaw",)'), "declares the block 'yaw'"),
+        (('"timeout", "out_of', '"late", "out_of'), "declares the outcome 'late'"),
+        (("mean_in_view", "mean_inview"), "is ranked by 'mean_inview', which is no measure; did you mean 'mean_in_view'?"),
+        (('"closest_m",', '"energy_J",'), "has the metric energy_J, a name that another metric has"),
+        (("high=1.0", "high=-1.0"), "as a metric; make it by auvbench.plugin.column"),
+        (("effort: float = number(0.0, 1e3)", "effort: list[float]"), "has the parameter effort, which is no number"),
+        (("effort: float", "; ".join(f"a{i}: float" for i in range(20)) + "\n    effort: float"), "has 24 parameters"),
+    ],
+)  # fmt: skip
+def test_what_is_declared_wrong_is_one_line(
+    site: Site, capsys: pytest.CaptureFixture[str], change: tuple[str, str], message: str
+) -> None:
+    tasking(site, change)
+    error = refused(capsys, "train", "algo=pid", *CIRCLING)
+    assert message in error
+    assert "of auvbench-example==1.0" in error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("ended += k.end_row", "C[i, k.C_OUTCOME] = k.end_row"), "the kernel returns 0 ended episodes"),
+        (("outcome = -1\n", "outcome = -1\n        F[i, SEEN] = math.nan\n"), "the kernel writes a number that is not finite, in environment 0 at step 1 of its episode 0"),
+        (("angle = F[i, ANGLE] +", "angle = math.nan *"), "draw writes a number that is not finite"),
+        (("P[RATE] * time", "P[RATE] * (time if time == 0.0 else math.nan)"), "the kernel writes a number that is not finite"),
+        (("k.begin_row(i, row,", "(lambda *_: 0)(i, row,"), "draw gives no start"),
+        (("F[i, SEEN], F[i, CLOSEST] = 0.0", "F[i, SEEN], F[i, CLOSEST] = math.nan"), "draw writes a number that is not finite"),
+        (("outcome = -1\n", "outcome = 7\n"), "the kernel writes an unknown outcome"),
+        (("distance = k.distance_row(i, pose, i, F)", "distance = k.distances"), "the kernel fails: AttributeError"),
+        (("[*task.centre,", "[math.nan, *task.centre,"), "own_parameters gives a number that is not finite"),
+        (("[*task.centre,", "[task.centre,"), "cannot be made: ValueError"),
+        (("    kernel = staticmethod(advance)\n", ""), "CirclingTask lacks kernel, a compiled function"),
+        (("circling:CirclingTask", "circling:SPEC"), "its factory is no class below auvbench.tasks.base.Task"),
+        (("circling:CirclingTask", "circling:Cycling"), "cannot be imported: AttributeError"),
+    ],
+)  # fmt: skip
+def test_what_is_computed_wrong_names_the_task(site: Site, change: tuple[str, str], message: str) -> None:
+    tasking(site, PLAIN, change)
+    with pytest.raises(AgentError) as raised:
+        steps(batch(*CIRCLING), 1)
+    assert "task=circling of auvbench-example==1.0: " in str(raised.value)
+    assert message in str(raised.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('"closest_m": closest', '"closest": closest'), "own_metrics lacks closest_m"),
+        (
+            ('"closest_m": closest', '"closest_m": math.nan'),
+            "closest_m of episode 0 is nan; it must be finite",
+        ),
+    ],
+)
+def test_a_wrong_record_names_the_task(site: Site, change: tuple[str, str], message: str) -> None:
+    tasking(site, PLAIN, change)
+    with pytest.raises(AgentError, match=message):
+        steps(batch(*CIRCLING, "task.time_limit=0.2"), 2)
+
+
+@pytest.mark.slow
+def test_a_reward_that_is_not_finite_is_named_on_a_task_of_auvbench(site: Site) -> None:
+    tasking(site, ("seen = ", "seen = math.nan * "))
+    with pytest.raises(AgentError, match="reward=view of auvbench-example"):
+        steps(batch("task=station_keeping", "reward=view", "vehicle=bluerov2_heavy"), 1)
+
+
+@pytest.mark.slow
+def test_a_reward_gets_the_numbers_that_auvbench_s_own_get(site: Site) -> None:
+    """The formula of `reward=exponential` as one of a package gives the same floats."""
+    tasking(
+        site,
+        ("k, length, effort, failure = p[0], p[1], p[2], p[3]", "k, rate, failure = p[0], p[1], p[3]"),
+        ("return k * failure", "return failure"),
+        ("seen = max(0.0, math.cos(yaw_error)) * math.exp(-distance / length)", "seen = math.exp(-rate * distance)"),
+        ("k * (seen - effort * squared / action.shape[1])", "k * seen"),
+        ("length: 1.0 ", "length: 2.0 "),
+        ("failure: -10.0", "failure: -1.0"),
+    )  # fmt: skip
+    place = ("task=station_keeping", "vehicle=bluerov2_heavy", "task.bounds=3")
+    own = steps(batch(*place, "reward=exponential", n=5), 60)
+    theirs = steps(batch(*place, "reward=view", n=5), 60)
+    assert len({float(r) for step in own for r in step}) > 100
+    assert np.array_equal(own, theirs)
+
+
+@pytest.mark.slow
+def test_the_example_keeps_its_contract(site: Site) -> None:
+    tasking(site)
+    check_task(*CIRCLING)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "change", [("own_floats = 4", "own_floats = 3"), ("task.tolerance, task.view", "task.view")]
+)
+def test_an_array_that_is_too_small_is_found(site: Site, change: tuple[str, str]) -> None:
+    tasking(site, PLAIN, change)
+    with pytest.raises(ConformanceError, match="out of bounds"):
+        check_task(*CIRCLING, only=its_functions_stay_within_their_arrays)
+
+
+@pytest.mark.slow
+def test_another_version_of_its_package_is_one_line(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    tasking(site)
+    assert cli.main(["train", "algo=pid", *CIRCLING]) == 0
+    capsys.readouterr()
+    tasking(site, version="1.1")
+    assert cli.main(["evaluate", "outputs"]) == 2
+    message = "task.name=circling: comes with auvbench-example==1.0, and auvbench-example==1.1 is installed"
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_task_that_fails_gives_a_failed_run_and_the_others_are_kept(
+    site: Site, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tasking(site, PLAIN, ("own_floats = 4", 'own_floats = "four"'))
+    assert (
+        cli.main(["train", "-m", "task=circling,station_keeping", "vehicle=bluerov2_heavy", "algo=pid"]) == 1
+    )
+    said = "".join(capsys.readouterr())
+    assert "task=circling of auvbench-example==1.0: cannot be made: TypeError" in said
+    assert "Traceback" not in said
+    states = {
+        path.parent.name.split("-")[2]: path.read_text() for path in Path("outputs").glob("*/*/manifest.json")
+    }
+    assert '"state": "failed"' in states["circling"]
+    assert '"state": "complete"' in states["station_keeping"]
+
+
+@pytest.mark.slow
+def test_a_run_whose_package_is_gone_is_one_line(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    tasking(site)
+    assert cli.main(["train", "algo=pid", *CIRCLING]) == 0
+    capsys.readouterr()
+    site.uninstall("auvbench-example")
+    gone = "task.name=circling: comes with auvbench-example==1.0, and is not installed"
+    assert gone in refused(capsys, "report", "outputs")
+    assert cli.main(["evaluate", "outputs"]) == 2
+    assert gone in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_gymnasium_makes_it(site: Site) -> None:
+    tasking(site)
+    auvbench.register()
+    try:
+        env = gymnasium.make("auvbench/Circling-v0", vehicle="bluerov2_heavy")
+        observation, info = env.reset(seed=1)
+        assert observation.shape == (24,)
+        assert info["reference"].shape == (3,)
+    finally:
+        del gymnasium.registry["auvbench/Circling-v0"]
+
+
+@pytest.mark.slow
+def test_a_frozen_configuration_is_read_again(site: Site) -> None:
+    tasking(site)
+    config = compose("train", [*CIRCLING, "task.radius=4"])
+    site.look_again()
+    assert typed(config).task.radius == 4.0
+    assert tasks.TASKS["circling"].primary == "mean_in_view"
