@@ -98,7 +98,7 @@ def _refer(i: int, x: float, y: float, z: float, F: Floats, P: Floats) -> float:
     F[i, F_REFERENCE] = F[i, F_GOAL] + out * ax + aside * lx
     F[i, F_REFERENCE + 1] = F[i, F_GOAL + 1] + out * ay + aside * ly
     F[i, F_REFERENCE + 2] = F[i, F_GOAL + 2] + aside * lz
-    return P[P_STANDOFF] * far * (1.0 + turn)
+    return float(P[P_STANDOFF] * far * (1.0 + turn))
 
 
 @compiled("dynamics")
