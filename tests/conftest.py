@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from multiprocessing import forkserver
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import psutil
 import pytest
 from filelock import FileLock
 
@@ -24,6 +28,53 @@ def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(root.parent if "PYTEST_XDIST_WORKER" in os.environ else root))
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_fork_server() -> Iterator[dict[str, Any]]:
+    """Keep the fork server between the commands of this process: each would import torch anew, 3 s of processor time.
+
+    A command that ends kills its workers one by one, where outside of tests they die with their server. A command with
+    another environment or import path gets another server.
+    """
+    from auvbench.runs import pool
+
+    server: Any = forkserver._forkserver
+    modules: set[str] = set()
+    ground: list[object] = []
+
+    def running() -> psutil.Process | None:
+        with suppress(psutil.NoSuchProcess):
+            process = psutil.Process(server._forkserver_pid) if server._forkserver_pid else None
+            return None if process is None or process.status() == psutil.STATUS_ZOMBIE else process
+        return None
+
+    def start_server(preload: Sequence[str]) -> None:
+        here = [{k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"}, list(sys.path)]
+        if running() is None or here != ground or not modules.issuperset(preload):
+            modules.update(preload)
+            ground[:] = here
+            start(sorted(modules))
+
+    def stop_server() -> None:
+        if (process := running()) is not None:
+            for worker in process.children():
+                with suppress(psutil.NoSuchProcess):
+                    worker.kill()
+
+    start, stop = pool.start_server, pool.stop_server
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pool, "start_server", start_server)
+        patch.setattr(pool, "stop_server", stop_server)
+        yield {"start_server": start, "stop_server": stop}
+    stop()
+
+
+@pytest.fixture
+def own_fork_servers(one_fork_server: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give each command a fork server of its own, as outside of tests."""
+    for name, function in one_fork_server.items():
+        monkeypatch.setattr(f"auvbench.runs.pool.{name}", function)
 
 
 @pytest.fixture(scope="session")

@@ -18,6 +18,8 @@ from tests.waiting import until
 
 ROOT = Path(__file__).parents[3]
 
+pytestmark = pytest.mark.usefixtures("own_fork_servers")
+
 
 @pytest.fixture(autouse=True)
 def workers_find_the_tests(monkeypatch: pytest.MonkeyPatch) -> None:

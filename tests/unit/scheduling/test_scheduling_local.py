@@ -25,6 +25,8 @@ from tests import fake_training
 from tests.waiting import LIMIT, until
 
 ROOT = Path(__file__).parents[3]
+
+pytestmark = pytest.mark.usefixtures("own_fork_servers")
 TARGET = "tests.fake_training:execute"
 SWEEP = """
 import sys
