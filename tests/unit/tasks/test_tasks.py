@@ -397,11 +397,11 @@ def test_the_end_of_docking_pays() -> None:
     batch = batch_of("docking")
     yaw = float(batch.task.F[0, k.F_REFERENCE_YAW])
     put(batch, batch.task.goal(0), yaw)
-    assert advance(batch)[0] == pytest.approx(1.0 + 0.5 + 200.0)
+    assert advance(batch)[0] == pytest.approx(1.0 + 0.5 + 500.0)
     put(batch, batch.task.goal(0) + np.array([0.0, 0.0, 0.5]), yaw)
     reward, outcome = advance(batch)
     assert outcome == k.COLLISION
-    assert -100.0 < reward < -98.0
+    assert -20.0 < reward < -18.0
 
 
 def test_a_vehicle_that_cannot_do_the_task_is_refused_before_anything_starts() -> None:
