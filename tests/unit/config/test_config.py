@@ -38,8 +38,13 @@ def test_every_algorithm_composes_and_is_valid(algo, vehicle):
     ],
 )
 def test_every_answer_composes_and_is_valid(override):
-    task = "waypoint" if override in ("reward=thesis", "reward=tracking") else "station_keeping"
-    whole = [f"task={task}"] if override.startswith("reward=") and override != "reward=thesis" else []
+    tasks = {
+        "reward=thesis": "waypoint",
+        "reward=tracking": "waypoint",
+        "reward=gym_auv_path": "path_following",
+        "reward=gym_dockauv": "docking",
+    }
+    whole = [f"task={tasks.get(override, 'station_keeping')}"] if override.startswith("reward=") else []
     train_config(compose("train", [*whole, override]))
 
 
