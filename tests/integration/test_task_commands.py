@@ -67,6 +67,13 @@ def test_without_random_a_report_names_the_command_that_adds_it(
     assert 'id="score-table"' not in (tmp_path / "index.html").read_text()
 
 
+def test_a_margin_needs_one_unit(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["report", str(study), "--margin", "0.1", "--out", str(tmp_path), "--format", "csv"]
+    assert main(words) == 2
+    assert "margin=0.1" in capsys.readouterr().err
+    assert main([*words, "--where", "task=path_following"]) == 0
+
+
 def test_rows_have_the_columns_of_the_task(study: Path) -> None:
     for run in study.glob("*-station_keeping-*"):
         with open(run / "evaluations/test/episodes.csv", newline="") as file:

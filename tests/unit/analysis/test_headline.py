@@ -56,6 +56,11 @@ def test_words_follow_the_measure(rank_by: str, value: float, words: str) -> Non
     assert headline(ranking) == words
 
 
+def test_other_tasks_have_no_waypoints() -> None:
+    ranking = replace(ranking_with("par1_steps", ("ahead", -2.0)), task="docking")
+    assert headline(ranking) == "A0 is ahead of PID by 2.0 steps in PAR-1 steps [1.0, 3.0]."
+
+
 def test_a_table_of_one_agent() -> None:
     assert headline(rank([agent("sac")])).startswith("SAC K=1 25 Hz is the only agent: success rate ")
 

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from auvbench.config.tasks import TASKS
 from auvbench.errors import ConfigError
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.vehicles.sheet import load
@@ -153,6 +154,7 @@ def test_transfer_leaves_out_vehicles_with_other_actuators():
     ("override", "message"),
     [
         ("reward.kk=3", "reward.kk: unknown key"),
+        ("task.stations=[0,0,-5]", "task.stations: unknown key"),
         ("noise", "'noise' is not key=value"),
         ("noise.scale=loud", "noise.scale"),
         ("disturbance=storm", "disturbance=storm: no such option"),
@@ -163,6 +165,35 @@ def test_a_condition_with_a_mistake_is_named(override, message):
     broken = dataclasses.replace(test.conditions[0], overrides=[override])
     with pytest.raises(ConfigError, match=message):
         resolve_conditions(dataclasses.replace(test, conditions=[broken]), config())
+
+
+def test_a_condition_may_set_a_key_of_one_task():
+    test = protocol()
+    shallow = dataclasses.replace(test.conditions[0], overrides=["task.station=[0,0,-5]"])
+    test = dataclasses.replace(test, conditions=[shallow])
+    (moved,) = resolve_conditions(test, config("task=station_keeping", "vehicle=bluerov2_heavy"))
+    assert moved.config.task.station == [0, 0, -5]
+    (same,) = resolve_conditions(test, config("task=docking", "vehicle=bluerov2_heavy"))
+    (usual,) = resolve_conditions(protocol(), config("task=docking", "vehicle=bluerov2_heavy"))
+    assert same.config == usual.config
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", TASKS)
+def test_the_suite_tests_every_task_under_one_factor_at_a_time(task):
+    run = config(f"task={task}", "vehicle=bluerov2_heavy", "disturbance=moderate", "noise=none")
+    found = {c.name: c.config for c in resolve_conditions(protocol("protocol=suite"), run)}
+    nominal = found["nominal"]
+    assert nominal.task.name == task
+    assert nominal.disturbance.name == "none"
+    assert found["current=1"].disturbance.current.speed == 1.0
+    assert found["dead-thruster"].disturbance.fault.mode == "dead"
+    assert found["delay=0.3"].disturbance.delay.action == 0.3
+    assert found["noise=4"].noise.scale == 4.0
+    assert found["payload=0.2"].disturbance.randomisation.mass.low == 1.2
+    assert not found["payload=0.2"].disturbance.randomisation.keep_trim
+    assert [name for name in found if name.startswith("vehicle=")] == ["vehicle=bluerov2-heavy-wu2018"]
+    assert len({repr(one) for one in found.values()}) == len(found), "no two conditions are alike"
 
 
 @pytest.mark.slow
