@@ -61,22 +61,24 @@ def environments() -> Iterator[Row]:
 
 def tasks() -> Iterator[Row]:
     """The full environment step of each task."""
-    n, vehicle, waypoint = 1024, "bluerov2_heavy", 0.0
+    n, vehicle = 1024, "bluerov2_heavy"
     yield (
         "plain Python, `for i in range(n): x += i * 0.5`",
         f"{loop_rate() / 1e6:.1f}",
         "million turns/s",
         "to compare machines",
     )
-    for task in TASKS:
-        words = f"task={task}", f"vehicle={vehicle}", f"step.frequency={FREQUENCY}"
-        rate = n / _stepper(Batch(configuration(*words), n))
-        waypoint = waypoint or rate
+    words = f"vehicle={vehicle}", f"step.frequency={FREQUENCY}"
+    batches = {task: Batch(configuration(f"task={task}", *words), n) for task in TASKS}
+    rates = dict.fromkeys(batches, 0.0)
+    for _ in range(3):  # in turns: the load of a machine changes
+        rates |= {task: max(rates[task], n / _stepper(batch)) for task, batch in batches.items()}
+    for task, rate in rates.items():
         yield (
             f"environment steps, {task}, {vehicle}, N = {n}",
             f"{rate:,.0f}",
             "steps/s",
-            f"{rate / waypoint:.2f} times waypoint",
+            f"{rate / rates['waypoint']:.2f} times waypoint",
         )
 
 

@@ -224,7 +224,7 @@ def add_errors_row(i: int, distance: float, yaw_error: float, F: Floats) -> None
     F[i, F_COUNTED] += 1.0
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def end_row(
     i: int,
     outcome: int,
@@ -265,7 +265,7 @@ def end_row(
     return 1 if outcome >= 0 else 0
 
 
-@njit(nogil=True)
+@njit(nogil=True, forceinline=True)
 def observe_row(
     i: int,
     pose: Floats,

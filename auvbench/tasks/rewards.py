@@ -63,6 +63,18 @@ def hook_of(function: Callable[..., float]) -> Any:
 
 
 @njit(nogil=True)
+def thesis_row(i: int, outcome: int, distance: float, F: Floats, P: Floats) -> float:
+    """Return the reward of the original study: equation 2.1."""
+    p = P_REWARD_OWN
+    if outcome in (COLLISION, OUT_OF_BOUNDS):
+        return float(P[p + 3])
+    if outcome == SUCCESS:
+        return float(P[p + 2])
+    # F_DISTANCE is that of the step before.
+    return float(P[p] * math.exp(-distance / P[p + 1]) if distance < F[i, F_DISTANCE] else P[p + 4])
+
+
+@njit(nogil=True)
 def reward_row(
     i: int,
     outcome: int,
@@ -89,12 +101,7 @@ def reward_row(
     k, p = P[P_REWARD_OWN], P_REWARD_OWN
     failed = outcome in (COLLISION, OUT_OF_BOUNDS)
     if kind == THESIS:
-        if failed:
-            return float(P[p + 3])
-        if outcome == SUCCESS:
-            return float(P[p + 2])
-        # F_DISTANCE is that of the step before.
-        return float(k * math.exp(-distance / P[p + 1]) if distance < F[i, F_DISTANCE] else P[p + 4])
+        return thesis_row(i, outcome, distance, F, P)
     if kind == EXPONENTIAL:
         return float(P[p + 2] if failed else k * math.exp(-P[p + 1] * distance))
     effort, change, thrust = 0.0, 0.0, 0.0

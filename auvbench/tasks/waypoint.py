@@ -32,7 +32,7 @@ from auvbench.tasks.kernels import (
     wrap,
     yaw_row,
 )
-from auvbench.tasks.rewards import THESIS, reward_row
+from auvbench.tasks.rewards import THESIS, reward_row, thesis_row
 
 REFERENCE_COLUMNS = (
     "episode",
@@ -124,11 +124,12 @@ def advance(
             deviation = math.sqrt(px * px + py * py + pz * pz)
         F[i, F_DEVIATION] += deviation
         F[i, F_DEVIATION_SQUARED] += deviation * deviation
-        yaw_error = 0.0
-        if P[P_REWARD] != THESIS:
+        if P[P_REWARD] == THESIS:
+            r = thesis_row(i, outcome, distance, F, P)
+        else:
             ahead = math.atan2(F[i, F_REFERENCE + 1] - pose[i, 1], F[i, F_REFERENCE] - pose[i, 0])
             yaw_error = wrap(ahead - yaw_row(i, pose))
-        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
+            r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
         ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
 
