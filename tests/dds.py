@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -152,6 +153,16 @@ class Process:
             self.send(signal.SIGCONT)
             self.send(signal.SIGTERM)
         self.ends()
+
+
+def matched(*ends: Any) -> bool:
+    """Return whether each publisher, subscription and client has its other end.
+
+    A reliable publisher sends a message again until the readers that it knows have it. A reader that it discovers later
+    gets none of the earlier messages, and a service drops the answer to a client that it does not know yet.
+    """
+    count = ("get_subscription_count", "get_publisher_count", "service_is_ready")
+    return all(getattr(end, next(name for name in count if hasattr(end, name)))() for end in ends)
 
 
 @contextlib.contextmanager

@@ -291,11 +291,12 @@ class Connection:
 
         self.session.until(near, self.timeout)
 
-    def publish_current(self, current: Floats) -> None:
-        """Publish a current (3,) in m/s for all vehicles."""
+    def publish_current(self, current: Floats) -> bool:
+        """Publish a current (3,) in m/s for all vehicles; return whether a server listens."""
         water = self.session.ros.geometry.Vector3()
         water.x, water.y, water.z = current.tolist()
         self._current.publish(water)
+        return bool(self._current.get_subscription_count())
 
     # Steps.
 

@@ -196,8 +196,9 @@ class Ros2Simulator:
             self._send()
         else:
             message *= np.where(self._thrusters, self.effectiveness, 1.0)
-            if np.any(self._current[0, :3] != self._sent_current[0, :3]):
-                self._connection.publish_current(self._current[0, :3])
+            water = self._current[0, :3]
+            # The server may not have discovered this topic yet: it is sent again until a server listens.
+            if np.any(water != self._sent_current[0, :3]) and self._connection.publish_current(water):
                 self._sent_current[...] = self._current
         self._all[: self.n] = message
         self._connection.step(self._all, duration)

@@ -107,7 +107,8 @@ def ends_of(session, node, *actuators):
     reset = node.create_client(ros.services.Trigger, names.reset)
     session.renew()
     first = commands[names.command("thruster1")]
-    assert session.discovered(lambda: first.get_subscription_count() > 0 and reset.service_is_ready(), LIMIT)
+    assert session.discovered(lambda: dds.matched(first, reset), LIMIT)
+    assert session.discovered(lambda: node.count_publishers(names.odometry) > 0, LIMIT)
     return discovery.Endpoints(names, commands, reset, reset)
 
 
@@ -272,7 +273,7 @@ def test_a_training_whose_server_is_killed_goes_on_with_the_next_one(elsewhere, 
     assert "/bluerov2/" in manifest["error"]["message"]
     assert 0 < manifest["steps"] < 320
     with dds.serving("--lockstep"):
-        assert main(command) == 0
+        assert main([*command, f"simulator.timeout={LIMIT:g}"]) == 0
     manifest = RunDirectory(path).manifest()
     assert (manifest["state"], manifest["steps"]) == ("complete", 320)
     assert manifest["episodes_begun_again"]
@@ -291,14 +292,14 @@ def test_a_mistyped_namespace_is_corrected_by_the_next_command(elsewhere, tmp_pa
     (path,) = (tmp_path / "default").iterdir()
     ros2.leave()
     with dds.serving("--lockstep"):
-        words = ["simulator.namespace=bluerov2", "simulator.timeout=60"]
+        words = ["simulator.namespace=bluerov2", f"simulator.timeout={LIMIT:g}"]
         assert main(["resume", str(path), *words]) == 0
     assert RunDirectory(path).manifest()["state"] == "complete"
     capsys.readouterr()
 
 
 def test_a_restarted_server_gets_a_new_connection(elsewhere):
-    settings = Ros2(name="ros2", namespace=None, clock="lockstep", timeout=20.0)
+    settings = Ros2(name="ros2", namespace=None, clock="lockstep", timeout=LIMIT)
     vehicle = load("bluerov2")
     with dds.serving("--lockstep"):
         first = ros2.connect(settings, vehicle)

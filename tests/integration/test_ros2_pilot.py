@@ -28,6 +28,7 @@ LIMITS = Limits(
     depth_low=-60.0, depth_high=-1.0, goal_radius=2.0, max_steps=1000, pose_timeout=0.3, lost_after=0.9
 )
 PUSH = 20.0  # N, of an action of one half
+PATIENCE = 20.0  # s until a question is asked again
 
 
 class Half:
@@ -125,11 +126,26 @@ class Tank:
         while self.clock.now < end:
             self.work()
 
+    def meet(self):
+        """Wait until each end here has its other end in the pilot, and each end in the pilot its other end here."""
+        here = [*self.node.subscriptions, self.goals, self.arming, self.stopping]
+        theirs = [] if self.pilot is None else [*self.pilot._publishers, self.pilot._state]
+        theirs += [] if self.pilot is None else self.pilot.node.subscriptions
+        self.until(lambda: dds.matched(*here, *theirs))
+
     def ask(self, client, request):
+        """Return a service's answer; ask again where it is lost: a service waits 0.1 s to discover its client."""
         self.until(client.service_is_ready)
-        answer = self.session.ask(client, request)
-        self.until(lambda: answer.value is not None)
-        return answer.value
+        asked = []
+        for _ in range(int(LIMIT / PATIENCE)):
+            asked.append(self.session.ask(client, request))
+            end = time.monotonic() + PATIENCE
+            while time.monotonic() < end:
+                self.work()
+                for answer in asked:
+                    if answer.value is not None:
+                        return answer.value
+        pytest.fail(f"{client.srv_name} does not answer")
 
     def arm(self, data=True):
         return self.ask(self.arming, self.session.ros.services.SetBool.Request(data=data))
@@ -176,7 +192,7 @@ def tank(domain, clock, tmp_path):
         limits=LIMITS,
         logbook=Logbook(tmp_path / "log", {"frequency_hz": 20.0}),
     )
-    tank.until(lambda: tank.goals.get_subscription_count() > 0)
+    tank.meet()
     tank.until(lambda: tank.pilot.age < 0.1)
     yield tank
     tank.pilot.close("the test is over")
@@ -234,7 +250,8 @@ def test_what_it_does_not_arm_with(tank):
     tank.position[2] = -10.0
     tank.until(lambda: tank.pilot.age < 0.1)
     company = tank.node.create_publisher(tank.session.ros.std.Float64, "/bluerov2/cmd_thruster3", 10)
-    tank.until(lambda: "cmd_thruster3: another client commands" in tank.arm().message)
+    tank.until(lambda: tank.pilot.node.count_publishers("/bluerov2/cmd_thruster3") == 2)
+    assert "cmd_thruster3: another client commands" in tank.arm().message
     tank.node.destroy_publisher(company)
 
 
@@ -354,7 +371,7 @@ def test_a_policy_from_a_file_commands_what_it_answers(domain, clock, tmp_path):
     tank.pilot = Pilot(
         "bluerov2", setup.controller, thrust, frequency=10.0, spec=setup.spec, limits=setup.limits
     )
-    tank.until(lambda: tank.goals.get_subscription_count() > 0)
+    tank.meet()
     tank.goal(5.0, -4.0, -12.0)
     tank.until(lambda: tank.pilot.steering.waypoint is not None)
     tank.until(lambda: tank.arm().success)
@@ -379,6 +396,7 @@ def test_a_mission_from_command_to_replay(number, tmp_path, capsys):
         pilot = dds.Process("pilot", "pid", *words)
         try:
             pilot.says("arm it")
+            tank.meet()
             tank.until(lambda: tank.arm().success)
             pilot.says("waypoint reached")
             tank.goal(-15.0, 0.0, -30.0)
