@@ -55,7 +55,8 @@ class Renderer:
         state = self._batch.state
         for i in indices.tolist():
             self._scenes[i] = None
-            trail = self._trails[i] = Trail(state.reference[i].copy())
+            task = self._batch.task
+            trail = self._trails[i] = Trail(task.goal(i), task.dock_yaw(i))
             trail.add(state.pose[i], state.distance[i])
 
     def follow(self, i: int, pose: Any, distance: float, force: Any, outcome: str | None = None) -> None:

@@ -44,7 +44,8 @@ LOOK: Any = {
 class Trail:
     """What an episode left behind so far: T steps, T + 1 places."""
 
-    waypoint: Floats  # (3,) m
+    waypoint: Floats  # (3,) m, the goal of a task with another
+    dock_yaw: float | None = None  # rad, in which a dock is entered
     position: list[Floats] = field(default_factory=list)  # (3,) m
     yaw: list[float] = field(default_factory=list)  # rad
     distance: list[float] = field(default_factory=list)  # m
@@ -71,6 +72,7 @@ def panels(
     end: float,
     farthest: float,
     force: float,
+    dock_yaw: float | None = None,
 ) -> tuple[Any, Any, Any, Any]:
     """Axes in space, from above, of the distance and of the commands over time, with all that does not move.
 
@@ -83,6 +85,7 @@ def panels(
         end: s, of the time axes.
         farthest: m, of the axis of distances.
         force: N, of the axis of commands.
+        dock_yaw: rad, in which a dock at the waypoint is entered.
     """
     from matplotlib.patches import Circle
 
@@ -98,7 +101,13 @@ def panels(
         color="#9a9a9a",
         linewidth=0.4,
     )
-    corners = np.vstack([low, high, waypoint - radius, waypoint + radius])
+    seen = [low, high, waypoint - radius, waypoint + radius]
+    if dock_yaw is not None and isinstance(task, tasks.Docking):
+        cone = _cone(waypoint, dock_yaw, task)
+        space.plot(*cone.T, color="#9a9a9a", linewidth=0.6)
+        above.plot(*cone[:, :2].T, color="#9a9a9a", linewidth=0.6)
+        seen += [cone.min(0), cone.max(0)]
+    corners = np.vstack(seen)
     middle = (corners.max(0) + corners.min(0)) / 2
     half = max(float(np.ptp(corners, axis=0).max()) / 2, 2.0) * 1.05
     limits = np.stack([middle - half, middle + half], axis=1).tolist()
@@ -124,6 +133,15 @@ def panels(
     time.set(ylabel="distance (m)", xlim=(0, end), ylim=(0, farthest), title="over time")
     command.set(ylabel="command (N)", xlabel="time (s)", xlim=(0, end), ylim=(-force, force))
     return space, above, time, command
+
+
+def _cone(dock: Floats, yaw: float, task: tasks.Docking) -> Floats:
+    """Return a line (36, 3) in m along the sides and round the rim of the cone in which a dock may be entered."""
+    out, side = np.array([-np.cos(yaw), -np.sin(yaw), 0.0]), np.array([np.sin(yaw), -np.cos(yaw), 0.0])
+    turn = np.linspace(0.0, 2.0 * np.pi, 13)[:, None]
+    wide = np.tan(task.cone) * (np.cos(turn) * side + np.sin(turn) * np.array([0.0, 0.0, 1.0]))
+    rim = dock + task.standoff * (out + wide)
+    return np.stack([np.broadcast_to(dock, rim[1:].shape), rim[:-1], rim[1:]], axis=1).reshape(-1, 3)
 
 
 def tolerance(task: tasks.Task) -> float:
@@ -204,6 +222,7 @@ class Scene:
                 end=self._end,
                 farthest=self._farthest,
                 force=self._force,
+                dock_yaw=trail.dock_yaw,
             )
             figure.suptitle(" ", fontsize=10)
             self._canvas.draw()

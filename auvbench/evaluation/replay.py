@@ -42,10 +42,11 @@ class Replay:
     command: Floats  # (T, n_u) N
     waypoint: Floats  # (3,) m, the goal of a task with another
     reference: Floats | None = None  # (T + 1, 3) m, where it moves
+    dock_yaw: Floats | None = None  # (1,) rad, in which a dock is entered
 
     @property
     def distance(self) -> Floats:
-        """Return the distance (T + 1,) m to the reference."""
+        """Return the distance (T + 1,) m to the waypoint, the goal or a reference that moves."""
         to = self.waypoint if self.reference is None else self.reference
         return np.asarray(np.linalg.norm(self.position - to, axis=1), dtype=np.float32)
 

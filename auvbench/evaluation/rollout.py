@@ -28,16 +28,19 @@ class Trajectory:
     command: list[Floats] = field(default_factory=list)  # (n_u,) N each
     waypoint: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) m, the goal of a task with another
     reference: list[Floats] = field(default_factory=list)  # (3,) m each
+    dock_yaw: float | None = None  # rad, in which a dock is entered
 
     def arrays(self, duration: float) -> dict[str, NDArray[np.float32]]:
         """Return float32 arrays: position (T + 1, 3), yaw (T + 1,), command (T, n_u), waypoint (3,), time (T + 1,).
 
-        Where the reference moves, also reference (T + 1, 3).
+        With a dock also dock_yaw (1,); otherwise, where the reference moves, reference (T + 1, 3). On the way to a dock
+        the reference is an aid of the task's: what is asked for is the dock.
         """
         reference = np.asarray(self.reference, dtype=np.float32)
-        moves = bool((reference != reference[:1]).any())
+        moves = self.dock_yaw is None and bool((reference != reference[:1]).any())
         return {
             **({"reference": reference} if moves else {}),
+            **({} if self.dock_yaw is None else {"dock_yaw": np.array([self.dock_yaw], dtype=np.float32)}),
             "position": np.asarray(self.position, dtype=np.float32),
             "yaw": np.asarray(self.yaw, dtype=np.float32),
             "command": np.asarray(self.command, dtype=np.float32),
@@ -136,7 +139,7 @@ def _one_batch(
     rows: dict[int, Record] = {}
     task, simulator = environments.task, environments.simulator
     for i, episode in enumerate(followed):
-        paths[episode] = Trajectory(waypoint=task.goal(i))
+        paths[episode] = Trajectory(waypoint=task.goal(i), dock_yaw=task.dock_yaw(i))
         _follow(paths[episode], simulator.pose[i], task.reference[i])
     while len(rows) < environments.n:
         running = [i for i in range(len(followed)) if i not in rows]

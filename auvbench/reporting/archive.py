@@ -181,16 +181,16 @@ def _tracks(run: RunRecord, evaluation: Evaluation) -> list[pd.DataFrame]:
     found = []
     for condition in dict.fromkeys(evaluation.episodes["condition"]):
         try:
-            for episode, _, position, time in paths(run.id, evaluation, condition, EPISODES_KEPT):
-                x, y, z = np.rint(1e3 * position).astype(np.int32).T
+            for path in paths(run.id, evaluation, condition, EPISODES_KEPT):
+                x, y, z = np.rint(1e3 * path.position).astype(np.int32).T
                 found.append(
                     pd.DataFrame(
                         {
                             "run": run.id,
                             "protocol": evaluation.protocol,
                             "condition": condition,
-                            "episode": np.int32(episode),
-                            "t_ms": np.rint(1e3 * time).astype(np.int32),
+                            "episode": np.int32(path.episode),
+                            "t_ms": np.rint(1e3 * path.time).astype(np.int32),
                             "x_mm": x,
                             "y_mm": y,
                             "z_mm": z,

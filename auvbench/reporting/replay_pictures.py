@@ -99,6 +99,7 @@ def scene(figure: Canvas, episode: Replay) -> tuple[Any, Axes, Axes, Axes]:
         end=float(episode.time[-1]),
         farthest=float(episode.distance.max()) * 1.05,
         force=float(np.abs(episode.command).max()) * 1.05 or 1.0,
+        dock_yaw=None if episode.dock_yaw is None else float(episode.dock_yaw[0]),
     )
 
 
@@ -193,7 +194,7 @@ def film(episode: Replay, path: Path, tell: Callable[[int, int], None] = lambda 
 
 
 def pictures(episode: Replay, steps: list[int]) -> Iterator[Picture]:
-    """Yield the scene at some steps, (352, 832, 3) each."""
+    """Yield the scene at some steps, (352, 832, 3) each; a ring is a reference that moves."""
     from auvbench.reporting.replay_pictures import heading, lines, scene
 
     with style.styled():
@@ -204,7 +205,9 @@ def pictures(episode: Replay, steps: list[int]) -> Iterator[Picture]:
         path3, path2, distance, *commands = lines(axes, episode)
         (nose3,) = axes[0].plot([], [], [], color="black", linewidth=3)
         (nose2,) = axes[1].plot([], [], color="black", linewidth=3)
-        moving = [path3, nose3, path2, nose2, distance, *commands]
+        (aim3,) = axes[0].plot([], [], [], "o", color="black", markersize=4, fillstyle="none")
+        (aim2,) = axes[1].plot([], [], "o", color="black", markersize=4, fillstyle="none")
+        moving = [path3, nose3, path2, nose2, aim3, aim2, distance, *commands]
         for artist in moving:
             artist.set_animated(True)
         figure.draw_without_rendering()  # settles the layout
@@ -220,6 +223,9 @@ def pictures(episode: Replay, steps: list[int]) -> Iterator[Picture]:
             path3.set_data_3d(*p.T)
             nose3.set_data_3d(*nose)
             path2.set_data(*p[:, :2].T)
+            if episode.reference is not None:
+                aim3.set_data_3d(*episode.reference[step, :, None])
+                aim2.set_data(*episode.reference[step, :2, None])
             nose2.set_data(*nose[:2])
             distance.set_data(episode.time[: step + 1], episode.distance[: step + 1])
             for j, command in enumerate(commands):

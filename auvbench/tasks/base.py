@@ -251,6 +251,10 @@ class Task:
         """Return where environment i is to be at the end (3,) in m: waypoint, station, dock, end of the path or curve."""
         return np.array(self.reference[i])
 
+    def dock_yaw(self, i: int) -> float | None:
+        """Return the yaw in rad with which a vehicle enters the dock of environment i; None in a task without a dock."""
+        return None
+
     def records(self, indices: Integers) -> list[Record]:
         """Return the records of episodes that just ended."""
         return [record_of(self._totals(int(i)), self.name) for i in indices]

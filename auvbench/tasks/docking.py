@@ -194,6 +194,9 @@ class DockingTask(TrackingTask):
     def goal(self, i: int) -> Floats:
         return self.F[i, F_GOAL : F_GOAL + 3].copy()
 
+    def dock_yaw(self, i: int) -> float:
+        return float(self.F[i, F_REFERENCE_YAW])
+
     def place(self, indices: Integers, pose: Floats) -> None:
         super().place(indices, pose)
         refer(indices, self.F, self.parameters)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,12 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from auvbench.cli import main
+from auvbench.config.compose import compose
+from auvbench.config.tasks import TASKS
+from auvbench.config.validate import evaluate_config
+from auvbench.evaluation.replay import replay
 from auvbench.reporting import replay_pictures as films
+from auvbench.runs.directory import RunDirectory
 from tests import configs
 
 
@@ -132,3 +138,23 @@ def test_a_picture_of_the_film_is_the_scene_drawn_anew():
 def test_a_folder_of_runs_is_no_run(tmp_path, capsys):
     assert main(["replay", str(tmp_path)]) == 2
     assert "no run directory" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", [name for name in TASKS if name != "waypoint"])
+def test_each_task_is_drawn_with_its_reference_or_its_dock(task, tmp_path, monkeypatch):
+    monkeypatch.setattr(films, "LONGEST", 5)
+    words = [f"task={task}", "vehicle=bluerov2_heavy", "task.time_limit=2.0"]
+    words += ["task.hold_time=1.0", "task.settling=0.5"] if task == "station_keeping" else []
+    assert main(["train", "algo=pid", f"output={tmp_path}", *words]) == 0
+    (path,) = (tmp_path / "default").iterdir()
+    protocol = evaluate_config(compose("evaluate", [])).protocol
+    shown = replay(RunDirectory(path), protocol, "nominal", 0)
+    assert (shown.reference is not None) == (task in ("trajectory_tracking", "path_following"))
+    assert (shown.dock_yaw is not None) == (task == "docking")
+    target = shown.waypoint if shown.reference is None else shown.reference
+    assert shown.distance[-1] == np.float32(np.linalg.norm(shown.position - target, axis=1)[-1])
+    film, plain = films.film(shown, tmp_path / "film.gif"), tmp_path / "plain.gif"
+    films.film(dataclasses.replace(shown, reference=None, dock_yaw=None), plain)
+    same = film.read_bytes() == plain.read_bytes()
+    assert same == (task == "station_keeping"), "the reference or the dock is not drawn"

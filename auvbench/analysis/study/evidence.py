@@ -69,7 +69,9 @@ def _paid(run: RunRecord, fingerprint: str, k: float) -> tuple[list[int], FloatA
         condition = "nominal" if "nominal" in names else names[0]
         try:
             found = paths(run.id, evaluation, condition, EPISODES)
-            kept = [(e, pay(p, np.array(w), run.config, k)) for e, w, p, _ in found]
+            kept = [
+                (path.episode, pay(path.position, np.array(path.waypoint), run.config, k)) for path in found
+            ]
         except Damage:  # the figures name it
             return None
         return [e for e, _ in kept], np.array([value for _, value in kept])

@@ -100,7 +100,7 @@ def _positions(scene: Scene, agent: Agent) -> dict[int, FloatArray]:
     except Damage as damage:
         scene.problem(run, damage)
         return {}
-    return {ids[episode]: position for episode, _, position, _ in found if episode in ids}
+    return {ids[path.episode]: path.position for path in found if path.episode in ids}
 
 
 def _telling_episode(

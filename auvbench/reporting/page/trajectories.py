@@ -1,7 +1,8 @@
 """Trajectories for the 3-D view: read from the runs, thinned, and packed small enough for a page.
 
 A run's `evaluations/<protocol>/trajectories.npz` holds `position_<condition>_<episode>` (T+1, 3) m,
-`time_...` (T+1,) s and `waypoint_...` (3,) m for its first few episodes. Here each path becomes at most
+`time_...` (T+1,) s and `waypoint_...` (3,) m for its first few episodes, `reference_...` (T+1, 3) m where the
+reference moves, and `dock_yaw_...` (1,) rad where there is a dock. Here each path becomes at most
 `POINTS` positions, equally spaced in steps, as little-endian int16 counts of `unit` metres in base64: 1 cm
 where the path stays within 327 m, and the smallest unit that holds it otherwise.
 """
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.paths import has_paths, paths
+from auvbench.analysis.paths import StoredPath, has_paths, paths
 from auvbench.analysis.records import Agent, Problem, RunRecord
 from auvbench.record import OUTCOMES
 
@@ -46,17 +47,21 @@ class Track:
     time: NDArray[np.float64]
     """(T+1,) s"""
     outcome: str
-    """success | collision | timeout, or '' where the table of episodes does not say"""
+    """one of `record.OUTCOMES`, or '' where the table of episodes does not say"""
+    reference: NDArray[np.float64] | None = None
+    """(T+1, 3) m, where it moves"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """One test episode: where the waypoint lay and how each run went there."""
+    """One test episode: where the waypoint or goal lay and how each run went there."""
 
     episode: int
     waypoint: tuple[float, float, float]
     """m, world ENU"""
     tracks: tuple[Track, ...]
+    dock_yaw: float | None = None
+    """rad, in which a dock is entered"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,18 +97,24 @@ def read(
     ]
     candidates.sort(key=lambda candidate: candidate[:2])
     problems: list[Problem] = []
-    waypoints: dict[int, tuple[float, float, float]] = {}
+    first: dict[int, StoredPath] = {}
     tracks: dict[int, list[Track]] = {}
     for row, index, run, evaluation in candidates[:runs]:
         try:
-            for episode, waypoint, position, time in paths(run.id, evaluation, condition, episodes):
-                outcome = _outcome(agents[index], row, episode)
-                waypoints.setdefault(episode, waypoint)
-                tracks.setdefault(episode, []).append(Track(index, run, position, time, outcome))
+            for path in paths(run.id, evaluation, condition, episodes):
+                outcome = _outcome(agents[index], row, path.episode)
+                first.setdefault(path.episode, path)
+                track = Track(index, run, path.position, path.time, outcome, path.reference)
+                tracks.setdefault(path.episode, []).append(track)
         except Damage as damage:
             problems.append(Problem(where=run.id, kind=damage.kind, message=str(damage)))
     scenes = tuple(
-        Scene(episode, waypoints[episode], tuple(sorted(found, key=lambda t: (t.agent, t.run.seed))))
+        Scene(
+            episode,
+            first[episode].waypoint,
+            tuple(sorted(found, key=lambda t: (t.agent, t.run.seed))),
+            first[episode].dock_yaw,
+        )
         for episode, found in sorted(tracks.items())
     )
     return Scenes(scenes, tuple(problems), max(0, len(candidates) - runs))
@@ -113,9 +124,10 @@ def pack(scenes: Scenes, *, budget: int = BUDGET) -> list[dict[str, Any]]:
     """The episodes as plain data for JSON, `budget` characters of positions at most (about).
 
     A track becomes `{agent, seed, run, outcome, dt, end, unit, start, distance, points}`: `points` is base64
-    of int16 (n, 3) counts of `unit` metres; point i lies at min(i dt, end) seconds after the start.
+    of int16 (n, 3) counts of `unit` metres; point i lies at min(i dt, end) seconds after the start. `reference`
+    holds as many points of a reference that moves.
     """
-    count = sum(len(scene.tracks) for scene in scenes.scenes)
+    count = sum(1 + (track.reference is not None) for scene in scenes.scenes for track in scene.tracks)
     # 6 bytes a point, 4 characters for 3 bytes
     points = max(24, min(POINTS, budget // max(1, count) // 8))
     return [
@@ -123,6 +135,7 @@ def pack(scenes: Scenes, *, budget: int = BUDGET) -> list[dict[str, Any]]:
             "episode": scene.episode,
             "waypoint": [round(value, 3) for value in scene.waypoint],
             "tracks": [_pack_track(track, points) for track in scene.tracks],
+            **({} if scene.dock_yaw is None else {"dock_yaw": round(scene.dock_yaw, 4)}),
         }
         for scene in scenes.scenes
     ]
@@ -135,8 +148,11 @@ def _pack_track(track: Track, points: int) -> dict[str, Any]:
     elapsed = track.time - track.time[0]
     duration = float(elapsed[-1])
     position = track.position[kept]
-    unit = max(UNIT, float(np.abs(position).max(initial=0.0)) / 32767.0)
-    counts = np.rint(position / unit).astype("<i2")
+    reference = None if track.reference is None else track.reference[kept]
+    farthest = max(
+        float(np.abs(found).max(initial=0.0)) for found in (position, reference) if found is not None
+    )
+    unit = max(UNIT, farthest / 32767.0)
     return {
         "agent": track.agent,
         "seed": track.run.seed,
@@ -145,8 +161,13 @@ def _pack_track(track: Track, points: int) -> dict[str, Any]:
         "dt": round(duration / max(1, steps) * stride, 9),
         "end": round(duration, 6),
         "unit": unit,
-        "points": base64.b64encode(counts.tobytes()).decode("ascii"),
+        "points": _counts(position, unit),
+        **({} if reference is None else {"reference": _counts(reference, unit)}),
     }
+
+
+def _counts(points: NDArray[np.float64], unit: float) -> str:
+    return base64.b64encode(np.rint(points / unit).astype("<i2").tobytes()).decode("ascii")
 
 
 def _outcome(agent: Agent, row: int, episode: int) -> str:

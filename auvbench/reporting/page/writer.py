@@ -203,13 +203,16 @@ def _data(
 ) -> dict[str, Any]:
     """Return what the 3-D view reads; the template's tojson filter escapes it for a script element."""
     config: Mapping[str, Any] = runs[0].config if runs else {}
-    start = scenes.scenes[0].tracks[0].position[0].tolist() if scenes.scenes else [0.0, 0.0, -20.0]
+    waypoint = config.get("task.name", "waypoint") == "waypoint"
     return {
         "agents": [
             {"label": agent.label, "colour": styles[agent.label][0], "dash": styles[agent.label][1]}
             for agent in agents
         ],
-        "start": [round(value, 3) for value in start],
+        # The original task has the whole water in its box; other tasks have what their paths need.
+        "goal": "waypoint" if waypoint else "goal",
+        "cone": _length(config.get("task.cone"), 0.0),
+        "reach": _length(config.get("task.standoff"), 0.0),
         "goal_radius": _length(config.get("task.goal_radius", config.get("task.tolerance", 0.0)), 3.0),
         "depth": [_length(config.get("task.depth_low"), -60.0), _length(config.get("task.depth_high"), -1.0)],
         "episodes": trajectories_.pack(scenes),

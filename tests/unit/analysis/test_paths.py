@@ -12,7 +12,7 @@ import pytest
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.load import load
 from auvbench.analysis.paths import NAME, paths
-from tests.synthetic import write_experiment
+from tests.synthetic import seal, write_experiment
 
 
 def drawn(run: Path, **arrays: Any) -> list[Any]:
@@ -21,6 +21,7 @@ def drawn(run: Path, **arrays: Any) -> list[Any]:
     with np.load(file) as there:
         whole = dict(there) | arrays
     np.savez_compressed(file, **whole)
+    seal(file.with_name("summary.json"))
     assert file.stat().st_size < 150_000
     (record,), _ = load([run])
     tracemalloc.start()
@@ -44,3 +45,18 @@ def test_paths_are_floating_point_numbers(tmp_path: Path) -> None:
     (run,) = write_experiment(tmp_path, algorithms=("pid",), seeds=(0,), episodes=5)
     with pytest.raises(Damage, match="floating-point"):
         drawn(run, position_nominal_0=np.zeros((50, 3), dtype=np.int8))
+
+
+def test_a_reference_and_the_yaw_of_a_dock_are_read_where_they_are_stored(tmp_path: Path) -> None:
+    (run,) = write_experiment(tmp_path, algorithms=("pid",), seeds=(0,), episodes=5)
+    with np.load(run / "evaluations" / "test" / NAME) as there:
+        reference = there["position_nominal_0"] + np.float32(1.0)
+    first, second, *_ = drawn(
+        run, reference_nominal_0=reference, dock_yaw_nominal_1=np.array([0.5], dtype=np.float32)
+    )
+    np.testing.assert_array_equal(first.reference, reference)
+    assert (first.dock_yaw, second.reference, second.dock_yaw) == (None, None, 0.5)
+    with pytest.raises(Damage, match="reference_nominal_0 has shape"):
+        drawn(run, reference_nominal_0=reference[1:])
+    with pytest.raises(Damage, match="not finite"):
+        drawn(run, reference_nominal_0=reference, dock_yaw_nominal_1=np.array([np.nan], dtype=np.float32))

@@ -259,6 +259,23 @@ def test_far_path_fits_with_a_coarser_unit(run: RunRecord) -> None:
     np.testing.assert_allclose(unpacked(track), position, atol=1500 / 32767)
 
 
+def test_a_reference_is_packed_with_its_path(run: RunRecord) -> None:
+    position = np.cumsum(np.random.default_rng(2).normal(0, 0.1, (600, 3)), axis=0)
+    found = scene(run, position).scenes[0]
+    (track,) = found.tracks
+    guided = dataclasses.replace(track, reference=position + 400.0)
+    packed = trajectories.pack(
+        trajectories.Scenes((dataclasses.replace(found, tracks=(guided,), dock_yaw=1.0),))
+    )[0]
+    (both,) = packed["tracks"]
+    assert packed["dock_yaw"] == 1.0
+    reference = unpacked(both | {"points": both["reference"]})
+    np.testing.assert_allclose(reference - unpacked(both), 400.0, atol=2 * both["unit"])
+    plain = trajectories.pack(scene(run, position))[0]
+    assert "reference" not in plain["tracks"][0]
+    assert "dock_yaw" not in plain
+
+
 def test_budget_thins_paths(run: RunRecord) -> None:
     one = scene(run, np.zeros((1001, 3))).scenes[0]
     many = trajectories.Scenes((dataclasses.replace(one, tracks=one.tracks * 100),))

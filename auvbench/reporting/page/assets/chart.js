@@ -1,21 +1,21 @@
-// Distance to the waypoint over time, under the picture.
+// Distance to the waypoint, goal or moving reference over time, under the picture.
 const Chart = (() => {
   "use strict";
   const { DASHES, palette, contrast, prepare, halo, text } = Pen;
 
-  /** Distance to the waypoint over time, with the moment shown in the picture above. */
+  /** Distance over time, with the moment shown in the picture above. */
   function draw(canvas, show) {
     const { context, width, height } = prepare(canvas);
-    const { world, tracks, time, longest } = show;
+    const { world, tracks, time, longest, guide } = show;
     const colours = palette();
     const area = { left: 40, right: width - 12, top: 12, bottom: height - 30 };
-    let most = 10;
+    let most = world.goal === "waypoint" ? 10 : 1;
     for (const track of tracks) for (const d of track.distance) most = Math.max(most, d);
     const x = (t) => area.left + ((area.right - area.left) * t) / (longest || 1);
     const y = (d) => area.bottom - ((area.bottom - area.top) * d) / most;
     context.fillStyle = colours.soft;
     context.lineWidth = 1;
-    const step = most > 60 ? 50 : most > 25 ? 20 : 10;
+    const step = [0.5, 1, 2, 5, 10, 20, 50].find((s) => most / s <= 3) ?? 50;
     for (let d = 0; d <= most; d += step) {
       context.strokeStyle = colours.rule;
       context.globalAlpha = d ? 0.5 : 1;
@@ -33,11 +33,13 @@ const Chart = (() => {
     context.fillStyle = colours.ink;
     context.fillText("time, s", area.right, area.bottom + 17);
     context.textAlign = "left";
-    context.fillText("distance to the waypoint, m", area.left + 6, 0);
-    context.strokeStyle = colours.water;
-    context.setLineDash([4, 3]);
-    stroke(context, [[area.left, y(world.goal_radius)], [area.right, y(world.goal_radius)]]);
-    context.setLineDash([]);
+    context.fillText(`distance to the ${guide ? "reference" : world.goal}, m`, area.left + 6, 0);
+    if (!guide) {
+      context.strokeStyle = colours.water;
+      context.setLineDash([4, 3]);
+      stroke(context, [[area.left, y(world.goal_radius)], [area.right, y(world.goal_radius)]]);
+      context.setLineDash([]);
+    }
     for (const track of tracks) {
       const points = Array.from(track.distance, (d, i) => [x(Math.min(i * track.dt, track.end)), y(d)]);
       if (contrast(track.colour, colours.raised) < 2) halo(context, colours, 3.6, () => stroke(context, points));

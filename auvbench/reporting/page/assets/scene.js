@@ -3,23 +3,30 @@ const Scene = (() => {
   "use strict";
   const { DASHES, palette, contrast, prepare, halo, text } = Pen;
 
-  /** The box around start, waypoint, depth limits and the paths shown, in whole tens of metres sideways. */
-  function bounds(world, waypoint, tracks) {
-    const low = [-20, -20, world.depth[0]];
-    const high = [20, 20, Math.max(world.depth[1], 0)];
-    const take = (x, y) => {
-      low[0] = Math.min(low[0], x); high[0] = Math.max(high[0], x);
-      low[1] = Math.min(low[1], y); high[1] = Math.max(high[1], y);
+  /** The box around start, goal, reference and the paths shown, in whole steps; on the way to a waypoint, all the water. */
+  function bounds({ world, waypoint, start, guide, tracks }) {
+    const whole = world.goal === "waypoint";
+    const [bottom, top] = [world.depth[0], Math.max(world.depth[1], 0)];
+    const sides = whole ? [0, 1] : [0, 1, 2];
+    const low = whole ? [-20, -20, bottom] : [...waypoint];
+    const high = whole ? [20, 20, top] : [...waypoint];
+    const take = (points, around = 0) => {
+      for (let i = 0; i < points.length; i += 3) for (const k of sides) {
+        low[k] = Math.min(low[k], points[i + k] - around);
+        high[k] = Math.max(high[k], points[i + k] + around);
+      }
     };
-    take(world.start[0], world.start[1]);
-    take(waypoint[0], waypoint[1]);
-    for (const { xyz } of tracks) for (let i = 0; i < xyz.length; i += 3) take(xyz[i], xyz[i + 1]);
-    const step = Math.max(high[0] - low[0], high[1] - low[1]) > 160 ? 50 : 10;
-    for (const i of [0, 1]) {
-      low[i] = Math.floor(low[i] / step) * step;
-      high[i] = Math.ceil(high[i] / step) * step;
+    take(start);
+    take(waypoint, whole ? 0 : Math.max(0.5, world.goal_radius, world.reach));
+    for (const points of [...(guide ? [guide] : []), ...tracks.map((track) => track.xyz)]) take(points);
+    const span = Math.max(...sides.map((k) => high[k] - low[k]));
+    const step = span > 160 ? 50 : whole || span > 40 ? 10 : span > 16 ? 5 : span > 8 ? 2 : 1;
+    for (const k of sides) {
+      low[k] = Math.floor(low[k] / step) * step;
+      high[k] = Math.ceil(high[k] / step) * step;
     }
-    return { low, high, step };
+    [low[2], high[2]] = [Math.max(low[2], bottom), Math.min(high[2], top)];
+    return { low, high, step, planes: whole ? world.depth : [low[2], high[2]], rise: whole ? 10 : step };
   }
 
   function line(context, project, points) {
@@ -98,14 +105,14 @@ const Scene = (() => {
     return values;
   }
 
-  function axes(context, project, camera, box, world, colours) {
-    const { low, high, step } = box;
+  function axes(context, project, camera, box, colours) {
+    const { low, high, step, rise } = box;
     const { back } = camera.axes();
     const taken = [];
     // The edges nearest to the eye, so that labels do not lie over the paths.
     const x = back[0] >= 0 ? high[0] : low[0];
     const y = back[1] > 0 ? high[1] : low[1];
-    const z = world.depth[0];
+    const z = box.planes[0];
     const centre = project([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, z]);
     const side = (p) => (p && centre ? Math.sign(Math.round((p[0] - centre[0]) / 25)) : 0);
     const drop = camera.elevation >= -0.05 ? 15 : -15;
@@ -121,10 +128,12 @@ const Scene = (() => {
     if (!seen.length || above) return;
     const [ex, ey] = seen[0].edge;
     context.strokeStyle = colours.rule;
-    line(context, project, [[ex, ey, z], [ex, ey, 0]]);
-    const depths = range(z, 0, 10).map(Math.round);
-    axis(context, project, [ex, ey, z], [ex, ey, 0], depths, 2, "up, m", [-9, 0], colours, taken);
+    line(context, project, [[ex, ey, z], [ex, ey, high[2]]]);
+    const depths = range(z, high[2], rise).map(Math.round);
+    axis(context, project, [ex, ey, z], [ex, ey, high[2]], depths, 2, "up, m", [-9, 0], colours, taken);
   }
+
+  const TURN = Array.from({ length: 49 }, (_, i) => (i * Math.PI) / 24);
 
   /** The sphere around the waypoint that counts as reached: outline, equator and two meridians. */
   function goal(context, project, waypoint, radius, colours) {
@@ -141,13 +150,53 @@ const Scene = (() => {
     context.stroke();
     context.globalAlpha = 0.5;
     context.lineWidth = 0.8;
-    const turn = Array.from({ length: 49 }, (_, i) => (i * Math.PI) / 24);
-    const circle = (place) => line(context, project, turn.map((t) => place(radius * Math.cos(t), radius * Math.sin(t))));
+    const circle = (place) => line(context, project, TURN.map((t) => place(radius * Math.cos(t), radius * Math.sin(t))));
     const [x, y, z] = waypoint;
     circle((a, b) => [x + a, y + b, z]);
     circle((a, b) => [x + a, y, z + b]);
     circle((a, b) => [x, y + a, z + b]);
     context.globalAlpha = 1;
+  }
+
+  /** The cone through which a dock may be entered, and its axis. `yaw` is that of a vehicle on its way in. */
+  function dock(context, project, [x, y, z], yaw, world, colours) {
+    const [ax, ay] = [-Math.cos(yaw), -Math.sin(yaw)];
+    const wide = world.reach * Math.tan(world.cone);
+    const rim = TURN.map((t) => [
+      x + world.reach * ax - wide * Math.cos(t) * ay, y + world.reach * ay + wide * Math.cos(t) * ax, z + wide * Math.sin(t)]);
+    context.strokeStyle = colours.water;
+    context.lineWidth = 1.2;
+    context.globalAlpha = 0.7;
+    line(context, project, rim);
+    for (let i = 0; i < 48; i += 6) line(context, project, [[x, y, z], rim[i]]);
+    context.setLineDash([7, 4, 2, 4]);
+    line(context, project, [[x, y, z], [x + 1.3 * world.reach * ax, y + 1.3 * world.reach * ay, z]]);
+    context.setLineDash([]);
+    context.globalAlpha = 1;
+  }
+
+  /** Where the vehicles were to be, all the time. */
+  function reference(context, project, guide, colours) {
+    const points = [];
+    for (let i = 0; i < guide.length; i += 3) points.push([guide[i], guide[i + 1], guide[i + 2]]);
+    context.strokeStyle = colours.ink;
+    context.lineWidth = 1.2;
+    context.globalAlpha = 0.6;
+    context.setLineDash([5, 4]);
+    line(context, project, points);
+    context.setLineDash([]);
+    context.globalAlpha = 1;
+  }
+
+  /** A ring where the vehicle of a track is to be now. */
+  function aim(context, project, track, time) {
+    const at = project(position({ ...track, xyz: track.guide }, time));
+    if (!at) return;
+    context.strokeStyle = track.colour;
+    context.lineWidth = 1.5;
+    context.beginPath();
+    context.arc(at[0], at[1], 8, 0, 2 * Math.PI);
+    context.stroke();
   }
 
   function mark(context, at, name, colours, shift) {
@@ -184,12 +233,12 @@ const Scene = (() => {
     return found;
   }
 
-  function path(context, project, track, time, world, colours) {
+  function path(context, project, track, time, ground, colours) {
     const past = stretch(track, time, false);
     context.strokeStyle = track.colour;
     context.globalAlpha = 0.13;
     context.lineWidth = 1;
-    line(context, project, past.map((p) => [p[0], p[1], world.depth[0]]));
+    line(context, project, past.map((p) => [p[0], p[1], ground]));
     if (time < track.end) {
       context.globalAlpha = 0.28;
       context.lineWidth = 1.2;
@@ -204,7 +253,7 @@ const Scene = (() => {
     context.setLineDash([]);
   }
 
-  /** Where the vehicle is: a dot on its way and at success, a cross at a collision, a square at a timeout. */
+  /** Where the vehicle is: a dot on its way and at success, a square at a timeout, a cross at any other end. */
   function vehicle(context, project, track, time, colours) {
     const at = project(position(track, time));
     if (!at) return;
@@ -213,7 +262,7 @@ const Scene = (() => {
     context.strokeStyle = colours.raised;
     context.lineWidth = 1.5;
     const [x, y] = at;
-    if (ended && track.outcome === "collision") {
+    if (ended && ["collision", "out_of_bounds"].includes(track.outcome)) {
       for (const [colour, width] of [[colours.raised, 5], [track.colour, 2.6]]) {
         context.strokeStyle = colour;
         context.lineWidth = width;
@@ -231,18 +280,23 @@ const Scene = (() => {
     context.stroke();
   }
 
-  /** Draw everything. `show` = {world, waypoint, tracks, time}. */
+  /**
+   * Draw everything. `show` = {world, waypoint, start, dock, guide, tracks, time}: `dock` is the yaw of a dock, `guide` the
+   * points of a reference that moves; both may be undefined.
+   */
   function draw(canvas, camera, show) {
     const { context, width, height } = prepare(canvas);
-    const { world, waypoint, tracks, time } = show;
+    const { world, waypoint, tracks, time, dock: yaw, guide } = show;
     const colours = palette();
     const project = camera.projector(width, height);
-    const box = bounds(world, waypoint, tracks);
+    const box = bounds(show);
     const below = camera.elevation < 0;
-    plane(context, project, box, world.depth[below ? 1 : 0], colours, 0.08);
-    axes(context, project, camera, box, world, colours);
+    plane(context, project, box, box.planes[below ? 1 : 0], colours, 0.08);
+    axes(context, project, camera, box, colours);
     goal(context, project, waypoint, world.goal_radius, colours);
-    const start = project(world.start);
+    if (yaw !== undefined) dock(context, project, waypoint, yaw, world, colours);
+    if (guide) reference(context, project, guide, colours);
+    const start = project(show.start);
     if (start) {
       context.strokeStyle = colours.ink;
       context.lineWidth = 1.5;
@@ -250,13 +304,15 @@ const Scene = (() => {
       context.arc(start[0], start[1], 4, 0, 2 * Math.PI);
       context.stroke();
     }
-    for (const track of tracks) path(context, project, track, time, world, colours);
+    for (const track of tracks) path(context, project, track, time, box.planes[0], colours);
+    for (const track of tracks) if (track.guide) aim(context, project, track, time);
     for (const track of tracks) vehicle(context, project, track, time, colours);
     if (start) mark(context, start, "start", colours, 12);
     const reached = project(waypoint);
-    if (reached) mark(context, reached, "waypoint", colours, world.goal_radius * reached[2] + 10);
-    plane(context, project, box, world.depth[below ? 0 : 1], colours, 0.04);
-    if (!(camera.flat && camera.elevation > 1)) for (const z of world.depth) limit(context, project, box, z, colours);
+    if (reached) mark(context, reached, yaw === undefined ? world.goal : "dock", colours, world.goal_radius * reached[2] + 10);
+    plane(context, project, box, box.planes[below ? 0 : 1], colours, 0.04);
+    const limits = world.depth.filter((z) => box.planes.includes(z));
+    if (!(camera.flat && camera.elevation > 1)) for (const z of limits) limit(context, project, box, z, colours);
     return box;
   }
 

@@ -17,14 +17,19 @@
   let toTime = null;
   let queued = false;
 
-  /** Positions as metres and distances to the waypoint, unpacked once per track. */
+  function metres(text, unit) {
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    const view = new DataView(bytes.buffer);
+    return Float32Array.from({ length: bytes.length / 2 }, (_, i) => view.getInt16(2 * i, true) * unit);
+  }
+
+  /** Positions as metres and distances to the reference or the goal, unpacked once per track. */
   function unpack(track, waypoint) {
     if (track.xyz) return track;
-    const bytes = Uint8Array.from(atob(track.points), (c) => c.charCodeAt(0));
-    const view = new DataView(bytes.buffer);
-    track.xyz = Float32Array.from({ length: bytes.length / 2 }, (_, i) => view.getInt16(2 * i, true) * track.unit);
+    track.xyz = metres(track.points, track.unit);
+    if (track.reference) track.guide = metres(track.reference, track.unit);
     track.distance = Float32Array.from({ length: track.xyz.length / 3 }, (_, i) =>
-      Math.hypot(...[0, 1, 2].map((k) => track.xyz[3 * i + k] - waypoint[k])));
+      Math.hypot(...[0, 1, 2].map((k) => track.xyz[3 * i + k] - (track.guide ? track.guide[3 * i + k] : waypoint[k]))));
     Object.assign(track, { colour: world.agents[track.agent].colour, dash: world.agents[track.agent].dash });
     return track;
   }
@@ -32,15 +37,24 @@
   const shown = () => tracks.filter((track) => chosen.has(track.run));
   const longest = () => Math.max(0, ...(shown().length ? shown() : tracks).map((track) => track.end));
 
+  function scene() {
+    const guided = tracks.filter((track) => track.guide).sort((a, b) => b.end - a.end);
+    return {
+      world, waypoint: episode.waypoint, dock: episode.dock_yaw, guide: guided[0]?.guide, start: tracks[0].xyz.slice(0, 3),
+      tracks: shown(), time, longest: longest(),
+    };
+  }
+
   function draw() {
     queued = false;
-    const show = { world, waypoint: episode.waypoint, tracks: shown(), time, longest: longest() };
+    const show = scene();
     Scene.draw(canvas, camera, show);
     toTime = Chart.draw(plot, show).toTime;
     by("now").value = `${time.toFixed(1)} s of ${longest().toFixed(1)} s`;
     for (const row of body.rows) {
       const track = tracks[Number(row.dataset.track)];
-      const [at, to] = [Scene.position(track, time), episode.waypoint];
+      const to = track.guide ? Scene.position({ ...track, xyz: track.guide }, time) : episode.waypoint;
+      const at = Scene.position(track, time);
       row.cells[3].textContent = Math.hypot(at[0] - to[0], at[1] - to[1], at[2] - to[2]).toFixed(1);
     }
   }
@@ -65,7 +79,7 @@
   }
 
   function fit() {
-    camera.fit(Scene.bounds(world, episode.waypoint, shown()), canvas.clientWidth, canvas.clientHeight);
+    camera.fit(Scene.bounds(scene()), canvas.clientWidth, canvas.clientHeight);
     redraw();
   }
 
@@ -123,7 +137,7 @@
     if (!tracks.some((track) => chosen.has(track.run))) pick("few");
     list();
     const [x, y, z] = episode.waypoint.map((v) => v.toFixed(1).replace("-", "−"));
-    canvas.setAttribute("aria-label", `Paths of episode ${episode.episode}; waypoint at east ${x} m, north ${y} m, up ${z} m`);
+    canvas.setAttribute("aria-label", `Paths of episode ${episode.episode}; ${world.goal} at east ${x} m, north ${y} m, up ${z} m`);
     setTime(longest());
     fit();
   }
@@ -233,7 +247,7 @@
 
   world.episodes.forEach((entry, index) => {
     const reached = entry.tracks.filter((track) => track.outcome === "success").length;
-    picker.add(new Option(`${entry.episode}: ${reached} of ${entry.tracks.length} reach it`, String(index)));
+    picker.add(new Option(`${entry.episode}: ${reached} of ${entry.tracks.length} ${world.goal === "waypoint" ? "reach it" : "succeed"}`, String(index)));
   });
   if (world.agents.length > 6) document.querySelector('[data-pick="few"]').textContent = "First six agents";
   by("viewer").hidden = false;
