@@ -24,7 +24,7 @@ REPLICATIONS ?= 500
 STUDIES ?= 500
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow check format lint type layers docs bench statistics verification parity soak fuzz lock test-cluster test-programs clean
+.PHONY: help install demo test test-slow check format lint type layers docs bench statistics gallery verification parity soak fuzz lock test-cluster test-programs clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -73,6 +73,9 @@ bench: $(STAMP) ## how fast everything is, as a table
 
 statistics: $(STAMP) ## measure anew how often reports are right: tables of docs/ (an hour of one core; a look: REPLICATIONS=20 STUDIES=10)
 	$(BIN)/python -m benchmarks.statistics --replications $(REPLICATIONS) --studies $(STUDIES) $(ARGS)
+
+gallery: $(STAMP) ## the pictures of docs/gallery.md
+	$(BIN)/python -m benchmarks.gallery
 
 verification: $(STAMP) ## compute docs/verification.md anew
 	$(BIN)/python -m tests.verification.page

@@ -1,0 +1,31 @@
+"""Draw the first test episode of PID in each task: the pictures of docs/gallery.md (`make gallery`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from PIL import Image
+
+from auvbench import cli
+from auvbench.config.tasks import TASKS
+
+ASSETS = Path(__file__).parents[1] / "docs" / "assets"
+COLOURS = 48
+"""of a picture: a third of the bytes, and no difference to see"""
+
+
+def main() -> None:
+    """Train, replay and store, task by task."""
+    for task in TASKS:
+        with TemporaryDirectory() as folder:
+            words = [f"task={task}", "algo=pid", "vehicle=bluerov2_heavy", f"output={folder}"]
+            if code := cli.main(["train", *words]) or cli.main(["replay", folder, "--out", folder]):
+                raise SystemExit(code)
+            with Image.open(Path(folder) / "test-nominal-0.png") as picture:
+                small = picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+                small.save(ASSETS / f"task-{task}.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main()
