@@ -8,16 +8,17 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from importlib import resources
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser
+from auvbench.commands.pilot_task import TASKS, defaults, task_of, task_of_policy
 from auvbench.errors import ConfigError, UserError, closest
 
 if TYPE_CHECKING:
+    from auvbench.config import tasks
     from auvbench.observation import ObservationSpec
     from auvbench.ros2.steering import Controller, Limits
     from auvbench.vehicles.vehicle_model import VehicleModel
@@ -28,9 +29,10 @@ CONTROLLERS = ("pid", "smc", "lqr")
 _EPILOG = """examples:
   auvbench pilot policy.onnx --goal 5 3 -12 --record missions/first
   auvbench pilot pid --vehicle bluerov2 --depth -30 -2
+  auvbench pilot lqr --task station_keeping --goal 0 0 -10 --yaw 90
   ros2 service call /bluerov2/pilot/arm std_srvs/srv/SetBool '{data: true}'
 
-It starts disarmed, and steers to the waypoint on /goal_pose. It commands zero thrust while the pose is too old, outside
+It starts disarmed, and steers to the waypoint on /goal_pose, or holds the station there. It commands zero thrust while the pose is too old, outside
 the depth limits, without a waypoint, after stop, on any error and on Ctrl-C. docs/ros2.md has topics and rules.
 """
 
@@ -47,13 +49,19 @@ def parser() -> Parser:
     )
     parser.add_argument("--vehicle", default=None, help="its sheet (default: the policy's; else bluerov2)")
     parser.add_argument("--namespace", default=None, help="of the topics (default: the vehicle's name)")
+    parser.add_argument(
+        "--task", default=None, help=f"{' or '.join(TASKS)} (default: the policy's; else waypoint)"
+    )
     parser.add_argument("--frequency", type=float, default=None, help="Hz (default: the policy's; else 10)")
     parser.add_argument(
         "--goal",
         type=float,
         nargs=3,
         metavar=("X", "Y", "Z"),
-        help="the first waypoint, m, world east north up",
+        help="the first waypoint or the station, m, world east north up",
+    )
+    parser.add_argument(
+        "--yaw", type=float, default=0.0, help="degrees, to hold with --goal on a station (default: 0, east)"
     )
     parser.add_argument(
         "--depth",
@@ -102,6 +110,8 @@ def main(arguments: Sequence[str]) -> int:
     if given.depth is not None and not -1e4 <= given.depth[0] < given.depth[1] <= 0.0:
         low, high = given.depth
         raise UserError(f"--depth {low:g} {high:g}: must be LOW below HIGH, both from -10000 to 0 (z, up)")
+    if not -360.0 <= given.yaw <= 360.0:
+        raise UserError(f"--yaw {given.yaw:g}: must be from -360 to 360 degrees")
 
     from auvbench.ros2 import discovery, middleware
 
@@ -126,7 +136,7 @@ def main(arguments: Sequence[str]) -> int:
             say=lambda text: print(f"pilot: {text}", flush=True),
         )
         try:
-            if given.goal is not None and not pilot.steer_to(given.goal):
+            if given.goal is not None and not pilot.steer_to(given.goal, yaw=math.radians(given.yaw)):
                 raise UserError(
                     f"--goal: z={given.goal[2]:g} must be finite and within {setup.limits.depths}"
                 )
@@ -146,15 +156,10 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _setup(given: argparse.Namespace) -> Setup:
-    from auvbench.config import tasks
     from auvbench.ros2.steering import Limits
-    from auvbench.tasks.observation import observation_spec
     from auvbench.vehicles import sheet
 
     word = str(given.controller)
-    task = tasks.Waypoint(**_defaults("task", "waypoint"))
-    low, high = task.depth_low, task.depth_high
-    radius, steps = task.goal_radius, task.max_steps
     if word.endswith(".onnx"):
         from auvbench.policies import exported
 
@@ -170,32 +175,28 @@ def _setup(given: argparse.Namespace) -> Setup:
                 f"{word}: commands {', '.join(card.action)}, and {vehicle.name} has {', '.join(vehicle.actuators)};"
                 " --vehicle names another sheet"
             )
-        observed = replace(task, position_frame=card.position_frame)
-        spec = observation_spec(observed, vehicle.actuators)
-        if len(card.observation) != spec.size:
-            raise UserError(
-                f"{word}: observes {len(card.observation)} numbers; a pilot gives {spec.size} ({', '.join(spec.blocks)})"
-            )
-        named = card.document["task"]
-        low, high = float(named["depth_low_m"]), float(named["depth_high_m"])
-        radius, steps = float(named["goal_radius_m"]), int(named["max_steps"])
+        task, spec = task_of_policy(word, card, given.task, vehicle)
         frequency = given.frequency or card.frequency
         name = card.name
         controller: Any = policy_agent(policy)
     else:
+        from auvbench.tasks.observation import observation_spec
+
         vehicle = sheet.load(given.vehicle or "bluerov2")
         frequency = given.frequency or 10.0
+        task = task_of(given.task or "waypoint", "--task")
         name, spec = word, observation_spec(task, vehicle.actuators)
-        controller = classical(word, vehicle, frequency)
-    if given.depth is not None:
-        low, high = given.depth
+        controller = classical(word, vehicle, frequency, task)
+    low, high = given.depth or (task.depth_low, task.depth_high)
+    radius = getattr(task, "goal_radius", getattr(task, "tolerance", 0.0))
     limits = Limits(
         depth_low=float(low),
         depth_high=float(high),
         goal_radius=float(given.goal_radius or radius),
-        max_steps=int(steps),
+        max_steps=int(task.max_steps),
         pose_timeout=given.pose_timeout,
         lost_after=max(5.0, 2.0 * given.pose_timeout),
+        holds=task.name == "station_keeping",
     )
     return Setup(name, controller, vehicle, frequency, spec, limits)
 
@@ -205,32 +206,22 @@ def policy_agent(policy: Any) -> Any:
     return SimpleNamespace(reset=lambda episodes: None, act=policy.act)
 
 
-def classical(name: str, vehicle: VehicleModel, frequency: float) -> Any:
-    """Return a classical controller with the gains of its file, for world-frame observations.
+def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Task | None = None) -> Any:
+    """Return a classical controller with the gains of its file, for the observations of a task (default: waypoint).
 
     Raises:
         ConfigError: the name is unknown, or the controller cannot steer this vehicle.
     """
-    from auvbench.config import plugins, tasks
+    from auvbench.config import plugins
     from auvbench.config.agents import AGENTS
 
     if name not in CONTROLLERS:
         raise ConfigError(f"{name}: not a POLICY.onnx and not a controller; {closest(name, CONTROLLERS)}")
     spec = AGENTS[name]
-    gains = spec.schema(**_defaults("algo", name))
-    task = tasks.Waypoint(**_defaults("task", "waypoint"))
-    config = SimpleNamespace(algo=gains, step=SimpleNamespace(frequency=frequency), task=task)
+    gains = spec.schema(**defaults("algo", name))
+    step = SimpleNamespace(frequency=frequency)
+    config = SimpleNamespace(algo=gains, step=step, task=task or task_of("waypoint", "--task"))
     return plugins.resolve(spec.factory)(config, vehicle)
-
-
-def _defaults(group: str, name: str) -> dict[str, Any]:
-    """Return the values of a file of the configuration, without Hydra."""
-    import yaml
-
-    text = (resources.files("auvbench.conf") / group / f"{name}.yaml").read_text(encoding="utf-8")
-    values = yaml.safe_load(text)
-    values.pop("defaults", None)
-    return dict(values)
 
 
 def _about(setup: Setup) -> dict[str, Any]:

@@ -31,6 +31,12 @@ def write_twist(message: Any, velocity: list[float]) -> None:
     straight.x, straight.y, straight.z, turning.x, turning.y, turning.z = velocity
 
 
+def read_twist(message: Any, velocity: Floats) -> None:
+    """Read a geometry_msgs/Twist into `velocity` (6,)."""
+    straight, turning = message.linear, message.angular
+    velocity[:] = straight.x, straight.y, straight.z, turning.x, turning.y, turning.z
+
+
 def write_time(stamp: Any, nanoseconds: int) -> None:
     """Write a time in ns into a builtin_interfaces/Time."""
     stamp.sec, stamp.nanosec = divmod(nanoseconds, 1_000_000_000)

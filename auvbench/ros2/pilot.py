@@ -19,6 +19,7 @@ from auvbench.observation import ObservationSpec
 from auvbench.ros2 import discovery, interface, messages
 from auvbench.ros2.middleware import Session
 from auvbench.ros2.mission import Logbook
+from auvbench.ros2.observation import yaw_of
 from auvbench.ros2.steering import Controller, Limits, Steering
 from auvbench.ros2.thrust import SheetThrust
 
@@ -72,6 +73,7 @@ class Pilot:
         self.armed = False
         self.state = ""
         self.pose: Floats = np.full(7, np.nan)
+        self.velocity: Floats = np.zeros(6)
         self._received = -math.inf  # when the pose came, by this machine
         self._stamp = -1
         self._now = -1.0  # of /clock
@@ -121,12 +123,13 @@ class Pilot:
             self._clock_went_back()
         elif behind >= 0.0 and stamp:
             return  # repeated or overtaken: the pose gets no younger
-        pose = np.empty(7)
+        pose, velocity = np.empty(7), np.empty(6)
         messages.read_pose(message.pose.pose, pose)
-        if not np.all(np.isfinite(pose)) or abs(float(np.linalg.norm(pose[3:])) - 1.0) > 0.01:
+        messages.read_twist(message.twist.twist, velocity)
+        if not np.all(np.isfinite([*pose, *velocity])) or not _is_turn(pose):
             return
         self._stamp = stamp
-        self.pose = pose
+        self.pose, self.velocity = pose, velocity
         self._received = time.monotonic()
 
     def _clock(self, message: Any) -> None:
@@ -141,11 +144,15 @@ class Pilot:
 
     def _goal(self, message: Any) -> None:
         frame = message.header.frame_id.lstrip("/")
-        place = message.pose.position
-        self.steer_to((place.x, place.y, place.z), frame)
+        pose = np.empty(7)
+        messages.read_pose(message.pose, pose)
+        if self.limits.holds and not _is_turn(pose):
+            self._report(f"{GOAL}: ignored: the orientation is not a unit quaternion")
+            return
+        self.steer_to(pose[:3].tolist(), frame, yaw_of(pose))
 
-    def steer_to(self, waypoint: Sequence[float], frame: str = interface.WORLD) -> bool:
-        """Take a waypoint (3,) in m; return False if it is not allowed."""
+    def steer_to(self, waypoint: Sequence[float], frame: str = interface.WORLD, yaw: float = 0.0) -> bool:
+        """Take a waypoint (3,) in m, and the yaw in rad of a station; return False if it is not allowed."""
         limits = self.limits
         if frame not in ("", interface.WORLD):
             self._report(f"{GOAL}: ignored: the frame is {frame!r}, must be {interface.WORLD!r}")
@@ -157,7 +164,7 @@ class Pilot:
             self._report(f"{GOAL}: ignored: z = {waypoint[2]:g} m, must be within {limits.depths}")
             return False
         self.steering.end("another waypoint")
-        self.steering.waypoint = np.array(waypoint, dtype=np.float64)
+        self.steering.waypoint, self.steering.yaw = np.array(waypoint, dtype=np.float64), yaw
         return True
 
     def _arm(self, request: Any, response: Any) -> Any:
@@ -281,7 +288,7 @@ class Pilot:
 
     def _act(self, waypoint: Floats) -> None:
         try:
-            action = self.steering.act(self.pose)
+            action = self.steering.act(self.pose, self.velocity)
         except Exception as error:
             raise self._failed(error) from error
         if self.steering.action_time > self.period:
@@ -340,3 +347,8 @@ class Pilot:
                     publisher.wait_for_all_acked(duration)
         finally:
             self.session.close()
+
+
+def _is_turn(pose: Floats) -> bool:
+    """Return whether the orientation of a pose (7,) is a unit quaternion."""
+    return abs(float(np.linalg.norm(pose[3:])) - 1.0) <= 0.01

@@ -1,4 +1,4 @@
-"""From a pose to an action: one controller on its way to one waypoint, without a network."""
+"""From a state to an action: one controller on its way to one waypoint, or on a station, without a network."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ class Limits:
     max_steps: int  # of the controller, per waypoint
     pose_timeout: float = 0.5  # s: zero thrust while the pose is older
     lost_after: float = 5.0  # s: disarmed when it stays older
+    holds: bool = False  # a station: no arrival ends it, and each `max_steps` are a mission of the logbook
 
     @property
     def depths(self) -> str:
@@ -59,7 +60,8 @@ class Steering:
         logbook: records missions.
 
     Attributes:
-        waypoint: (3,) m, or None.
+        waypoint: (3,) m, or None; a station alike.
+        yaw: rad, to hold on a station.
         mission: the present one, or None; it begins with the first action towards a waypoint.
         action_time: s that the controller needed for its last action.
 
@@ -78,6 +80,7 @@ class Steering:
         self.controller, self.thrust, self.limits = controller, thrust, limits
         self.frequency, self.spec, self.logbook = frequency, spec, logbook
         self.waypoint: Floats | None = None
+        self.yaw = 0.0
         self.mission: Mission | None = None
         self.action_time = 0.0
         self._action: Floats | None = None  # under way since the last step
@@ -87,14 +90,21 @@ class Steering:
         if self.mission is None or self._action is None:
             return ""
         action = self._action
-        return self.mission.advance(pose, action, self.thrust.force(action), self.thrust.power(action))
+        ended = self.mission.advance(pose, action, self.thrust.force(action), self.thrust.power(action))
+        if ended != "timeout" or not self.limits.holds:
+            return ended
+        mission, self.mission = self.mission, self._mission(pose, self.mission.waypoint)
+        self._record(mission, "the next mission holds the same station")
+        return ""
 
     def skip_record(self) -> None:
         """Do not record the present step: its result is unknown."""
         self._action = None
 
-    def act(self, pose: Floats) -> Floats:
-        """Return the action (n_u,) in [-1, 1] of the step that begins at `pose` (7,); a waypoint is required.
+    def act(self, pose: Floats, velocity: Floats) -> Floats:
+        """Return the action (n_u,) in [-1, 1] of the step that begins at `pose` (7,) with `velocity` (6,), body axes.
+
+        A waypoint is required.
 
         Raises:
             RunError: the controller's answer is not an action. Errors of the controller pass through.
@@ -102,11 +112,15 @@ class Steering:
         waypoint = self.waypoint
         assert waypoint is not None
         if self.mission is None:
-            self._begin(pose, waypoint)
+            self.mission = self._mission(pose, waypoint)
+            self._action = None
+            self.controller.reset(np.zeros(1, dtype=np.int64))
         n_u = len(self.thrust.actuators)
         previous = np.zeros(n_u) if self._action is None else self._action
         begun = time.monotonic()
-        seen = observe(self.spec, pose, waypoint, previous)
+        limits = self.limits
+        yaw, depth = self.yaw if limits.holds else None, (limits.depth_low, limits.depth_high)
+        seen = observe(self.spec, pose, velocity, waypoint, previous, yaw=yaw, depth=depth)
         answer = np.asarray(self.controller.act(seen[None]), dtype=np.float64)
         if answer.shape != (1, n_u):
             raise RunError(f"the controller's answer has shape {answer.shape}, must be {(1, n_u)}")
@@ -116,18 +130,16 @@ class Steering:
         self._action = np.clip(answer[0], -1.0, 1.0)
         return self._action
 
-    def _begin(self, pose: Floats, waypoint: Floats) -> None:
+    def _mission(self, pose: Floats, waypoint: Floats) -> Mission:
         limits = self.limits
-        self.mission = Mission(
+        return Mission(
             pose,
             waypoint,
             depth=(limits.depth_low, limits.depth_high),
-            goal_radius=limits.goal_radius,
+            goal_radius=0.0 if limits.holds else limits.goal_radius,
             max_steps=limits.max_steps,
             frequency=self.frequency,
         )
-        self._action = None
-        self.controller.reset(np.zeros(1, dtype=np.int64))
 
     def end(self, reason: str) -> None:
         """End the present mission, and record it if it has a step.
@@ -136,5 +148,8 @@ class Steering:
             RunError: the logbook cannot be written.
         """
         mission, self.mission, self._action = self.mission, None, None
+        self._record(mission, reason)
+
+    def _record(self, mission: Mission | None, reason: str) -> None:
         if mission is not None and self.logbook is not None and mission.steps:
             self.logbook.add(mission, reason)

@@ -48,6 +48,10 @@ def batches(*overrides, n=2):
         ["disturbance=fault", "disturbance.fault.probability=1.0", "disturbance.fault.time=0.3"],
         ["disturbance=delay"],
         ["disturbance=randomised", "step.frequency=25"],
+        *(
+            [f"task={task}", "noise=thesis", "disturbance=moderate", "task.time_limit=null"]
+            for task in ("station_keeping", "trajectory_tracking", "path_following", "docking")
+        ),
     ],
     ids=lambda overrides: overrides[0],
 )
@@ -75,11 +79,18 @@ def rows(folder, condition):
     return found
 
 
-@pytest.mark.parametrize("algo", ["pid", "ppo"])
-def test_a_test_has_the_same_rows_as_in_process(two_vehicles, algo, tmp_path):
+@pytest.mark.parametrize(
+    ("algo", "task"), [("pid", "waypoint"), ("ppo", "waypoint"), ("lqr", "station_keeping")]
+)
+def test_a_test_has_the_same_rows_as_in_process(two_vehicles, algo, task, tmp_path):
     torch.set_num_threads(1)
     learner = ["algo.n_envs=8", "algo.batch_size=128", "train.total_steps=4096", "train.progress=false"]
-    arguments = [f"output={tmp_path}", f"algo={algo}", *(learner if algo == "ppo" else [])]
+    arguments = [
+        f"output={tmp_path}",
+        f"algo={algo}",
+        f"task={task}",
+        *(learner if algo == "ppo" else []),
+    ]
     assert main(["train", *arguments]) == 0
     (path,) = (tmp_path / "default").iterdir()
     wanted = ["protocol=ros2", "protocol.episodes=3", "workers=1"]

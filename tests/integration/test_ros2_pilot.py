@@ -378,7 +378,15 @@ def test_a_policy_from_a_file_commands_what_it_answers(domain, clock, tmp_path):
     tank.until(lambda: min(map(len, tank.history)) >= 4)
     pose, previous = np.array([0.0, 0.0, -10.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(6)
     for step in range(4):
-        seen = observe(setup.spec, pose, np.array([5.0, -4.0, -12.0]), previous)
+        seen = observe(
+            setup.spec,
+            pose,
+            np.zeros(6),
+            np.array([5.0, -4.0, -12.0]),
+            previous,
+            yaw=None,
+            depth=(-60.0, -1.0),
+        )
         previous = np.asarray(setup.controller.act(seen[None])[0], dtype=np.float64)
         assert [values[step] for values in tank.history] == thrust.quantities(previous).tolist()
     tank.pilot.close("the test is over")

@@ -4,22 +4,36 @@ import csv
 import math
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from auvbench.cli import main
 from auvbench.commands import pilot as command
+from auvbench.commands.pilot_task import task_of, task_of_policy
 from auvbench.config.compose import compose
+from auvbench.config.tasks import TASKS
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError, RunError, UserError
 from auvbench.record import record_columns
 from auvbench.ros2.mission import Logbook, Mission
-from auvbench.ros2.observation import observe
+from auvbench.ros2.observation import SUPPLIED, observe
+from auvbench.ros2.steering import Limits, Steering
 from auvbench.ros2.thrust import SheetThrust
 from auvbench.tasks.kernels import F_REFERENCE
+from auvbench.tasks.observation import observation_spec
+from auvbench.vehicles.sheet import load
 from tests.waiting import LIMIT
+
+
+def seen_by_pilot(batch, goal, action, yaw=None):
+    simulator, task = batch.simulator, batch.config.task
+    depth = (task.depth_low, task.depth_high)
+    return observe(
+        batch.task.spec, simulator.pose[0], simulator.velocity[0], goal, action, yaw=yaw, depth=depth
+    )
 
 
 def flown(frame, vehicle, max_steps, seed):
@@ -45,7 +59,7 @@ def flown(frame, vehicle, max_steps, seed):
     rng = np.random.default_rng(0)
     action = np.zeros(len(thrust.actuators))
     while True:
-        mine = observe(batch.task.spec, pose[0], waypoint, action)
+        mine = seen_by_pilot(batch, waypoint, action)
         np.testing.assert_array_equal(mine, seen[0])
         action = (
             np.clip(np.asarray(agent.act(mine[None]), dtype=np.float64)[0], -1.0, 1.0)
@@ -75,6 +89,60 @@ def test_observations_are_the_same_bits_and_rows_the_same_numbers(frame, vehicle
             assert value == compiled[name]
         else:
             assert value == pytest.approx(compiled[name], rel=1e-12, abs=1e-12), name
+
+
+@pytest.mark.parametrize("task", ["waypoint", "station_keeping"])
+def test_every_block_that_topics_supply_has_the_same_bits(task):
+    blocks = [name for name in SUPPLIED if name in TASKS[task].blocks]
+    assert len(blocks) >= len(SUPPLIED) - 1
+    words = [f"task={task}", "vehicle=bluerov2_heavy", "noise=none", f"task.observation=[{','.join(blocks)}]"]
+    station = ["task.yaw=-2.0", "task.station=[1.0,2.0,-7.0]"] if task == "station_keeping" else []
+    batch = Batch(train_config(compose("train", [*words, *station], folder=None)), 1, seed=5)
+    seen = batch.reset()
+    goal, yaw = batch.task.reference[0].copy(), -2.0 if station else None
+    rng = np.random.default_rng(1)
+    action = np.zeros(8)
+    for _ in range(30):
+        np.testing.assert_array_equal(seen_by_pilot(batch, goal, action, yaw), seen[0])
+        action = rng.uniform(-1.0, 1.0, 8)
+        seen = batch.step(action[None]).observation
+
+
+def steering(logbook, holds):
+    vehicle = load("bluerov2_heavy")
+    task = task_of("station_keeping" if holds else "waypoint", "--task")
+    limits = Limits(-60.0, -1.0, goal_radius=3.0, max_steps=5, holds=holds)
+    return Steering(
+        command.classical("pid", vehicle, 10.0, task),
+        SheetThrust(vehicle),
+        frequency=10.0,
+        spec=observation_spec(task, vehicle.actuators),
+        limits=limits,
+        logbook=logbook,
+    )
+
+
+def test_a_station_is_held_on_and_becomes_several_missions(tmp_path, monkeypatch):
+    log = Logbook(tmp_path / "log", {"frequency_hz": 10.0})
+    pilot = steering(log, holds=True)
+    resets = []
+    monkeypatch.setattr(
+        pilot.controller, "reset", lambda e, reset=pilot.controller.reset: resets.append(reset(e))
+    )
+    pilot.waypoint, pilot.yaw = np.array([0.0, 0.0, -10.0]), 1.0
+    pose = np.array([0.0, 0.0, -10.0, 1.0, 0.0, 0.0, 0.0])
+    for _ in range(12):
+        assert pilot.advance(pose) == ""
+        action = pilot.act(pose, np.zeros(6))
+        assert np.abs(action).max() > 0.0  # it turns to the yaw
+    pilot.end("by the service stop")
+    assert [row["steps"] for row in log._rows] == [5, 5, 1]
+    assert [row["outcome"] for row in log._rows] == ["timeout", "timeout", "aborted"]
+    assert len(resets) == 1
+    there = steering(None, holds=False)
+    there.waypoint = pilot.waypoint
+    there.act(pose, np.zeros(6))
+    assert there.advance(pose) == "success"
 
 
 def test_a_logbook_is_whole_after_each_mission(tmp_path):
@@ -119,6 +187,52 @@ def test_a_policy_from_a_file_is_steered_by_as_its_card_says(policy):
         command._setup(command.parser().read(["pidd"]))
 
 
+CARD = {"position_frame": "body", "depth_low_m": -60.0, "depth_high_m": -1.0, "max_steps": 600}
+
+
+def card_of(task, observation, **named):
+    return SimpleNamespace(
+        observation=observation, position_frame="body", document={"task": {"name": task} | CARD | named}
+    )
+
+
+def labels_of(task, *overrides):
+    config = train_config(
+        compose("train", [f"task={task}", "vehicle=bluerov2_heavy", *overrides], folder=None)
+    )
+    return tuple(e["name"] for e in observation_spec(config.task, load("bluerov2_heavy").actuators).card())
+
+
+def test_a_policy_of_a_station_is_steered_by_as_its_card_says():
+    labels = labels_of("station_keeping")
+    task, spec = task_of_policy("x.onnx", card_of("station_keeping", labels), None, load("bluerov2_heavy"))
+    assert task.name == "station_keeping"
+    assert tuple(entry["name"] for entry in spec.card()) == labels
+
+
+@pytest.mark.parametrize(
+    ("task", "overrides", "named", "asked", "words"),
+    [
+        ("docking", [], {}, None, "docking"),
+        ("path_following", [], {}, None, "path_following"),
+        ("station_keeping", ["task.history=2"], {}, None, "position_error_x_1_steps_ago"),
+        ("station_keeping", [], {}, "waypoint", "--task waypoint"),
+        ("station_keeping", [], {"max_steps": "many"}, None, "no valid entry"),
+        ("waypoint", [], {}, None, "goal_radius_m"),
+    ],
+)
+def test_a_policy_that_a_pilot_cannot_steer_by_is_refused(task, overrides, named, asked, words):
+    card = card_of(task, labels_of(task, *overrides), **named)
+    with pytest.raises(UserError, match=words):
+        task_of_policy("x.onnx", card, asked, load("bluerov2_heavy"))
+
+
+def test_a_number_that_topics_do_not_supply_is_named():
+    card = card_of("waypoint", ("sonar", "depth"), goal_radius_m=3.0)
+    with pytest.raises(UserError, match="observes sonar"):
+        task_of_policy("x.onnx", card, None, load("bluerov2_heavy"))
+
+
 @pytest.mark.slow
 def test_a_pilot_needs_no_compiler_no_torch_and_no_hydra(policy):
     code = """
@@ -126,10 +240,11 @@ import sys
 import numpy
 from auvbench.cli import main
 from auvbench.commands import pilot
-for name in (*pilot.CONTROLLERS, sys.argv[2]):
-    setup = pilot._setup(pilot.parser().read([name]))
+station = ["--task", "station_keeping", "--vehicle", "bluerov2_heavy"]
+for words in (*([name] for name in pilot.CONTROLLERS), [sys.argv[2]], ["lqr", *station]):
+    setup = pilot._setup(pilot.parser().read(words))
     setup.controller.reset(numpy.zeros(1, dtype="int64"))
-    setup.controller.act(numpy.zeros((1, 10), dtype="float32"))
+    setup.controller.act(numpy.zeros((1, setup.spec.size), dtype="float32"))
 import auvbench.ros2.pilot, auvbench.ros2.thrust, auvbench.ros2.mission, auvbench.runs.interruption
 from auvbench.ros2 import middleware
 middleware.load()
