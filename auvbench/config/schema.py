@@ -107,6 +107,17 @@ class Current:
 
 
 @dataclass(kw_only=True)
+class Waves:
+    """Waves on deep water."""
+
+    height: float = number(0.0, 30.0)  # m, significant
+    period: float = number(0.5, 30.0)  # s, of the spectrum's peak
+    spectrum: str = choice("jonswap", "pierson_moskowitz")
+    direction: float | None = number(-2.0 * math.pi, 2.0 * math.pi)  # rad
+    spreading: float | None = number(1.0, 1000.0)  # exponent of cos^n
+
+
+@dataclass(kw_only=True)
 class Fault:
     """One actuator of the vehicle fails in an episode."""
 
@@ -177,10 +188,16 @@ class Disturbance:
 
     name: str = name()
     current: Current
+    waves: Waves | None = None
     fault: Fault
     delay: Delay
     sensor: Sensor
     randomisation: Randomisation
+
+    @property
+    def sea(self) -> Waves | None:
+        """The waves; None without any; runs of earlier versions have no `waves`."""
+        return self.waves if self.waves is not None and self.waves.height > 0.0 else None
 
 
 @dataclass(kw_only=True)

@@ -28,10 +28,14 @@ class Capabilities:
     """each vehicle may have numbers of its own: `reset(scales=...)`"""
     currents: str
     """the most that `set_current` takes, one of `CURRENTS`"""
+    waves: bool = False
+    """it has `set_waves`"""
 
 
 CAPABILITIES: dict[str, Capabilities] = {
-    "fossen": Capabilities(exact_resume=True, deterministic=True, scales=True, currents="sheared"),
+    "fossen": Capabilities(
+        exact_resume=True, deterministic=True, scales=True, currents="sheared", waves=True
+    ),
     "gazebo": Capabilities(exact_resume=False, deterministic=True, scales=True, currents="sheared"),
     "ros2": Capabilities(exact_resume=False, deterministic=True, scales=True, currents="sheared"),
 }
@@ -126,6 +130,11 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
         at_most = "has no current" if can.currents == "none" else f"takes a {can.currents} current at most"
         raise ConfigError(
             f"{key}: asks for a {needed} current, and {who} {at_most}; {_remedy(simulator, flows)}"
+        )
+    if disturbance.sea is not None and not can.waves:
+        raise ConfigError(
+            f"disturbance.waves.height={disturbance.sea.height:g}: asks for waves, which simulator={simulator.name} does "
+            f"not have; {_remedy(simulator, lambda c: c.waves)}"
         )
     if can.scales:
         return

@@ -177,6 +177,11 @@ def _across(config: schema.TrainConfig) -> None:
         )
     current, fault = config.disturbance.current, config.disturbance.fault
     _below("disturbance.current.speed", current.speed, "disturbance.current.speed_high", current.speed_high)
+    if sea := config.disturbance.sea:
+        # The shortest period of DNV-RP-C205, section 3.5.5: steeper waves break.
+        least, height = 3.6 * math.sqrt(sea.height), f"disturbance.waves.height={sea.height:g}"
+        what = f"be at least {least:.3g} s for {height}: steeper waves break"
+        require(sea.period >= least, "disturbance.waves.period", sea.period, what)
     _below("disturbance.fault.time", fault.time, "disturbance.fault.time_high", fault.time_high)
     top, bottom, key = current.profile.top, current.profile.bottom, "disturbance.current.profile"
     _below(f"{key}.top", top, f"{key}.bottom", bottom, strictly=True)

@@ -20,6 +20,7 @@ from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.early_plugin import add_early
 from auvbench.dynamics.equations import off_diagonal, runge_kutta_stage
 from auvbench.dynamics.layout import CURRENT, LANES, PARAMETERS, ROWS, STATE_ROWS, S, X, Y
+from auvbench.dynamics.waves import add_inertia, clear_extra, move_water
 
 FloatArray = NDArray[np.float64]
 L = LANES
@@ -101,6 +102,7 @@ def advance(
     power: FloatArray,  # (n,) out: electrical W of that command
     current: FloatArray,  # (n, 8)
     external: FloatArray,  # (n, 6) body wrench
+    waves: tuple[FloatArray, FloatArray, FloatArray],  # components, rays, time of `waves.Waves`
     parameters: FloatArray,  # (n_blocks, rows * LANES), or one row for all blocks
     units: FloatArray,  # (n_u, ACTUATOR_COLUMNS)
     geometry: FloatArray,  # (n_u, GEOMETRY_COLUMNS)
@@ -114,6 +116,8 @@ def advance(
 ) -> None:
     """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
     full, dynamic, special, early = flags
+    components, rays, time = waves
+    wavy = components.shape[0] > 0
     n_u = units.shape[0]
     count = states.shape[1]
     # One piece of memory on a cache line's boundary: vectors of 64 bytes that straddle two lines cost twice.
@@ -129,7 +133,9 @@ def advance(
         _gather(ws, block, pose, velocity, current, external, parameters, block == blocks[0])
         hold_commands(ws, block, states, command, effectiveness, force, power, units, geometry, discrete,
                       tables, value, output, thrust, inner)  # fmt: skip
-        for _ in range(substeps):
+        for step in range(substeps):
+            if wavy:
+                move_water(ws, block, current, components, rays, time, step * h, h / 2.0)
             _begin(ws)
             # The classical Runge-Kutta method; one call in the source, so that it is compiled once.
             for stage in range(4):
@@ -137,19 +143,23 @@ def advance(
                 ahead = h / 2.0 if stage < 2 else h * (3 - stage)
                 if dynamic and (stage == 1 or stage == 3):
                     advance_actuators(ws, units, geometry, discrete, value, output, thrust, inner)
-                if not (full or special or early):
+                if not (full or special or early or wavy):
                     # With the constant the compiler drops the terms of the off-diagonal added mass, so that
                     # vehicles without it do not pay for it.
                     runge_kutta_stage(ws, weight, ahead, False)
                     continue
                 if full:
                     off_diagonal(ws)
+                elif wavy:
+                    clear_extra(ws)
                 if early:
                     add_early(ws)
                 if special:
                     apply_thrust(ws, units, geometry, output, thrust)
                     add_appendages(ws, units, geometry, output)
-                runge_kutta_stage(ws, weight, ahead, full or early)
+                if wavy:
+                    add_inertia(ws)
+                runge_kutta_stage(ws, weight, ahead, full or early or wavy)
             _finish(ws)
         _scatter(ws, block, pose, velocity)
         if states.shape[1] > 0:

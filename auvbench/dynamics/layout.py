@@ -32,7 +32,8 @@ INVERSE = LEVER + 3  # upper triangle of (M_RB + M_A)^-1, row by row (21)
 ADDED_OFF = INVERSE + 21  # strict upper triangle of M_A, row by row (15)
 CORIOLIS_OFF = ADDED_OFF + 15  # the same as C_A uses it (15)
 THRUST = CORIOLIS_OFF + 15  # scale of all thrust
-PARAMETERS_END = THRUST + 1
+DISPLACED = THRUST + 1  # mass of the displaced water rho V, and rho V r_b (3)
+PARAMETERS_END = DISPLACED + 4
 
 # Current of each vehicle: velocity at the top depth (3), difference to the bottom (3), z of the top, 1/thickness.
 CURRENT = PARAMETERS_END
@@ -43,7 +44,10 @@ EXTRA = CURRENT + CURRENT_COLUMNS
 # External wrench (6), and the force of the actuator at hand.
 EXTERNAL = EXTRA + 12
 FORCE = EXTERNAL + 6
-ROWS = FORCE + 1
+# Waves: where and when they act (x, y, depth, time), and the acceleration of the water in world axes (3).
+PLACE = FORCE + 1
+WATER = PLACE + 4
+ROWS = WATER + 3
 
 # Columns of the table of actuators (n_u, ACTUATOR_COLUMNS).
 KIND = 0

@@ -33,6 +33,7 @@ FAULT = 4
 RANDOMISATION = 5
 BIAS = 6
 DRIFT = 7
+WAVES = 8
 TEST = 0x100
 """Test protocols draw from `stream | TEST`, so that no training scenario is a test scenario."""
 VALIDATION = 0x200

@@ -157,11 +157,13 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
     config = condition.config
     # A limit in seconds enters only where it is set: fingerprints are older than it.
     limit = "time_limit" if config.task.time_limit is None else "max_steps"
+    # So do waves: fingerprints are older than they are.
+    calm = () if config.disturbance.sea else ("waves",)
     task = {key: value for key, value in asdict(config.task).items() if key not in (*OBSERVED, limit)}
     return {
         "task": task,
         "noise": asdict(config.noise),
-        "disturbance": asdict(config.disturbance),
+        "disturbance": {key: value for key, value in asdict(config.disturbance).items() if key not in calm},
         "vehicle": without_descriptions(config.vehicle),
         "simulator": {key: value for key, value in asdict(config.simulator).items() if key not in _NO_ROWS},
         "frequency": config.step.frequency if condition.fixed_frequency else None,

@@ -48,6 +48,13 @@ LATER: dict[str, Any] = {
     "algo.horizon_s": None,
     "algo.tuned": None,
     "train.evaluate_every": 0,
+    "disturbance.waves": {
+        "height": 0.0,
+        "period": 7.5,
+        "spectrum": "jonswap",
+        "direction": None,
+        "spreading": 2.0,
+    },
 }
 """Keys that came after runs had been made, with the value under which nothing changes: with it they do not count, so
 that a run keeps its id."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auvbench.config.simulators import Capabilities
+from auvbench.dynamics.waves import Waves
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -60,3 +61,10 @@ class Simulator(Protocol):
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
         """Restore a state that `state_dict` returned."""
+
+
+class WavySimulator(Simulator, Protocol):
+    """A simulator with `capabilities.waves`."""
+
+    def set_waves(self, waves: Waves) -> None:
+        """Put waves on the water. The arrays stay the caller's; a step of T seconds adds T to `waves.time`."""

@@ -18,6 +18,7 @@ from auvbench.config.simulators import CAPABILITIES
 from auvbench.dynamics import layout
 from auvbench.dynamics.kernel import PARAMETER_ROWS, advance
 from auvbench.dynamics.plugin import GZ_SIM_8_11
+from auvbench.dynamics.waves import Waves, still
 from auvbench.errors import ConfigError
 from auvbench.simulators.packing import discretise, geometry_table, parameter_rows, unit_table
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -110,6 +111,7 @@ class FossenSimulator:
         self.effectiveness = np.ones((n, n_u))
         self.current = np.zeros((n, layout.CURRENT_COLUMNS))
         self.external_wrench = np.zeros((n, 6))
+        self.set_waves(still(n))
         self.scales = np.ones((n, len(SCALES)))
         # One block of parameters serves all vehicles until one of them differs.
         rows = parameter_rows(vehicle, np.ones((1, len(SCALES))))
@@ -146,6 +148,11 @@ class FossenSimulator:
         self.current[:, 6] = -top
         self.current[:, 7] = 1.0 / thickness
 
+    def set_waves(self, waves: Waves) -> None:
+        """Set the waves of all vehicles; see `WavySimulator.set_waves`."""
+        self._waves = waves
+        self._wave_arguments = waves.components, waves.rays, waves.time
+
     def substeps(self, duration: float) -> int:
         """Number of equal substeps that make up `duration` seconds."""
         # The margin keeps 1/25 s at four substeps of .01 s despite the rounding of the quotient.
@@ -157,6 +164,7 @@ class FossenSimulator:
         if action.shape != self.command_force.shape:
             raise ValueError(f"command has shape {action.shape}, expected {self.command_force.shape}")
         self.each(lambda start, stop: advance(*self.kernel_arguments(action, duration, start, stop)))
+        self._waves.time += duration
 
     def each(self, function: Callable[[int, int], T]) -> list[T]:
         """Return `function(start, stop)` of each thread's range of vehicles; the calling thread does the first."""
@@ -191,6 +199,7 @@ class FossenSimulator:
             self.power,
             self.current,
             self.external_wrench,
+            self._wave_arguments,
             self._parameters,
             self._table,
             self._geometry,

@@ -50,6 +50,8 @@ def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
     put(layout.ADDED_OFF, M_A[:, strict[0], strict[1]])
     put(layout.CORIOLIS_OFF, coriolis[:, strict[0], strict[1]])
     put(layout.THRUST, thrust)
+    displaced = lift / vehicle.gravity
+    put(layout.DISPLACED, np.hstack([displaced, displaced * vehicle.center_of_buoyancy]))
     return rows
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema, tasks
 from auvbench.config.schema import step_limit
+from auvbench.dynamics.waves import SPEED, components
 from auvbench.observation import ObservationSpec
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.inspect import net_buoyancy, terminal_speed
@@ -85,7 +86,14 @@ def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
     wander = math.hypot(
         current.gauss_markov.sigma, current.gauss_markov.sigma, current.gauss_markov.sigma_vertical
     )
-    return math.hypot(*axes) + max(1.0, abs(current.profile.factor)) * water + SIGMAS * wander
+    orbit = 0.0
+    if sea := disturbance.sea:
+        # At the surface a component moves the water at its speed both along its direction and up.
+        surface = components(sea.height, sea.period, sea.spectrum, vehicle.gravity)[:, SPEED]
+        orbit = math.hypot(*surface)
+    return (
+        math.hypot(*axes) + max(1.0, abs(current.profile.factor)) * water + SIGMAS * math.hypot(wander, orbit)
+    )
 
 
 def _misreading(config: schema.TrainConfig, seconds: float) -> Floats:

@@ -1,4 +1,4 @@
-"""Disturbances of N episodes: currents, actuator faults, delays, sensor errors, drawn vehicles.
+"""Disturbances of N episodes: currents, waves, actuator faults, delays, sensor errors, drawn vehicles.
 
 `parameters.Disturbances` is what the batch of environments calls; `kernels` draws and advances, compiled.
 docs/disturbances.md defines each of them.

@@ -17,6 +17,7 @@ from auvbench.errors import ConfigError, closest
 from auvbench.simulators.base import Simulator
 from auvbench.tasks.base import Task
 from auvbench.tasks.disturbances import kernels as k
+from auvbench.tasks.disturbances.sea import Sea
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -56,6 +57,7 @@ class Disturbances:
         self.fluctuates = bool(np.any(Q[k.Q_SIGMA : k.Q_SIGMA + 3] > 0.0))
         self.flows = self.fluctuates or bool(Q[k.Q_SPEED + 1] > 0.0)
         self.sheared = self.flows and bool(Q[k.Q_FACTOR] != 1.0 or Q[k.Q_TURN] != 0.0)
+        self.sea = Sea(disturbance.sea, task) if disturbance.sea else None
         self.fails = bool(Q[k.Q_FAULT] != k.HEALTHY and Q[k.Q_PROBABILITY] > 0.0)
         self.delayed = self.schedule.commands > 1 or self.schedule.measurements > 0
         self.noisy = bool(np.any(Q[k.Q_GAUSSIAN : k.Q_GAUSSIAN + 4] > 0.0))
@@ -82,13 +84,16 @@ class Disturbances:
     @property
     def active(self) -> bool:
         """Whether any disturbance is active."""
-        return self.flows or self.fails or self.delayed or self.misreads or self.randomises
+        waves = self.sea is not None
+        return self.flows or waves or self.fails or self.delayed or self.misreads or self.randomises
 
     def draw(self, indices: Integers) -> Floats | None:
         """Draw the disturbances of new episodes; return the scales (k, 6) of their vehicles, if any."""
         C, Q, stream = self.task.C, self.Q, self.task.stream
         if self.flows:
             k.draw_current(indices, C, Q, stream, self.D)
+        if self.sea is not None:
+            self.sea.draw(indices)
         if self.fails:
             k.draw_faults(indices, C, Q, self.candidates, stream, self.D, self.I)
         if self.misreads:
@@ -117,6 +122,8 @@ class Disturbances:
         if self.fluctuates:
             k.advance_current(task.C, self.Q, task.stream, self.D)
             self._set_current(simulator)
+        if self.sea is not None:
+            self.sea.begin_step(simulator)
         if not self.delayed:
             self._fail(simulator, command)
             simulator.step(command, task.duration)
@@ -173,6 +180,8 @@ class Disturbances:
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
         for name in self._state:
             np.copyto(getattr(self, name), state[name], casting="no")
+        if self.sea is not None:
+            self.sea.draw(np.arange(self.task.n))
 
 
 def _parameters(disturbance: schema.Disturbance, vehicle: VehicleModel, frequency: float) -> Floats:

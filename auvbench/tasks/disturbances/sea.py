@@ -1,0 +1,88 @@
+"""The waves of N episodes: directions and phases drawn from each episode's key, time from its steps."""
+
+from __future__ import annotations
+
+import math
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.dynamics import waves
+from auvbench.dynamics.compiled import compiled
+from auvbench.dynamics.layout import LANES
+from auvbench.dynamics.random import WAVES, uniform
+from auvbench.simulators.base import Simulator, WavySimulator
+from auvbench.tasks.base import Task
+from auvbench.tasks.kernels import C_ENVIRONMENT, C_EPISODE, C_SEED, C_STEPS
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_PHASES = 4  # first channel; channel 0 is the direction
+_ANGLES = _PHASES + waves.COMPONENTS
+_QUANTILES = 1025
+
+
+class Sea:
+    """Waves of N episodes, a function of their keys and steps: an exact resume needs nothing else.
+
+    Args:
+        config: with a height above 0.
+        task: whose episodes they are.
+    """
+
+    def __init__(self, config: schema.Waves, task: Task) -> None:
+        self.task = task
+        components = waves.components(config.height, config.period, config.spectrum, task.vehicle.gravity)
+        self.waves = waves.on(components, task.n)
+        low, high = (0.0, 2.0 * math.pi) if config.direction is None else (config.direction,) * 2
+        self._directions = np.array([low, high])
+        self._quantiles = spread(config.spreading)
+
+    def draw(self, indices: Integers) -> None:
+        """Draw the waves of new episodes."""
+        task = self.task
+        draw_rays(indices, task.C, self._directions, self._quantiles, task.stream, self.waves.rays)
+
+    def begin_step(self, simulator: Simulator) -> None:
+        """Give a simulator the waves of the agent step that begins."""
+        self.waves.time[:] = self.task.C[:, C_STEPS] * self.task.duration
+        cast(WavySimulator, simulator).set_waves(self.waves)  # a configuration with waves has no other
+
+
+def spread(exponent: float | None) -> Floats:
+    """Return equally spaced quantiles, in rad, of angles about the direction with the density cos^n (DNV-RP-C205, 3.5.8).
+
+    Args:
+        exponent: n; None: long crests, all angles are 0.
+    """
+    if exponent is None:
+        return np.zeros(2)
+    angle = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 20_001)
+    below = np.cumsum(np.cos(angle) ** exponent)
+    return np.interp(np.linspace(0.0, 1.0, _QUANTILES), below / below[-1], angle)
+
+
+@compiled("dynamics", "tasks")
+def draw_rays(
+    indices: Integers, C: Integers, directions: Floats, quantiles: Floats, test: int, rays: Floats
+) -> None:
+    """Draw directions and phases of new episodes into `rays` (blocks, m, 3, LANES)."""
+    last = quantiles.shape[0] - 1
+    for k in range(indices.shape[0]):
+        i = indices[k]
+        block, lane = i // LANES, i % LANES
+        seed, episode, environment = C[i, C_SEED], C[i, C_EPISODE], C[i, C_ENVIRONMENT]
+        share = uniform(seed, WAVES | test, 0, 0, episode, environment)
+        direction = directions[0] + (directions[1] - directions[0]) * share
+        for m in range(rays.shape[1]):
+            place = last * uniform(seed, WAVES | test, _ANGLES + m, 0, episode, environment)
+            j = min(int(place), last - 1)
+            angle = direction + quantiles[j] + (place - j) * (quantiles[j + 1] - quantiles[j])
+            rays[block, m, waves.COSINE, lane] = math.cos(angle)
+            rays[block, m, waves.SINE, lane] = math.sin(angle)
+            rays[block, m, waves.PHASE, lane] = uniform(
+                seed, WAVES | test, _PHASES + m, 0, episode, environment
+            )
