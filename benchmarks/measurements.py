@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,7 @@ def configuration(*overrides: str) -> TrainConfig:
     return train_config(compose("train", overrides))
 
 
-def _stepper(batch: Batch) -> float:
+def _stepper(batch: Batch, clock: Callable[[], float] = time.perf_counter) -> float:
     """Seconds of one step of a batch: noise, physics, observation, reward, automatic reset."""
     rng = np.random.default_rng(0)
     actions = [rng.uniform(-1, 1, (batch.n, len(batch.vehicle.actuators))) for _ in range(8)]
@@ -43,7 +43,7 @@ def _stepper(batch: Batch) -> float:
         turn[0] += 1
         batch.step(actions[turn[0] % 8])
 
-    return best(step, seconds=1.0)
+    return best(step, seconds=1.0, clock=clock)
 
 
 def environments() -> Iterator[Row]:
@@ -94,6 +94,23 @@ def threads() -> Iterator[Row]:
             f"{n / two:,.0f}",
             "steps/s",
             f"{one / two:.2f} times one thread",
+        )
+
+
+def disturbances() -> Iterator[Row]:
+    """What disturbances cost: processor time of the environment step with each, taken in turn."""
+    n, names = 1024, ("none", "current", "waves", "severe")
+    batches = {
+        name: Batch(configuration(f"step.frequency={FREQUENCY}", f"disturbance={name}"), n) for name in names
+    }
+    rounds = [{name: _stepper(batch, time.thread_time) for name, batch in batches.items()} for _ in range(3)]
+    fastest = {name: min(found[name] for found in rounds) for name in names}
+    for name in names[1:]:
+        yield (
+            f"environment steps, disturbance={name}, N = {n}, one thread",
+            f"{n / fastest[name]:,.0f}",
+            "steps/s",
+            f"processor time; {fastest['none'] / fastest[name]:.2f} of the rate without disturbances",
         )
 
 
@@ -250,6 +267,7 @@ SECTIONS = {
     "environments": environments,
     "tasks": tasks,
     "threads": threads,
+    "disturbances": disturbances,
     "vehicles": vehicles,
     "reference": reference,
     "learners": learners,

@@ -10,19 +10,25 @@ from collections.abc import Callable
 from pathlib import Path
 
 
-def best(function: Callable[[], object], *, seconds: float = 0.3, repetitions: int = 7) -> float:
+def best(
+    function: Callable[[], object],
+    *,
+    seconds: float = 0.3,
+    repetitions: int = 7,
+    clock: Callable[[], float] = time.perf_counter,
+) -> float:
     """Seconds per call: the fastest of several repetitions, each as many calls as fill `seconds`."""
     function()
-    begun = time.perf_counter()
+    begun = clock()
     function()
-    once = max(time.perf_counter() - begun, 1e-7)
+    once = max(clock() - begun, 1e-7)
     calls = max(1, int(seconds / repetitions / once))
     fastest = float("inf")
     for _ in range(repetitions):
-        begun = time.perf_counter()
+        begun = clock()
         for _ in range(calls):
             function()
-        fastest = min(fastest, (time.perf_counter() - begun) / calls)
+        fastest = min(fastest, (clock() - begun) / calls)
     return fastest
 
 

@@ -104,6 +104,10 @@ def _server(given: argparse.Namespace) -> Server:
         raise ConfigError(
             "simulator=ros2: serve needs a simulator of its own: simulator=fossen or simulator=gazebo"
         )
+    if sea := config.disturbance.sea:
+        raise ConfigError(
+            f"disturbance.waves.height={sea.height:g}: serve has no waves; use simulator=fossen without ROS 2"
+        )
     vehicle = sheet.load(config.vehicle)
     physical = PhysicalCommands(vehicle)
     drawn = config.disturbance.randomisation

@@ -62,7 +62,8 @@ def spread(exponent: float | None) -> Floats:
         return np.zeros(2)
     angle = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 20_001)
     below = np.cumsum(np.cos(angle) ** exponent)
-    return np.interp(np.linspace(0.0, 1.0, _QUANTILES), below / below[-1], angle)
+    half = 0.5 / _QUANTILES  # of a share: the ends of a narrow spread are far from all others
+    return np.interp(np.linspace(half, 1.0 - half, _QUANTILES), below / below[-1], angle)
 
 
 @compiled("dynamics", "tasks")

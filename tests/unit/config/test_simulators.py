@@ -22,7 +22,7 @@ def plain(monkeypatch):
         } | changes
         monkeypatch.setitem(CAPABILITIES, "fossen", Capabilities(**able))
         monkeypatch.setitem(
-            CAPABILITIES, "able", CAPABILITIES["fossen"].__class__(True, True, True, "sheared")
+            CAPABILITIES, "able", CAPABILITIES["fossen"].__class__(True, True, True, "sheared", True)
         )
 
     return limit
@@ -43,6 +43,7 @@ def test_the_embedded_simulator_takes_all_that_can_be_asked():
     [
         (["disturbance=gauss_markov"], "disturbance.current.gauss_markov", "varying"),
         (["disturbance=depth_current"], "disturbance.current.profile", "sheared"),
+        (["disturbance=waves"], "disturbance.waves.height=0.88", "waves"),
         (["disturbance=randomised"], "disturbance.randomisation.mass", "numbers of their own"),
     ],
 )
@@ -81,6 +82,16 @@ def test_a_steady_current_passes_where_one_is_taken_and_not_where_there_is_none(
     plain(currents="none")
     with pytest.raises(ConfigError, match="has no current"):
         check("disturbance=current")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("simulator", [["gazebo"], ["ros2"], ["ros2", "simulator.clock=wall"]], ids=str)
+def test_waves_need_the_embedded_simulator(simulator):
+    name, *more = simulator
+    with pytest.raises(ConfigError) as caught:
+        check(f"simulator={name}", *more, "disturbance=sea_state_2")
+    assert str(caught.value).startswith("disturbance.waves.height=0.3: ")
+    assert str(caught.value).endswith("; use simulator=fossen")
 
 
 @pytest.mark.slow

@@ -137,7 +137,7 @@ def test_switching_a_factor_on_leaves_the_draws_of_the_others():
     np.testing.assert_array_equal(one.D[:, k.D_TOP : k.D_BOTTOM], both.D[:, k.D_TOP : k.D_BOTTOM])
 
 
-@pytest.mark.parametrize("name", [*LEVELS, "fault", "delay", "gauss_markov", "randomised"])
+@pytest.mark.parametrize("name", [*LEVELS, "fault", "delay", "gauss_markov", "randomised", "sea_state_4"])
 def test_a_restored_batch_goes_on_with_the_same_bits(name, tmp_path):
     config = configuration(
         f"disturbance={name}", "noise=thesis", "task.max_steps=37", "disturbance.fault.time_high=4.0"
