@@ -70,7 +70,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.config.validate import evaluate_config
     from auvbench.runs import run_filter
 
-    paths = [word for word in given.words if "=" not in word or Path(word).exists()]
+    paths = [word for word in given.words if "=" not in word or os.path.exists(word)]
     overrides = [word for word in given.words if word not in paths]
     _refuse_mixed(overrides, given.where)
     composed = compose("evaluate", overrides)

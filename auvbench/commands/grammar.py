@@ -6,9 +6,9 @@ The wrong one gets one line with the right one.
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NoReturn
 
 from auvbench.config.suggestions import unknown_flag
@@ -73,7 +73,7 @@ class Parser(argparse.ArgumentParser):
                 or in_where
                 or not separator
                 or before in takes_value
-                or Path(word).exists()
+                or os.path.exists(word)
             ):
                 continue
             flag = f"--{key.replace('_', '-')}"
