@@ -16,6 +16,19 @@ from auvbench.errors import UserError, closest, plain_warnings
 from auvbench.guard import guarded
 from auvbench.untrusted.text import short
 
+MEANT = {
+    **dict.fromkeys(("list", "ls", "status", "ps"), "runs"),
+    **dict.fromkeys(("test", "eval", "benchmark"), "evaluate"),
+    **dict.fromkeys(("rank", "table", "plot", "show"), "report"),
+    **dict.fromkeys(("learn", "run", "fit", "start"), "train"),
+    **dict.fromkeys(("view", "render", "play", "film"), "replay"),
+    **dict.fromkeys(("continue", "extend"), "resume"),
+    **dict.fromkeys(("optimise", "optimize", "search"), "tune"),
+    **dict.fromkeys(("diff", "versus"), "compare"),
+    **dict.fromkeys(("new", "create"), "init"),
+}
+"""Commands of other programs, and what does the same here."""
+
 
 def usage() -> str:
     width = max(map(len, COMMANDS))
@@ -24,7 +37,7 @@ def usage() -> str:
         [
             "usage: auvbench COMMAND [ARGUMENTS]",
             "",
-            "Which controller tracks waypoints best on an underwater vehicle, and how sure are we?",
+            "A benchmark of classical control and reinforcement learning for underwater vehicles.",
             "",
             "commands:",
             *lines,
@@ -59,7 +72,8 @@ def _dispatch(arguments: Sequence[str]) -> int:
     plain_warnings()
     name, rest = arguments[0], arguments[1:]
     if name not in COMMANDS:
-        raise UserError(f"unknown command {short(name)!r}; {closest(short(name), COMMANDS)}")
+        hint = f"did you mean {MEANT[name]!r}?" if name in MEANT else closest(short(name), COMMANDS)
+        raise UserError(f"unknown command {short(name)!r}; {hint}")
     command = importlib.import_module(f"auvbench.commands.{name.replace('-', '_')}")
     return int(command.main(rest) or 0)
 

@@ -29,6 +29,7 @@ from auvbench.config import installed, plugins
 from auvbench.errors import ConfigError, ReportError, closest
 from auvbench.runs import integrity
 from auvbench.runs import run_filter as filters
+from auvbench.runs.missing import missing
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.path_safety import child, is_plain
 from auvbench.untrusted.text import short
@@ -134,7 +135,7 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
     seen: set[Path] = set()
     for path in map(Path, paths):
         if not path.exists():
-            raise ReportError(f"no such folder: {path}")
+            raise ReportError(missing(path))
         if path.is_file():
             if path.name not in ("manifest.json", "config.yaml"):
                 raise ReportError(

@@ -155,7 +155,9 @@ def measure(name: str, option: str = "--rank-by") -> Measure:
     """
     known = measures()
     if name not in known:
-        raise ReportError(f"{option} {name!r} is no measure; {closest(name, known)}")
+        raise ReportError(
+            f"{option} {name!r} is no measure; {closest(name, known)} (auvbench report --help explains each)"
+        )
     return known[name]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands.grammar import Parser
+from auvbench.commands.grammar import Parser, workers
 from auvbench.errors import RunError, UserError, closest
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from auvbench.evaluation.bounds.files import Limits
 
 USAGE = """\
-usage: auvbench bound [protocol=NAME] [vehicle=NAME] [KEY=VALUE ...] [--check]
+usage: auvbench bound [protocol=NAME] [vehicle=NAME] [KEY=VALUE ...] [--workers N] [--force] [--check]
 
 Computes two bounds of the shortest time to the goal in each scenario of a protocol: the best trajectory found by optimal
 control, started from PID, MPC and a straight line and replayed in the simulator, and a time that is proven to be too
@@ -23,9 +23,9 @@ short. auvbench report relates agents to the first (time over best known). docs/
 
   protocol=NAME   test (default), or another that fixes the frequency
   vehicle=NAME    bluerov2 (default), or another vehicle that has thrusters alone
-  workers=N       searches at once (default: one per core); changes no result
   output=DIR      folder of bounds (default: outputs/bounds)
-  force=true      search again
+  --workers N     searches at once (default: one per core); changes no result
+  --force         search again
   --check         compute nothing: replay the stored commands in the simulator
 
 The same command continues after an interruption. Needs CasADi: pip install 'auvbench[mpc]'.
@@ -35,7 +35,7 @@ examples:
   auvbench bound protocol=test --check
 """
 
-KEYS = ("protocol", "vehicle", "simulator", "workers", "output", "force")
+KEYS = ("protocol", "vehicle", "simulator", "output")
 OUTPUT = "outputs/bounds"
 
 
@@ -59,16 +59,18 @@ def main(arguments: Sequence[str]) -> int:
     config = {str(key): value for key, value in plain.items()}
     if given.check:
         return _check(settings.protocol, config, root)
-    if not settings.force and (there := _there(settings.protocol, config, root)) is not None:
+    if not given.force and (there := _there(settings.protocol, config, root)) is not None:
         print(_summary(there))
-        print("These bounds exist already (force=true searches again).")
+        print("These bounds exist already (--force searches again).")
         return 0
-    return _compute(settings.protocol, config, root, settings.workers)
+    return _compute(settings.protocol, config, root, given.workers)
 
 
 def parser() -> Parser:
     parser = Parser(prog="auvbench bound", add_help=False, keys=KEYS)
     parser.add_argument("words", nargs="*")
+    parser.add_argument("--workers", type=workers, default=0)
+    parser.add_argument("--force", action="store_true")
     parser.add_argument("--check", action="store_true")
     parser.add_argument("-h", "--help", action="store_true")
     return parser

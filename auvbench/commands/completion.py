@@ -61,9 +61,9 @@ HYDRA = {"train": ("-m", "--cfg", "--help"), "tune": ("--cfg", "--trust", "--hel
 """Commands whose overrides Hydra completes, with their flags"""
 
 OVERRIDES = {
-    "evaluate": ("protocol", "force", "workers", "protocol.episodes"),
+    "evaluate": ("protocol", "protocol.episodes"),
     "serve": ("vehicle", "simulator", "disturbance", "step.frequency", "task.start"),
-    "bound": ("protocol", "vehicle", "workers", "output", "force"),
+    "bound": ("protocol", "vehicle", "output"),
     "resume": ("train.total_steps",),
 }
 """Keys of commands that take some `key=value`"""
@@ -85,7 +85,6 @@ VALUES: Mapping[str, Sequence[str]] = {
     "--format": FORMATS,
     "--study": STUDIES,
     "--sort": SORTS,
-    "force": ("true",),
 }
 """Values of flags and keys; those of other keys are files in the folder of that name"""
 

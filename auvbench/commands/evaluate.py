@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from auvbench.commands import trust
-from auvbench.commands.grammar import Parser
+from auvbench.commands.grammar import Parser, workers
 from auvbench.errors import RunError, UserError
 
 if TYPE_CHECKING:
-    from auvbench.config.schema import EvaluateConfig
+    from auvbench.config.schema import Protocol
     from auvbench.runs.directory import RunDirectory
     from auvbench.runs.status import RunStatus
 
 USAGE = """\
-usage: auvbench evaluate PATH... [protocol=NAME] [KEY=VALUE ...] [--where KEY=VALUE,... ...]
+usage: auvbench evaluate PATH... [protocol=NAME] [KEY=VALUE ...] [--force] [--workers N] [--where KEY=VALUE,... ...]
 
 Applies a test protocol to complete runs: every agent meets the same frozen scenarios, with a deterministic
 policy and frozen statistics. What is tested already is skipped, what is not complete is left out and named.
@@ -32,8 +32,8 @@ policy and frozen statistics. What is tested already is skipped, what is not com
                   frequency_sweep: 10, 25, 55 Hz   robustness: currents, faults, delays, noise, other masses
                   transfer: the same policy on other vehicles with the same actuators
                   suite: as robustness, for every task
-  force=true      test again what is tested already
-  workers=N       runs tested at once, or processes among which the episodes of a slow
+  --force         test again what is tested already
+  --workers N     runs tested at once, or processes among which the episodes of a slow
                   controller (mpc) are shared (default: one per core)
   --where TERMS   only runs of these values; all words with a = that follow are terms, so it comes last:
                   --where vehicle=rexrov reward.k=1,40 algo!=random
@@ -48,7 +48,7 @@ examples:
   auvbench evaluate outputs/default protocol=thesis
 """
 
-KEYS = ("protocol", "workers", "force", *(f"protocol.{key}" for key in ("episodes", "batch", "trajectories")))
+KEYS = ("protocol", *(f"protocol.{key}" for key in ("episodes", "batch", "trajectories")))
 """Keys of a test"""
 
 
@@ -56,6 +56,8 @@ def parser() -> Parser:
     parser = Parser(prog="auvbench evaluate", add_help=False, where=True, keys=KEYS)
     parser.add_argument("words", nargs="*")
     parser.add_argument("-c", "--cfg", choices=("job",))
+    parser.add_argument("--force", action="store_true")
+    parser.add_argument("--workers", type=workers, default=0)
     parser.add_argument(trust.FLAG, action="store_true")
     parser.add_argument("-h", "--help", action="store_true")
     return parser
@@ -88,7 +90,7 @@ def main(arguments: Sequence[str]) -> int:
     runs = find_runs(paths)
     runs = run_filter.select(runs, wanted, run_filter.facts) if wanted else runs
     trust.require_runs(runs, given.trust, "evaluate", packages=True)
-    return _evaluate_all(runs, config)
+    return _evaluate_all(runs, config.protocol, given.workers, given.force)
 
 
 def _refuse_mixed(overrides: Sequence[str], terms: Sequence[str]) -> None:
@@ -105,7 +107,7 @@ def _refuse_mixed(overrides: Sequence[str], terms: Sequence[str]) -> None:
             raise UserError(f"--where {term}: says which runs; to set {term} type it before --where")
 
 
-def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
+def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, force: bool) -> int:
     from auvbench.commands.progress import counting_bar
     from auvbench.evaluation.parallel import PRELOAD, evaluate_all
     from auvbench.runs.interruption import Interrupted, immediate
@@ -115,15 +117,14 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
     if not ready:
         raise UserError(f"nothing to evaluate: {_left_out(unfinished)}")
     failed = held = there = tested = 0
-    protocol = config.protocol
     episodes = protocol.episodes * len(protocol.conditions)
     with (
         counting_bar(len(ready), f"protocol {protocol.name}", episodes) as tell,
-        Pool(config.workers, PRELOAD) as pool,
+        Pool(workers, PRELOAD) as pool,
         immediate() as request,
     ):
         try:
-            for result in evaluate_all(ready, protocol, pool, force=config.force, report=tell.doing):
+            for result in evaluate_all(ready, protocol, pool, force=force, report=tell.doing):
                 if result.error and request.signal is not None:
                     break
                 if result.error:
@@ -147,14 +148,14 @@ def _evaluate_all(runs: list[RunDirectory], config: EvaluateConfig) -> int:
             raise Interrupted(request.signal, done) from None
     if there:
         what = "run is" if there == 1 else "runs are"
-        print(f"{there} {what} tested already by protocol {config.protocol.name} (force=true tests again)")
+        print(f"{there} {what} tested already by protocol {protocol.name} (--force tests again)")
     if unfinished:
         print(f"auvbench: {_left_out(unfinished)}", file=sys.stderr)
     if failed == len(ready):
         if held:
             return 1
         raise UserError("nothing could be evaluated")
-    which = "" if config.protocol.name == "test" else f" --protocol {config.protocol.name}"
+    which = "" if protocol.name == "test" else f" --protocol {protocol.name}"
     folder = Path(os.path.commonpath([run.path.parent for run in ready]))
     print(f"next: auvbench report {shlex.quote(str(folder))}{which}")
     return 1 if failed else 0

@@ -18,6 +18,17 @@ WHERE = "--where"
 WHERE_HELP = "only runs of these values: --where vehicle=rexrov reward.k=1,40 algo!=random"
 
 
+def workers(text: str) -> int:
+    """Return the number of processes at once that `--workers` names; 0 is one per core.
+
+    Raises:
+        ArgumentTypeError: it is no whole number from 0 to 4096.
+    """
+    if not text.isdecimal() or int(text) > 4096:
+        raise argparse.ArgumentTypeError(f"{text}: must be a whole number from 0 to 4096 (0: one per core)")
+    return int(text)
+
+
 class Parser(argparse.ArgumentParser):
     """Report a mistake in one line, with the flag that a `key=value` stands for, and the other way round.
 
@@ -77,8 +88,9 @@ class Parser(argparse.ArgumentParser):
             ):
                 continue
             flag = f"--{key.replace('_', '-')}"
-            if flag in flags and not key == WHERE[2:]:
-                raise UserError(f"{word}: {self.command} takes flags: {flag} {value}")
+            if flag in flags and key != WHERE[2:]:
+                typed = f"{flag} {value}" if flag in takes_value else flag
+                raise UserError(f"{word}: {self.command} takes flags: {typed}")
             if allowed:
                 continue
             if self._where and re.fullmatch(r"[\w.]+!?", key):

@@ -58,13 +58,14 @@ def training_bar(total_steps: int, *, shown: bool = True) -> Iterator[Watch | No
 
 def figures(progress: Progress) -> str:
     """Return the figures of a training in one line, the most important first."""
-    parts = []
+    parts = ["estimating the time to go"]
     if progress.steps_per_s > 0:
         left = max(progress.total_steps - progress.steps, 0) / progress.steps_per_s
-        parts.append(f"{duration(left)} left")
+        parts = [f"{duration(left)} left"]
     if (rate := telling(progress.success_rate, progress.episodes)) is not None:
         parts.append(f"success {100 * rate:.0f} %")
-    parts.append(f"{progress.steps_per_s:,.0f} steps/s")
+    if progress.steps_per_s > 0:
+        parts.append(f"{progress.steps_per_s:,.0f} steps/s")
     if progress.mean_return is not None:
         parts.append(f"return {progress.mean_return:,.0f}")
     return ", ".join(parts)
@@ -95,7 +96,8 @@ class Teller:
         self._parts, self._bar = parts, bar
         self._single = total == 1 and parts > 1
         self._runs = self._done = 0  # finished runs, and finished parts of the present run
-        self._begun = self._last = time.monotonic()
+        self._last = time.monotonic()
+        self._first: tuple[float, int] | None = None  # time and parts of the first report
         if bar is not None:
             self._task = bar.add_task("", total=parts if self._single else total, now="")
 
@@ -124,11 +126,18 @@ class Teller:
             self._bar.update(self._task, completed=place, now=now)
         elif self._single and 0 < self._done < self._parts:
             present = time.monotonic()
+            self._first = self._first or (present, self._done)
             if present - self._last >= _PLAIN_INTERVAL:
                 self._last = present
-                left = duration((present - self._begun) / self._done * (self._parts - self._done))
-                line = f"{now}, {self._done:,} of {self._parts:,} episodes, {left} left"
+                line = f"{now}, {self._done:,} of {self._parts:,} episodes, {self._left(present)}"
                 print(line, file=sys.stderr, flush=True)
+
+    def _left(self, present: float) -> str:
+        """Return the time to go by the rate since the first report: before it, code is compiled."""
+        begun, done = self._first or (present, self._done)
+        if self._done == done:
+            return "estimating the time to go"
+        return f"{duration((present - begun) / (self._done - done) * (self._parts - self._done))} left"
 
 
 @contextmanager

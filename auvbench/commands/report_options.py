@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from importlib import resources
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError, closest
+from auvbench.metrics import METRICS
+from auvbench.record import measure_names
 from auvbench.untrusted import documents, reading
 
 if TYPE_CHECKING:
@@ -127,20 +130,37 @@ def _differing(options: Options, declared: Declared) -> tuple[str, ...]:
     )
 
 
+def measures() -> str:
+    """Return every measure of `--rank-by` with its unit and meaning, a paragraph each."""
+    lines = ["measures:"]
+    for metric in METRICS:
+        if metric.measure not in measure_names():
+            continue
+        unit = f", {metric.unit}" if metric.unit not in ("", "1") else ""
+        tasks = f" ({', '.join(metric.tasks)})" if metric.tasks else ""
+        text = f"{metric.definition}{unit}{tasks}; {metric.better} is better"
+        lines += [
+            f"  {metric.measure}",
+            *textwrap.wrap(text, 100, initial_indent=" " * 6, subsequent_indent=" " * 6),
+        ]
+    return "\n".join(lines)
+
+
 def parser() -> Parser:
     """The flags, each a key of conf/report.yaml."""
     parser = Parser(
         prog="auvbench report",
         where=True,
-        description="Ranks runs and writes tables, figures and a page next to them. "
+        description="Ranks runs and writes tables, figures and a page next to them.\n"
         "Defaults: conf/report.yaml; --preset FILE holds your own.",
-        epilog="example: auvbench report outputs/quickstart --baseline pid --format terminal,tex --out paper/",
+        epilog=f"example:\n  auvbench report outputs/quickstart --baseline pid --format terminal,tex --out paper/\n\n{measures()}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("paths", nargs="+", type=Path, metavar="PATH", help="run directories, or folders above them")
     add("--preset", type=Path, metavar="FILE", help="a YAML file of these options (rank_by: mean_steps)")
-    add("--rank-by", metavar="METRIC", help="primary measure: success_rate, par1_time_s, mean_<column>, ...")
-    add("--then", metavar="METRIC", help="decides between equals")
+    add("--rank-by", metavar="METRIC", help="primary measure, one of those below")
+    add("--then", metavar="METRIC", help="measure that decides between equals")
     add("--group-by", metavar="KEY,...", help="configuration keys whose values make a row: algo,reward.k")
     add("--columns", metavar="NAME,...", help="further columns: iqm_success, training_cpu_s, ...")
     add(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from auvbench.commands import trust
-from auvbench.commands.grammar import Parser
+from auvbench.commands.grammar import Parser, workers
 from auvbench.errors import AuvbenchError, ConfigError, RunError
 from auvbench.runs.identity import OPERATIONAL
 
@@ -36,8 +36,6 @@ def main(arguments: Sequence[str]) -> int:
     overrides = [text for text in given.runs if _is_override(text)]
     if not paths:
         raise ConfigError("resume: name at least one run or folder, e.g. auvbench resume outputs")
-    if given.workers < 0:
-        raise ConfigError(f"--workers {given.workers}: must be at least 0 (0: as many as cores)")
     total, operational = _budget(overrides)
 
     from auvbench.runs.directory import find_runs
@@ -65,7 +63,7 @@ def parser() -> Parser:
         metavar="RUN",
         help=f"run directories or folders; {BUDGET}=N extends; KEY=VALUE for {', '.join(OPERATIONAL)}",
     )
-    parser.add_argument("--workers", type=int, default=0, help="runs at once (default: as many as cores)")
+    parser.add_argument("--workers", type=workers, default=0, help="runs at once (default: as many as cores)")
     parser.add_argument(trust.FLAG, action="store_true", help=trust.HELP)
     return parser
 

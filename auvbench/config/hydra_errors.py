@@ -59,6 +59,8 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
             return ConfigError(f"{group}={wanted}: {declared.release} has no {group}/{wanted}.yaml for it")
         path = f"; a file of your own goes to ./conf/{group}" if wanted.endswith(".yaml") else ""
         return ConfigError(f"{group}={wanted}: no such option; {closest(wanted, options)}{path}")
+    if listed := next((found for o in overrides if (found := _list_of_options(o, entry))), ""):
+        return ConfigError(listed)
     overridden = re.search(r"Could not override '([^']+)'", text)
     for link in chain:
         key = str(getattr(link, "full_key", None) or getattr(link, "key", None) or "?")
@@ -102,6 +104,17 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
             f"{' '.join(overrides) or 'what was typed'}: cannot be composed ({' '.join(str(error).split())})"
         )
     return ""
+
+
+def _list_of_options(override: str, entry: str) -> str:
+    """Return what to type for a list of options of one group: `algo=[ppo,sac]`."""
+    key, _, value = override.partition("=")
+    names = value.strip("[]")
+    if not re.fullmatch(r"\[[^\[\]]*\]", value) or not plugins.options(key):
+        return ""
+    if entry not in ("train", "tune"):
+        return f"{override}: give one option, e.g. {key}={names.split(',')[0]}"
+    return f"{override}: one option each; several make a grid: auvbench {entry} -m {key}={names.replace(' ', '')}"
 
 
 def _unparsed(override: str) -> str:

@@ -253,8 +253,6 @@ class EvaluateConfig:
     """Everything that `auvbench evaluate` composes."""
 
     protocol: Protocol
-    workers: int = number(0, 4096)
-    force: bool
 
 
 @dataclass(kw_only=True)

@@ -21,6 +21,7 @@ from auvbench.runs.atomic_io import (
     write_json,
 )
 from auvbench.runs.identity import SCHEMA_VERSION
+from auvbench.runs.missing import missing
 from auvbench.untrusted import documents, path_safety, reading
 from auvbench.untrusted.text import first_line
 
@@ -306,7 +307,7 @@ def find_runs(paths: Iterable[Path | str]) -> list[RunDirectory]:
     for given in paths:
         path = Path(given)
         if not path.exists():
-            raise RunError(f"{path}: no such file or directory")
+            raise RunError(missing(path))
         here = sorted(_walk(path))
         if not here:
             raise RunError(f"{path}: this is no run directory, and there are none below it")

@@ -16,7 +16,7 @@ from tests.packages import Site, learning, site, steering
 
 __all__ = ["site"]
 
-BRIEF = ("protocol.episodes=6", "workers=1")
+BRIEF = ("protocol.episodes=6", "--workers", "1")
 SHORT = ("train.total_steps=400", "train.progress=false", "train.checkpoint.steps=100")
 
 
@@ -196,7 +196,7 @@ def test_without_its_package_a_run_is_listed_and_reported_and_evaluate_says_what
     assert set(found) >= {"mine", "slow", "random"}
     assert {name: run.id for name, run in runs().items()} == ids
     capsys.readouterr()
-    assert cli.main(["evaluate", "outputs", *BRIEF, "force=true"]) == 1
+    assert cli.main(["evaluate", "outputs", *BRIEF, "--force"]) == 1
     said = capsys.readouterr()
     for name in ("mine", "slow"):
         lines = [line for line in said.err.splitlines() if f"{name}-package" in line]
@@ -249,7 +249,7 @@ def test_a_simulator_of_a_package(site: Site, capsys: pytest.CaptureFixture[str]
     assert cli.main(["train", "algo=pid", "simulator=tank", "disturbance=current"]) == 2
     assert "simulator=tank has no current" in capsys.readouterr().err
     site.uninstall("tank-package")
-    assert cli.main(["evaluate", "outputs", *BRIEF, "force=true"]) == 2
+    assert cli.main(["evaluate", "outputs", *BRIEF, "--force"]) == 2
     assert "pip install 'tank-package==1.0'" in capsys.readouterr().err
 
 

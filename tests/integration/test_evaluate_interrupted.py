@@ -37,7 +37,16 @@ def importing(process: subprocess.Popen[str]) -> bool:
 @pytest.mark.slow
 @pytest.mark.parametrize("when", ["workers start", "a run is tested"])
 def test_it_says_what_is_kept_and_ends_at_once(runs: Path, when: str) -> None:
-    command = [sys.executable, "-m", "auvbench", "evaluate", "outputs", "protocol=robustness", "workers=2"]
+    command = [
+        sys.executable,
+        "-m",
+        "auvbench",
+        "evaluate",
+        "outputs",
+        "protocol=robustness",
+        "--workers",
+        "2",
+    ]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
     )

@@ -27,7 +27,7 @@ BRIEF = ["protocol.episodes=4", "protocol.trajectories=1"]
 def evaluate(folder: Path, *overrides: str, workers: int = 2) -> subprocess.Popen[str]:
     arguments = [sys.executable, "-P", "-m", "auvbench.cli", "evaluate", str(folder)]
     return subprocess.Popen(
-        [*arguments, *overrides, f"workers={workers}"],
+        [*arguments, *overrides, "--workers", str(workers)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -123,12 +123,12 @@ def test_a_run_that_is_being_tested_is_left_alone_and_the_others_are_tested(
     held.mkdir(parents=True)
     with lock.acquire(held):
         assert (
-            cli.main(["evaluate", str(runs[0].path), *BRIEF, "workers=1"]) == 1
+            cli.main(["evaluate", str(runs[0].path), *BRIEF, "--workers", "1"]) == 1
         )  # nothing was wrong with the input
         assert f"pid {os.getpid()}" in capsys.readouterr().err
-        assert cli.main(["evaluate", str(tmp_path), *BRIEF, "workers=1"]) == 1
+        assert cli.main(["evaluate", str(tmp_path), *BRIEF, "--workers", "1"]) == 1
     said = capsys.readouterr()
     assert f"{runs[0].id}: " in said.err
     assert f"pid {os.getpid()}" in said.err
     assert said.out.count(": success ") == 2
-    assert cli.main(["evaluate", str(tmp_path), *BRIEF, "workers=1"]) == 0
+    assert cli.main(["evaluate", str(tmp_path), *BRIEF, "--workers", "1"]) == 0

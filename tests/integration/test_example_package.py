@@ -49,7 +49,17 @@ def commands(page: str) -> list[list[str]]:
 def runs_through(python: Path, folder: Path) -> None:
     assert " pursuit," in said(python, "-m", "auvbench.cli", "train", "--help", cwd=folder)
     said(python, "-m", "auvbench.cli", "train", "-m", *TRAIN, cwd=folder)
-    said(python, "-m", "auvbench.cli", "evaluate", "outputs", "protocol.episodes=20", "workers=2", cwd=folder)
+    said(
+        python,
+        "-m",
+        "auvbench.cli",
+        "evaluate",
+        "outputs",
+        "protocol.episodes=20",
+        "--workers",
+        "2",
+        cwd=folder,
+    )
     said(python, "-m", "auvbench.cli", "report", "outputs", cwd=folder)
     with (folder / "outputs/default/report/table.csv").open() as file:
         rows = {row["agent"]: row for row in csv.DictReader(file)}

@@ -86,7 +86,10 @@ def test_every_algorithm_trains_and_is_evaluated(outputs, folder):
         assert list((run / "train").glob("events.out.tfevents.*"))
         weights = torch.load(run / "model" / "policy.pt", weights_only=True)
         assert all(torch.isfinite(tensor).all() for tensor in weights.values())
-    assert auvbench("evaluate", "outputs", "protocol.episodes=7", "protocol.trajectories=2", "workers=1") == 0
+    assert (
+        auvbench("evaluate", "outputs", "protocol.episodes=7", "protocol.trajectories=2", "--workers", "1")
+        == 0
+    )
     tested = rows(run / "evaluations" / "test" / "episodes.csv")
     assert [row["episode"] for row in tested] == [str(e) for e in range(7)]
     with np.load(run / "evaluations" / "test" / "trajectories.npz", allow_pickle=False) as archive:
@@ -100,9 +103,9 @@ def test_every_algorithm_trains_and_is_evaluated(outputs, folder):
 def test_from_nothing_to_a_ranked_table(folder, capsys):
     for algo in ("ppo", "pid", "random"):
         assert auvbench("train", f"algo={algo}", *SMALL[algo], *SHORT) == 0
-    assert auvbench("evaluate", "outputs", "protocol.episodes=20", "workers=1") == 0
+    assert auvbench("evaluate", "outputs", "protocol.episodes=20", "--workers", "1") == 0
     assert capsys.readouterr().out.count(": success ") == 3
-    assert auvbench("evaluate", "outputs", "protocol.episodes=20", "workers=1") == 0
+    assert auvbench("evaluate", "outputs", "protocol.episodes=20", "--workers", "1") == 0
     assert ": success " not in capsys.readouterr().out
     assert auvbench("report", "outputs", "--no-figures") == 0
     printed = capsys.readouterr().out
@@ -152,7 +155,7 @@ def test_rows_do_not_depend_on_the_batch(outputs, folder):
     tables = []
     for batch in (500, 4, 1):
         protocol = ["protocol.episodes=6", f"protocol.batch={batch}", "protocol.trajectories=0"]
-        assert auvbench("evaluate", "outputs", *protocol, "force=true", "workers=1") == 0
+        assert auvbench("evaluate", "outputs", *protocol, "--force", "--workers", "1") == 0
         tables.append((only_run(folder) / "evaluations" / "test" / "episodes.csv").read_bytes())
     assert tables[0] == tables[1] == tables[2]
 

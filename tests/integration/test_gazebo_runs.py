@@ -85,7 +85,7 @@ def test_a_stopped_run_goes_on_and_says_how(tmp_path, monkeypatch):
 def test_a_policy_meets_the_same_scenarios_in_both_simulators(tmp_path):
     assert main(["train", f"output={tmp_path}", "algo=pid"]) == 0
     (run,) = tmp_path.glob("*/pid-*")
-    assert main(["evaluate", str(run), "protocol=gazebo", "protocol.episodes=4", "workers=1"]) == 0
+    assert main(["evaluate", str(run), "protocol=gazebo", "protocol.episodes=4", "--workers", "1"]) == 0
     rows = np.genfromtxt(
         run / "evaluations" / "gazebo" / "episodes.csv",
         delimiter=",",

@@ -15,7 +15,7 @@ from tests.conftest import Trained
 from tests.soak.bits import bits
 from tests.soak.campaign import CASES, frozen
 
-BRIEF = ["protocol.episodes=4", "protocol.trajectories=1", "workers=1"]
+BRIEF = ["protocol.episodes=4", "protocol.trajectories=1", "--workers", "1"]
 CASE = "ppo-1"
 
 Harm = Callable[[RunDirectory], object]

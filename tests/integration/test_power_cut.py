@@ -19,7 +19,7 @@ from tests.soak.campaign import frozen
 from tests.soak.power import LOSSES, Disk
 
 CASE = "ppo-1"
-BRIEF = ["protocol.episodes=6", "protocol.trajectories=2", "workers=1"]
+BRIEF = ["protocol.episodes=6", "protocol.trajectories=2", "--workers", "1"]
 
 
 def kept(folder: Path, run: RunDirectory, image: Path) -> RunDirectory:

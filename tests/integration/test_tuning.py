@@ -104,7 +104,7 @@ def test_a_report_on_the_scenarios_of_the_search_says_that_it_is_no_ranking(
     Path("conf/algo/pid_tuned.yaml").write_bytes((pid / "tune" / "pid" / "best.yaml").read_bytes())
     assert cli.main(["train", "-m", "algo=pid_tuned,random", "seed=0"]) == 0
     for protocol in ("validation", "test"):
-        evaluate = ["evaluate", "outputs", f"protocol={protocol}", "protocol.episodes=3", "workers=1"]
+        evaluate = ["evaluate", "outputs", f"protocol={protocol}", "protocol.episodes=3", "--workers", "1"]
         assert cli.main(evaluate) == 0
         capsys.readouterr()
         assert (

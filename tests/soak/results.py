@@ -31,7 +31,7 @@ from tests.soak.killing import kill_at_operation
 from tests.soak.power import LOSSES, Disk
 
 CASES = ("ppo-1", "sac-1")
-TEST = ["protocol.episodes=30", "protocol.trajectories=2", "workers=1"]
+TEST = ["protocol.episodes=30", "protocol.trajectories=2", "--workers", "1"]
 REPORT = ["--format", "html,md,csv"]
 
 
@@ -134,7 +134,7 @@ def cut_evaluations(made: Path, folder: Path, count: int, rng: random.Random) ->
                     images.append(disk.image(folder / f"image-{len(images)}", rng.choice(LOSSES), rng))
 
             disk.before = strike
-            quiet("evaluate", str(place), *TEST, "force=true")
+            quiet("evaluate", str(place), *TEST, "--force")
             disk.before = None
             images.append(disk.image(folder / "ended", rng.choice(LOSSES), rng))
         for image in images:
@@ -154,9 +154,7 @@ def kill_evaluations(made: Path, folder: Path, count: int, rng: random.Random) -
     expected = rows_of(made)
     place = shutil.copytree(made, folder / "killed")
     while tally.mishaps < count:
-        tally.mishaps += killed(
-            lambda: quiet("evaluate", str(place), *TEST, "force=true"), place, rng, 3.0, 60
-        )
+        tally.mishaps += killed(lambda: quiet("evaluate", str(place), *TEST, "--force"), place, rng, 3.0, 60)
         there = rows_of(place)
         tally.differences += [name for name in there if there[name] != expected[name]]
         if rng.random() < 0.3:

@@ -27,4 +27,7 @@ def test_success_waits_for_episodes() -> None:
 
 
 def test_before_anything_is_known() -> None:
-    assert figures(at(steps_per_s=0.0, episodes=0, success_rate=None, mean_return=None)) == "0 steps/s"
+    assert (
+        figures(at(steps_per_s=0.0, episodes=0, success_rate=None, mean_return=None))
+        == "estimating the time to go"
+    )

@@ -63,7 +63,7 @@ def test_without_casadi_the_extra_is_named(
 
 @pytest.mark.slow
 def test_computed_checked_and_not_computed_again(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["bound", "protocol=near", "workers=1"]) == 0
+    assert cli.main(["bound", "protocol=near", "--workers", "1"]) == 0
     out = capsys.readouterr().out
     assert "proven to be at least" in out
     assert "wrote outputs/bounds/near-bluerov2" in out

@@ -33,7 +33,7 @@ def outputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 def test_what_can_be_evaluated_is_and_the_rest_is_one_line(
     outputs: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli.main(["evaluate", "outputs", FEW, "workers=1"]) == 0
+    assert cli.main(["evaluate", "outputs", FEW, "--workers", "1"]) == 0
     captured = capsys.readouterr()
     assert len([line for line in captured.out.splitlines() if "success" in line]) == 2
     # A first use of the machine compiles, and says so.
@@ -93,6 +93,6 @@ def test_an_agent_that_swallows_an_interruption_does_not_hide_it(
     monkeypatch.setattr(RandomAgent, "act", interrupted)
     for seed in range(2):
         frozen(tmp_path, "algo=random", f"seed={seed}", "task.max_steps=5")
-    assert cli.main(["evaluate", str(tmp_path), FEW, "workers=1"]) == 128 + signal.SIGINT
+    assert cli.main(["evaluate", str(tmp_path), FEW, "--workers", "1"]) == 128 + signal.SIGINT
     assert "2 runs tested and kept" in capsys.readouterr().err
     assert len(list(tmp_path.glob("*/*/evaluations/test"))) == int(swallows)

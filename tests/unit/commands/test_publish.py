@@ -237,7 +237,7 @@ def parquet(folder: str) -> dict[str, bytes]:
         (["outputs/grid", "--to", "x", "--question", ""], "give one line of text"),
         (["outputs/grid", "--to", "x", "--title", "a\nb"], "give one line of text"),
         (["outputs/grid", "--to", "x", "--pictures", "failure"], "did you mean 'failures'"),
-        (["outputs/nothing", "--to", "x"], "no such folder"),
+        (["outputs/nothing", "--to", "x"], "no such file or directory"),
         (["outputs/grid", "--to", "x", "--protocol", "thesis"], "robustness, test"),
         (["outputs/grid", "--to", "x", "--also", "transfer"], "evaluated by protocol 'transfer'"),
         (["outputs/grid", "--to", "x", "--baseline", "pdi"], "--baseline 'pdi' is not among the agents"),

@@ -18,7 +18,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.training import worker
 from tests.unit.runs.test_damage import frozen
 
-BRIEF = ("protocol.episodes=1", "workers=1")
+BRIEF = ("protocol.episodes=1", "--workers", "1")
 
 
 @pytest.fixture

@@ -63,7 +63,7 @@ def test_a_failed_measurement_is_null_and_keeps_the_rows(tmp_path, monkeypatch, 
     monkeypatch.setattr(inference, "measure", fail)
     runs = [frozen(tmp_path, "algo=pid", f"seed={seed}") for seed in range(2)]
     with pytest.warns(AuvbenchWarning, match="no time"):
-        assert cli.main(["evaluate", str(tmp_path), "protocol.episodes=2", "workers=1"]) == 0
+        assert cli.main(["evaluate", str(tmp_path), "protocol.episodes=2", "--workers", "1"]) == 0
     for run in runs:
         assert read_summary(run, "test")["inference"] is None
         assert len((run.evaluation("test") / "episodes.csv").read_text().splitlines()) == 3
@@ -77,7 +77,7 @@ def test_the_rows_are_there_before_the_measurement(tmp_path, monkeypatch):
     run = frozen(tmp_path, "algo=pid")
     there = []
     monkeypatch.setattr(inference, "measure", lambda *_: there.append(is_there(run)))
-    assert cli.main(["evaluate", str(run.path), "protocol.episodes=2", "workers=1"]) == 0
+    assert cli.main(["evaluate", str(run.path), "protocol.episodes=2", "--workers", "1"]) == 0
     assert there == [True]
 
 

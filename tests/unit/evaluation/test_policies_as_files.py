@@ -27,7 +27,7 @@ from tests import onnx_files
 from tests.onnx_files import model, saved
 from tests.unit.runs.test_damage import frozen
 
-BRIEF = ["protocol.episodes=8", "workers=1"]
+BRIEF = ["protocol.episodes=8", "--workers", "1"]
 
 
 def trained(folder: Path, *overrides: str) -> RunDirectory:
@@ -276,7 +276,7 @@ def test_a_file_from_plain_torch_is_trained_evaluated_and_ranked(
     assert "by_hand" in table
     run = resolve_run(compose("train", entered(path, tmp_path / "out")))
     path.unlink()  # the run has a copy of its own
-    assert cli.main(["evaluate", str(run.path), *BRIEF, "force=true"]) == 0
+    assert cli.main(["evaluate", str(run.path), *BRIEF, "--force"]) == 0
 
 
 @pytest.mark.slow
@@ -321,7 +321,7 @@ def test_an_exported_policy_has_the_outcomes_of_its_run(tmp_path: Path) -> None:
     mine = prepare(compose("train", entered(done.path, tmp_path / "runs")))
     assert mine.id.startswith(run.id)
     assert cli.main(["train", *entered(done.path, tmp_path / "runs")]) == 0
-    assert cli.main(["evaluate", str(tmp_path / "runs"), "protocol.episodes=40", "workers=1"]) == 0
+    assert cli.main(["evaluate", str(tmp_path / "runs"), "protocol.episodes=40", "--workers", "1"]) == 0
     rows = []
     for one in (run, mine):
         lines = (one.evaluation("test") / "episodes.csv").read_text().splitlines()

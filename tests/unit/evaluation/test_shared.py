@@ -71,7 +71,7 @@ def test_one_pool_tests_whole_runs_and_then_episodes(tmp_path: Path) -> None:
     pytest.importorskip("casadi")
     for algo in ("pid", "random", "mpc"):
         frozen(tmp_path, f"algo={algo}")
-    assert cli.main(["evaluate", str(tmp_path), "protocol.episodes=2", "workers=2"]) == 0
+    assert cli.main(["evaluate", str(tmp_path), "protocol.episodes=2", "--workers", "2"]) == 0
     assert len(list(tmp_path.glob("*/*/evaluations/test/summary.json"))) == 3
 
 
@@ -112,7 +112,7 @@ def test_parts_are_joined_in_order() -> None:
 @pytest.mark.slow
 def test_a_summary_says_how_long_an_action_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = frozen(tmp_path, "algo=pid")
-    assert cli.main(["evaluate", str(run.path), "protocol.episodes=4", "workers=1"]) == 0
+    assert cli.main(["evaluate", str(run.path), "protocol.episodes=4", "--workers", "1"]) == 0
     before = rows(run)
     timed = summary(run)["inference"]
     assert timed["actions"] >= 100
@@ -126,7 +126,7 @@ def test_a_summary_says_how_long_an_action_takes(tmp_path: Path, capsys: pytest.
 
     path.write_text(json.dumps(integrity.sealed(summary(run) | {"inference": {"median_ms": 1.0}})))
     capsys.readouterr()
-    assert cli.main(["evaluate", str(run.path), "protocol.episodes=4", "workers=1"]) == 0
+    assert cli.main(["evaluate", str(run.path), "protocol.episodes=4", "--workers", "1"]) == 0
     assert "tested already" in capsys.readouterr().out
     assert rows(run) == before
 

@@ -15,7 +15,7 @@ from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
 from tests.unit.runs.test_damage import frozen
 
-BRIEF = ["protocol.episodes=3", "protocol.trajectories=1", "workers=1"]
+BRIEF = ["protocol.episodes=3", "protocol.trajectories=1", "--workers", "1"]
 
 
 @pytest.fixture
