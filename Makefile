@@ -3,7 +3,9 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+# What a user needs, and the developer's tools on top of it.
 STAMP := $(VENV)/.installed
+TOOLS := $(VENV)/.tools
 PIP = $(BIN)/python -m pip install -qq --disable-pip-version-check
 # One torch thread per process; tests run side by side on the cores there are.
 JOBS ?= auto
@@ -29,7 +31,7 @@ STUDIES ?= 500
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
 
-install: $(STAMP) ## the virtual environment .venv with auvbench and its tools
+install: $(STAMP) ## the virtual environment .venv with auvbench and MPC, without the developer's tools
 
 $(STAMP): pyproject.toml constraints.txt requirements.lock requirements-build.lock
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if (3, 11) <= v < (3, 14) else \
@@ -39,66 +41,72 @@ $(STAMP): pyproject.toml constraints.txt requirements.lock requirements-build.lo
 	@# Everything but PyTorch by the hashes of its files; the last line installs PyTorch, ourselves, and checks the rest.
 	@$(PIP) --require-hashes --no-deps -r requirements-build.lock
 	@$(PIP) --require-hashes --no-deps --no-build-isolation -r requirements.lock
+	@$(PIP) --no-build-isolation -c constraints.txt -e '.[mpc]'
+	@touch $@
+
+$(TOOLS): $(STAMP) requirements-dev.lock
+	@echo "installing the developer's tools into $(VENV)"
+	@$(PIP) --require-hashes --no-deps --no-build-isolation -r requirements-dev.lock
 	@$(PIP) --no-build-isolation -c constraints.txt -e '.[dev]'
 	@touch $@
 
-demo: $(STAMP) ## train PPO with K=1 and K=100, five seeds each; test them, PID and random; rank them
+demo: $(STAMP) ## train PPO with five seeds; test PID, MPC and PPO; rank them
 	$(BIN)/auvbench train -m experiment=quickstart
-	$(BIN)/auvbench evaluate outputs/quickstart
+	$(BIN)/auvbench evaluate outputs/quickstart protocol.episodes=25
 	$(BIN)/auvbench report outputs/quickstart
 
-test: $(STAMP) ## the quick tests: what a contributor runs
+test: $(TOOLS) ## the quick tests: what a contributor runs
 	$(PYTEST) -m "not slow"
 
-test-slow: $(STAMP) ## the tests that take seconds each: trainings, kills, virtual environments, browsers, ROS 2
+test-slow: $(TOOLS) ## the tests that take seconds each: trainings, kills, virtual environments, browsers, ROS 2
 	$(PYTEST) -m slow
 
-check: $(STAMP) ## format, lint, types, layers, the links of the documentation
+check: $(TOOLS) ## format, lint, types, layers, the links of the documentation
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(MKDOCS) --site-dir "$$(mktemp -d)"
 
-docs: $(STAMP) ## the documentation as a site, site/index.html; a broken link or reference is an error
+docs: $(TOOLS) ## the documentation as a site, site/index.html; a broken link or reference is an error
 	$(MKDOCS)
 	@echo "open site/index.html, or type $(BIN)/mkdocs serve"
 
-format: $(STAMP) ## rewrite the code in the house's format
+format: $(TOOLS) ## rewrite the code in the house's format
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: $(STAMP) ## how fast everything is, as a table
+bench: $(TOOLS) ## how fast everything is, as a table
 	$(BIN)/python -m benchmarks $(ARGS)
 
-statistics: $(STAMP) ## measure anew how often reports are right: tables of docs/ (an hour of one core; a look: REPLICATIONS=20 STUDIES=10)
+statistics: $(TOOLS) ## measure anew how often reports are right: tables of docs/ (an hour of one core; a look: REPLICATIONS=20 STUDIES=10)
 	$(BIN)/python -m benchmarks.statistics --replications $(REPLICATIONS) --studies $(STUDIES) $(ARGS)
 
-gallery: $(STAMP) ## the pictures of docs/gallery.md
+gallery: $(TOOLS) ## the pictures of docs/gallery.md
 	$(BIN)/python -m benchmarks.gallery
 
-verification: $(STAMP) ## compute docs/verification.md anew
+verification: $(TOOLS) ## compute docs/verification.md anew
 	$(BIN)/python -m tests.verification.page
 
-parity: $(STAMP) ## the embedded simulator against Gazebo: tables of docs/parity.md (needs Gazebo)
+parity: $(TOOLS) ## the embedded simulator against Gazebo: tables of docs/parity.md (needs Gazebo)
 	$(BIN)/python -m benchmarks.gazebo.parity
 
-soak: $(STAMP) ## kills, power cuts and flipped bits for a long time
+soak: $(TOOLS) ## kills, power cuts and flipped bits for a long time
 	$(BIN)/python -m tests.soak.results --cuts $(CUTS) --kills $(KILLS) --flips $(FLIPS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 	$(BIN)/python -m tests.soak.campaign --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 	$(BIN)/python -m tests.soak.tuning --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 
-lock: $(STAMP) ## the hashes of all files that an installation may take
+lock: $(TOOLS) ## the hashes of all files that an installation may take
 	$(PIP) uv
 	$(BIN)/python .ci/lock
 
-fuzz: $(STAMP) ## random command lines, files and sheets for a long time (MINUTES=60)
+fuzz: $(TOOLS) ## random command lines, files and sheets for a long time (MINUTES=60)
 	$(BIN)/python -m tests.fuzz.campaign --minutes $(MINUTES)
 
-test-cluster: $(STAMP) ## SLURM and Ray backends against real ones (installs them: root, Debian; ARGS="-k tuning" for some)
+test-cluster: $(TOOLS) ## SLURM and Ray backends against real ones (installs them: root, Debian; ARGS="-k tuning" for some)
 	tests/cluster/run.sh $(ARGS)
 
-test-programs: $(STAMP) ## other people's programs on the environments (installs some 20 GB; PROGRAMS=FOLDER keeps them)
+test-programs: $(TOOLS) ## other people's programs on the environments (installs some 20 GB; PROGRAMS=FOLDER keeps them)
 	$(if $(PROGRAMS),AUVBENCH_PROGRAMS=$(abspath $(PROGRAMS))) $(BIN)/python -m pytest -q -m programs tests/programs
 
 clean: ## remove the environment and caches, keep outputs

@@ -1,4 +1,4 @@
-"""auvbench: which controller tracks waypoints best on an autonomous underwater vehicle, and how sure are we?
+"""auvbench: a benchmark of classical control and reinforcement learning for underwater vehicles.
 
 `import auvbench` registers the Gymnasium ids:
 

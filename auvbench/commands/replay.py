@@ -1,4 +1,4 @@
-"""`auvbench replay RUN`: run one episode of a test again, and show it as text, figure and film."""
+"""`auvbench replay RUN...`: run one episode of a test again, and show it as text, figure and film."""
 
 from __future__ import annotations
 
@@ -20,7 +20,11 @@ def parser() -> Parser:
         description="Run one episode of a test again, with the same result, and show it.",
     )
     parser.add_argument(
-        "run", type=Path, metavar="RUN", help="a run directory, or a folder of `auvbench pilot --record`"
+        "runs",
+        nargs="+",
+        type=Path,
+        metavar="RUN",
+        help="a run directory, or a folder of `auvbench pilot --record`; several runs are shown in one scene",
     )
     parser.add_argument("--episode", type=int, default=0, help="episode of the protocol (default: 0)")
     parser.add_argument("--protocol", default="test", help="protocol (default: test)")
@@ -47,48 +51,56 @@ def main(arguments: Sequence[str]) -> int:
         replay_pictures.check(options.video)  # before anything is computed
     from auvbench.evaluation.replay import is_mission, read_mission, replay
 
-    if is_mission(options.run):
+    first = options.runs[0]
+    if len(options.runs) == 1 and is_mission(first):
         return _show(
-            read_mission(options.run, options.episode),
-            (options.out or options.run / "replays") / f"mission-{options.episode}",
+            [read_mission(first, options.episode)],
+            (options.out or first / "replays") / f"mission-{options.episode}",
             options.video,
         )
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
     from auvbench.runs.directory import find_runs
 
-    runs = find_runs([options.run])
-    if len(runs) != 1:
-        raise RunError(f"{options.run}: holds {len(runs)} runs; name one of them, e.g. {runs[0].path}")
+    runs = []
+    for path in options.runs:
+        found = find_runs([path])
+        if len(found) != 1:
+            raise RunError(f"{path}: holds {len(found)} runs; name one of them, e.g. {found[0].path}")
+        runs += found
     trust.require_runs(runs, options.trust, "replay", packages=True)
     protocol = evaluate_config(compose("evaluate", [f"protocol={options.protocol}"])).protocol
     condition = options.condition or protocol.conditions[0].name
-    episode = replay(runs[0], protocol, condition, options.episode)
+    episodes = [replay(run, protocol, condition, options.episode) for run in runs]
     folder = options.out or runs[0].path / "replays"
     # The name may hold dots: current=0.5.
-    return _show(episode, folder / f"{protocol.name}-{condition}-{options.episode}", options.video)
+    return _show(episodes, folder / f"{protocol.name}-{condition}-{options.episode}", options.video)
 
 
-def _show(episode: Replay, stem: Path, video: Path | None) -> int:
-    """Print the episode, draw `stem`.png and .svg, and make a film if `video` is given."""
-    from auvbench.reporting.replay_pictures import draw, summary
+def _show(episodes: Sequence[Replay], stem: Path, video: Path | None) -> int:
+    """Print the episodes, draw `stem`.png and .svg, and make a film if `video` is given."""
+    from auvbench.reporting import race_pictures, replay_pictures
     from auvbench.runs.atomic_io import storage
 
-    print(summary(episode))
+    print("\n\n".join(replay_pictures.summary(episode) for episode in episodes))
+    one = len(episodes) == 1
     with storage(f"cannot write into {stem.parent}"):
-        png, svg = draw(episode, stem)
+        png, svg = replay_pictures.draw(episodes[0], stem) if one else race_pictures.draw(episodes, stem)
     print(f"\nwrote {png}\nwrote {svg}", flush=True)
     if video is not None:
         target = video if video != Path() else stem.with_name(f"{stem.name}.gif")
         with storage(f"cannot write {target}"):
-            _film(episode, target)
+            _film(episodes, target)
     return 0
 
 
-def _film(episode: Replay, target: Path) -> None:
+def _film(episodes: Sequence[Replay], target: Path) -> None:
     from auvbench.commands.progress import work_bar
-    from auvbench.reporting.replay_pictures import film
+    from auvbench.reporting import race_pictures, replay_pictures
 
     with work_bar(f"film {target.name}", "pictures") as tell:
-        film(episode, target, tell)
+        if len(episodes) == 1:
+            replay_pictures.film(episodes[0], target, tell)
+        else:
+            race_pictures.film(episodes, target, tell)
     print(f"wrote {target}")

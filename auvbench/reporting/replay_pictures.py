@@ -189,7 +189,7 @@ def film(episode: Replay, path: Path, tell: Callable[[int, int], None] = lambda 
             yield picture
             tell(number, len(steps))
 
-    _gif(told(), path)
+    save_gif(told(), path)
     return path
 
 
@@ -236,11 +236,13 @@ def pictures(episode: Replay, steps: list[int]) -> Iterator[Picture]:
             yield np.array(canvas.buffer_rgba())[..., :3]
 
 
-def _gif(frames: Iterator[Picture], path: Path) -> None:
+def save_gif(frames: Iterator[Picture], path: Path, hold: int = 0) -> None:
+    """Write pictures as a film that repeats; the last one stays for `hold` pictures more."""
     from PIL import Image
 
     every = [Image.fromarray(frame) for frame in frames]
     # One palette for all: the last picture has every colour, and colours that change from picture to picture flicker.
     palette = every[-1].quantize(256)
     indexed = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in every]
-    indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=1000 // RATE, loop=0)
+    durations = [*[1000 // RATE] * (len(every) - 1), 1000 // RATE * (1 + hold)]
+    indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=durations, loop=0)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests import readme_table
+
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 INCLUDE = re.compile(r'--8<-- "([^"]+)"')
@@ -59,3 +61,23 @@ def test_the_page_on_tasks_includes_the_example() -> None:
 def test_a_malformed_marker_is_an_error(line: str) -> None:
     with pytest.raises(ValueError, match="write --8<--"):
         includes(line)
+
+
+@pytest.mark.parametrize("name", readme_table.PAGES)
+def test_a_table_from_results_is_that_of_the_files(name: str) -> None:
+    assert (ROOT / name).read_text(encoding="utf-8") == readme_table.page(name), (
+        "python -m tests.readme_table"
+    )
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 700, (
+        "600 words and the demo's table"
+    )
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.name)
+def test_every_link_of_a_page_to_a_file_leads_to_one(page: Path) -> None:
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)#\s:]+)(?:#[^)]*)?\)", text):
+        assert (page.parent / target).exists(), target

@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+LOCKS = ("requirements.lock", "requirements-dev.lock", "requirements-build.lock")
 WITHOUT = {"torch"}
 """whose builds for CPU and CUDA are different files under one version"""
 
@@ -22,7 +23,7 @@ def constraints() -> dict[str, str]:
 
 def locked() -> dict[str, tuple[str, int]]:
     """Version and number of hashes by package."""
-    text = (ROOT / "requirements.lock").read_text() + "\n" + (ROOT / "requirements-build.lock").read_text()
+    text = "\n".join((ROOT / name).read_text() for name in LOCKS)
     entries = re.split(r"\n(?=[A-Za-z])", text)
     found = {}
     for entry in entries:
@@ -54,10 +55,10 @@ def test_the_tools_of_an_installation_are_pinned() -> None:
     assert {"pip", "setuptools", "ray", "torch"} <= constraints().keys()
     assert {"pip", "setuptools"} <= locked().keys()
     recipe = (ROOT / "Makefile").read_text()
-    assert recipe.count("--require-hashes") == 2
+    assert recipe.count("--require-hashes") == 3
     assert "--upgrade pip" not in recipe
 
 
 def test_no_lock_names_where_it_came_from() -> None:
-    for name in ("constraints.txt", "requirements.lock", "requirements-build.lock"):
+    for name in ("constraints.txt", *LOCKS):
         assert "://" not in (ROOT / name).read_text()

@@ -30,7 +30,7 @@ def test_a_run_carries_the_digest_and_its_folder_the_analysis(tmp_path: Path) ->
     run = prepare(compose("train", settings(tmp_path)))
     ((file, found),) = declared.find([tmp_path / "quickstart"])
     assert file == tmp_path.resolve() / "quickstart" / declared.FILE
-    assert found == Declared("success_rate", "pid", 2.0, 5)
+    assert found == Declared("par1_time_s", "pid", 1.0, 5)
     assert run.manifest()[declared.KEY] == found.digest
     assert declared.KEY not in run.config()
 
@@ -38,12 +38,12 @@ def test_a_run_carries_the_digest_and_its_folder_the_analysis(tmp_path: Path) ->
 @pytest.mark.slow
 def test_the_same_run_serves_another_analysis(tmp_path: Path) -> None:
     first = prepare(compose("train", settings(tmp_path)))
-    other = settings(tmp_path, "analysis.measure=par1_time_s", "analysis.margin=1")
+    other = settings(tmp_path, "analysis.measure=success_rate", "analysis.margin=2")
     assert resolve_run(compose("train", other)).path == first.path
     before = first.manifest()[declared.KEY]
     assert prepare(compose("train", other)).path == first.path
     ((_, found),) = declared.find([tmp_path / "quickstart"])
-    assert found.measure == "par1_time_s"
+    assert found.measure == "success_rate"
     assert first.manifest()[declared.KEY] == before != found.digest
 
 
