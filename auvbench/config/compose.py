@@ -50,6 +50,8 @@ from auvbench.config.agents import AGENTS
 from auvbench.errors import ConfigError, closest
 
 CONFIG_MODULE = "auvbench.conf"
+EVERY_KEY = "all"
+"""word after `--help` that has every key shown, not the common ones alone"""
 WORKING_DIRECTORY = Path("conf")
 """of the folder in which the program runs"""
 
@@ -267,7 +269,9 @@ def complete_override(entry: str, line: str) -> list[str]:
 
 def _show(hydra: Hydra, entry: str, overrides: list[str], parsed: argparse.Namespace) -> None:
     if parsed.help:
-        config = hydra.compose_config(entry, overrides, RunMode.RUN)
+        config = hydra.compose_config(entry, [o for o in overrides if o != EVERY_KEY], RunMode.RUN)
+        if EVERY_KEY in overrides:
+            config.hydra.help.template += "\nevery key and its value (KEY=VALUE):\n\n$CONFIG"
         shown = hydra.get_sanitized_cfg(copy.deepcopy(config), "job")
         print(hydra.get_help(config.hydra.help, shown, _parser(entry), resolve=parsed.resolve))
     elif parsed.info:
