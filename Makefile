@@ -42,6 +42,8 @@ $(STAMP): pyproject.toml constraints.txt requirements.lock requirements-build.lo
 	@$(PIP) --require-hashes --no-deps -r requirements-build.lock
 	@$(PIP) --require-hashes --no-deps --no-build-isolation -r requirements.lock
 	@$(PIP) --no-build-isolation -c constraints.txt -e '.[mpc]'
+	@# The first step compiles the simulator for this machine: done here, no command has to wait for it.
+	@$(BIN)/python -c 'import auvbench, gymnasium; e = gymnasium.make("auvbench/Waypoint-v0"); e.reset(); e.step(e.action_space.sample())'
 	@touch $@
 
 $(TOOLS): $(STAMP) requirements-dev.lock
