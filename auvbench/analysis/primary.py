@@ -116,13 +116,13 @@ def default_baseline(agents: Sequence[Agent], compared: BoolArray) -> Agent | No
     return next(iter((*usual, *controllers, *able)), None)
 
 
-def find_baseline(agents: Sequence[Agent], name: str) -> Agent:
+def find_baseline(agents: Sequence[Agent], name: str, option: str = "") -> Agent:
     """Return the agent of that label (letter case aside), or of that algorithm if it is the only one.
 
     Raises:
         ReportError: none or several; lists the labels.
     """
-    wanted = name.casefold()
+    wanted, said = name.casefold(), option or f"--baseline {name!r}"
     exact = [agent for agent in agents if agent.label == name]
     found = exact or [agent for agent in agents if agent.label.casefold() == wanted]
     found = found or [agent for agent in agents if str(agent.key.get("algo", "")).casefold() == wanted]
@@ -130,9 +130,9 @@ def find_baseline(agents: Sequence[Agent], name: str) -> Agent:
         return found[0]
     if found:
         labels = ", ".join(sorted(agent.label for agent in found))
-        raise ReportError(f"--baseline {name!r} is {len(found)} agents; give one of their labels: {labels}")
+        raise ReportError(f"{said} is {len(found)} agents; give one of their labels: {labels}")
     hint = closest(name, (agent.label for agent in agents))
-    raise ReportError(f"--baseline {name!r} is not among the agents; {hint}")
+    raise ReportError(f"{said} is not among the agents; {hint}")
 
 
 def headline(ranking: Ranking) -> str:

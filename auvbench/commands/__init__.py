@@ -6,6 +6,7 @@ COMMANDS: dict[str, str] = {
     "evaluate": "apply a test protocol to trained runs",
     "tune": "search for settings of an algorithm on validation scenarios",
     "report": "rank runs and write tables, figures and a page",
+    "compare": "show two runs or agents side by side",
     "publish": "copy a study's rows, tables and figures into a folder to ship",
     "bound": "compute how soon each waypoint could be reached at all",
     "plan": "say how many seeds and episodes resolve a difference",

@@ -1,0 +1,144 @@
+"""Two agents side by side: differences of all measures with intervals, and what differs in their configurations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from auvbench import statistics as st
+from auvbench.analysis.conditions import default
+from auvbench.analysis.grouping import agents
+from auvbench.analysis.grouping_keys import SEEDS
+from auvbench.analysis.load import load, require
+from auvbench.analysis.measures import COLUMNS, RANKED_AS, Measure, all_measures, measure
+from auvbench.analysis.primary import find_baseline
+from auvbench.analysis.records import Agent
+from auvbench.analysis.sections import sections
+from auvbench.config.tasks import TASKS
+from auvbench.errors import ReportError
+from auvbench.statistics.intervals import Estimate
+from auvbench.untrusted.text import short
+
+USUAL = ("success_rate", "par1_time_s", "mean_energy_J", "mean_path_efficiency", "mean_smoothness_per_s")
+"""measures that are shown, after the task's primary one"""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One measure of two agents."""
+
+    measure: Measure
+    first: Estimate
+    second: Estimate
+    difference: Estimate
+    """second less first, paired by scenario"""
+
+    @property
+    def better(self) -> int:
+        """0 or 1, the agent that is better; -1 where the interval of the difference holds 0."""
+        if self.difference.low <= 0 <= self.difference.high:
+            return -1
+        return int(self.difference.value * self.measure.sign > 0)
+
+
+def find_agent(
+    name: str, folder: Path, protocol: str, condition: str | None, where: Sequence[str] = ()
+) -> Agent:
+    """Return the agent of a run, of a folder that holds one agent, or of that label or algorithm within `folder`.
+
+    Raises:
+        ReportError: the path holds several agents or tests, or the name is none.
+    """
+    path = Path(name)
+    source = path if path.exists() else folder
+    runs, problems = load([source], protocol, where)
+    require(runs, problems, protocol)
+    parts = sections(runs, protocol)
+    if len(parts) > 1:
+        titles = ", ".join(part.title for part in parts)
+        raise ReportError(f"{source}: holds several tests ({titles}); name a folder of one, or type --where")
+    found, _ = agents(
+        parts[0].runs, protocol=protocol, condition=condition or default(parts[0].runs, protocol)
+    )
+    if source != path:
+        return find_baseline(found, name, f"compare: {name!r}")
+    if len(found) > 1:
+        labels = ", ".join(agent.label for agent in found)
+        raise ReportError(
+            f"{path}: holds {len(found)} agents ({labels}); name two of them: auvbench compare "
+            f"'{found[0].label}' '{found[1].label}' --in {path}"
+        )
+    return found[0]
+
+
+def told_apart(pair: Sequence[Agent], names: Sequence[str]) -> list[Agent]:
+    """Return two agents with different labels: what was typed is added where the labels are equal."""
+    first, second = pair
+    if first.label != second.label:
+        return [first, second]
+    return [
+        replace(agent, label=f"{agent.label} ({short(name, 60)})")
+        for agent, name in zip(pair, names, strict=True)
+    ]
+
+
+def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -> list[Difference]:
+    """Return the differences of two agents, each interval by itself with the confidence.
+
+    Args:
+        pair: two agents that met the same scenarios.
+        confidence: of each interval.
+        every: all measures that both have, not the usual ones alone.
+
+    Raises:
+        ReportError: they met different scenarios.
+    """
+    first, second = pair
+    if first.fingerprint != second.fingerprint or first.outcome.shape[1] != second.outcome.shape[1]:
+        raise ReportError(
+            f"{first.label} and {second.label} met different scenarios ({first.fingerprint} and "
+            f"{second.fingerprint}): evaluate both by one protocol"
+        )
+    task = TASKS.get(str(first.runs[0].config.get("task.name")), TASKS["waypoint"])
+    # A mean that quick failures improve says less than the one in which a failure counts.
+    known = {
+        m.name: m for m in all_measures(pair) if m.name not in RANKED_AS and m.column in {"outcome", *COLUMNS}
+    }
+    wanted = dict.fromkeys([task.primary, *(known if every else USUAL)])
+    result = []
+    for m in (measure(name) for name in wanted if name in known):
+        table = m.table(pair)
+        if not all(count > 0 for count in table.values):
+            continue
+        means = st.means(table, confidence)
+        change = st.pairs(table, confidence).estimate(1, 0, table, confidence)
+        result.append(Difference(m, means[0], means[1], change))
+    return result
+
+
+def settings(pair: Sequence[Agent]) -> list[tuple[str, str, str]]:
+    """Return the configuration keys in which two agents differ, with the values of each.
+
+    A group whose choice differs is one row: `vehicle` stands for all keys of the two sheets.
+    """
+    values = [
+        {key: sorted({str(run.config[key]) for run in agent.runs if key in run.config}) for key in known}
+        for agent in pair
+        if (known := set().union(*(run.config.keys() for run in agent.runs)))
+    ]
+    keys = sorted(
+        key
+        for key in values[0].keys() | values[1].keys()
+        if values[0].get(key) != values[1].get(key)
+        and not any(key == seed or key.startswith(f"{seed}.") for seed in SEEDS)
+    )
+    groups = {key.removesuffix(".name") for key in keys if key.endswith(".name")}
+    shown = [key for key in keys if key.endswith(".name") or key.partition(".")[0] not in groups]
+    return [
+        (
+            key.removesuffix(".name"),
+            *(short(", ".join(side[key]), 60) if key in side else "–" for side in values),
+        )
+        for key in shown
+    ]
