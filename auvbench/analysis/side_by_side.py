@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +21,8 @@ from auvbench.errors import ReportError
 from auvbench.statistics.intervals import Estimate
 from auvbench.untrusted.text import short
 
+LONGEST = 40
+"""characters of a path in a label"""
 USUAL = ("success_rate", "par1_time_s", "mean_energy_J", "mean_path_efficiency", "mean_smoothness_per_s")
 """measures that are shown, after the task's primary one"""
 
@@ -73,13 +76,21 @@ def find_agent(
 
 
 def told_apart(pair: Sequence[Agent], names: Sequence[str]) -> list[Agent]:
-    """Return two agents with different labels: what was typed is added where the labels are equal."""
+    """Return two agents with different labels: where the labels are equal, parts of the paths that differ are added.
+
+    Raises:
+        ReportError: both are the same runs.
+    """
     first, second = pair
     if first.label != second.label:
         return [first, second]
+    if {run.directory.resolve() for run in first.runs} & {run.directory.resolve() for run in second.runs}:
+        raise ReportError(f"{names[0]} and {names[1]} hold the same runs; name two agents")
+    paths = [os.path.abspath(name) for name in names]
+    common = os.path.commonpath(paths)
     return [
-        replace(agent, label=f"{agent.label} ({short(name, 60)})")
-        for agent, name in zip(pair, names, strict=True)
+        replace(agent, label=f"{agent.label} ({short(os.path.relpath(path, common)[-LONGEST:], LONGEST)})")
+        for agent, path in zip(pair, paths, strict=True)
     ]
 
 

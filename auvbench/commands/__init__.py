@@ -1,6 +1,7 @@
 """One short file per command, the only place that joins rooms together."""
 
 COMMANDS: dict[str, str] = {
+    "init": "make a folder with a controller, vehicle, task and experiment of your own",
     "train": "train one run, or a grid of runs with -m",
     "resume": "finish interrupted runs, or extend runs to a larger budget",
     "evaluate": "apply a test protocol to trained runs",

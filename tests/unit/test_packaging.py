@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+PLACES = {"conf": "auvbench/conf", "examples/auvbench-example": "auvbench/template"}
+"""folders of the repository that an installation has elsewhere"""
 
 
 def test_the_list_of_packages_is_complete():
@@ -25,11 +27,18 @@ def test_the_list_of_packages_is_complete():
 
 
 def kept() -> list[Path]:
-    """Files of the package that git keeps."""
+    """Files of the package that git keeps, by their place in an installation."""
     git = subprocess.run(
-        ["git", "ls-files", "conf", "auvbench"], cwd=ROOT, capture_output=True, text=True, check=True
+        ["git", "ls-files", "conf", "auvbench", *PLACES], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    return [Path(line) for line in git.stdout.splitlines()]
+    return [placed(Path(line)) for line in git.stdout.splitlines()]
+
+
+def placed(path: Path) -> Path:
+    for folder, place in PLACES.items():
+        if path.is_relative_to(folder):
+            return Path(place) / path.relative_to(folder)
+    return path
 
 
 def folders_of_data() -> set[str]:
@@ -39,8 +48,7 @@ def folders_of_data() -> set[str]:
     """
     found = set()
     for folder in {path.parent for path in kept()}:
-        parts = folder.parts if folder.parts[0] == "auvbench" else ("auvbench", *folder.parts)
-        named = list(takewhile(str.isidentifier, parts))
+        named = list(takewhile(str.isidentifier, folder.parts))
         if not ROOT.joinpath(*named, "__init__.py").is_file():
             found.add(".".join(named))
     return found
@@ -65,8 +73,7 @@ def test_a_build_takes_every_file_and_warns_of_none(tmp_path):
     )
     assert "absent from" not in done.stderr
     taken = {Path(line).relative_to("lib") for line in done.stdout.splitlines() if line.startswith("lib")}
-    wanted = {path if path.parts[0] == "auvbench" else "auvbench" / path for path in kept()}
-    assert not wanted - taken
+    assert not set(kept()) - taken
 
 
 def test_the_configuration_is_installed():

@@ -21,7 +21,9 @@ def test_the_common_options_come_first_with_their_defaults(
     capsys: pytest.CaptureFixture[str], entry: str
 ) -> None:
     text = shown(capsys, entry, "--help")
-    options = re.findall(r"^  ([\w.]+)=(\S+)", text.partition("common options")[2].partition("flags:")[0], re.M)
+    options = re.findall(
+        r"^  ([\w.]+)=(\S+)", text.partition("common options")[2].partition("flags:")[0], re.M
+    )
     config = compose(entry)
     assert len(options) > 5
     for key, value in options:
