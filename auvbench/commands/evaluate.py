@@ -202,6 +202,6 @@ def _lines(run: RunDirectory, summary: dict[str, Any]) -> list[str]:
         name = "" if len(summary["conditions"]) == 1 else f" {condition['name']}:"
         lines.append(
             f"{run.id}:{name} success {100 * rate:.1f} % [{100 * low:.1f}, {100 * high:.1f}] of {n} episodes, "
-            f"mean steps {condition['mean_steps']:.0f}"
+            f"PAR-1 steps {condition['par1_steps']:.0f}"
         )
     return lines

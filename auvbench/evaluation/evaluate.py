@@ -268,12 +268,14 @@ def _condition_summary(condition: ResolvedCondition, rollout: Rollout) -> dict[s
         for name in columns("episode")
         if name in records[0]
     }
+    limit = step_limit(condition.config.task, condition.config.step.frequency)
     return {
         "name": condition.name,
         "frequency_hz": condition.config.step.frequency,
-        "max_steps": step_limit(condition.config.task, condition.config.step.frequency),
+        "max_steps": limit,
         "episodes": n,
         **rates,
+        "par1_steps": float(np.mean([r["steps"] if r["outcome"] == "success" else limit for r in records])),
         **means,
         **({"notes": rollout.notes} if rollout.notes else {}),
     }
