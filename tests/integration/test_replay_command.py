@@ -52,6 +52,27 @@ def test_the_episode_is_the_one_of_the_table(run, tmp_path, monkeypatch, capsys)
 
 
 @pytest.mark.slow
+def test_several_runs_are_in_one_scene(run, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(films, "LONGEST", 12)
+    common = ["task.max_steps=60", "task.waypoint_low=[4,0,-20]", "task.waypoint_high=[5,1,-19]"]
+    assert main(["train", "algo=random", f"output={tmp_path / 'other'}", *common]) == 0
+    (other,) = (path.parent for path in (tmp_path / "other").glob("*/*/manifest.json"))
+    film = tmp_path / "film.gif"
+    assert (
+        main(["replay", str(run), str(other), "--episode", "3", "--out", str(tmp_path), "--video", str(film)])
+        == 0
+    )
+    assert capsys.readouterr().out.count("distance") == 2
+    with Image.open(film) as pictures:
+        assert pictures.n_frames == 12
+        pictures.seek(11)
+        last = np.asarray(pictures.convert("RGB")).reshape(-1, 3).astype(int)
+        assert pictures.info["duration"] > 500, "the end does not stay"
+    for colour in ([0, 114, 178], [213, 94, 0]):  # a line of each run
+        assert (np.abs(last - colour).sum(axis=1) < 30).any()
+
+
+@pytest.mark.slow
 def test_a_condition_with_a_decimal_point_keeps_its_whole_name(run, tmp_path, monkeypatch):
     monkeypatch.setattr(films, "LONGEST", 3)
     common = ["replay", str(run), "--protocol", "robustness", "--out", str(tmp_path)]

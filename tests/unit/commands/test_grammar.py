@@ -14,6 +14,7 @@ from auvbench.config import overrides, plugins, suggestions
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
+from auvbench.record import measure_names
 from auvbench.runs.plan import prepare
 from tests import fake_training
 
@@ -110,6 +111,7 @@ def test_a_mistake_is_one_line(
         ("algo.bufer_size=3", "did you mean algo.buffer_size of sac, ddpg, td3, tqc, crossq"),
         ("zzz=1", r"unknown key; auvbench train --cfg job shows all keys"),
         ("algo=ppo,sac", "several values make a grid: auvbench train -m algo=ppo,sac;"),
+        ("algo=[ppo,sac]", "several make a grid: auvbench train -m algo=ppo,sac"),
         ("algo.net_arch=64,64", r"a list is written \[64,64\]"),
         ("algo.tau=0.1", "only sac, ddpg, td3, tqc, sac_residual have it"),
         ("algo.residual.share=0.1", "only ppo_residual, sac_residual have it"),
@@ -168,6 +170,34 @@ def test_a_run_in_a_folder_with_a_foreign_name(
     assert cli.main(["train", "experiment=mine", "algo=pid", "output=Läufe"]) == 0
     (run,) = (here / "Läufe" / "mine").iterdir()
     assert json.loads((run / "manifest.json").read_text(encoding="utf-8"))["seed"] == 7
+
+
+@pytest.mark.parametrize("command", ["evaluate", "report", "runs", "replay", "resume"])
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [("output", "outputs"), ("ppo-1", "outputs/a/ppo-1"), ("outputs/b/ppo-1", "outputs/a/ppo-1")],
+)
+def test_a_path_that_does_not_exist_names_the_closest(
+    folder: Path, capsys: pytest.CaptureFixture[str], command: str, typed: str, meant: str
+) -> None:
+    assert f"did you mean {meant}?" in told(capsys, command, typed)
+
+
+def test_a_path_that_is_like_no_other_names_none(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert told(capsys, "runs", "zzz") == "auvbench: zzz: no such file or directory\n"
+
+
+def test_a_command_of_another_program_names_ours(capsys: pytest.CaptureFixture[str]) -> None:
+    assert set(cli.MEANT.values()) <= cli.COMMANDS.keys()
+    assert not cli.MEANT.keys() & cli.COMMANDS.keys()
+    assert "did you mean 'runs'?" in told(capsys, "list")
+
+
+def test_help_of_report_explains_every_measure(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["report", "--help"]) == 0
+    shown = capsys.readouterr().out
+    for name in measure_names():
+        assert f"\n  {name}\n      " in shown
 
 
 @pytest.mark.parametrize("command", ["evaluate", "report", "runs", "resume"])
