@@ -146,10 +146,7 @@ def settings(pair: Sequence[Agent]) -> list[tuple[str, str, str]]:
     )
     groups = {key.removesuffix(".name") for key in keys if key.endswith(".name")}
     shown = [key for key in keys if key.endswith(".name") or key.partition(".")[0] not in groups]
-    return [
-        (
-            key.removesuffix(".name"),
-            *(short(", ".join(side[key]), 60) if key in side else "–" for side in values),
-        )
-        for key in shown
-    ]
+    first, second = (
+        [short(", ".join(side[key]), 60) if key in side else "–" for key in shown] for side in values
+    )
+    return list(zip([key.removesuffix(".name") for key in shown], first, second, strict=True))
