@@ -26,7 +26,7 @@ REPLICATIONS ?= 500
 STUDIES ?= 500
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow check format lint type layers docs bench statistics gallery verification parity soak fuzz lock test-cluster test-programs clean
+.PHONY: help install demo test test-slow check format lint type layers docs bench statistics gallery verification parity soak fuzz lock release test-cluster test-programs clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -101,6 +101,9 @@ soak: $(TOOLS) ## kills, power cuts and flipped bits for a long time
 lock: $(TOOLS) ## the hashes of all files that an installation may take
 	$(PIP) uv
 	$(BIN)/python .ci/lock
+
+release: ## sdist and wheel in dist/: built twice to the same bytes, checked, installed and tried in fresh environments
+	.ci/release
 
 fuzz: $(TOOLS) ## random command lines, files and sheets for a long time (MINUTES=60)
 	$(BIN)/python -m tests.fuzz.campaign --minutes $(MINUTES)
