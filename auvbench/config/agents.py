@@ -52,6 +52,7 @@ AGENTS = _by_name(
     AgentSpec("ppo_residual", "PPO added to PID", algorithms.PPOResidual, _RESIDUAL, "stable_baselines3:PPO"),
     AgentSpec("sac_residual", "SAC added to PID", algorithms.SACResidual, _RESIDUAL, "stable_baselines3:SAC"),
     AgentSpec("pid", "PID", algorithms.PID, f"{_CLASSICAL}.pid:controller"),
+    AgentSpec("alos", "ALOS", algorithms.ALOS, f"{_CLASSICAL}.alos:controller"),
     AgentSpec("lqr", "LQR", algorithms.LQR, f"{_CLASSICAL}.lqr:LQRController"),
     AgentSpec("smc", "SMC", algorithms.SMC, f"{_CLASSICAL}.smc:SMCController"),
     AgentSpec("mpc", "MPC", algorithms.MPC, f"{_CLASSICAL}.mpc:MPCController"),

@@ -39,7 +39,7 @@ class Algorithm:
             "ppo_residual",
             "sac_residual",
         ),
-        *("pid", "lqr", "smc", "mpc", "random", "onnx"),
+        *("pid", "alos", "lqr", "smc", "mpc", "random", "onnx"),
     )
     n_envs: int = number(1, 65_536)
     tuned: Tuned | None = None  # where its values were searched for
@@ -165,6 +165,15 @@ class PID(Cascade):
     bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
     heading_bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
     integral_time: float = number(0.0, 1e6, open_low=True)  # s
+
+
+@dataclass(kw_only=True)
+class ALOS(PID):
+    look_ahead: float = number(0.0, 1e4, open_low=True)  # m
+    look_ahead_vertical: float = number(0.0, 1e4, open_low=True)  # m
+    adaptation: float = number(0.0, 10.0)  # rad/(m s)
+    adaptation_vertical: float = number(0.0, 10.0)  # rad/(m s)
+    largest_angle: float = number(0.0, 1.5, open_low=True)  # rad
 
 
 @dataclass(kw_only=True)

@@ -33,6 +33,7 @@ OVERRIDES: dict[str, tuple[str, ...]] = {
     "ppo_residual": ON_POLICY,
     "sac_residual": OFF_POLICY,
     "pid": (),
+    "alos": ("task=path_following",),
     "lqr": (),
     "smc": (),
     "mpc": (),

@@ -34,7 +34,7 @@ HEAVE, ROLL, PITCH, YAW = 2, 3, 4, 5
 CRUISE_SHARE = 0.85
 # Share of the largest restoring moment that thrust may lean against: a heel of about 27 degrees.
 RIGHTING_SHARE = 0.45
-LEVELLING = 2.0
+LEVELLING = 2.5
 """rad/s, bandwidth of the loop that holds a vehicle level"""
 
 
@@ -101,16 +101,16 @@ class Estimator:
         self.velocity += a[:, None] * ((self.error - error) / self.dt - self.velocity)
         turned = wrap(self.yaw_error - yaw_error) if self.body_frame else wrap(yaw - self.yaw)
         self.yaw_rate += a * (turned / self.dt - self.yaw_rate)
-        if "velocity" in self._read:
-            self.velocity = observation[:, self._read["velocity"]].copy()
         if "angular_velocity" in self._read:
             rates = observation[:, self._read["angular_velocity"]]
             self.tilt_rate, self.yaw_rate = rates[:, :2].copy(), rates[:, 2].copy()
         if self.levels:
             x, y, z = observation[:, self._read["gravity"]].T
             self.tilt = np.stack([np.arctan2(-y, -z), np.arcsin(np.clip(x, -1.0, 1.0))], axis=1)
+        if "velocity" in self._read:
+            self.velocity = observation[:, self._read["velocity"]].copy()
         if "velocity_error" in self._read:
-            self.target = observation[:, self._read["velocity_error"]] + self.velocity
+            self.target = observation[:, self._read["velocity_error"]] + to_level(self.velocity, self.tilt)
         self.error, self.yaw, self.yaw_error = error, yaw, yaw_error
         self.first = np.zeros(len(error), dtype=np.bool_)
 
@@ -130,6 +130,22 @@ def to_body(world: Floats, yaw: Floats) -> Floats:
     c, s = np.cos(yaw), np.sin(yaw)
     x, y, z = world.T
     return np.stack([c * x + s * y, c * y - s * x, z], axis=1)
+
+
+def to_level(body: Floats, tilt: Floats) -> Floats:
+    """Return vectors (n, 3) from the body's axes to level ones of the same yaw, at roll and pitch (n, 2)."""
+    (cr, cp), (sr, sp) = np.cos(tilt).T, np.sin(tilt).T
+    x, y, z = body.T
+    down = sr * y + cr * z
+    return np.stack([cp * x + sp * down, cr * y - sr * z, cp * down - sp * x], axis=1)
+
+
+def from_level(level: Floats, tilt: Floats) -> Floats:
+    """Return vectors (n, 3) from level axes to the body's; the inverse of `to_level`."""
+    (cr, cp), (sr, sp) = np.cos(tilt).T, np.sin(tilt).T
+    x, y, z = level.T
+    down = sp * x + cp * z
+    return np.stack([cp * x - sp * z, cr * y + sr * down, cr * down - sr * y], axis=1)
 
 
 class Cascade:
@@ -152,6 +168,7 @@ class Cascade:
         spec = observation_spec(config.task, vehicle.actuators)
         self.estimate = Estimator(self.dt, gains.filter_time, spec)
         self.mass = np.diag(vehicle.M).copy()
+        self.inertia = vehicle.M_RB + vehicle.coriolis_sign * vehicle.M_A
         self.inverse: Floats = np.asarray(np.linalg.pinv(_controlled(vehicle.allocation)), dtype=np.float64)
         limits = gains.effort * vehicle.force_limits
         self.reach = np.maximum(np.stack([-limits[:, 0], limits[:, 1]]), 1e-9)
@@ -173,14 +190,12 @@ class Cascade:
     def act(self, observation: Observations) -> Actions:
         now = self.estimate
         now.update(observation.astype(np.float64))
-        distance = np.linalg.norm(now.error, axis=1, keepdims=True)
-        speed = np.minimum(self.cruise_speed, self.approach * distance)
-        towards = speed * now.error / np.maximum(distance, 1e-9)
-        wanted = self._feasible(to_body(towards + now.target, now.yaw))
+        wanted = self._feasible(from_level(self.guidance(), now.tilt))
         velocity = to_body(now.velocity, now.yaw)
         wrench = self.law(wanted, velocity)
         wrench[:, HEAVE] -= self.lift
         if now.levels:
+            wrench[:, ROLL:] += self._munk(velocity)
             wrench[:, ROLL : PITCH + 1] -= self.mass[ROLL : PITCH + 1] * (
                 LEVELLING**2 * now.tilt + 2.0 * LEVELLING * now.tilt_rate
             )
@@ -188,6 +203,14 @@ class Cascade:
         scale = self._scale(thrust)
         self.after(wanted - velocity, scale >= 1.0)
         return self.vehicle.action(thrust * scale[:, None])
+
+    def guidance(self) -> Floats:
+        """Return the velocity (n, 3) in m/s to go at, level axes."""
+        now = self.estimate
+        distance = np.linalg.norm(now.error, axis=1, keepdims=True)
+        speed = np.minimum(self.cruise_speed, self.approach * distance)
+        towards = speed * now.error / np.maximum(distance, 1e-9)
+        return to_body(towards + now.target, now.yaw)
 
     def law(self, wanted: Floats, velocity: Floats) -> Floats:
         """Return the wrench (n, 6) in N and N m for a wanted and a present velocity (n, 3) in m/s, body axes."""
@@ -202,6 +225,13 @@ class Cascade:
         return np.asarray(
             (vehicle.linear_damping[:3] + vehicle.quadratic_damping[:3] * np.abs(velocity)) * velocity
         )
+
+    def _munk(self, velocity: Floats) -> Floats:
+        """Return the moments (n, 3) in N m that hold against those of the motion itself: v x p + w x L (Kirchhoff)."""
+        now = self.estimate
+        rates = np.column_stack([now.tilt_rate, now.yaw_rate])
+        momentum = _product(np.column_stack([velocity, rates]), self.inertia)
+        return np.asarray(np.cross(velocity, momentum[:, :3]) + np.cross(rates, momentum[:, 3:]))
 
     def _feasible(self, velocity: Floats) -> Floats:
         """Return the velocity, slowed where holding it would take more than CRUISE_SHARE of the thrust."""

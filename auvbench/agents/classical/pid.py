@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
-from auvbench.agents.classical.cascade import YAW, Cascade, Estimator
-from auvbench.config import algorithms, schema
+from auvbench.agents.classical.cascade import YAW, Cascade, Estimator, to_level
+from auvbench.config import algorithms, schema, tasks
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.actuators import BuoyancyEngine, Fin, MassShifter, Thruster
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -51,13 +51,17 @@ class PIDController(Cascade):
         """As `Estimator.memory`, with the integral action."""
         return {**self.estimate.memory(), "integral": self.integral}
 
+    def heading_error(self) -> Floats:
+        """Return the yaw error (n,) in rad to turn by."""
+        return self.estimate.yaw_error
+
     def law(self, wanted: Floats, velocity: Floats) -> Floats:
         g, now = self.gains, self.estimate
         wrench = np.zeros((len(wanted), 6))
         miss = wanted - velocity
         wrench[:, :3] = self.mass[:3] * (g.bandwidth * miss + self.integral) + self._drag(wanted)
         omega = g.heading_bandwidth
-        wrench[:, YAW] = self.mass[YAW] * (omega**2 * now.yaw_error - 2.0 * omega * now.yaw_rate)
+        wrench[:, YAW] = self.mass[YAW] * (omega**2 * self.heading_error() - 2.0 * omega * now.yaw_rate)
         return wrench
 
     def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
@@ -71,7 +75,7 @@ class FinController:
 
     Line-of-sight guidance (Fossen 2021, section 12.3): the rudder turns the bow towards the waypoint, the elevator sets a
     flight-path angle towards its depth. Where the waypoint lies within the turning circle, the vehicle first runs on until
-    it can be reached.
+    it can be reached. On a path it aims at the point of the tangent that lies `TURNING_RADIUS` ahead, at the path's speed.
 
     Signs come from the sheet: with way on, a fin behind the origin that is turned about +z moves the bow to
     starboard, about +y raises it.
@@ -81,10 +85,14 @@ class FinController:
         gains = config.algo
         assert isinstance(gains, algorithms.PID)
         self.vehicle = vehicle
-        self.effort = gains.effort
+        self.gains = gains
+        self.follows = tasks.TASKS[config.task.name].has_yaw
+        """whether the reference is a path, not a waypoint"""
         spec = observation_spec(config.task, vehicle.actuators)
         self.estimate = Estimator(1.0 / config.step.frequency, gains.filter_time, spec)
         self.span = vehicle.command_limits
+        self.share = np.linalg.pinv(vehicle.allocation[:1])[:, 0]
+        """(n_u,) of a surge force, each thruster's"""
         self.reset(np.empty(0, dtype=np.int64))
 
     def reset(self, episodes: Integers) -> None:
@@ -98,20 +106,21 @@ class FinController:
     def act(self, observation: Observations) -> Actions:
         now = self.estimate
         now.update(observation.astype(np.float64))
-        level = np.hypot(now.error[:, 0], now.error[:, 1])
-        speed = np.linalg.norm(now.velocity, axis=1)
-        wanted = np.clip(np.arctan2(now.error[:, 2], np.maximum(level, 1e-6)), -STEEPEST, STEEPEST)
-        path = np.arctan2(now.velocity[:, 2], np.maximum(np.hypot(*now.velocity[:, :2].T), 0.3))
+        yaw_error, wanted = self.guidance()
+        velocity = to_level(now.velocity, now.tilt)
+        speed = np.linalg.norm(velocity, axis=1)
+        path = np.arctan2(velocity[:, 2], np.maximum(np.hypot(*velocity[:, :2].T), 0.3))
 
-        turn = RUDDER_GAIN * self._heading_error(level)
+        turn = RUDDER_GAIN * yaw_error
         climb = PATH_GAIN * (wanted - path) + LEAD_GAIN * wanted
         climb = np.where(speed < 0.1, 0.0, climb)
         lift = np.clip(now.error[:, 2] / 3.0, -1.0, 1.0)
 
+        thrust = self._thrust()
         action = np.zeros((len(observation), len(self.vehicle.units)))
         for j, unit in enumerate(self.vehicle.units):
             if isinstance(unit, Thruster):
-                action[:, j] = self.effort
+                action[:, j] = thrust[:, j]
             elif isinstance(unit, Fin):
                 aft = 1.0 if unit.position[0] < 0.0 else -1.0
                 angle = -aft * unit.direction[2] * turn + aft * unit.direction[1] * climb
@@ -125,7 +134,29 @@ class FinController:
                 action[:, j] = -1.0  # keep the drop weight
         return action
 
-    def _heading_error(self, level: Floats) -> Floats:
+    def guidance(self) -> tuple[Floats, Floats]:
+        """Return the yaw error (n,) to turn by and the flight-path angle (n,) to take, both in rad."""
+        now = self.estimate
+        aim = now.error
+        if self.follows:
+            speed = np.linalg.norm(now.target, axis=1, keepdims=True)
+            aim = aim + TURNING_RADIUS * now.target / np.maximum(speed, 1e-6)
+        level = np.hypot(aim[:, 0], aim[:, 1])
+        climb = np.clip(np.arctan2(aim[:, 2], np.maximum(level, 1e-6)), -STEEPEST, STEEPEST)
+        turn = np.arctan2(aim[:, 1], aim[:, 0]) if self.follows else self._to_waypoint(level)
+        return turn, climb
+
+    def _thrust(self) -> Floats:
+        """Return the thrusters' actions (n, n_u): all that they may give, or what the speed of a path takes."""
+        now, g = self.estimate, self.gains
+        if not self.follows:
+            return np.full((len(now.error), len(self.vehicle.units)), g.effort)
+        vehicle, speed = self.vehicle, np.linalg.norm(now.target, axis=1)
+        drag = (vehicle.linear_damping[0] + vehicle.quadratic_damping[0] * speed) * speed
+        push = drag + vehicle.M[0, 0] * g.bandwidth * (speed - np.linalg.norm(now.velocity, axis=1))
+        return np.clip(vehicle.action(push[:, None] * self.share), -g.effort, g.effort)
+
+    def _to_waypoint(self, level: Floats) -> Floats:
         """Return the yaw error (n,) to steer by; zero while the vehicle leaves a waypoint inside the turning circle."""
         error = self.estimate.yaw_error
         # Distance of the waypoint from the centre of the tightest turn to its side.

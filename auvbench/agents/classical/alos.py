@@ -1,0 +1,177 @@
+"""Adaptive line-of-sight guidance (ALOS) along a path, over the PID autopilot.
+
+    psi_d   = pi_h - beta_hat  - atan(y_e / Delta_h),   beta_hat'  = gamma_h Delta_h / sqrt(Delta_h^2 + y_e^2) Proj(y_e)
+    theta_d = pi_v + alpha_hat + atan(z_e / Delta_v),   alpha_hat' = gamma_v Delta_v / sqrt(Delta_v^2 + z_e^2) Proj(z_e)
+
+after T. I. Fossen and A. P. Aguiar, "A uniform semiglobal exponential stable adaptive line-of-sight (ALOS) guidance law for
+3-D path following", Automatica 163, 111556 (2024); compared with `GNC/ALOS3D.m` of github.com/cybergalactic/MSS, commit
+108ceda48c5f. pi_h and pi_v are azimuth and elevation of the path, y_e and z_e the errors across it, beta_hat and alpha_hat
+what has been learned of the crab angle and the angle of attack. The projection is that of the paper; in the source its
+share c is always 1, that is, an estimate stops at once at its limit.
+
+The source counts azimuths clockwise from north, y_e to starboard and z_e downwards. Here azimuths are counted
+counter-clockwise and y_e to port, which mirrors both sides of the first line; z_e stays positive below the path.
+
+Thrusters give no sway: with it a vehicle would hold off a current by force, and there would be no crab angle.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.agents.base import Integers
+from auvbench.agents.classical.cascade import Estimator, wrap
+from auvbench.agents.classical.pid import STEEPEST, FinController, PIDController
+from auvbench.config import algorithms, schema
+from auvbench.config.tasks import blocks
+from auvbench.errors import ConfigError
+from auvbench.vehicles.actuators import Fin
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+SWAY = 1
+FOLLOWED = 0.5
+"""rad; with a larger yaw error the vehicle is still turning, and an error across the path tells no crab angle"""
+BEYOND = 0.001
+"""rad that an estimate may exceed its limit by, as in the source"""
+
+
+def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSController | FinALOSController:
+    """Return ALOS for a vehicle: over thrusters, or over propeller and fins.
+
+    Raises:
+        ConfigError: the task has no path, or the observation lacks the path's direction.
+    """
+    if config.task.name != "path_following":
+        raise ConfigError(
+            f"algo={config.algo.name} follows a path, which task={config.task.name} does not have; use task=path_following"
+        )
+    for block in ("velocity_error", "velocity"):
+        if block not in blocks(config.task):
+            raise ConfigError(
+                f"algo={config.algo.name} reads the path's direction from velocity_error and velocity; task.observation has "
+                f"no {block}"
+            )
+    fins = any(isinstance(unit, Fin) for unit in vehicle.units)
+    return FinALOSController(config, vehicle) if fins else ALOSController(config, vehicle)
+
+
+class Guidance:
+    """The law of N vehicles and what it has learned."""
+
+    def __init__(self, gains: algorithms.ALOS, dt: float) -> None:
+        self.gains = gains
+        self.dt = dt
+        self.reset(0)
+
+    def reset(self, n: int) -> None:
+        self.crab: Floats = np.zeros(n)
+        """(n,) rad, beta_hat"""
+        self.attack: Floats = np.zeros(n)
+        """(n,) rad, alpha_hat"""
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Return what it carries from step to step, by name: its own arrays, a row for each vehicle."""
+        return {"crab": self.crab, "attack": self.attack}
+
+    def steer(self, now: Estimator) -> tuple[Floats, Floats]:
+        """Return yaw error (n,) and flight-path angle (n,) in rad from the readings, and learn from them.
+
+        The azimuth of the path less the yaw is the yaw error that the task observes.
+        """
+        azimuth = now.yaw_error
+        x, y, z = now.target.T
+        elevation = np.arctan2(z, np.hypot(x, y))
+        # The position error leads from the vehicle to the path.
+        x, y, z = now.error.T
+        ahead = np.cos(azimuth) * x + np.sin(azimuth) * y
+        port = np.sin(azimuth) * x - np.cos(azimuth) * y
+        below = np.cos(elevation) * z - np.sin(elevation) * ahead
+        turn, climb = self.angles(port, below)
+        yaw_error = wrap(azimuth + turn)
+        self.learn(port, below, np.abs(yaw_error) < FOLLOWED)
+        return yaw_error, np.clip(elevation + climb, -STEEPEST, STEEPEST)
+
+    def angles(self, port: Floats, below: Floats) -> tuple[Floats, Floats]:
+        """Return what to turn to port and what to climb by, (n,) rad each, over the path's own angles.
+
+        Args:
+            port: (n,) m that the vehicle is to port of the path.
+            below: (n,) m that it is below it.
+        """
+        g = self.gains
+        turn = -self.crab - np.arctan(port / g.look_ahead)
+        return turn, self.attack + np.arctan(below / g.look_ahead_vertical)
+
+    def learn(self, port: Floats, below: Floats, where: NDArray[np.bool_]) -> None:
+        """Learn from the errors (n,) of one step `where` (n,) the vehicle goes as it is steered."""
+        g = self.gains
+        for estimate, error, distance, gain in (
+            (self.crab, port, g.look_ahead, g.adaptation),
+            (self.attack, below, g.look_ahead_vertical, g.adaptation_vertical),
+        ):
+            rate = gain * distance / np.sqrt(distance**2 + error**2)
+            estimate += np.where(where, self.dt * rate * projected(estimate, error, g.largest_angle), 0.0)
+
+
+def projected(estimate: Floats, error: Floats, limit: float) -> Floats:
+    """Return the error (n,) an estimate (n,) learns from: less of it beyond the limit, none that leads beyond the band."""
+    c = np.minimum(1.0, (estimate**2 - limit**2) / ((limit + BEYOND) ** 2 - limit**2))
+    outwards = (np.abs(estimate) > limit) & (estimate * error > 0.0)
+    return np.where(outwards, (1.0 - c) * error, error)
+
+
+class ALOSController(PIDController):
+    """ALOS over the PID autopilot of a vehicle with thrusters: surge, heave and heading."""
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        assert isinstance(config.algo, algorithms.ALOS)
+        self.path = Guidance(config.algo, 1.0 / config.step.frequency)
+        super().__init__(config, vehicle)
+
+    def reset(self, episodes: Integers) -> None:
+        super().reset(episodes)
+        self.path.reset(len(episodes))
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """As `PIDController.memory`, with the estimates of the guidance."""
+        return {**super().memory(), **self.path.memory()}
+
+    def guidance(self) -> Floats:
+        self._turn, climb = self.path.steer(self.estimate)
+        speed = np.linalg.norm(self.estimate.target, axis=1)
+        # The vehicle first turns, then goes.
+        ahead = speed * np.cos(climb) * np.maximum(np.cos(self._turn), 0.0)
+        return np.stack([ahead, np.zeros(len(speed)), speed * np.sin(climb)], axis=1)
+
+    def heading_error(self) -> Floats:
+        return self._turn
+
+    def law(self, wanted: Floats, velocity: Floats) -> Floats:
+        wrench = super().law(wanted, velocity)
+        wrench[:, SWAY] = 0.0
+        return wrench
+
+
+class FinALOSController(FinController):
+    """ALOS over the PID autopilot of a vehicle with propeller and fins."""
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        assert isinstance(config.algo, algorithms.ALOS)
+        self.path = Guidance(config.algo, 1.0 / config.step.frequency)
+        super().__init__(config, vehicle)
+
+    def reset(self, episodes: Integers) -> None:
+        super().reset(episodes)
+        self.path.reset(len(episodes))
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """As `FinController.memory`, with the estimates of the guidance."""
+        return {**super().memory(), **self.path.memory()}
+
+    def guidance(self) -> tuple[Floats, Floats]:
+        return self.path.steer(self.estimate)
