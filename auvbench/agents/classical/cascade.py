@@ -14,7 +14,7 @@ share of what the restoring moment can hold.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,6 +155,9 @@ class Cascade:
         ConfigError: the vehicle has actuators that are no thrusters.
     """
 
+    carried: ClassVar[tuple[str, ...]] = ()
+    """the law's arrays, a row for each vehicle, that it carries from step to step"""
+
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
         assert isinstance(gains, algorithms.Cascade)
@@ -186,6 +189,10 @@ class Cascade:
 
     def reset(self, episodes: Integers) -> None:
         self.estimate.reset(len(episodes))
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """As `Estimator.memory`, with what the law carries from step to step."""
+        return {**self.estimate.memory(), **{name: getattr(self, name) for name in self.carried}}
 
     def act(self, observation: Observations) -> Actions:
         now = self.estimate

@@ -27,6 +27,8 @@ CONTROLLED = [0, 1, 2, YAW]
 class LQRController(Cascade):
     """Linear-quadratic regulator of velocity and heading."""
 
+    carried = ("integral",)
+
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
         assert isinstance(gains, algorithms.LQR)

@@ -3,7 +3,7 @@
 At each step one Gauss-Newton iteration (Diehl et al. 2005, "A real-time iteration scheme for nonlinear optimization in
 optimal feedback control") of
 
-    min  sum_k w_k |p_k - target_k| + v |yaw_k - yaw target|^2 + |R u_k|^2 + |S (u_k - u_(k-1))|^2 + q |(p_k, q_k)|^2
+    min  sum_k w_k |p_k - target_k| + v |yaw_k - yaw target|^2 + t |tilt_k|^2 + |R u_k|^2 + |S (u_k - u_(k-1))|^2 + q |(p_k, q_k)|^2
     s.t. x_(k+1) = F(x_k, u_k),  u_min <= u_k <= u_max,  depth limits (soft)
 
 over the thrusts u of a horizon, held in blocks that grow with time. States at the nodes are variables of their own
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -44,8 +45,14 @@ LONGEST_SUBSTEP = 0.125
 LARGEST_GAP = 1.0
 # m^2 per rad^2: what a yaw error costs where the task has a yaw of its own.
 YAW_WEIGHT = 1.0
+# m^2 per squared sine of the tilt: what it costs there not to be level.
+TILT_WEIGHT = 5.0
 # Iterations when an episode begins, from a plan of no thrust; later steps take one each.
 FIRST_ITERATIONS = 8
+
+
+PLANNED = ("X", "U", "depth", "applied")
+"""what a plan carries from step to step"""
 
 
 class MPCController:
@@ -75,7 +82,10 @@ class MPCController:
         start, far = (task.start[2], 0.0) if isinstance(task, tasks.Waypoint) else (0.0, math.inf)
         low, high = task.depth_low + DEPTH_MARGIN - far, task.depth_high - DEPTH_MARGIN + far
         self.room = np.array([low, high]) - start
+        self.ahead = task.preview.interval if isinstance(task, tasks.Tracked) else 0.0
+        """s between points of a preview"""
         self.turns = tasks.TASKS[task.name].has_yaw
+        self._planned: dict[str, Floats] = {}
         self.solves = self.failed = self.late = 0
         self.reset(np.empty(0, dtype=np.int64))
 
@@ -84,7 +94,16 @@ class MPCController:
         self.observer.reset(n)
         self.plans = [self.program.rest() for _ in range(n)]
         self.running = np.arange(n)
-        self._first = True
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """As `Observer.memory`, with the plans."""
+        # One array for all plans, of which each plan has its row: what is written into it is the plan's.
+        for name in PLANNED:
+            rows = np.array([getattr(plan, name) for plan in self.plans])
+            for plan, row in zip(self.plans, rows, strict=True):
+                setattr(plan, name, row)
+            self._planned[name] = rows
+        return {**self.observer.memory(), **self._planned}
 
     def ended(self, rows: NDArray[np.intp]) -> None:
         """Stop computing actions for episodes that are over."""
@@ -92,19 +111,20 @@ class MPCController:
 
     def act(self, observation: Observations) -> Actions:
         readings = observation.astype(np.float64)
+        first = self.observer.first.copy()
         self.observer.update(readings, self.running)
         action = np.zeros((len(observation), len(self.vehicle.units)))
         for i in self.running:
             begun = time.perf_counter()
             plan = self.plans[i]
-            if self._first:
-                plan.depth = self.room + self.observer.state[i, 2]
+            if first[i]:
+                plan.depth[:] = self.room + self.observer.state[i, 2]
             else:
                 plan.advance(self.dt / self.program.interval)
-            plan.target = self.observer.target[i]
+            plan.reference = self._reference(int(i))
             plan.yaw = self.observer.yaw_target[i] if self.turns else None
-            for _ in range(FIRST_ITERATIONS if self._first else 1):
-                if self._first:
+            for _ in range(FIRST_ITERATIONS if first[i] else 1):
+                if first[i]:
                     self.program.simulate(plan, self.observer.state[i], self.observer.current[i])
                 self.failed += not self.program.improve(
                     plan, self.observer.state[i], self.observer.current[i]
@@ -113,8 +133,17 @@ class MPCController:
             taken = time.perf_counter() - begun
             self.late += taken > self.dt
             self.solves += 1
-        self._first = False
         return action
+
+    def _reference(self, i: int) -> Floats:
+        """Return where the reference of row i will be at the plan's nodes (N, 3) in m: as previewed, then straight on."""
+        points, velocity = self.observer.ahead[i], self.observer.target[i]
+        times = self.program.interval * np.arange(1, self.program.N + 1)
+        known = self.ahead * np.arange(len(points))
+        if len(points) > 1:
+            velocity = (points[-1] - points[-2]) / self.ahead
+        seen = np.stack([np.interp(times, known, axis) for axis in points.T], axis=1)
+        return seen + np.outer(np.maximum(times - known[-1], 0.0), velocity)
 
     def notes(self) -> dict[str, int]:
         """Counts since it was made: steps that it solved for, solves that failed, steps later than the agent's step."""
@@ -131,14 +160,14 @@ class Plan:
         """where z is to stay, in m above the waypoint"""
         self.applied: Floats = np.zeros(U.shape[0])
         """thrust that is being given while the plan is made"""
-        self.target: Floats = np.zeros(3)
-        """m/s, velocity of the reference, which is at the origin now"""
+        self.reference: Floats = np.zeros((U.shape[1], 3))
+        """(N, 3) m, where the reference will be at the nodes"""
         self.yaw: float | None = None
         """rad, where the bow is to point; None where that is free"""
 
     def advance(self, share: float) -> None:
         """Move on in time by a share of an interval."""
-        self.applied = self.U[:, 0].copy()
+        self.applied[:] = self.U[:, 0]
         share = min(share, 1.0)
         self.X[:, :-1] += share * (self.X[:, 1:] - self.X[:, :-1])
         self.U[:, :-1] += share * (self.U[:, 1:] - self.U[:, :-1])
@@ -268,7 +297,7 @@ class Program:
         """Return Hessian (n + 1, n + 1) and gradient (n + 1,) in the changes of the blocks and the slack."""
         n_u, n = self.model.n_u, S.shape[2]
         # Distance itself instead of its square, by iterative reweighting: far and near waypoints pull alike.
-        ahead = np.outer(plan.target, self.interval * np.arange(1, self.N + 1))
+        ahead = plan.reference.T
         distance = np.linalg.norm(plan.X[:3, 1:] - ahead, axis=0)
         w = (self.position_weight[1:] / np.sqrt(np.maximum(distance, 1.0)))[:, None]
         J = (w[:, :, None] * S[1:, :3]).reshape(-1, n)
@@ -281,13 +310,9 @@ class Program:
         H[:n, :n] = J.T @ J + spin.T @ spin
         g[:n] = J.T @ r + spin.T @ rates
         if plan.yaw is not None:
-            # The yaw of a level quaternion turns by 2 (w dz - z dw).
-            q = plan.X[3:7, 1:]
-            slope = 2.0 * (q[0][:, None] * S[1:, 6] - q[3][:, None] * S[1:, 3])
-            drift = 2.0 * (q[0] * d[1:, 6] - q[3] * d[1:, 3])
-            yaw = np.arctan2(2.0 * (q[0] * q[3] + q[1] * q[2]), 1.0 - 2.0 * (q[2] ** 2 + q[3] ** 2))
-            H[:n, :n] += YAW_WEIGHT * slope.T @ slope
-            g[:n] += YAW_WEIGHT * slope.T @ (wrap(yaw - plan.yaw) + drift)
+            for weight, value, slope in _attitude(plan, S, d):
+                H[:n, :n] += weight * slope.T @ slope
+                g[:n] += weight * slope.T @ value
         # Thrust and its changes, block by block; each block starts where it was.
         first = np.concatenate(([0], np.cumsum(BLOCKS)[:-1]))
         U = plan.U[:, first] / self.scale[:, None]
@@ -320,3 +345,23 @@ class Program:
         low = np.concatenate([((self.limits[:, 0] - U) / self.scale).ravel(), [0.0]])
         high = np.concatenate([((self.limits[:, 1] - U) / self.scale).ravel(), [np.inf]])
         return low, high
+
+
+def _attitude(plan: Plan, S: Floats, d: Floats) -> Iterator[tuple[float, Floats, Floats]]:
+    """Yield weight, values (N,) and slopes (N, n) of what attitude costs where the task has a yaw of its own."""
+    w, x, y, z = plan.X[3:7, 1:]
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y**2 + z**2))
+
+    def along(*parts: Floats | float) -> tuple[Floats, Floats]:
+        """Return drift (N,) and slopes (N, n) of a function with these derivatives to w, x, y and z."""
+        own = np.stack(np.broadcast_arrays(*parts, w)[:4])
+        return np.einsum("ck,kc->k", own, d[1:, 3:7]), np.einsum("ck,kcn->kn", own, S[1:, 3:7])
+
+    # The yaw of a level quaternion turns by 2 (w dz - z dw).
+    drift, slope = along(-2.0 * z, 0.0, 0.0, 2.0 * w)
+    yield YAW_WEIGHT, wrap(yaw - (plan.yaw or 0.0)) + drift, slope
+    # x and y of the body's vertical in world axes.
+    drift, slope = along(2.0 * y, 2.0 * z, 2.0 * w, 2.0 * x)
+    yield TILT_WEIGHT, 2.0 * (x * z + w * y) + drift, slope
+    drift, slope = along(-2.0 * x, -2.0 * w, 2.0 * z, 2.0 * y)
+    yield TILT_WEIGHT, 2.0 * (y * z - w * x) + drift, slope

@@ -3,13 +3,17 @@
 The observation holds the noisy position error and yaw error and the previous action; the filter predicts with the
 sheet's equations and the forces that were commanded, and corrects with the two readings. It so estimates what no
 learner observes: roll, pitch, velocities, and a current that is constant in the world (without which a
-prediction would be wrong for as long as the water moves). Its gain is that of the linearisation about rest
+prediction would be wrong for as long as the water moves). Where the task observes velocities or gravity, these are readings,
+too. Positions are relative to the reference, or to the goal of a task that observes it: a dock stands still where the
+reference of docking moves. Its gain is that of the linearisation about rest
 (Kalman 1960; the discrete algebraic Riccati equation by `scipy.linalg.solve_discrete_are`), turned by the yaw.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +33,11 @@ CURRENT_DRIFT = 0.05  # m/s, over one second
 TYPICAL_SPEED = 0.5  # m/s
 TYPICAL_RATE = 0.3  # rad/s
 # A reading is never trusted to less than this, even where the configuration has no noise.
-SMALLEST_NOISE = 0.01  # m, rad
+SMALLEST_NOISE = 0.01  # m, rad, m/s, rad/s
+
+# The blocks of true values that the filter reads, with their places among (position, attitude, velocity).
+MEASURED = {"gravity": (3, 4), "velocity": (6, 7, 8), "angular_velocity": (9, 10, 11)}
+READ = (*MEASURED, "velocity_error", "goal_error", "preview")
 
 
 class Observer:
@@ -41,27 +49,39 @@ class Observer:
         self.dt = 1.0 / config.step.frequency
         spec = observation_spec(config.task, self.vehicle.actuators)
         self._columns = spec["yaw_error"], spec["position_error"], spec["previous_action"]
-        moves = {"velocity", "velocity_error"} <= spec.blocks.keys()
-        self._target = (spec["velocity"], spec["velocity_error"]) if moves else None
-        self.body_frame = spec.blocks["position_error"].axes == BODY
+        # In world axes a reading in body axes would have to be turned by a yaw that is itself an estimate.
+        body_frame = spec.blocks["position_error"].axes == BODY
+        self._read = {name: spec[name] for name in READ if body_frame and name in spec.blocks}
+        measured = [index for name, indices in MEASURED.items() if name in self._read for index in indices]
+        self._preview = config.task.preview if "preview" in self._read else None
+        # The reference of a path goes along with the vehicle, that of a curve in time does not.
+        self._with_vehicle = config.task.name == "path_following"
+        self.body_frame = body_frame
         substeps = max(1, int(np.ceil(self.dt / min(0.1, model.longest_step) - 1e-9)))
         self._step = model.step(self.dt, substeps)
         self.gain = kalman_gain(
-            model, self.dt, _deviation(config.noise.position, config), _deviation(config.noise.yaw, config)
+            model,
+            self.dt,
+            _deviation(config.noise.position, config),
+            _deviation(config.noise.yaw, config),
+            measured,
         )
         self.reset(0)
 
     def reset(self, n: int) -> None:
         """Forget everything: rows at rest, level, in still water."""
-        self._first = True
+        self.first: NDArray[np.bool_] = np.ones(n, dtype=np.bool_)
+        """(n,) where no reading has come yet"""
         self.state: Floats = np.zeros((n, self.model.n_x))
-        """(n, n_x) as the model's, with the reference at the origin of the world axes"""
+        """(n, n_x) as the model's, with the reference, or the goal, at the origin of the world axes"""
         self.state[:, 3] = 1.0
         self.state[:, RIGID:] = self.model.rest
         self.current: Floats = np.zeros((n, 3))
         """(n, 3) m/s, world axes"""
         self.target: Floats = np.zeros((n, 3))
         """(n, 3) m/s, velocity of the reference, axes of the state, where the task observes it"""
+        self.ahead: list[Floats] = [np.zeros((1, 3))] * n
+        """n arrays (1 + points, 3) in m: the reference now and at the times of the preview, axes of the state"""
         self.yaw_target: Floats = np.zeros(n)
         """(n,) rad, yaw of the reference, axes of the state"""
 
@@ -69,41 +89,82 @@ class Observer:
         """Take in observations (n, n_obs); read only `rows` (k,)."""
         for i in rows:
             self._update_row(int(i), observation[i])
-        self._first = False
+            self.first[i] = False
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Return what it carries from reading to reading, by name: its own arrays, a row for each vehicle."""
+        return {name: getattr(self, name) for name in ("first", "state", "current", "target")}
 
     def _update_row(self, i: int, observation: Floats) -> None:
         (yaw_error,), error, previous = (observation[columns] for columns in self._columns)
         x = self.state[i]
-        if not self._first:
+        if not self.first[i]:
             x[:] = self._step(x, self.vehicle.force(previous), self.current[i]).full()[:, 0]
-            x[:3] -= self.target[i] * self.dt
+            x[:3] -= self._moved(i)
         predicted = yaw_of(x[3:7])
         if self.body_frame:
             # The readings say nothing of the yaw in the world: it is only a name for the axes.
             yaw, position = predicted, -turned(error, predicted)
         else:
             yaw, position = float(wrap(np.arctan2(error[1], error[0]) - yaw_error)), -error
+        reference = np.zeros(3)
+        if "goal_error" in self._read:
+            goal = -turned(observation[self._read["goal_error"]], predicted)
+            reference, position = goal - position, goal
         self.yaw_target[i] = yaw + yaw_error
-        if self._target is not None:
-            velocity, missing = (observation[columns] for columns in self._target)
-            self.target[i] = turned(velocity + missing, yaw)
-        if self._first:
+        if self.first[i]:
             x[:3] = position
             x[3:7] = np.cos(yaw / 2.0), 0.0, 0.0, np.sin(yaw / 2.0)
-            return
+        else:
+            self._correct(i, observation, position, yaw, predicted)
+        if {"velocity", "velocity_error"} <= self._read.keys():
+            missing = turned(observation[self._read["velocity_error"]], yaw)
+            self.target[i] = missing + to_world(x[3:7], observation[self._read["velocity"]])
+        self.ahead[i] = reference[None]
+        if self._preview is not None:
+            points = observation[self._read["preview"]].reshape(-1, 3)
+            self.ahead[i] = np.stack([reference, *(position + turned(point, yaw) for point in points)])
+
+    def _correct(self, i: int, observation: Floats, position: Floats, yaw: float, predicted: float) -> None:
+        """Correct the prediction of row i with the readings."""
+        x = self.state[i]
         # In the level axes that turn with the vehicle the linearisation does not depend on yaw.
-        innovation = np.empty(4)
-        innovation[:3] = turned(position - x[:3], -predicted)
-        innovation[3] = float(wrap(np.asarray(yaw - predicted)))
-        correction = self.gain @ innovation
+        innovation = [*turned(position - x[:3], -predicted), float(wrap(np.asarray(yaw - predicted)))]
+        if "gravity" in self._read:
+            down = -to_world(x[3:7] * [1.0, -1.0, -1.0, -1.0], np.array([0.0, 0.0, 1.0]))
+            # What turns the predicted direction into the measured one.
+            innovation += list(np.cross(observation[self._read["gravity"]], down)[:2])
+        for name, own in (("velocity", slice(7, 10)), ("angular_velocity", slice(10, 13))):
+            if name in self._read:
+                innovation += list(observation[self._read[name]] - x[own])
+        correction = self.gain @ np.array(innovation)
         x[:3] += turned(correction[:3], predicted)
         x[3:7] = _rotated(x[3:7], correction[3:6])
         x[7:13] += correction[6:12]
         self.current[i] += turned(correction[12:15], predicted)
 
+    def _moved(self, i: int) -> Floats:
+        """Return the way (3,) in m that the reference of row i has made in one step."""
+        way = self.target[i]
+        if self._with_vehicle:
+            along = way / max(float(np.linalg.norm(way)), 1e-6)
+            x = self.state[i]
+            way = along * float(along @ to_world(x[3:7], x[7:10]))
+        return np.asarray(way * self.dt)
 
-def kalman_gain(model: SymbolicModel, dt: float, position_noise: float, yaw_noise: float) -> Floats:
-    """Return the steady gain (15, 4) from readings (x, y, z, yaw) to (position, attitude, velocity, current)."""
+
+def kalman_gain(
+    model: SymbolicModel,
+    dt: float,
+    position_noise: float,
+    yaw_noise: float,
+    measured: Sequence[int] = (),
+) -> Floats:
+    """Return the steady gain (15, 4 + m) from readings (x, y, z, yaw, more) to (position, attitude, velocity, current).
+
+    Args:
+        measured: m places among the 15 that are read without noise.
+    """
     from scipy.linalg import expm, solve_discrete_are
 
     vehicle = model.vehicle
@@ -115,13 +176,14 @@ def kalman_gain(model: SymbolicModel, dt: float, position_noise: float, yaw_nois
     full[:n, :n] = A
     full[:n, n:] = E
     F = expm(full * dt)
-    C = np.zeros((4, n + 3))
-    C[[0, 1, 2, 3], [0, 1, 2, 5]] = 1.0
+    read = [0, 1, 2, 5, *measured]
+    C = np.zeros((len(read), n + 3))
+    C[np.arange(len(read)), read] = 1.0
     Q = np.zeros(n + 3)
     Q[:6] = (1e-3**2) * dt
     Q[6:12] = FORCE_NOISE**2 * dt
     Q[12:] = CURRENT_DRIFT**2 * dt
-    R = np.diag([position_noise**2] * 3 + [yaw_noise**2])
+    R = np.diag([position_noise**2] * 3 + [yaw_noise**2] + [SMALLEST_NOISE**2] * len(measured))
     P = solve_discrete_are(F.T, C.T, np.diag(Q), R)
     return np.asarray(P @ C.T @ np.linalg.inv(C @ P @ C.T + R))
 
@@ -155,6 +217,12 @@ def yaw_of(q: Floats) -> float:
     """Return the yaw in rad of a quaternion (w, x, y, z)."""
     w, x, y, z = q
     return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
+def to_world(q: Floats, vector: Floats) -> Floats:
+    """Return a vector (3,) turned by a quaternion (w, x, y, z) from body to world axes."""
+    twice = 2.0 * np.cross(q[1:], vector)
+    return np.asarray(vector + q[0] * twice + np.cross(q[1:], twice))
 
 
 def turned(vector: Floats, angle: float) -> Floats:

@@ -37,6 +37,8 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PIDControll
 class PIDController(Cascade):
     """PI on velocities, PD on the heading."""
 
+    carried = ("integral",)
+
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
         assert isinstance(gains, algorithms.PID)
@@ -46,10 +48,6 @@ class PIDController(Cascade):
     def reset(self, episodes: Integers) -> None:
         super().reset(episodes)
         self.integral: Floats = np.zeros((len(episodes), 3))
-
-    def memory(self) -> dict[str, NDArray[Any]]:
-        """As `Estimator.memory`, with the integral action."""
-        return {**self.estimate.memory(), "integral": self.integral}
 
     def heading_error(self) -> Floats:
         """Return the yaw error (n,) in rad to turn by."""

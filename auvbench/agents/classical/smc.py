@@ -27,6 +27,8 @@ Floats = NDArray[np.float64]
 class SMCController(Cascade):
     """Adaptive integral sliding-mode control."""
 
+    carried = ("integral", "switching")
+
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
         assert isinstance(gains, algorithms.SMC)

@@ -81,14 +81,24 @@ def test_controllers_succeed_undisturbed(task: str, algo: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", ["station_keeping", "trajectory_tracking"])
-def test_mpc_holds_yaw_and_follows_a_reference_that_moves(task: str) -> None:
-    config = configs.training(f"task={task}", "algo=mpc", HEAVY, "task.time_limit=35")
+@pytest.mark.parametrize(
+    ("task", "more", "error"),
+    [
+        ("station_keeping", ["task.time_limit=35"], 0.1),
+        ("trajectory_tracking", ["task.time_limit=35"], 0.2),
+        ("path_following", ["task.waypoints=3"], 0.35),
+        ("docking", [], None),
+    ],
+)
+def test_mpc_succeeds_undisturbed(task: str, more: list[str], error: float | None) -> None:
+    pytest.importorskip("casadi")
+    config = configs.training(f"task={task}", "algo=mpc", HEAVY, *more)
     agent = make(config, sheet.load(config.vehicle))
     for record in roll_out(config, agent, episodes=np.arange(3), seed=123, batch=3).records:
         assert record["outcome"] == "success"
-        assert record["position_error_rms_m"] < 0.2
-        assert record["yaw_error_rms_rad"] < 0.5
+        if error is not None:
+            assert record["position_error_rms_m"] < error
+            assert record["yaw_error_rms_rad"] < 0.5
 
 
 @pytest.mark.parametrize("task", OTHERS)
