@@ -12,7 +12,7 @@ from auvbench.analysis.conditions import default
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.grouping_keys import SEEDS
 from auvbench.analysis.load import load, require
-from auvbench.analysis.measures import COLUMNS, RANKED_AS, Measure, all_measures, measure
+from auvbench.analysis.measures import RANKED_AS, Measure, all_measures, measure, metric_of
 from auvbench.analysis.primary import find_baseline
 from auvbench.analysis.records import Agent
 from auvbench.analysis.sections import sections
@@ -114,7 +114,9 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
     task = TASKS.get(str(first.runs[0].config.get("task.name")), TASKS["waypoint"])
     # A mean that quick failures improve says less than the one in which a failure counts.
     known = {
-        m.name: m for m in all_measures(pair) if m.name not in RANKED_AS and m.column in {"outcome", *COLUMNS}
+        m.name: m
+        for m in all_measures(pair)
+        if m.name not in RANKED_AS and (m.column == "outcome" or metric_of(m.column))
     }
     wanted = dict.fromkeys([task.primary, *(known if every else USUAL)])
     result = []
