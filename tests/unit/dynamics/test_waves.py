@@ -54,11 +54,12 @@ def test_the_density_of_pierson_and_moskowitz():
 
 
 def simulated(vehicle, pose, velocity, seconds, step, current):
-    simulator = FossenSimulator(vehicle, N, max_step=step)
-    simulator.reset(np.arange(N), pose, velocity)
+    n = len(pose)
+    simulator = FossenSimulator(vehicle, n, max_step=step)
+    simulator.reset(np.arange(n), pose, velocity)
     simulator.set_current(current)
-    simulator.set_waves(on(SEA, N, 7.3))
-    simulator.step(np.zeros((N, len(vehicle.units))), seconds)
+    simulator.set_waves(on(SEA, n, 7.3))
+    simulator.step(np.zeros((n, len(vehicle.units))), seconds)
     return np.hstack([simulator.pose, simulator.velocity])
 
 
@@ -67,6 +68,7 @@ def test_a_vehicle_in_waves_and_a_current_is_that_of_plain_numpy(name):
     """The kernel holds the water still for a substep, in its middle: the same motion to second order in the substep."""
     vehicle = without_actuators(load(name))
     pose, velocity = random_states(np.random.default_rng(5))
+    pose, velocity = pose[:2], velocity[:2]
     pose[:, 2] -= 6.0
     current = np.array([0.2, -0.1, 0.05])
     body, displaced = body_of(vehicle), vehicle.buoyancy / vehicle.gravity
@@ -80,7 +82,7 @@ def test_a_vehicle_in_waves_and_a_current_is_that_of_plain_numpy(name):
         return body.derivative(state, tau, flow + current)
 
     expected = []
-    for i in range(N):
+    for i in range(2):
         state = np.concatenate((pose[i], velocity[i]))
         for k in range(125):
             state = rk4(derivative, 0.002 * k, state, 0.002)

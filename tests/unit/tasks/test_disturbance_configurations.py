@@ -119,7 +119,7 @@ def test_an_option_put_into_a_runs_configuration():
         ("disturbance.current.direction=90", "disturbance.current.direction=90: must be at least -6.28"),
         ("disturbance.current.gauss_markov.mu=0", "disturbance.current.gauss_markov.mu=0: must be more than 0"),
         ("disturbance.current.profile.top=80", "profile.top=80: must be below .*profile.bottom=60"),
-        ("disturbance=sea_state_5", "disturbance=sea_state_5: no such option; did you mean 'sea_state_2'"),
+        ("disturbance=sea_state_5", "disturbance=sea_state_5: no such option; did you mean 'sea_state_4'"),
         ("disturbance.waves.height=-1", "disturbance.waves.height=-1: must be at least 0 and at most 30"),
         ("disturbance.waves.period=0", "disturbance.waves.period=0: must be at least 0.5 and at most 30"),
         ("disturbance.waves.spectrum=jonswop", "disturbance.waves.spectrum=jonswop: unknown; did you mean 'jonswap'"),
