@@ -20,7 +20,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="append",
         default=[],
         metavar="OVERRIDES",
-        help="check an agent ('algo=NAME ...') or a simulator ('simulator=NAME ...') against auvbench's contracts; "
+        help="check an agent ('algo=NAME ...'), a simulator ('simulator=NAME ...') or a task ('task=NAME ...') against auvbench's "
+        "contracts; "
         "may be given several times",
     )
     group.addoption(

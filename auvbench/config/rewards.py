@@ -40,7 +40,7 @@ class RewardSpec:
     schema: type
     """of its configuration, below `InstalledReward`"""
     tasks: tuple[str, ...] = ()
-    """for which it makes sense, besides the tasks that name it"""
+    """for which it makes sense, in addition to the tasks that name it"""
 
 
 REWARDS: dict[str, RewardSpec] = {}

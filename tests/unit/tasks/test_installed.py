@@ -10,7 +10,7 @@ import pytest
 
 import auvbench
 from auvbench import cli, metrics
-from auvbench.config import rewards, tasks
+from auvbench.config import installed, rewards, tasks
 from auvbench.config.compose import compose, typed
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
@@ -58,6 +58,8 @@ def test_it_is_chosen_with_its_reward_its_types_and_its_package(site: Site) -> N
     assert type(config.task).__name__ == "CirclingConfig"
     assert (config.task.radius, config.task.package) == (4.0, "auvbench-example==1.0")
     assert (config.reward.name, config.reward.package) == ("view", "auvbench-example==1.0")
+    assert installed.releases(config) == {"auvbench-example": "1.0"}
+    assert installed.releases_of({"algo": {}, "reward": {"package": "auvbench-example==1.0"}})
     assert tasks.TASKS["circling"].title == "circling a pole"
     assert record_columns("circling")[-2:] == ("in_view", "closest_m")
     assert set(metrics.SHARED) < set(record_columns("circling"))
