@@ -20,6 +20,7 @@ UNITS = {
     "noise": "times",
     "mass": "times",
     "drag": "times",
+    "payload": "of the mass",
 }
 """of the levels of a factor"""
 

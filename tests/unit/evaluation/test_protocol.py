@@ -187,6 +187,10 @@ def test_the_suite_tests_every_task_under_one_factor_at_a_time(task):
     assert nominal.task.name == task
     assert nominal.disturbance.name == "none"
     assert found["current=1"].disturbance.current.speed == 1.0
+    sea = found["sea-state=4"]
+    assert sea.disturbance.waves.height == 1.88
+    for key, depth in {"station": -5, "dock": -5, "centre": -15}.items():
+        assert getattr(sea.task, key, [0, 0, depth]) == [0, 0, depth]
     assert found["dead-thruster"].disturbance.fault.mode == "dead"
     assert found["delay=0.3"].disturbance.delay.action == 0.3
     assert found["noise=4"].noise.scale == 4.0
