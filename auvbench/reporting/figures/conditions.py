@@ -17,7 +17,7 @@ from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
 from auvbench.statistics.intervals import Estimate
 
-PROTOCOLS = ("robustness", "transfer", "frequency_sweep")
+PROTOCOLS = ("robustness", "suite", "transfer", "frequency_sweep")
 """whose conditions stand side by side"""
 MOST_AGENTS = 40
 MOST_CELLS = 150
@@ -74,8 +74,11 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
     """Draw success of every agent under each condition of `PROTOCOLS`."""
     values: dict[str, dict[str, float]] = {}
     conditions: list[str] = []
+    of = "robustness"
     for protocol in PROTOCOLS:
         found = curves(scene, protocol)
+        if found and protocol == "suite":
+            of = "robustness and suite" if conditions else "suite"
         # The vehicle that all agents were trained on is the undisturbed condition again.
         own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in found}
         again = (
@@ -105,7 +108,7 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
     ax.set_yticks(range(len(tested)), [agent.label for agent in tested])
     figure.colorbar(image, ax=ax, label="test success (%)", shrink=0.8)
     caption = (
-        "Test success of the same policies under each condition of robustness, on the vehicles of transfer and at the "
+        f"Test success of the same policies under each condition of {of}, on the vehicles of transfer and at the "
         "frequencies of frequency_sweep, agents in the order of the ranking; 100 is every episode. Intervals are in conditions.csv."
         + (" A cross: not tested." if np.isnan(cells).any() else "")
         + agents_sentence(tested, scene)
