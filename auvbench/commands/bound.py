@@ -89,7 +89,9 @@ def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str], list[str]]
         key, _, value = word.partition("=")
         group = key.partition(".")[0]
         if group == "task":
-            raise UserError(f"{word}: only the waypoint task has bounds, with the values of its file")
+            raise UserError(
+                f"{word}: no bounds; only the waypoint task has them, with the values of its file (docs/bound.md)"
+            )
         if group not in KEYS:
             raise UserError(f"{word}: bound has no such key; {closest(key, KEYS)}")
         if key in own:

@@ -74,7 +74,14 @@ def _resolve(
         if key in config["task"] and key in node.task:
             OmegaConf.update(node, f"task.{key}", config["task"][key])
     frequency = condition.frequency or protocol.frequency
-    result = typed(node)
+    try:
+        result = typed(node)
+    except ConfigError as error:
+        if node.task.name == config["task"]["name"]:
+            raise
+        raise ConfigError(
+            f"{where}: tests task={node.task.name}, and the run is of task={config['task']['name']}: {error}"
+        ) from error
     if frequency is not None:
         result = at_frequency(result, frequency)
     return ResolvedCondition(condition.name, result, frequency is not None)

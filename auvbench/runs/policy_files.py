@@ -132,11 +132,6 @@ def _compare(card: cards.Card, where: str, config: schema.TrainConfig, vehicle: 
             f"algo.path={where}: its card is of {card.vehicle}, which has the actuators {', '.join(card.action)}; "
             f"vehicle={vehicle.name} has {', '.join(vehicle.actuators)}"
         )
-    if card.position_frame != config.task.position_frame:
-        raise ConfigError(
-            f"task.position_frame={config.task.position_frame}: {where} observes the position error in the "
-            f"{card.position_frame} frame, its card says; type task.position_frame={card.position_frame}"
-        )
     own = [entry["name"] for entry in observation_spec(config.task, vehicle.actuators).card()]
     if own != list(card.observation):
         missing = [name for name in card.observation if name not in own]
@@ -149,6 +144,11 @@ def _compare(card: cards.Card, where: str, config: schema.TrainConfig, vehicle: 
         raise ConfigError(
             f"task={config.task.name}: {where} observes {what}, its card says; it was trained with task={trained} "
             "(task.observation lists what is observed)"
+        )
+    if card.position_frame != config.task.position_frame:
+        raise ConfigError(
+            f"task.position_frame={config.task.position_frame}: {where} observes the position error in the "
+            f"{card.position_frame} frame, its card says; type task.position_frame={card.position_frame}"
         )
     if card.frequency != config.step.frequency:
         raise ConfigError(
