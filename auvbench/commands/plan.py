@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError
+from auvbench.record import PRIMARY
 
 if TYPE_CHECKING:
     from auvbench.analysis.measures import Measure
@@ -61,7 +62,10 @@ def parser() -> Parser:
         help="the difference: points of a rate, else in the measure's unit",
     )
     add(
-        "--metric", metavar="METRIC", default="success_rate", help="success_rate (default) or another measure"
+        "--metric",
+        metavar="METRIC",
+        default=PRIMARY,
+        help="a measure (default: the one that ranks agents in the task)",
     )
     add(
         "--sd",
@@ -145,13 +149,13 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
     """Return what is planned for, the agents of the table, the numbers of episodes, and the measure."""
     from auvbench.analysis import planning
     from auvbench.analysis.measures import measure
+    from auvbench.config.tasks import primary_of
     from auvbench.statistics import power
 
-    m = measure(options.metric, "--metric")
-    if options.rates is not None and not m.rate:
-        raise UserError(f"--rates are rates: give --resolve D in the unit of {m.name}")
+    m = measure(primary_of("waypoint") if options.metric == PRIMARY else options.metric, "--metric")
     rates = None if options.rates is None else (options.rates[0] / 100, options.rates[1] / 100)
     if options.sd is not None and rates is not None:
+        _check_rate(m)
         spread = power.SeedSpread(options.sd, float("inf"))
         basis = planning.Basis(power.Rates(options.sd), None, rates, spread, 0)
         return basis, options.agents or 2, options.episodes or (200, 500, 2000), m
@@ -162,6 +166,15 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
     runs, problems = load(options.paths, options.protocol, options.where)
     require(runs, problems, options.protocol)
     part = sections(runs, options.protocol)[0]
+    names = sorted({str(run.config.get("task.name", "waypoint")) for run in runs})
+    if len(names) > 1:
+        raise UserError(
+            f"plan: the runs are of the tasks {', '.join(names)}; name one: --where task={names[0]}"
+        )
+    if options.metric == PRIMARY:
+        m = measure(primary_of(names[0]), "--metric")
+    if rates is not None:
+        _check_rate(m)
     grouped, _ = agents(part.runs, protocol=options.protocol, condition=default(runs, options.protocol))
     resolve = abs(rates[1] - rates[0]) if rates else (0.01 if m.rate else 1.0) * options.resolve
     basis = planning.from_agents(grouped, m, resolve)
@@ -169,6 +182,11 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
         basis = replace(basis, values=rates)
     tested = grouped[0].outcome.shape[1]
     return basis, options.agents or max(2, len(grouped)), options.episodes or (tested, 4 * tested), m
+
+
+def _check_rate(m: Measure) -> None:
+    if not m.rate:
+        raise UserError(f"--rates are rates: give --resolve D in the unit of {m.name}")
 
 
 def _needs(options: argparse.Namespace, basis: Basis, agents: int, episodes: Sequence[int]) -> _Found:

@@ -199,12 +199,11 @@ def _check_margin(parts: Sequence[Section], options: Options) -> None:
 
 def _measure(part: Section, options: Options) -> str:
     """Return the measure that ranks agents of the section: by default that of its task."""
-    from auvbench.config.tasks import TASKS
+    from auvbench.config.tasks import primary_of
 
     if options.rank_by != PRIMARY:
         return options.rank_by
-    known = TASKS.get(str(part.runs[0].config.get("task.name")))
-    return TASKS["waypoint"].primary if known is None else known.primary
+    return primary_of(str(part.runs[0].config.get("task.name")))
 
 
 @dataclass(frozen=True, slots=True)

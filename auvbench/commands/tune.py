@@ -138,6 +138,8 @@ def plan_of(
 
     from auvbench.config import tuning
     from auvbench.config.compose import option, typed
+    from auvbench.config.tasks import primary_of
+    from auvbench.record import PRIMARY
     from auvbench.runs import plan as runs_plan
     from auvbench.training import execute
     from auvbench.tuning import search, space, strategy
@@ -147,6 +149,8 @@ def plan_of(
     if config.algo.get("agent") == "onnx":
         raise ConfigError(f"algo={config.algo.name}: a policy in a file has no settings to search")
     tune, protocol = tuning.read(config)
+    if tune.objective == PRIMARY:
+        tune.objective = primary_of(config.task.name)
     search.objective(tune.objective, tune.then)
     base = tuning.without_search(config)
     # Where runs lie, who carries them out and how long they train is the study's affair.

@@ -227,6 +227,11 @@ def schema_of(name: str) -> type | None:
     return SCHEMAS.get(f"task_{name}_schema")
 
 
+def primary_of(name: str) -> str:
+    """Return the measure that ranks agents in a task; an unknown task has that of the waypoint task."""
+    return TASKS.get(name, TASKS["waypoint"]).primary
+
+
 def blocks(task: Any) -> Sequence[str]:
     """Return the blocks of a task's observation; `preview` without points is none."""
     none = {"preview"} if isinstance(task, Tracked) and task.preview.points == 0 else set()

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 from omegaconf import open_dict
 
+from auvbench.commands.tune import plan_of
 from auvbench.config.compose import compose, typed
+from auvbench.config.tasks import TASKS
 from auvbench.config.validate import evaluate_config, train_config
 from auvbench.errors import ConfigError
 
@@ -142,6 +144,16 @@ def test_a_text_that_needs_quotes_is_shown_with_them():
     # A shell splits what is not quoted at all.
     with pytest.raises(ConfigError, match=r"^protocol.conditions=\[\{name:: .*single quotes"):
         compose("evaluate", ["protocol.conditions=[{name:", "calm}]"])
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_search_has_the_reward_and_the_measure_of_its_task(task):
+    search, run = compose("tune", [f"task={task}", "vehicle=bluerov2_heavy", "algo=pid"]), f"task={task}"
+    assert search.reward == compose("train", [run]).reward
+    plan, _ = plan_of(search, {}, {})
+    assert plan.tune.objective == TASKS[task].primary
+    other = compose("tune", [run, "vehicle=bluerov2_heavy", "algo=pid", "tune.objective=par1_steps"])
+    assert plan_of(other, {}, {})[0].tune.objective == "par1_steps"
 
 
 def test_several_values_of_a_test_are_no_grid():
