@@ -11,17 +11,13 @@ from hypothesis import HealthCheck, given, settings
 from tests.fuzz import targets
 from tests.fuzz.harness import nothing_long
 
-COUNTS = [4, pytest.param(12, marks=pytest.mark.slow)]
-
-
-def examples(count: int) -> settings:
-    return settings(
-        max_examples=count,
-        deadline=None,
-        derandomize=True,
-        database=None,
-        suppress_health_check=list(HealthCheck),
-    )
+EXAMPLES = settings(
+    max_examples=12,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+)
 
 
 @pytest.fixture(scope="module")
@@ -30,11 +26,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", COUNTS)
-def test_command_lines(count: int, folder: Path) -> None:
+def test_command_lines(folder: Path) -> None:
     targets.keys()
 
-    @examples(count)
+    @EXAMPLES
     @given(targets.overrides(), targets.wholes())
     def one(words: list[str], choice: int) -> None:
         targets.command_line(folder, words, choice)
@@ -45,11 +40,10 @@ def test_command_lines(count: int, folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", targets.FILES)
-@pytest.mark.parametrize("count", COUNTS)
-def test_files(count: int, name: str, folder: Path) -> None:
+def test_files(name: str, folder: Path) -> None:
     targets.fresh(folder)
 
-    @examples(count)
+    @EXAMPLES
     @given(targets.wholes(), targets.values(), targets.wholes(), targets.wholes())
     def one(where: int, value: Any, how: int, seed: int) -> None:
         targets.FILES[name](folder, where, value, how, seed)

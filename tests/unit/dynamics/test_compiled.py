@@ -29,19 +29,20 @@ SOURCES = {
         "from house.tasks.wind.limits import LIMIT\n"
         "from house.water.draws import draw\n"
         "@compiled('water', 'tasks')\ndef step(x): return draw(x) + COLUMN + LIMIT\n"
+        "@compiled('water', 'tasks')\ndef again(x): return step(x)\n"
     ),
 }
 RUN = (
     "import sys; from pathlib import Path; from auvbench.dynamics import compiled\n"
     "compiled.PACKAGE = Path('house').absolute()\n"
     "sys.path.insert(0, '.')\n"
-    "from house.tasks.wind.kernels import step\n"
-    "print(step(1), sum(step.stats.cache_hits.values()))"
+    "from house.tasks.wind.kernels import again, step\n"
+    "print(step(1), sum(step.stats.cache_hits.values()), again(1))"
 )
 
 
 def run(folder: Path) -> list[int]:
-    """What the function gives, and how often it came from the cache."""
+    """Return what the function gives, and how often it came from the cache; compiling is announced once."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache")}
     # Without bytecode: Python itself takes a file of the same second and length for unchanged.
     done = subprocess.run(
@@ -52,7 +53,10 @@ def run(folder: Path) -> list[int]:
         text=True,
         check=True,
     )
-    return [int(word) for word in done.stdout.split()]
+    value, hits, again = map(int, done.stdout.split())
+    assert value == again
+    assert done.stderr.count("auvbench: compiling") == (not hits)
+    return [value, hits]
 
 
 @pytest.mark.slow

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import gymnasium
@@ -76,23 +74,3 @@ def test_keywords_and_overrides():
         settings.configuration(overrides=[3])
     with pytest.raises(ConfigError, match="vehicle=rexorv: no such option; did you mean 'rexrov'"):
         settings.configuration(vehicle="rexorv")
-
-
-@pytest.mark.slow
-def test_compiling_is_announced(tmp_path):
-    program = (
-        "import gymnasium, auvbench, numpy as np; e = gymnasium.make('auvbench/Waypoint-v0', overrides='simulator=fossen');"
-        "e.reset(seed=0)"
-    )
-    import os
-
-    for said in (True, False):
-        done = subprocess.run(
-            [sys.executable, "-c", program],
-            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        assert done.stderr.count("auvbench: compiling") == said
-        assert done.stdout == ""
