@@ -150,8 +150,6 @@ def _parse(text: str, label: str) -> Document:
         place = f" line {mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or "unreadable"
         raise VehicleError(f"{label}{place}: not valid YAML: {problem}") from None
-    except RecursionError:  # `a: &x {b: *x}`, or a thousand brackets
-        raise VehicleError(f"{label}: not valid YAML: nested without end") from None
     return document
 
 

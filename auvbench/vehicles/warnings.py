@@ -68,9 +68,7 @@ def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
     missing = [axis for axis in range(6) if axis not in own]
     found = []
     if missing:
-        names = " and ".join([", ".join(AXES[a] for a in missing[:-1]), AXES[missing[-1]]]).removeprefix(
-            " and "
-        )
+        names = _and([AXES[axis] for axis in missing])
         verb = "is" if len(missing) == 1 else "are"
         text = f"rank {len(own)}: {names} {verb} not independently actuated by the thrusters"
         ties = [t for axis in missing if (t := _tie(B, axis, own))]
