@@ -24,6 +24,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import prepare, resolve_run
 from auvbench.vehicles import sheet
 from tests import onnx_files
+from tests.conftest import Once
 from tests.onnx_files import model, saved
 from tests.unit.runs.test_damage import frozen
 
@@ -340,10 +341,13 @@ def test_an_exported_policy_has_the_outcomes_of_its_run(tmp_path: Path) -> None:
     ],
 )
 def test_a_card_of_another_vehicle_clock_or_frame_is_told(
-    tmp_path: Path, override: str, message: str, capsys: pytest.CaptureFixture[str]
+    once: Once, tmp_path: Path, override: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    done = exporting.export(trained(tmp_path / "runs", "algo=ppo"), tmp_path / "files")
-    assert cli.main(["train", *entered(done.path, tmp_path / "out", override)]) == 2
+    def make(folder: Path) -> None:
+        exporting.export(trained(folder / "runs", "algo=ppo"), folder)
+
+    (path,) = once("exported-ppo", make).glob("*.onnx")
+    assert cli.main(["train", *entered(path, tmp_path / "out", override)]) == 2
     err = capsys.readouterr().err
     assert message.replace("\\", "") in err
     assert err.count("\n") == 1
