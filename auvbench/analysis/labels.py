@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from auvbench.config.agents import AGENTS
+from auvbench.config.algorithms import BASES
 from auvbench.untrusted.text import plain
 
 OF_THE_TEST = ("task.", "noise.", "disturbance.", "simulator.")
@@ -73,12 +74,17 @@ def title(algorithm: str) -> str:
 
     >>> title("mpc_tuned"), title("ppo_residual"), title("ppo_tuned_60k"), title("my_agent")
     ('MPC, tuned', 'PPO added to PID', 'PPO, tuned 60k', 'my_agent')
+    >>> title("ppo_residual_lqr"), title("sac_residual_tuned")
+    ('PPO added to LQR', 'SAC added to PID, tuned')
     """
     base = max((n for n in AGENTS if f"{algorithm}_".startswith(f"{n}_")), key=len, default="")
     if not base:
         return plain(algorithm)
-    more = algorithm[len(base) + 1 :].replace("_", " ")
-    return f"{AGENTS[base].title}, {more}" if more else AGENTS[base].title
+    shown, more = AGENTS[base].title, algorithm[len(base) + 1 :].replace("_", " ")
+    added, _, rest = more.partition(" ")
+    if base.endswith("_residual") and added in BASES:
+        shown, more = shown.replace(AGENTS["pid"].title, AGENTS[added].title), rest
+    return f"{shown}, {more}" if more else shown
 
 
 def in_short(number: float) -> str:

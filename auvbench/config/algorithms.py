@@ -177,24 +177,6 @@ class ALOS(PID):
 
 
 @dataclass(kw_only=True)
-class Residual:
-    """A learner's action on top of PID's."""
-
-    share: float = number(0.0, 2.0, open_low=True)
-    pid: PID
-
-
-@dataclass(kw_only=True)
-class PPOResidual(PPO):
-    residual: Residual
-
-
-@dataclass(kw_only=True)
-class SACResidual(SAC):
-    residual: Residual
-
-
-@dataclass(kw_only=True)
 class LQR(Cascade):
     velocity_error: float = number(0.0, 100.0, open_low=True)  # m/s
     yaw_error: float = number(0.0, 100.0, open_low=True)  # rad
@@ -222,6 +204,44 @@ class MPC(Algorithm):
     change_weight: float = number(0.0, 1e6)
     spin_weight: float = number(0.0, 1e6)
     damping: float = number(0.0, 1e6)
+
+
+BASES = ("pid", "lqr", "smc", "mpc", "alos")
+"""Controllers to which a residual learner may add"""
+
+
+@dataclass(kw_only=True)
+class Residual:
+    """A learner's action on top of that of one controller; the others are null."""
+
+    share: float = number(0.0, 2.0, open_low=True)
+    pid: PID | None = None
+    lqr: LQR | None = None
+    smc: SMC | None = None
+    mpc: MPC | None = None
+    alos: ALOS | None = None
+
+    @property
+    def base(self) -> Algorithm:
+        """The controller's values."""
+        (values,) = self.bases.values()
+        return values
+
+    @property
+    def bases(self) -> dict[str, Algorithm]:
+        """Values of the controllers that are not null, by name."""
+        values = {name: getattr(self, name) for name in BASES}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+@dataclass(kw_only=True)
+class PPOResidual(PPO):
+    residual: Residual
+
+
+@dataclass(kw_only=True)
+class SACResidual(SAC):
+    residual: Residual
 
 
 @dataclass(kw_only=True)

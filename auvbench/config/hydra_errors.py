@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
 from auvbench.config import plugins, suggestions
-from auvbench.config.overrides import is_valid
+from auvbench.config.overrides import CHOICES, is_valid
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.documents import no_yaml
 
@@ -51,14 +51,16 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
     if isinstance(error, OverrideParseException):
         return ConfigError(_unparsed(error.override))
     if isinstance(error, MissingConfigException) and error.options:
-        group, _, wanted = str(error.missing_cfg_file).partition("/")
+        group, _, wanted = str(error.missing_cfg_file).rpartition("/")
         options = [name for name in error.options if not name.endswith("_schema")]
         groups = {key.partition(".")[0]: name for name, key in plugins.KEYS.items()}
         declared = plugins.find(groups.get(group, ""), wanted)
         if declared is not None:
             return ConfigError(f"{group}={wanted}: {declared.release} has no {group}/{wanted}.yaml for it")
         path = f"; a file of your own goes to ./conf/{group}" if wanted.endswith(".yaml") else ""
-        return ConfigError(f"{group}={wanted}: no such option; {closest(wanted, options)}{path}")
+        return ConfigError(
+            f"{group.replace('/', '.')}={wanted}: no such option; {closest(wanted, options)}{path}"
+        )
     if listed := next((found for o in overrides if (found := _list_of_options(o, entry))), ""):
         return ConfigError(listed)
     overridden = re.search(r"Could not override '([^']+)'", text)
@@ -73,9 +75,8 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
                 reason = f"{wrong[1]!r} is not {_KINDS.get(wrong[2], wrong[2])}"
             return ConfigError(f"{'a group' if key == '_dummy_' else key}: {reason}")
     if overridden:
-        return ConfigError(
-            f"{overridden[1]}: unknown key; {_near_key(overridden[1], compose, entry, overrides)}"
-        )
+        key = next((key for key, choice in CHOICES.items() if choice == overridden[1]), overridden[1])
+        return ConfigError(f"{key}: unknown key; {_near_key(key, compose, entry, overrides)}")
     if several := re.search(r"Ambiguous value for argument '([^']*)'", text):
         key, _, values = several[1].partition("=")
         if entry not in ("train", "tune"):
@@ -100,6 +101,8 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
             f"{group}: name an option, e.g. {group.partition('=')[0]}=NAME (auvbench train --help lists them)"
         )
     if isinstance(error, INNER):
+        if "NoneType" in str(error):
+            return f"{' '.join(overrides)}: leads through a key that is null (auvbench train --cfg job shows all keys)"
         return (
             f"{' '.join(overrides) or 'what was typed'}: cannot be composed ({' '.join(str(error).split())})"
         )

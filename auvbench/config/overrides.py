@@ -19,6 +19,9 @@ from auvbench.errors import ConfigError
 PATHS = ("output", "plot")
 """Keys that hold a path."""
 
+CHOICES = {"algo.base": "algo/base@algo"}
+"""Keys whose values are names of files, as Hydra calls them."""
+
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d[\d_]*(?:\.\d*)?(?:[eE][+-]?\d+)?(?![\w.])")
 
 
@@ -46,6 +49,7 @@ def read(overrides: Sequence[str]) -> list[str]:
 
 def _read(override: str) -> str:
     key, separator, value = override.partition("=")
+    key = CHOICES.get(key, key)
     if key.lstrip("+") in whole_keys():
         value = _NUMBER.sub(_whole, value)
     if key in PATHS:

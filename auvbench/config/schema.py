@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, is_dataclass
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from auvbench.record import PRIMARY, measure_names
 
@@ -40,8 +40,9 @@ def keys(kind: type, prefix: str = "") -> dict[str, Any]:
     found = {}
     for key, hint in get_type_hints(kind).items():
         found[f"{prefix}{key}"] = hint
-        if isinstance(hint, type) and is_dataclass(hint):
-            found |= keys(hint, f"{prefix}{key}.")
+        for kind in (hint, *get_args(hint)):  # a part may be null
+            if isinstance(kind, type) and is_dataclass(kind):
+                found |= keys(kind, f"{prefix}{key}.")
     return found
 
 

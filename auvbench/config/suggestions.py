@@ -46,9 +46,10 @@ def nearest(key: str, known: Collection[str]) -> str | None:
 def owners(key: str) -> list[str]:
     """Return the agents that have a key `algo.<name>`.
 
-    >>> owners("algo.residual.share")
-    ['ppo_residual', 'sac_residual']
+    >>> owners("algo.residual.share"), owners("algo.base")
+    (['ppo_residual', 'sac_residual'], ['ppo_residual', 'sac_residual'])
     """
+    key = "algo.residual" if key == "algo.base" else key  # a choice of a file, which no configuration holds
     return [name for name, spec in AGENTS.items() if key in schema.keys(spec.schema, "algo.")]
 
 

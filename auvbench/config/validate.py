@@ -259,8 +259,10 @@ def _algorithm(algo: algorithms.Algorithm) -> None:
         require(algo.batch_size >= 2, "algo.batch_size", algo.batch_size, what)
     residual = getattr(algo, "residual", None)
     if isinstance(residual, algorithms.Residual):
-        agent = residual.pid.agent
-        require(agent == "pid", "algo.residual.pid.agent", agent, "be pid")
+        names = list(residual.bases)
+        require(len(names) == 1, "algo.residual", " and ".join(names) or "{}", "hold one controller")
+        agent, name = residual.base.agent, names[0]
+        require(agent == name, f"algo.residual.{name}.agent", agent, f"be {name}")
 
 
 def _is_number(text: str) -> bool:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from auvbench.config.agents import learns
+from auvbench.config.algorithms import BASES
 from auvbench.untrusted.text import short
 
 SCHEMA_VERSION = 1
@@ -34,12 +35,10 @@ NEUTRAL = (
     "analysis",
     "algo.path",
     *OPERATIONAL,
-    "algo.residual.pid.name",
-    "algo.residual.pid.n_envs",
-    "algo.residual.pid.tuned",
+    *(f"algo.residual.{base}.{label}" for base in BASES for label in ("name", "n_envs", "tuned")),
 )
 """Keys that cannot change a run's result: its place, its launcher, its analysis, how it is carried out, and the labels of
-the PID to which a residual learner adds."""
+the controller to which a residual learner adds."""
 
 LATER: dict[str, Any] = {
     "task.time_limit": None,
@@ -55,6 +54,7 @@ LATER: dict[str, Any] = {
         "direction": None,
         "spreading": 2.0,
     },
+    **{f"algo.residual.{base}": None for base in BASES},
 }
 """Keys that came after runs had been made, with the value under which nothing changes: with it they do not count, so
 that a run keeps its id."""
@@ -81,8 +81,10 @@ def relevant(config: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(kept.get("vehicle"), dict):
         kept["vehicle"] = without_descriptions(kept["vehicle"])
     for key, unchanged in LATER.items():
-        group, _, name = key.partition(".")
-        node = kept.get(group)
+        *groups, name = key.split(".")
+        node: Any = kept
+        for group in groups:
+            node = node.get(group) if isinstance(node, dict) else None
         if not isinstance(node, dict):
             continue
         if node.get(name, unchanged) == unchanged:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 import traceback
 from contextlib import suppress
@@ -24,7 +25,7 @@ from auvbench.vehicles import sheet
 
 
 def check_runnable(config: schema.TrainConfig) -> None:
-    """Make the controller that a checked configuration names, and load its simulator.
+    """Make the controller that a checked configuration names, or a residual adds to, and load its simulator.
 
     Learners are left out: they work with every vehicle and take seconds to build. So are ROS 2 servers, which may
     start later.
@@ -41,8 +42,10 @@ def check_runnable(config: schema.TrainConfig) -> None:
 
         sdf.check_vehicle(vehicle, config.simulator.hydrodynamics)
         bindings.modules()
-    if config.algo.agent in AGENTS and not learns(config.algo):
-        agents.make(config, vehicle)
+    residual = getattr(config.algo, "residual", None)
+    algo = residual.base if isinstance(residual, algorithms.Residual) else config.algo
+    if algo.agent in AGENTS and not learns(algo):
+        agents.make(dataclasses.replace(config, algo=algo), vehicle)
 
 
 def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:

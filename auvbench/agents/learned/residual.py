@@ -1,11 +1,12 @@
-"""Residual learning: a policy's action is added to PID's, with a bounded share.
+"""Residual learning: a policy's action is added to a classical controller's, with a bounded share.
 
-    action = clip(pid + share * residual, -1, 1)
+    action = clip(base + share * residual, -1, 1)
 
-after Johannink et al. 2019 (arXiv:1812.03201) and Silver et al. 2018 (arXiv:1812.06298). PID gets the same noisy
-observation as every agent. The learner sees that observation and behind it PID's action of this step, to which its own
-will be added. Without it the same residual would have another effect in each state of PID's filter and integral action,
-which the learner could not see. It is no further sensor: PID computes it from the observations alone.
+after Johannink et al. 2019 (arXiv:1812.03201) and Silver et al. 2018 (arXiv:1812.06298). The controller gets the same noisy
+observation as every agent. The learner sees that observation and behind it the controller's action of this step, to which
+its own will be added. Without it the same residual would have another effect in each state of the controller's memory, such
+as PID's integral action, which the learner could not see. It is no further sensor: the controller computes it from the
+observations alone.
 """
 
 from __future__ import annotations
@@ -22,8 +23,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from auvbench.agents.base import Actions, Agent, Integers, Observations
-from auvbench.agents.classical import pid
+from auvbench.agents.base import Actions, Agent, Integers, Observations, make
 from auvbench.agents.components import Components
 from auvbench.agents.learned.sb3 import SB3Learner
 from auvbench.config import algorithms, schema
@@ -34,34 +34,35 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Arrays = dict[str, NDArray[Any]]
 
 _MEMORY = "residual"
-"""of PID, in a checkpoint"""
+"""of the controller, in a checkpoint"""
 
 
 class Base:
-    """PID under N policies: extends their observations by its action, and adds theirs to it.
+    """A controller under N policies: extends their observations by its action, and adds theirs to it.
 
     Raises:
-        ConfigError: PID cannot steer the vehicle.
+        ConfigError: the controller cannot steer the vehicle, or cannot do the task.
     """
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         algo = config.algo
         assert isinstance(algo, algorithms.PPOResidual | algorithms.SACResidual)
-        own = dataclasses.replace(config, algo=algo.residual.pid)
+        own = dataclasses.replace(config, algo=algo.residual.base)
         self.share = algo.residual.share
-        self._pid = pid.controller(own, vehicle)
-        self._beginner = pid.controller(own, vehicle)
+        # Each of them has `memory`, which no other agent needs.
+        self._controller: Any = make(own, vehicle)
+        self._beginner: Any = make(own, vehicle)
         self.action: NDArray[np.float64] = np.empty((0, len(vehicle.actuators)))
-        """(n, n_u) PID's, of this step"""
+        """(n, n_u) the controller's, of this step"""
 
     def reset(self, n: int) -> None:
         """Forget everything: `n` episodes begin."""
-        self._pid.reset(np.arange(n))
+        self._controller.reset(np.arange(n))
         self.action = np.zeros((n, self.action.shape[1]))
 
     def extend(self, observation: Observations) -> Observations:
-        """Return observations (n, n_obs) with the actions of PID appended, (n, n_obs + n_u)."""
-        self.action = np.clip(self._pid.act(observation), -1.0, 1.0)
+        """Return observations (n, n_obs) with the controller's actions appended, (n, n_obs + n_u)."""
+        self.action = np.clip(self._controller.act(observation), -1.0, 1.0)
         return _extended(observation, self.action)
 
     def begin(self, rows: Integers, observation: Observations) -> Observations:
@@ -69,7 +70,7 @@ class Base:
         self._beginner.reset(rows)
         self.action[rows] = np.clip(self._beginner.act(observation), -1.0, 1.0)
         fresh = self._beginner.memory()
-        for name, array in self._pid.memory().items():
+        for name, array in self._controller.memory().items():
             array[rows] = fresh[name]
         return _extended(observation, self.action[rows])
 
@@ -80,13 +81,13 @@ class Base:
 
     def state_dict(self) -> Arrays:
         """Return copies of what it carries from step to step."""
-        memory = {**self._pid.memory(), "action": self.action}
+        memory = {**self._controller.memory(), "action": self.action}
         return {name: array.copy() for name, array in memory.items()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Return to the state that `state_dict` gave."""
         self.reset(len(state["action"]))
-        for name, array in {**self._pid.memory(), "action": self.action}.items():
+        for name, array in {**self._controller.memory(), "action": self.action}.items():
             array[...] = state[name]
 
 
@@ -130,7 +131,7 @@ class ResidualVecEnv(VecEnvWrapper):
         ended = np.flatnonzero(done)
         if not len(ended):
             return self.base.extend(observation), reward, done, infos
-        # The last observation of an episode belongs to the PID that steered it; the next one begins with a fresh one.
+        # The last observation of an episode belongs to the controller that steered it; the next one begins with a fresh one.
         last = observation.copy()
         last[ended] = [infos[i]["terminal_observation"] for i in ended]
         extended = self.base.extend(last)
@@ -141,7 +142,7 @@ class ResidualVecEnv(VecEnvWrapper):
 
 
 class ResidualAgent:
-    """PID and a policy of residuals in a test."""
+    """A controller and a policy of residuals in a test."""
 
     def __init__(self, policy: Agent, base: Base) -> None:
         self.policy = policy
@@ -158,7 +159,7 @@ class ResidualAgent:
 
 
 class ResidualLearner(SB3Learner):
-    """One of SB3's algorithms that learns what to add to PID's action."""
+    """One of SB3's algorithms that learns what to add to a controller's action."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         super().__init__(config, vehicle)
@@ -171,7 +172,7 @@ class ResidualLearner(SB3Learner):
         return self._seen
 
     def _frozen(self, model: BaseAlgorithm) -> Agent:
-        # With a PID of its own: that of the training goes on after the test.
+        # With a controller of its own: that of the training goes on after the test.
         return ResidualAgent(super()._frozen(model), Base(self._config, self._vehicle))
 
     def load(self, folder: Path) -> None:

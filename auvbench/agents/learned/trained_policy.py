@@ -185,7 +185,7 @@ def _read(path: Path) -> bytes:
 
 
 def observed(config: schema.TrainConfig, vehicle: VehicleModel) -> int:
-    """Return how many numbers a learner observes: that of a residual PID's action, too."""
+    """Return how many numbers a learner observes: those of a residual learner's controller, too."""
     residual = isinstance(config.algo, algorithms.PPOResidual | algorithms.SACResidual)
     n_u = len(vehicle.actuators)
     return observation_spec(config.task, vehicle.actuators).size + (n_u if residual else 0)

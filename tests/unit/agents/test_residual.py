@@ -1,19 +1,26 @@
-"""A learner's action on top of PID's: what is added, what the learner sees, what PID remembers of an episode."""
+"""A learner's action on top of a controller's: what is added, what the learner sees, what is remembered of an episode."""
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
+from auvbench.agents.base import make
 from auvbench.agents.classical import pid
 from auvbench.agents.learned.residual import Base, ResidualAgent, ResidualVecEnv
+from auvbench.analysis.labels import title
 from auvbench.config import schema
+from auvbench.config.compose import run, typed
 from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv
 from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import roll_out
+from auvbench.runs.identity import run_id
+from auvbench.training.execute import check_runnable
 from auvbench.vehicles import sheet
 from tests import configs
 
@@ -160,8 +167,104 @@ def test_rows_of_a_test_do_not_depend_on_the_batch() -> None:
 
 def test_gains_of_pid_are_those_of_its_preset_and_may_be_changed() -> None:
     preset = configs.training("algo=pid").algo
-    assert configured().algo.residual.pid == preset
+    assert configured().algo.residual.pid == configured("algo.base=pid").algo.residual.base == preset
     assert configured("algo.residual.pid.bandwidth=2.5").algo.residual.pid.bandwidth == 2.5
+
+
+@pytest.mark.parametrize("learner", ["ppo", "sac"])
+@pytest.mark.parametrize("base", ["lqr", "smc", "mpc", "alos"])
+def test_other_controllers_may_be_the_base(learner: str, base: str) -> None:
+    config = configs.training(f"algo={learner}_residual", f"algo.base={base}")
+    assert config.algo.residual.base == configs.training(f"algo={base}").algo
+    assert list(config.algo.residual.bases) == [base]
+    assert config.algo.name == f"{learner}_residual_{base}"
+    assert title(config.algo.name) == f"{learner.upper()} added to {base.upper()}"
+
+
+def test_a_grid_takes_several_bases() -> None:
+    words = ("algo=ppo_residual", "algo.base=pid,lqr", "-m")
+    names = run("train", words, lambda one: [one.algo.name], lambda all: [one.algo.name for one in all])
+    assert names == ["ppo_residual", "ppo_residual_lqr"]
+
+
+@pytest.mark.parametrize("learner", ["ppo", "sac"])
+def test_ids_of_runs_with_pid_stay(learner: str) -> None:
+    """A configuration of before there were other bases."""
+    plain = configs.plain(f"algo={learner}_residual")
+    before = copy.deepcopy(plain)
+    for name in ("lqr", "smc", "mpc", "alos"):
+        del before["algo"]["residual"][name]
+    known = {"ppo": "ppo_residual-k1-f10-s42-f88b5426", "sac": "sac_residual-k1-f10-s42-2cee29a6"}
+    assert run_id(before) == run_id(plain) == known[learner]
+    assert typed(OmegaConf.create(before)).algo.residual.base.agent == "pid"
+    others = {
+        run_id(configs.plain(f"algo={learner}_residual", f"algo.base={name}")) for name in ("lqr", "smc")
+    }
+    assert len(others | {run_id(plain)}) == 3
+
+
+PATH = ("task=path_following", "vehicle=bluerov2_heavy", "task.time_limit=4", "disturbance=moderate")
+
+
+@pytest.mark.parametrize(
+    ("base", "overrides"),
+    [
+        ("lqr", PATH),
+        ("smc", PATH),
+        ("alos", PATH),
+        ("alos", (*PATH, "vehicle=lrauv")),
+        ("pid", (*PATH, "vehicle=lrauv")),
+        pytest.param("mpc", (*PATH, "task.time_limit=1"), marks=pytest.mark.slow),
+    ],
+)
+def test_every_base_goes_on_with_the_same_bits(base: str, overrides: tuple[str, ...]) -> None:
+    """Restored in mid-episode into fresh environments, over ends of episodes at different times."""
+    if base == "mpc":
+        pytest.importorskip("casadi")
+    config = configured(f"algo.base={base}", *overrides)
+    limit = round(config.task.time_limit * config.step.frequency)
+    first, second = wrapped(config, 2), wrapped(config, 2)
+    n_u = first.action_space.shape[0]
+    actions = np.random.default_rng(1).uniform(-1, 1, (limit + 14, 2, n_u)).astype(np.float32)
+    first.reset()
+    for action in actions[: limit // 2]:
+        first.step(action)
+    state = state_of(first)
+    second.reset()
+    second.venv.batch.load_state_dict(state["batch"])  # type: ignore[attr-defined]
+    second.base.load_state_dict(state["base"])
+    ends = 0
+    for action in actions[limit // 2 :]:
+        one, other = first.step(action), second.step(action)
+        np.testing.assert_array_equal(one[0], other[0])
+        ends += int(one[2].sum())
+    assert ends >= 2
+    after = state_of(second)
+    for part, arrays in state_of(first).items():
+        for name, value in arrays.items():
+            np.testing.assert_array_equal(value, after[part][name], err_msg=name)
+
+
+@pytest.mark.parametrize("base", ["smc", "alos"])
+def test_a_new_episode_begins_with_a_fresh_base(base: str) -> None:
+    config = configured(f"algo.base={base}", *PATH, "task.time_limit=2")
+    environment = wrapped(config, 1)
+    n_u = environment.action_space.shape[0]
+    environment.reset()
+    seen, done = None, np.array([False])
+    while not done[0]:
+        seen, _, done, _ = environment.step(np.ones((1, n_u), dtype=np.float32))
+    fresh = make(dataclasses.replace(config, algo=config.algo.residual.base), environment.venv.batch.vehicle)
+    fresh.reset(np.arange(1))
+    action = np.clip(fresh.act(seen[:, :-n_u]), -1, 1)
+    np.testing.assert_array_equal(seen[:, -n_u:], action.astype(np.float32))
+
+
+def test_a_base_that_cannot_do_it_is_refused_before_the_run_starts() -> None:
+    with pytest.raises(ConfigError, match="algo=lqr steers by thrusters alone and vehicle=lrauv has rudder"):
+        check_runnable(configured("algo.base=lqr", "vehicle=lrauv"))
+    with pytest.raises(ConfigError, match="algo=alos follows a path, which task=waypoint does not have"):
+        check_runnable(configured("algo.base=alos"))
 
 
 @pytest.mark.parametrize(
@@ -171,6 +274,8 @@ def test_gains_of_pid_are_those_of_its_preset_and_may_be_changed() -> None:
         ("algo.residual.share=3", "algo.residual.share=3: must be more than 0 and at most 2"),
         ("algo.residual.pid.bandwidth=-1", "algo.residual.pid.bandwidth=-1: must be more than 0"),
         ("algo.residual.pid.agent=lqr", "algo.residual.pid.agent=lqr: must be pid"),
+        ("algo.residual.pid=null", "algo.residual={}: must hold one controller"),
+        ("algo.base=lqg", "algo.base=lqg: no such option; did you mean 'lqr'"),
     ],
 )
 def test_mistakes_name_the_key_and_what_is_valid(override: str, message: str) -> None:
