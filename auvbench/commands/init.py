@@ -21,8 +21,8 @@ LEFT_OUT = ("build", "dist", "outputs")
 README = """\
 # {name}
 
-A package with a controller (`algo=pursuit`), a learner (`algo=search`), a vehicle, a task and an experiment for auvbench. Change
-them, or add files next to them.
+A package with a controller (`algo=pursuit`), a learner (`algo=search`), a task (`task=circling`), a reward (`reward=view`), a vehicle
+and an experiment for auvbench. Change them, or add files next to them.
 
     pip install --no-deps -e .
     auvbench train -m experiment=first
@@ -33,10 +33,12 @@ them, or add files next to them.
 |---|---|
 | `{module}/pursuit.py`, `{module}/conf/algo/pursuit.yaml` | a controller and its values |
 | `{module}/search.py`, `{module}/conf/algo/search.yaml` | a learner and its values |
+| `{module}/circling.py`, `{module}/conf/task/circling.yaml` | a task with code of its own and its values |
+| `{module}/view.py`, `{module}/conf/reward/view.yaml` | a reward and its values |
 | `conf/vehicle/my_vehicle.yaml` | a vehicle: `vehicle=my_vehicle` |
-| `conf/task/my_task.yaml` | a task: `task=my_task` |
+| `conf/task/my_task.yaml` | a task with other values than auvbench's: `task=my_task` |
 | `conf/experiment/first.yaml` | a study: `experiment=first` |
-| `tests/` | `pytest`: the rules that each controller must keep |
+| `tests/` | `pytest`: the rules that each controller and each task must keep |
 
 auvbench reads `./conf` of the folder in which it runs, so type its commands here.
 """
