@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from auvbench import cli
-from tests.synthetic import write_experiment
+from tests.synthetic import reconfigure, write_experiment
 
 QUICK = ["--replications", "60", "--json"]
 
@@ -99,3 +99,14 @@ def test_runs_of_one_seed_say_nothing_of_the_spread(
     write_experiment(tmp_path, algorithms=("ppo",), seeds=(0,), episodes=20)
     assert cli.main(["plan", "--resolve", "5", str(tmp_path)]) == 2
     assert "no agent here has several training seeds" in capsys.readouterr().err
+
+
+def test_runs_of_several_tasks_are_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    for run in write_experiment(tmp_path, algorithms=("ppo",), frequencies=(10.0,), seeds=(0, 1), episodes=5)[
+        :1
+    ]:
+        reconfigure(run, task__name="docking")
+    assert cli.main(["plan", "--resolve", "20", str(tmp_path)]) == 2
+    err = capsys.readouterr().err
+    assert "docking, waypoint" in err
+    assert "--where task=docking" in err
