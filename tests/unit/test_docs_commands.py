@@ -1,0 +1,72 @@
+"""Every command line of README.md and docs/ is one that auvbench takes: flags are parsed, configurations composed."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from auvbench.commands import COMMANDS
+from auvbench.config.compose import compose, run
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+MADE_BY_THE_READER = re.compile(r"polyu|pursuit|my_agent|circling|mine\.onnx|\.\.\.")
+MISTAKES = (
+    "evaluate outputs --protocol thesis",
+    "report outputs baseline=pid",
+    "train algo.tau=0.01",
+)
+"""shown with their error in docs/grammar.md"""
+COMPOSED = ("train", "tune", "simulate")
+
+
+def commands() -> list[str]:
+    """Return the lines of code blocks that begin with `auvbench COMMAND`, without it and without comments."""
+    found = []
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+        blocks = re.findall(r"^```[^\n]*\n(.*?)^```", text, re.M | re.S)
+        lines = [line for block in blocks for line in block.splitlines()]
+        lines += re.findall(r"^    (auvbench .*)$", text, re.M)
+        for line in lines:
+            for part in re.sub(r"^\$ ", "", line.strip()).split(" && "):
+                words = part.split()
+                if words[:1] == ["auvbench"] and words[1:2] and words[1] in COMMANDS:
+                    found.append(re.sub(r"\s+(#|>|&).*", "", part).removeprefix("auvbench "))
+    return sorted({line for line in found if not MADE_BY_THE_READER.search(line)} - set(MISTAKES))
+
+
+LINES = commands()
+
+
+def test_there_are_many() -> None:
+    assert len(LINES) > 60
+
+
+@pytest.mark.parametrize("line", [line for line in LINES if line.split()[0] not in COMPOSED])
+def test_its_flags_are_those_of_the_command(line: str) -> None:
+    name, *arguments = shlex.split(line)
+    module = "report_options" if name == "report" else name
+    parser = importlib.import_module(f"auvbench.commands.{module}").parser()
+    overrides = name in ("evaluate", "bound", "resume", "serve")
+    words = parser.read(arguments, **({"overrides": True} if overrides else {}))
+    if name == "evaluate":
+        compose("evaluate", [word for word in words.words if "=" in word])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", [line for line in LINES if line.split()[0] in COMPOSED])
+def test_its_configuration_composes(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    name, *arguments = shlex.split(line)
+    made: list[object] = []
+    if name == "train":
+        run("train", arguments, job=made.append, grid=made.extend)
+    else:
+        ranges = [word for word in arguments if "=" in word and "(" not in word]
+        made.append(compose(name, ranges))
+    assert made
