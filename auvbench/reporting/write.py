@@ -109,7 +109,7 @@ def _plain(finding: Finding) -> dict[str, Any]:
 
 def _numbers(estimate: Estimate) -> dict[str, Any]:
     ends = {key: value for key, value in asdict(estimate).items() if value == value}
-    return {"value": None, "low": None, "high": None} | ends
+    return {"low": None, "high": None, "value": None} | ends
 
 
 def scores(found: Scores) -> str:

@@ -143,7 +143,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
 
 def test_nothing_to_report_is_exit_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert report(tmp_path / "nowhere") == 2
-    assert "no such folder" in capsys.readouterr().err
+    assert "nowhere: no such file or directory" in capsys.readouterr().err
     assert report(tmp_path) == 2
     assert "no run under" in capsys.readouterr().err
     runs = write_experiment(tmp_path / "grid", algorithms=("pid",), protocols={}, episodes=5)

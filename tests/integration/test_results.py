@@ -8,7 +8,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from auvbench.analysis.labels import title
 from auvbench.cli import main
 from tests.numbers import assert_same_numbers
 
@@ -102,43 +101,6 @@ def test_the_transfer_to_gazebo_is_quoted_rightly():
             last = 10.0 ** -len(numbers[0].partition(".")[2])
             for number, end in zip(numbers, ("", "_low", "_high"), strict=True):
                 assert abs(float(number) - float(row[f"par1_change{end}"])) <= 0.51 * last, line
-
-
-def numbers(text: str) -> list[float]:
-    return [float(number) for number in re.findall(r"[-+]?[\d.]+", text)]
-
-
-def conditions():
-    """By agent and condition: the rows of the leaderboard's further protocols."""
-    shipped = rows(ROOT / "results/leaderboard/conditions.csv")
-    return {(title(row["agent"]), row["condition"]): row for row in shipped}
-
-
-def test_the_readme_quotes_the_leaderboard_rightly():
-    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
-    start = next(i for i, line in enumerate(lines) if line.startswith("| 500 waypoints |"))
-    table = {title(row["agent"]): row for row in rows(ROOT / "results" / "leaderboard" / "table.csv")}
-    by_condition, found = conditions(), 0
-    for line in lines[start + 2 : lines.index("", start)]:
-        _, agent, time, difference, success, current, other, _ = (
-            cell.strip(" *") for cell in line.split("|")
-        )
-        row = table[agent]
-        ends = ("", "_low", "_high")
-        expected = [float(row[f"par1_time_s{end}"]) for end in ends]
-        assert numbers(time) == pytest.approx(expected, abs=0.051), line
-        if difference != "baseline":
-            expected = [float(row[f"difference{end}"]) / 10 for end in ends]  # 10 steps a second
-            assert numbers(difference) == pytest.approx(expected, abs=0.0051), line
-        rates = [
-            row,
-            by_condition[agent, "current=1"],
-            by_condition[agent, "vehicle=bluerov2-wu2018"],
-        ]
-        expected = [100 * float(rate["success_rate"]) for rate in rates]
-        assert numbers(success + current + other) == pytest.approx(expected, abs=0.51), line
-        found += 1
-    assert found >= 8
 
 
 REAL, EARLY, LATE = "bluerov2", *SIMULATED

@@ -112,4 +112,4 @@ def test_an_episode_is_replayed(study: Path, task: str, capsys: pytest.CaptureFi
 
 def test_bounds_are_of_waypoints_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bound", "task=docking"]) == 2
-    assert "only the waypoint task has bounds" in capsys.readouterr().err
+    assert "only the waypoint task has them" in capsys.readouterr().err

@@ -157,11 +157,11 @@ def test_trajectories_are_read_back_to_a_millimetre(study: Path) -> None:
     for before, after in zip(plain, published, strict=True):
         one = list(paths(before.id, before.evaluations["test"], "nominal", 3))
         other = list(paths(after.id, after.evaluations["test"], "nominal", 3))
-        assert [path[0] for path in one] == [path[0] for path in other]
-        for (_, waypoint, position, time), (_, same, near, at) in zip(one, other, strict=True):
-            assert waypoint == pytest.approx(same, abs=1e-3)
-            assert np.abs(position - near).max() <= 6e-4
-            assert np.abs(time - at).max() <= 6e-4
+        assert [path.episode for path in one] == [path.episode for path in other]
+        for path, near in zip(one, other, strict=True):
+            assert path.waypoint == pytest.approx(near.waypoint, abs=1e-3)
+            assert np.abs(path.position - near.position).max() <= 6e-4
+            assert np.abs(path.time - near.time).max() <= 6e-4
 
 
 def test_rows_in_disorder_are_refused(study: Path) -> None:
