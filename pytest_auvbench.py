@@ -1,6 +1,6 @@
 """pytest's plug-in of auvbench: `pytest --auvbench algo=NAME --auvbench simulator=NAME` runs the conformance suites.
 
-A module of its own beside the package: pytest imports it in every session of an environment that has auvbench, and
+A module outside the package, because pytest imports it in every session of an environment that has auvbench, and
 until `--auvbench` is given it imports nothing but pytest.
 """
 

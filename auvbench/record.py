@@ -11,7 +11,7 @@ OUTCOMES = ("success", "collision", "timeout", "out_of_bounds")
 """How an episode ends, in the order of the codes 0 to 3 in tasks/kernels.py. A task lists those of its own."""
 
 PRIMARY = "primary"
-"""name of the measure that ranks agents of a task, whatever it is"""
+"""stands for the measure that ranks agents of a task (`primary_of`)"""
 
 Record = dict[str, float | int | str]
 

@@ -200,7 +200,7 @@ def _agent(
             metrics[str(column)] = values = np.full(outcome.shape, np.nan)
             values[tested] = np.array(table[column], dtype=np.float64).reshape(len(tested), len(some))
     metrics["time_to_goal_s"] = np.where(outcome == 0, metrics["duration_s"], np.nan)
-    for column in of_the_scenario():  # those of a training that failed are everybody's
+    for column in of_the_scenario():  # a training that failed has those of all agents
         if column in metrics:
             # A copy's rows may lack the column.
             known = next(frame for frame in rows.values() if column in frame)

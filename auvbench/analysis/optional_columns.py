@@ -131,7 +131,7 @@ COLUMNS: Mapping[str, Callable[[Agent, str, float, int], Estimate | None]] = {
     "training_cpu_s": lambda agent, protocol, confidence, seed: (
         training_time(agent) if learns(agent) else None
     ),
-    # Set beside all rows at once: `optimality.add_optimality`.
+    # `optimality.add_optimality` sets it, for all rows at once.
     optimality.COLUMN: lambda agent, protocol, confidence, seed: None,
 }
 """by name of --columns; docs/report.md defines them. All but the times of an action, in ms, of a training, in s, and the ratio of

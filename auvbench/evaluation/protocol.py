@@ -65,7 +65,7 @@ def _resolve(
         key, separator, value = override.partition("=")
         if not separator:
             raise ConfigError(f"{where}: {override!r} is not key=value")
-        # The published task of the run's kind, whatever it was trained with.
+        # The run's task with the values of its file, not those of its training.
         value = str(node.task.name) if (key, value) == ("task", "same") else value
         if not _of_other_tasks(node, key):
             _apply(node, key, value, where)

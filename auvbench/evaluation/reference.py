@@ -167,7 +167,7 @@ def _standard(
 
 
 def _observed(task: tasks.Task) -> dict[str, Any]:
-    """Return what the reference play observes, whatever the agent does."""
+    """Return what the reference play observes: the same for every agent."""
     if isinstance(task, tasks.Tracked):
         known = [name for name in tasks.TASKS[task.name].blocks if name != "preview"]
         return {"observation": known, "history": 1}

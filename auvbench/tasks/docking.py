@@ -1,7 +1,8 @@
 """Docking: into a dock from the front. docs/task.md defines it.
 
-The reference is the dock where the vehicle is near the axis in front of it; otherwise a point in front of the dock, and
-beside or behind the dock one on a circle round it, so that the way to the reference never leads through the dock.
+The reference is the dock where the vehicle is near the axis in front of it; otherwise a point in front of the dock. For a
+vehicle at the side of the dock or behind it, the point lies on a circle round the dock, so that the way to the reference
+never leads through the dock.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ _SIGNATURE = types.float64(
 def hook_of(function: Callable[..., float]) -> Any:
     """Compile the reward of an installed package.
 
-    Called by address, so that numba keeps a kernel on disk whatever reward it calls; the reward itself is compiled in
+    A kernel calls it by address, so that numba keeps one kernel on disk for all rewards; the reward itself is compiled in
     each process.
 
     Args:
