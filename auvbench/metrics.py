@@ -82,7 +82,7 @@ class Metric:
     tasks: tuple[str, ...] = ()
     """that have it; empty: all"""
     counts_failures: bool = False
-    """whether a failed episode counts as the worst value, whatever it measured"""
+    """whether a failed episode counts as the worst value, not as the value that it measured"""
 
     def is_of(self, task: str) -> bool:
         """Return whether a task has the metric."""
@@ -145,7 +145,9 @@ TRACKED = ("station_keeping", "trajectory_tracking", "path_following", "docking"
 
 METRICS: list[Metric] = [
     _share("success_rate", "success", "episodes that succeed: docs/task.md says when, for each task", "rate"),
-    _share("collision_rate", "collision", "episodes that leave the depth limits", "rate", "lower"),
+    _share(
+        "collision_rate", "collision", "episodes that leave the depth limits or hit the dock", "rate", "lower"
+    ),
     _share("timeout_rate", "timeout", "episodes that use up their steps without success", "rate", "lower"),
     _share(
         "out_of_bounds_rate",
@@ -459,7 +461,7 @@ def column(
         better: empty for a column of the scenario.
         low: least possible value.
         high: largest possible value.
-        counts_failures: whether a failed episode counts as the worst value, whatever it measured.
+        counts_failures: whether a failed episode counts as the worst value, not as the value that it measured.
     """
     return _own(name, unit, title, definition, (), better, low, high, counts_failures)
 
