@@ -34,6 +34,8 @@ TYPICAL_SPEED = 0.5  # m/s
 TYPICAL_RATE = 0.3  # rad/s
 # A reading is never trusted to less than this, even where the configuration has no noise.
 SMALLEST_NOISE = 0.01  # m, rad, m/s, rad/s
+# No vehicle is so far away or so fast: beyond it the equations have run away from the vehicle, and the filter starts anew.
+LARGEST_STATE = 1e4  # m, m/s, rad/s
 
 # The blocks of true values that the filter reads, with their places among (position, attitude, velocity).
 MEASURED = {"gravity": (3, 4), "velocity": (6, 7, 8), "angular_velocity": (9, 10, 11)}
@@ -101,6 +103,8 @@ class Observer:
         if not self.first[i]:
             x[:] = self._step(x, self.vehicle.force(previous), self.current[i]).full()[:, 0]
             x[:3] -= self._moved(i)
+            if not np.abs(x[:RIGID]).max() < LARGEST_STATE:  # NaN is not, either
+                self._begin(i)
         predicted = yaw_of(x[3:7])
         if self.body_frame:
             # The readings say nothing of the yaw in the world: it is only a name for the axes.
@@ -124,6 +128,14 @@ class Observer:
         if self._preview is not None:
             points = observation[self._read["preview"]].reshape(-1, 3)
             self.ahead[i] = np.stack([reference, *(position + turned(point, yaw) for point in points)])
+
+    def _begin(self, i: int) -> None:
+        """Forget row i: at rest, level, in still water."""
+        self.first[i] = True
+        self.state[i] = 0.0
+        self.state[i, 3] = 1.0
+        self.state[i, RIGID:] = self.model.rest
+        self.current[i] = self.target[i] = 0.0
 
     def _correct(self, i: int, observation: Floats, position: Floats, yaw: float, predicted: float) -> None:
         """Correct the prediction of row i with the readings."""

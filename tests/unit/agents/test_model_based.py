@@ -170,3 +170,16 @@ class TestMPC:
         """A waypoint just under the surface: the plan may not rise above the margin on its way."""
         overrides = ["task.waypoint_low=[10,0,-1.5]", "task.waypoint_high=[12,1,-1.2]"]
         assert all(row["depth_margin_m"] > 0.0 for row in records("mpc", 2, *overrides))
+
+
+@pytest.mark.parametrize("task", ["waypoint", "docking"])
+def test_a_filter_that_has_lost_its_vehicle_starts_anew(task):
+    config, agent = controller("mpc", "vehicle=rexrov", f"task={task}")
+    observation = Batch(config, 1, seed=0).reset()
+    agent.reset(np.arange(1))
+    agent.act(observation)
+    state = agent.observer.state.copy()
+    agent.observer.state[0, 7:13] = 1e60
+    agent.observer.current[0] = 1e60
+    assert np.isfinite(agent.act(observation)).all()
+    assert agent.observer.state == pytest.approx(state)
