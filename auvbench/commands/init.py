@@ -5,9 +5,11 @@ The project is a copy of examples/auvbench-example under another name.
 
 from __future__ import annotations
 
+import keyword
 import re
+import sys
 from collections.abc import Iterator, Sequence
-from importlib import resources
+from importlib import resources, util
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
@@ -62,6 +64,9 @@ def main(arguments: Sequence[str]) -> int:
         raise UserError(
             f"init {name}: must be a name of small letters, digits and single hyphens, for example my-study"
         )
+    module = name.replace("-", "_")
+    if keyword.iskeyword(module) or module in sys.stdlib_module_names or util.find_spec(module) is not None:
+        raise UserError(f"init {name}: Python has something named {module} already; choose another name")
     if target.exists():
         raise UserError(f"init {target}: exists already; choose another name")
     from auvbench.runs.atomic_io import storage
@@ -69,7 +74,7 @@ def main(arguments: Sequence[str]) -> int:
     with storage(f"cannot write into {target}"):
         for path, text in _files(template(), Path()):
             _write(target / _renamed(str(path), name), _renamed(text, name))
-        _write(target / "README.md", README.format(name=name, module=name.replace("-", "_")))
+        _write(target / "README.md", README.format(name=name, module=module))
     print(f"wrote {target}: its README.md names the files\nnext:")
     print(f"  cd {target} && pip install --no-deps -e .")
     print("  auvbench train -m experiment=first")

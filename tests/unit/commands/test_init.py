@@ -38,7 +38,7 @@ def test_its_vehicle_and_task_compose(project: Path) -> None:
     assert config.task.goal_radius == 1.0
 
 
-@pytest.mark.parametrize("name", ["My Study", "1st", "a--b", "auvbench", "there"])
+@pytest.mark.parametrize("name", ["My Study", "1st", "a--b", "auvbench", "there", "class", "json", "numpy"])
 def test_a_wrong_name_writes_nothing(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "there").mkdir()
     assert cli.main(["init", str(tmp_path / name)]) == 2
