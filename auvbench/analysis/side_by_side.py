@@ -106,12 +106,17 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
         ReportError: they met different scenarios.
     """
     first, second = pair
+    names = [str(agent.runs[0].config.get("task.name", "waypoint")) for agent in pair]
+    if names[0] != names[1]:
+        raise ReportError(
+            f"{first.label} has task={names[0]} and {second.label} has task={names[1]}: name two agents of one task"
+        )
     if first.fingerprint != second.fingerprint or first.outcome.shape[1] != second.outcome.shape[1]:
         raise ReportError(
             f"{first.label} and {second.label} met different scenarios ({first.fingerprint} and "
             f"{second.fingerprint}): evaluate both by one protocol"
         )
-    task = TASKS.get(str(first.runs[0].config.get("task.name")), TASKS["waypoint"])
+    task = TASKS.get(names[0], TASKS["waypoint"])
     # A mean that quick failures improve says less than the one in which a failure counts.
     known = {
         m.name: m

@@ -110,6 +110,14 @@ def test_an_episode_is_replayed(study: Path, task: str, capsys: pytest.CaptureFi
     assert "success after" in capsys.readouterr().out
 
 
+def test_agents_of_two_tasks_are_not_compared(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    runs = sorted(map(str, study.glob("pid-*")))
+    assert main(["compare", *runs]) == 2
+    said = capsys.readouterr().err
+    assert "task=path_following" in said
+    assert "task=station_keeping" in said
+
+
 def test_bounds_are_of_waypoints_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bound", "task=docking"]) == 2
     assert "only the waypoint task has them" in capsys.readouterr().err
