@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -66,8 +67,11 @@ def _adding(report: Report, algorithm: str, protocol: str) -> str:
     run = report.runs[0]
     config = run.config
     words = [f"{key}={config.get(f'{key}.name')}" for key in ("task", "vehicle")]
-    train = ["auvbench", "train", *words, f"algo={algorithm}", f"name={config.get('name')}"]
-    test = ["auvbench", "evaluate", str(run.directory.parent)]
+    folder = run.directory.parent
+    output = os.path.relpath(folder.resolve().parent)
+    words += [f"algo={algorithm}", *([] if output == "outputs" else [f"output={output}"])]
+    train = ["auvbench", "train", *words, f"name={folder.resolve().name}"]
+    test = ["auvbench", "evaluate", str(folder)]
     test += [] if protocol == "test" else [f"protocol={protocol}"]
     return f"{shlex.join(train)} && {shlex.join(test)} adds them."
 

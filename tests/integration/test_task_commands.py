@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -65,6 +67,17 @@ def test_without_random_a_report_names_the_command_that_adds_it(
     assert "auvbench train task=path_following vehicle=bluerov2_heavy algo=random name=two" in said
     assert not (tmp_path / "score.csv").exists()
     assert 'id="score-table"' not in (tmp_path / "index.html").read_text()
+
+
+def test_the_command_that_adds_random_names_the_folder_of_the_runs(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "else where" / "copy"
+    shutil.copytree(study, copy)
+    assert main(["report", str(copy), "--format", "terminal", "--where", "algo=pid"]) == 0
+    said = capsys.readouterr().out.replace("\n", "").replace(" ", "")
+    output = os.path.relpath(copy.parent).replace(" ", "")
+    assert f"algo=random'output={output}'name=copy&&auvbenchevaluate'{str(copy).replace(' ', '')}'" in said
 
 
 def test_a_margin_needs_one_unit(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
