@@ -95,7 +95,9 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
         return "the defaults lists of the files in conf/ name each other in a circle"
     if isinstance(error, UnicodeDecodeError):
         return f"a file in conf/ is no text in UTF-8: {error.reason} at byte {error.start}"
-    group = next((o for o in overrides if re.fullmatch(r"\w+=(null|true|false|[\d.]+)", o)), None)
+    group = next(
+        (o for o in overrides if re.fullmatch(r"(\w+|algo\.base)=(null|true|false|[\d.]+)", o)), None
+    )
     if "Config group override must be a string" in str(error) and group is not None:
         return (
             f"{group}: name an option, e.g. {group.partition('=')[0]}=NAME (auvbench train --help lists them)"

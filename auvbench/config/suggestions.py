@@ -61,6 +61,8 @@ def unknown_key(key: str, known: Collection[str], program: str) -> str:
         known: the keys of the configuration.
         program: the command whose `--cfg job` shows all keys, `auvbench train`.
     """
+    if key == "algo.base" and "algo.residual" in known:
+        return "algo.base=NAME chooses the controller, whose values are keys of algo.residual"
     if having := owners(key):
         return f"only {', '.join(having)} {'has' if len(having) == 1 else 'have'} it"
     shows = f"{program} --cfg job shows all keys"

@@ -126,12 +126,18 @@ def test_a_mistake_is_one_line(override, message):
         ("trpo", "line_search_shrinking_factor=1", "must be less than 1"),
         ("trpo", "sub_sampling_factor=4000", "must leave at least 2 of the .* = 4096 samples"),
         ("recurrent_ppo", "lstm_size=0", "must be at least 1 and at most 16384"),
+        ("ppo_residual", "base=null", "name an option"),
     ],
 )
 def test_a_mistake_in_an_algorithm_is_one_line(algo, override, message):
     with pytest.raises(ConfigError, match=rf"algo\.{override.partition('=')[0]}.*{message}") as caught:
         train_config(compose("train", [f"algo={algo}", f"algo.{override}"]))
     assert "\n" not in str(caught.value)
+
+
+def test_a_value_of_a_base_is_not_refused_as_a_key_of_other_agents():
+    with pytest.raises(ConfigError, match=r"algo\.base: unknown key; algo\.base=NAME chooses"):
+        compose("train", ["algo=ppo_residual", "algo.base.name=lqr"])
 
 
 def test_a_text_that_needs_quotes_is_shown_with_them():
