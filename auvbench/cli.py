@@ -47,7 +47,7 @@ def usage() -> str:
             "",
             "first steps:",
             "  auvbench train algo=ppo reward.k=1",
-            "  auvbench train -m algo=sac,ppo reward.k=1,40,100 step.frequency=10,25,55 seed=0,1,2",
+            "  auvbench train -m algo=pid,ppo seed=0,1,2,3,4",
             "  auvbench evaluate outputs && auvbench report outputs",
         ]
     )

@@ -1,7 +1,7 @@
 """One short file per command, the only place that joins rooms together."""
 
 COMMANDS: dict[str, str] = {
-    "init": "make a folder with a controller, vehicle, task and experiment of your own",
+    "init": "make a project with a controller, task, vehicle and experiment of your own",
     "train": "train one run, or a grid of runs with -m",
     "resume": "finish interrupted runs, or extend runs to a larger budget",
     "evaluate": "apply a test protocol to trained runs",
@@ -9,7 +9,7 @@ COMMANDS: dict[str, str] = {
     "report": "rank runs and write tables, figures and a page",
     "compare": "show two runs or agents side by side",
     "publish": "copy a study's rows, tables and figures into a folder to ship",
-    "bound": "compute how soon each waypoint could be reached at all",
+    "bound": "compute the shortest time known to each waypoint",
     "plan": "say how many seeds and episodes resolve a difference",
     "vehicles": "list vehicles, or show what one vehicle's numbers imply",
     "simulate": "integrate one vehicle open loop, to CSV or a plot",

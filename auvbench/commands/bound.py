@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 USAGE = """\
 usage: auvbench bound [protocol=NAME] [vehicle=NAME] [KEY=VALUE ...] [--workers N] [--force] [--check]
 
-Computes two bounds of the shortest time to the goal in each scenario of a protocol: the best trajectory found by optimal
+Computes two bounds of the shortest time to the waypoint in each scenario of a protocol: the best trajectory found by optimal
 control, started from PID, MPC and a straight line and replayed in the simulator, and a time that is proven to be too
 short. auvbench report relates agents to the first (time over best known). docs/bound.md
 

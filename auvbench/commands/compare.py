@@ -46,7 +46,7 @@ def parser() -> Parser:
     add("--protocol", default="test", metavar="NAME", help="the evaluation that is compared (default: test)")
     add("--condition", metavar="NAME", help="the test condition within the protocol: nominal, current=0.5")
     add("--confidence", type=float, default=0.95, metavar="P", help="of each interval (default: 0.95)")
-    add("--all", action="store_true", dest="every", help="every measure, not the usual ones alone")
+    add("--all", action="store_true", dest="every", help="every measure, not only the usual ones")
     add(
         "--out",
         type=Path,

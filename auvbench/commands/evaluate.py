@@ -31,7 +31,8 @@ policy and frozen statistics. What is tested already is skipped, what is not com
                   thesis: the first 200 of them    native: each agent at its own frequency
                   frequency_sweep: 10, 25, 55 Hz   robustness: currents, faults, delays, noise, other masses
                   transfer: the same policy on other vehicles with the same actuators
-                  suite: as robustness, for every task
+                  suite: one disturbance at a time, waves too, for every task
+                  own: each run in the task, noise and disturbances of its training
   --force         test again what is tested already
   --workers N     runs tested at once, or processes among which the episodes of a slow
                   controller (mpc) are shared (default: one per core)

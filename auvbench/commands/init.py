@@ -49,7 +49,7 @@ auvbench reads `./conf` of the folder in which it runs, so type its commands her
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench init",
-        description="Makes a folder with a controller, a learner, a vehicle, a task and an experiment of your own, ready to run.",
+        description="Makes a project with a controller, a learner, a task, a reward, a vehicle and an experiment of your own.",
     )
     parser.add_argument(
         "name", metavar="NAME", help="the folder; its last part is the name of the Python package"
