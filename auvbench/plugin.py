@@ -1,4 +1,4 @@
-"""What a package needs that enters agents, simulators, tasks or rewards into auvbench (docs/adding-a-controller.md).
+"""What a package imports to bring agents, simulators, tasks or rewards to auvbench (docs/adding-a-controller.md).
 
 An agent is made by `factory(config, vehicle)` from the whole configuration, a simulator by `factory(config, vehicle, n,
 max_step)` from its own part of it, for n vehicles and steps of at most `max_step` s; the entry point names

@@ -28,12 +28,12 @@ ZERO, ONE = "random", "pid"
 """algorithms whose scores are 0 and 1"""
 
 Name = tuple[tuple[str, str], ...]
-"""what tells an agent from others within a task"""
+"""keys and values that identify an agent within a task"""
 
 
 @dataclass(frozen=True, slots=True)
 class OneTask:
-    """What the agents of one task did."""
+    """The results of the agents of one task."""
 
     title: str
     """in the heading of a column: 'docking'"""

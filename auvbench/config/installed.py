@@ -57,7 +57,7 @@ _BASES: dict[str, tuple[str, type, str]] = {
     plugins.TASKS: ("schema", TaskConfig, "TaskConfig"),
     plugins.REWARDS: ("schema", RewardConfig, "RewardConfig"),
 }
-"""by group: the attribute that is the schema, and what it is below, with its name in `auvbench.plugin`"""
+"""by group: the attribute that holds the schema, the base class of the schema, and its name in `auvbench.plugin`"""
 CONFIGS = tuple(kind for _, kind, _ in _BASES.values())
 
 

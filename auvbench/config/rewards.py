@@ -46,7 +46,7 @@ class RewardSpec:
 REWARDS: dict[str, RewardSpec] = {}
 """of installed packages, as far as one was chosen (`installed.enter`)"""
 PARAMETERS = 15
-"""the most that a reward has"""
+"""largest number of parameters of a reward"""
 
 
 def parameters(reward: Reward) -> list[float]:

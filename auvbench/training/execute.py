@@ -149,7 +149,7 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
 
 
 def _try(config: schema.TrainConfig) -> None:
-    """Lets what an installed package brings act once, so that its run fails if it cannot."""
+    """Use the agent, simulator, task and reward of installed packages once, so that a defect fails the run at its start."""
     from auvbench.agents.base import make
     from auvbench.envs.batch import Batch
 

@@ -97,18 +97,18 @@ class Guidance:
         return yaw_error, np.clip(elevation + climb, -STEEPEST, STEEPEST)
 
     def angles(self, port: Floats, below: Floats) -> tuple[Floats, Floats]:
-        """Return what to turn to port and what to climb by, (n,) rad each, over the path's own angles.
+        """Return the turn to port and the climb, (n,) rad each, to add to azimuth and elevation of the path.
 
         Args:
-            port: (n,) m that the vehicle is to port of the path.
-            below: (n,) m that it is below it.
+            port: (n,) m, distance of the vehicle to port of the path.
+            below: (n,) m, its distance below the path.
         """
         g = self.gains
         turn = -self.crab - np.arctan(port / g.look_ahead)
         return turn, self.attack + np.arctan(below / g.look_ahead_vertical)
 
     def learn(self, port: Floats, below: Floats, where: NDArray[np.bool_]) -> None:
-        """Learn from the errors (n,) of one step `where` (n,) the vehicle goes as it is steered."""
+        """Update the estimates by the errors (n,) of one step, for the vehicles `where` (n,) that follow their heading."""
         g = self.gains
         for estimate, error, distance, gain in (
             (self.crab, port, g.look_ahead, g.adaptation),
@@ -119,7 +119,7 @@ class Guidance:
 
 
 def projected(estimate: Floats, error: Floats, limit: float) -> Floats:
-    """Return the error (n,) an estimate (n,) learns from: less of it beyond the limit, none that leads beyond the band."""
+    """Return the error (n,) that updates an estimate (n,); outwards it fades to 0 between limit and limit + BEYOND."""
     c = np.minimum(1.0, (estimate**2 - limit**2) / ((limit + BEYOND) ** 2 - limit**2))
     outwards = (np.abs(estimate) > limit) & (estimate * error > 0.0)
     return np.where(outwards, (1.0 - c) * error, error)

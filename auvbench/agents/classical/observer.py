@@ -144,7 +144,7 @@ class Observer:
         innovation = [*turned(position - x[:3], -predicted), float(wrap(np.asarray(yaw - predicted)))]
         if "gravity" in self._read:
             down = -to_world(x[3:7] * [1.0, -1.0, -1.0, -1.0], np.array([0.0, 0.0, 1.0]))
-            # What turns the predicted direction into the measured one.
+            # The rotation from the predicted to the measured direction, to first order.
             innovation += list(np.cross(observation[self._read["gravity"]], down)[:2])
         for name, own in (("velocity", slice(7, 10)), ("angular_velocity", slice(10, 13))):
             if name in self._read:

@@ -16,16 +16,16 @@ Floats = NDArray[np.float64]
 
 # Nodes of the horizon that share one thrust: short blocks first.
 BLOCKS = (1, 1, 1, 1, 2, 2, 4, 4)
-# What a plan pays per m beyond the depth limits.
+# Cost per m beyond the depth limits.
 DEPTH_PRICE = 1e3
 # s; the prediction is of second order in it.
 LONGEST_SUBSTEP = 0.125
 # Where the nodes of a plan are further apart than this from where its thrusts lead (m, m/s, rad/s), the linearisation is
 # not to be trusted: the plan is simulated anew.
 LARGEST_GAP = 1.0
-# m^2 per rad^2: what a yaw error costs where the task has a yaw of its own.
+# m^2 per rad^2: cost of a yaw error where the task has a yaw of its own.
 YAW_WEIGHT = 1.0
-# m^2 per squared sine of the tilt: what it costs there not to be level.
+# m^2 per squared sine of the tilt: cost of roll and pitch there.
 TILT_WEIGHT = 5.0
 
 
@@ -227,7 +227,7 @@ class Program:
 
 
 def _attitude(plan: Plan, S: Floats, d: Floats) -> Iterator[tuple[float, Floats, Floats]]:
-    """Yield weight, values (N,) and slopes (N, n) of what attitude costs where the task has a yaw of its own."""
+    """Yield weight, values (N,) and slopes (N, n) of the costs of yaw and tilt where the task has a yaw of its own."""
     w, x, y, z = plan.X[3:7, 1:]
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y**2 + z**2))
 
