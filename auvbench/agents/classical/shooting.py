@@ -105,9 +105,8 @@ class Program:
         """Do one iteration from an estimated state (n_x,) towards the origin; return False where the solver failed."""
         n_u, n_x, N = self.model.n_u, self.model.n_x, self.N
         ends, A, B = self._linearise(plan, current)
-        if (
-            not np.abs(ends - plan.X[:, 1:]).max() <= LARGEST_GAP
-        ):  # a plan of NaN is not to be trusted, either
+        gap = np.abs(ends - plan.X[:, 1:]).max()
+        if not gap <= LARGEST_GAP:  # NaN is not, either
             self.simulate(plan, state, current)
             ends, A, B = self._linearise(plan, current)
         n = len(BLOCKS) * n_u

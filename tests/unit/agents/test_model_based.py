@@ -125,6 +125,16 @@ class TestMPC:
     def test_it_flies_other_vehicles(self, vehicle):
         assert success(records("mpc", 3, f"vehicle={vehicle}")) == 1.0
 
+    def test_a_plan_of_nan_is_simulated_anew(self):
+        config, agent = controller("mpc")
+        agent.reset(np.arange(1))
+        observation = Batch(config, 1, seed=3).reset()
+        agent.act(observation)
+        agent.plans[0].X[:] = np.nan
+        agent.act(observation)
+        assert agent.notes()["failed_solves"] == 0
+        assert np.isfinite(agent.plans[0].X).all()
+
     def test_a_failed_solve_keeps_the_plan_and_is_counted(self, monkeypatch):
         config, agent = controller("mpc")
         batch = Batch(config, 1, seed=3, test=True, autoreset=False)
@@ -174,6 +184,7 @@ class TestMPC:
 
 @pytest.mark.parametrize("task", ["waypoint", "docking"])
 def test_a_filter_that_has_lost_its_vehicle_starts_anew(task):
+    pytest.importorskip("casadi")
     config, agent = controller("mpc", "vehicle=rexrov", f"task={task}")
     observation = Batch(config, 1, seed=0).reset()
     agent.reset(np.arange(1))
