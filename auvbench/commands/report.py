@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from auvbench.commands import report_terminal
 from auvbench.commands.report_options import Options, parse
-from auvbench.errors import ReportError, UserError
+from auvbench.errors import ReportError, UserError, closest
 from auvbench.record import PRIMARY
 from auvbench.untrusted import path_safety
 
@@ -133,7 +133,10 @@ def _has_baseline(reports: Sequence[Report], options: Options) -> None:
         ReportError: no section has the baseline.
     """
     if options.baseline is not None and all(report.without_baseline for report in reports):
-        raise ReportError(f"--baseline {options.baseline!r} is in none of the {len(reports)} sections")
+        labels = sorted({agent.label for report in reports for agent in report.agents})
+        raise ReportError(
+            f"--baseline {options.baseline!r} is in none of the {len(reports)} sections; {closest(options.baseline, labels)}"
+        )
 
 
 def _analyse(

@@ -80,6 +80,13 @@ def test_the_command_that_adds_random_names_the_folder_of_the_runs(
     assert f"algo=random'output={output}'name=copy&&auvbenchevaluate'{str(copy).replace(' ', '')}'" in said
 
 
+def test_a_baseline_that_no_task_has_is_answered_with_those_there_are(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", str(study), "--baseline", "pidd", "--out", str(tmp_path)]) == 2
+    assert "valid: PID, random" in capsys.readouterr().err
+
+
 def test_a_margin_needs_one_unit(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["report", str(study), "--margin", "0.1", "--out", str(tmp_path), "--format", "csv"]
     assert main(words) == 2
