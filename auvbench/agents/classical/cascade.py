@@ -2,8 +2,8 @@
 
 Guidance: the velocity of the reference, if the task observes it, and one towards the reference, `cruise_speed` when far and
 `approach` x distance when near, less where the thrusters could not hold it against the drag; the bow turns to the yaw that
-the task asks for, in the waypoint task to the waypoint. The control law makes a wrench of what is
-missing. Allocation: the pseudo-inverse (Fossen 2021, section 11.2, unconstrained allocation), scaled down as a whole
+the task asks for, in the waypoint task to the waypoint, and turns along with a reference that moves. The control law makes a
+wrench of what is missing. Allocation: the pseudo-inverse (Fossen 2021, section 11.2, unconstrained allocation), scaled down as a whole
 where a thruster would saturate, so that the wrench keeps its direction.
 
 No better sensors than the learners' (see `Estimator`). Where the task observes gravity and angular velocity and the thrusters
@@ -65,6 +65,7 @@ class Estimator:
         if spec.blocks["position_error"].axes != BODY:
             self._read = {}
         self.body_frame = spec.blocks["position_error"].axes == BODY
+        self._turns = "velocity_error" in self._read
         self.levels = {"gravity", "angular_velocity"} <= self._read.keys()
         """whether roll and pitch are known"""
         self._smoothing = 1.0 - np.exp(-dt / filter_time)
@@ -80,6 +81,8 @@ class Estimator:
         self.velocity: Floats = np.zeros((n, 3))
         """(n, 3) m/s in the axes of `error`"""
         self.yaw_rate: Floats = np.zeros(n)
+        self.turning: Floats = np.zeros(n)
+        """(n,) rad/s, yaw rate of a reference that moves"""
         self.target: Floats = np.zeros((n, 3))
         """(n, 3) m/s in the axes of `error`, velocity of the reference where the task observes it"""
         self.tilt: Floats = np.zeros((n, 2))
@@ -104,6 +107,9 @@ class Estimator:
         if "angular_velocity" in self._read:
             rates = observation[:, self._read["angular_velocity"]]
             self.tilt_rate, self.yaw_rate = rates[:, :2].copy(), rates[:, 2].copy()
+            if self._turns:
+                # What the yaw error gains, and the vehicle turns, is the turning of the reference.
+                self.turning += a * (self.yaw_rate - turned / self.dt - self.turning)
         if self.levels:
             x, y, z = observation[:, self._read["gravity"]].T
             self.tilt = np.stack([np.arctan2(-y, -z), np.arcsin(np.clip(x, -1.0, 1.0))], axis=1)
@@ -116,7 +122,18 @@ class Estimator:
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return what it carries from reading to reading, by name: its own arrays, a row for each vehicle."""
-        names = ("first", "error", "yaw", "yaw_error", "velocity", "yaw_rate", "target", "tilt", "tilt_rate")
+        names = (
+            "first",
+            "error",
+            "yaw",
+            "yaw_error",
+            "velocity",
+            "yaw_rate",
+            "turning",
+            "target",
+            "tilt",
+            "tilt_rate",
+        )
         return {name: getattr(self, name) for name in names}
 
 

@@ -41,7 +41,9 @@ class LQRController(Cascade):
 
     def law(self, wanted: Floats, velocity: Floats) -> Floats:
         now = self.estimate
-        state = np.column_stack([velocity - wanted, -now.yaw_error, now.yaw_rate, self.integral])
+        state = np.column_stack(
+            [velocity - wanted, -now.yaw_error, now.yaw_rate - now.turning, self.integral]
+        )
         wrench = np.zeros((len(wanted), 6))
         wrench[:, :3] = self._drag(wanted)
         # Row by row: a matrix product may round differently in a batch of another size.

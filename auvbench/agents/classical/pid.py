@@ -59,7 +59,8 @@ class PIDController(Cascade):
         miss = wanted - velocity
         wrench[:, :3] = self.mass[:3] * (g.bandwidth * miss + self.integral) + self._drag(wanted)
         omega = g.heading_bandwidth
-        wrench[:, YAW] = self.mass[YAW] * (omega**2 * self.heading_error() - 2.0 * omega * now.yaw_rate)
+        turn = now.turning - now.yaw_rate
+        wrench[:, YAW] = self.mass[YAW] * (omega**2 * self.heading_error() + 2.0 * omega * turn)
         return wrench
 
     def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:

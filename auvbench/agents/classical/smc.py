@@ -45,7 +45,7 @@ class SMCController(Cascade):
     def law(self, wanted: Floats, velocity: Floats) -> Floats:
         g, now = self.gains, self.estimate
         # The heading has a velocity of its own to follow: turning towards the waypoint.
-        turn = g.heading_bandwidth * now.yaw_error - now.yaw_rate
+        turn = g.heading_bandwidth * now.yaw_error + now.turning - now.yaw_rate
         self._errors = np.column_stack([wanted - velocity, turn])
         surface = self._errors + g.surface * self.integral
         push = g.surface * self._errors + self.switching * np.clip(surface / g.boundary_layer, -1.0, 1.0)

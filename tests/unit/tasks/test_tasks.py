@@ -81,23 +81,32 @@ def test_controllers_succeed_undisturbed(task: str, algo: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("algo", "error"), [("pid", 0.35), ("lqr", 0.15), ("smc", 0.25)])
+def test_controllers_turn_along_with_the_reference(algo: str, error: float) -> None:
+    config = configs.training("task=trajectory_tracking", f"algo={algo}", HEAVY)
+    agent = make(config, sheet.load(config.vehicle))
+    records = roll_out(config, agent, episodes=np.arange(60), seed=123, batch=60).records
+    assert np.mean([record["yaw_error_rms_rad"] for record in records]) < error
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("task", "more", "error"),
+    ("task", "more", "measure", "error"),
     [
-        ("station_keeping", ["task.time_limit=35"], 0.1),
-        ("trajectory_tracking", ["task.time_limit=35"], 0.2),
-        ("path_following", ["task.waypoints=3"], 0.35),
-        ("docking", [], None),
+        ("station_keeping", ["task.time_limit=35"], "position_error_rms_m", 0.1),
+        ("trajectory_tracking", ["task.time_limit=35"], "position_error_rms_m", 0.2),
+        ("path_following", ["task.waypoints=3"], "cross_track_rms_m", 0.5),
+        ("docking", [], "", 0.0),
     ],
 )
-def test_mpc_succeeds_undisturbed(task: str, more: list[str], error: float | None) -> None:
+def test_mpc_succeeds_undisturbed(task: str, more: list[str], measure: str, error: float) -> None:
     pytest.importorskip("casadi")
     config = configs.training(f"task={task}", "algo=mpc", HEAVY, *more)
     agent = make(config, sheet.load(config.vehicle))
     for record in roll_out(config, agent, episodes=np.arange(3), seed=123, batch=3).records:
         assert record["outcome"] == "success"
-        if error is not None:
-            assert record["position_error_rms_m"] < error
+        if measure:
+            assert record[measure] < error
             assert record["yaw_error_rms_rad"] < 0.5
 
 
