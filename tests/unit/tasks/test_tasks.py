@@ -95,7 +95,7 @@ def test_controllers_turn_along_with_the_reference(algo: str, error: float) -> N
     [
         ("station_keeping", ["task.time_limit=35"], "position_error_rms_m", 0.1),
         ("trajectory_tracking", ["task.time_limit=35"], "position_error_rms_m", 0.2),
-        ("path_following", ["task.waypoints=3"], "cross_track_rms_m", 0.5),
+        ("path_following", ["task.waypoints=3"], "cross_track_rms_m", 0.45),
         ("docking", [], "", 0.0),
     ],
 )
@@ -107,7 +107,8 @@ def test_mpc_succeeds_undisturbed(task: str, more: list[str], measure: str, erro
         assert record["outcome"] == "success"
         if measure:
             assert record[measure] < error
-            assert record["yaw_error_rms_rad"] < 0.5
+            # A path begins with any yaw, and its errors count from the start.
+            assert record["yaw_error_rms_rad"] < (0.7 if task == "path_following" else 0.5)
 
 
 @pytest.mark.parametrize("task", OTHERS)
