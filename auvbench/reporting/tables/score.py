@@ -46,8 +46,9 @@ def score_notes(found: Scores) -> list[str]:
     over = "seeds, tasks and conditions" if several else "seeds and tasks"
     notes = [
         f"Score: random is 0, PID is 1, linear between them in the measure of each task ({by}), on protocol "
-        f"{found.protocol}. The first column is the interquartile mean over {over}, the others are means. It is a description: "
-        "agents are tested against PID in the section of each task.",
+        f"{found.protocol}. The first column is the interquartile mean over {over}, which leaves out the lowest and the highest "
+        "quarter: an agent that fails at one task of five may still score 1. The others are means. It is a description: agents "
+        "are tested against PID in the section of each task.",
         f"Brackets: {100 * found.confidence:g} % bootstrap intervals over training seeds, drawn task by task; with few seeds "
         "they hold less often than they say. Controllers have none: nothing is trained.",
     ]
