@@ -13,7 +13,7 @@ from auvbench.envs.scene import panels
 from auvbench.evaluation.replay import Replay
 from auvbench.reporting import replay_pictures
 from auvbench.reporting.figures import style
-from auvbench.reporting.replay_pictures import DPI, SIZE, Picture
+from auvbench.reporting.replay_pictures import DPI, SIZE, Picture, hold_still
 
 HOLD = 25
 """pictures at the end in which nothing moves"""
@@ -108,13 +108,7 @@ def _pictures(episodes: Sequence[Replay], times: Sequence[float]) -> Iterator[Pi
     with style.styled():
         figure, drawn = _scene(episodes)
         artists = [artist for moving in drawn for artist in moving]
-        for artist in artists:
-            artist.set_animated(True)
-        figure.draw_without_rendering()  # settles the layout
-        figure.set_layout_engine("none")
-        canvas: Any = figure.canvas
-        canvas.draw()
-        background = canvas.copy_from_bbox(figure.bbox)
+        canvas, background = hold_still(figure, artists)
         for time in times:
             canvas.restore_region(background)
             for moving, episode in zip(drawn, episodes, strict=True):

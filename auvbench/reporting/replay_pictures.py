@@ -193,10 +193,19 @@ def film(episode: Replay, path: Path, tell: Callable[[int, int], None] = lambda 
     return path
 
 
+def hold_still(figure: Canvas, moving: list[Any]) -> tuple[Any, Any]:
+    """Draw a figure without the artists that move; return its canvas, and the picture to draw them on."""
+    for artist in moving:
+        artist.set_animated(True)
+    figure.draw_without_rendering()  # settles the layout
+    figure.set_layout_engine("none")
+    canvas: Any = figure.canvas
+    canvas.draw()
+    return canvas, canvas.copy_from_bbox(figure.bbox)
+
+
 def pictures(episode: Replay, steps: list[int]) -> Iterator[Picture]:
     """Yield the scene at some steps, (352, 832, 3) each; a ring is a reference that moves."""
-    from auvbench.reporting.replay_pictures import heading, lines, scene
-
     with style.styled():
         figure = style.canvas(*SIZE)
         figure.set_dpi(DPI)
@@ -208,13 +217,7 @@ def pictures(episode: Replay, steps: list[int]) -> Iterator[Picture]:
         (aim3,) = axes[0].plot([], [], [], "o", color="black", markersize=4, fillstyle="none")
         (aim2,) = axes[1].plot([], [], "o", color="black", markersize=4, fillstyle="none")
         moving = [path3, nose3, path2, nose2, aim3, aim2, distance, *commands]
-        for artist in moving:
-            artist.set_animated(True)
-        figure.draw_without_rendering()  # settles the layout
-        figure.set_layout_engine("none")
-        canvas: Any = figure.canvas
-        canvas.draw()
-        background = canvas.copy_from_bbox(figure.bbox)
+        canvas, background = hold_still(figure, moving)
         left, right = axes[1].get_xlim()
         for step in steps:
             p, yaw = episode.position[: step + 1], episode.yaw[step]
