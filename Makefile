@@ -84,7 +84,7 @@ bench: $(TOOLS) ## how fast everything is, as a table
 statistics: $(TOOLS) ## measure anew how often reports are right: tables of docs/ (an hour of one core; a look: REPLICATIONS=20 STUDIES=10)
 	$(BIN)/python -m benchmarks.statistics --replications $(REPLICATIONS) --studies $(STUDIES) $(ARGS)
 
-gallery: $(TOOLS) ## the pictures of docs/gallery.md
+gallery: $(TOOLS) ## the pictures of the documentation
 	$(BIN)/python -m benchmarks.gallery
 
 verification: $(TOOLS) ## compute docs/verification.md anew

@@ -1,4 +1,4 @@
-"""Draw the first test episode of PID in each task: the pictures of docs/gallery.md (`make gallery`)."""
+"""Draw the pictures of the documentation (`make gallery`): PID in the first test episode of each task, vehicles, the race."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from PIL import Image
 
 from auvbench import cli
 from auvbench.config.tasks import TASKS
+from benchmarks import hero, vehicle_pictures
 
 ASSETS = Path(__file__).parents[1] / "docs" / "assets"
 COLOURS = 64
@@ -27,6 +28,8 @@ def main() -> None:
                     COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
                 )
                 small.save(ASSETS / f"task-{task}.png", optimize=True)
+    vehicle_pictures.main()
+    hero.main()
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+NO_BREAK = "\u00a0"
+"""a space at which narrow screens do not break a cell"""
 ROOT = Path(__file__).parents[1]
 STUDY = ROOT / "results" / "leaderboard"
 AGENTS = ("MPC", "PPO added to PID", "PID", "PPO", "SAC")
@@ -79,12 +81,14 @@ def _success(agents: Sequence[str], condition: str) -> list[str]:
 
 def _time(row: dict[str, str], best: bool) -> str:
     value, low, high = (float(row[f"par1_time_s{end}"]) for end in ("", "_low", "_high"))
-    shown = f"{value:.1f} s"
-    return f"{f'**{shown}**' if best else shown} [{low:.1f}, {high:.1f}]"
+    shown = f"{value:.1f}{NO_BREAK}s"
+    return f"{f'**{shown}**' if best else shown} [{low:.1f},{NO_BREAK}{high:.1f}]"
 
 
 def _shares(values: list[float]) -> list[str]:
-    return [f"**{100 * v:.3g} %**" if v == max(values) else f"{100 * v:.3g} %" for v in values]
+    return [
+        f"**{100 * v:.3g}{NO_BREAK}%**" if v == max(values) else f"{100 * v:.3g}{NO_BREAK}%" for v in values
+    ]
 
 
 def _table(heads: Sequence[str], agents: Sequence[str], columns: list[list[str]]) -> str:
