@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -12,6 +13,7 @@ from auvbench.config.tasks import TASKS
 from benchmarks import hero, vehicle_pictures
 
 ASSETS = Path(__file__).parents[1] / "docs" / "assets"
+RESULTS = Path(__file__).parents[1] / "results"
 COLOURS = 64
 """of a picture: a third of the bytes, and no difference to see"""
 
@@ -23,13 +25,31 @@ def main() -> None:
             words = [f"task={task}", "algo=pid", "vehicle=bluerov2_heavy", f"output={folder}"]
             if code := cli.main(["train", *words]) or cli.main(["replay", folder, "--out", folder]):
                 raise SystemExit(code)
-            with Image.open(Path(folder) / "test-nominal-0.png") as picture:
-                small = picture.convert("RGB").quantize(
-                    COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
-                )
-                small.save(ASSETS / f"task-{task}.png", optimize=True)
+            _store(Path(folder) / "test-nominal-0.png", f"task-{task}.png")
+    _page()
     vehicle_pictures.main()
     hero.main()
+
+
+def _page() -> None:
+    """Store the first screen of the page of the published leaderboard, as Chromium shows it."""
+    with TemporaryDirectory() as folder:
+        if code := cli.main(["report", str(RESULTS / "leaderboard"), "--out", folder]):
+            raise SystemExit(code)
+        shot = Path(folder) / "shot.png"
+        flags = ["--headless", "--no-sandbox", "--hide-scrollbars", "--virtual-time-budget=8000"]
+        size = "--window-size=1200,1000"
+        page = (Path(folder) / "index.html").as_uri()
+        subprocess.run(["chromium", *flags, size, f"--screenshot={shot}", page], check=True)
+        _store(shot, "page.png")
+
+
+def _store(source: Path, name: str) -> None:
+    with Image.open(source) as picture:
+        small = picture.convert("RGB").quantize(
+            COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+        )
+        small.save(ASSETS / name, optimize=True)
 
 
 if __name__ == "__main__":
