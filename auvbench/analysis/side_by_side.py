@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 
 from auvbench import statistics as st
@@ -18,11 +20,10 @@ from auvbench.analysis.records import Agent
 from auvbench.analysis.sections import sections
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError
+from auvbench.runs.missing import missing
 from auvbench.statistics.intervals import Estimate
-from auvbench.untrusted.text import short
+from auvbench.untrusted.text import plain, short
 
-LONGEST = 40
-"""characters of a path in a label"""
 USUAL = ("success_rate", "par1_time_s", "mean_energy_J", "mean_path_efficiency", "mean_smoothness_per_s")
 """measures that are shown, after the task's primary one"""
 
@@ -55,6 +56,10 @@ def find_agent(
     """
     path = Path(name)
     source = path if path.exists() else folder
+    if not source.exists():
+        raise ReportError(
+            f"{name}: is no run or folder; names of agents are looked up in --in FOLDER, and {missing(folder)}"
+        )
     runs, problems = load([source], protocol, where)
     require(runs, problems, protocol)
     parts = sections(runs, protocol)
@@ -86,12 +91,22 @@ def told_apart(pair: Sequence[Agent], names: Sequence[str]) -> list[Agent]:
         return [first, second]
     if {run.directory.resolve() for run in first.runs} & {run.directory.resolve() for run in second.runs}:
         raise ReportError(f"{names[0]} and {names[1]} hold the same runs; name two agents")
-    paths = [os.path.abspath(name) for name in names]
-    common = os.path.commonpath(paths)
-    return [
-        replace(agent, label=f"{agent.label} ({short(os.path.relpath(path, common)[-LONGEST:], LONGEST)})")
-        for agent, path in zip(pair, paths, strict=True)
-    ]
+    parts = _different(names)
+    return [replace(agent, label=f"{agent.label} ({part})") for agent, part in zip(pair, parts, strict=True)]
+
+
+def _different(names: Sequence[str]) -> list[str]:
+    """Return two paths from the first word in which they differ to the last.
+
+    >>> _different(["out/a/ppo-s0-bbe2", "out/a/ppo-s1-44c8"]), _different(["before/ppo-s0", "after/ppo-s0"])
+    (['s0-bbe2', 's1-44c8'], ['before', 'after'])
+    """
+    words = [re.split("([/_-])", os.path.abspath(name)) for name in names]
+    for _ in range(2):  # what both begin with, then what both end with
+        pairs = zip(*(path[:-1] for path in words), strict=False)
+        common = len(list(takewhile(lambda pair: pair[0] == pair[1], pairs)))
+        words = [path[common:][::-1] for path in words]
+    return [plain("".join(path)) for path in words]
 
 
 def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -> list[Difference]:

@@ -221,15 +221,18 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
 
 def begin(search: Search) -> str:
     """Return what is about to happen, in a line."""
+    from auvbench.analysis.formatting import counted
+
     plan = search.plan
-    what = f"{search.limit} trials of {plan.base['algo']['name']}, {len(plan.dimensions)} keys, sampler {plan.tune.sampler}"
+    what = f"{counted(search.limit, 'trial')} of {plan.base['algo']['name']}, {counted(len(plan.dimensions), 'key')}, "
+    what += f"sampler {plan.tune.sampler}"
     if len(plan.budgets) > 1:
         what += f", {plan.tune.pruner} over {' / '.join(f'{budget:,}' for budget in plan.budgets)} steps"
     begun = len(search.trials)
     if not begun:
         return f"starts: {what}"
     kept = "; no trial is added" if begun > search.limit else ""
-    return f"goes on: {what}; {begun} trials begun{kept}"
+    return f"goes on: {what}; {counted(begun, 'trial')} begun{kept}"
 
 
 def _conclude(plan: Plan, study: StudyFolder) -> int:

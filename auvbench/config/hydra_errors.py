@@ -73,6 +73,8 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
             wrong = re.match(r"Value '(.*)' of type '\w+' could not be converted to (\w+)", reason)
             if isinstance(link, ValidationError) and wrong:
                 reason = f"{wrong[1]!r} is not {_KINDS.get(wrong[2], wrong[2])}"
+            if reason.endswith("is not Optional"):
+                return ConfigError(f"{key}=null: a value is missing")
             return ConfigError(f"{'a group' if key == '_dummy_' else key}: {reason}")
     if overridden:
         key = next((key for key, choice in CHOICES.items() if choice == overridden[1]), overridden[1])

@@ -9,7 +9,16 @@ from auvbench.config.schema import name as plain_name
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ConfigError
 
-KINDS = ("thesis", "tracking", "exponential", "marinegym_hover", "gym_auv_path", "gym_dockauv")
+KINDS = (
+    "thesis",
+    "tracking",
+    "exponential",
+    "marinegym_hover",
+    "gym_auv_path",
+    "gym_dockauv",
+    "goal",
+    "path",
+)
 """names of rewards, in the order of their codes in `tasks.rewards`"""
 
 
@@ -66,7 +75,7 @@ class Thesis(Reward):
 
 @dataclass(kw_only=True)
 class Tracking(Reward):
-    """Small errors, little effort."""
+    """Small errors, little effort; goal and path are the same formula with other values."""
 
     length: float = number(0.0, 1e6, open_low=True)  # m
     yaw: float = number(0.0, 1e6)
@@ -131,6 +140,8 @@ SCHEMAS: dict[str, type] = {
     "reward_marinegym_hover_schema": MarineGymHover,
     "reward_gym_auv_path_schema": GymAuvPath,
     "reward_gym_dockauv_schema": GymDockauv,
+    "reward_goal_schema": Tracking,
+    "reward_path_schema": Tracking,
 }
 
 

@@ -118,6 +118,11 @@ class Waves:
     spreading: float | None = number(1.0, 1000.0)  # exponent of cos^n
 
 
+def _still() -> Waves:
+    """Return no waves: those of runs of earlier versions."""
+    return Waves(height=0.0, period=7.5, spectrum="jonswap", direction=None, spreading=2.0)
+
+
 @dataclass(kw_only=True)
 class Fault:
     """One actuator of the vehicle fails in an episode."""
@@ -189,7 +194,7 @@ class Disturbance:
 
     name: str = name()
     current: Current
-    waves: Waves | None = None
+    waves: Waves = field(default_factory=_still)
     fault: Fault
     delay: Delay
     sensor: Sensor
@@ -197,8 +202,8 @@ class Disturbance:
 
     @property
     def sea(self) -> Waves | None:
-        """The waves; None without any; runs of earlier versions have no `waves`."""
-        return self.waves if self.waves is not None and self.waves.height > 0.0 else None
+        """The waves; None in still water."""
+        return self.waves if self.waves.height > 0.0 else None
 
 
 @dataclass(kw_only=True)

@@ -59,7 +59,7 @@ TASKS = {
             "success_rate",
             ("yaw_error", "position_error", *STATE, "previous_action"),
             ("success", "collision", "timeout"),
-            ("thesis", "tracking", "exponential"),
+            ("thesis", "goal", "tracking", "exponential"),
             needs_thrusters=False,
             has_yaw=False,
         ),
@@ -88,7 +88,7 @@ TASKS = {
             "mean_cross_track_rms_m",
             (*ERRORS, "preview"),
             _FOUR_ENDS,
-            (*_TRACKING, "gym_auv_path"),
+            ("path", *_TRACKING, "gym_auv_path"),
             needs_thrusters=False,
         ),
         TaskSpec(
@@ -98,7 +98,7 @@ TASKS = {
             "par1_time_s",
             (*ERRORS, "goal_error"),
             _FOUR_ENDS,
-            ("tracking", "exponential", "gym_dockauv"),
+            ("goal", "tracking", "exponential", "gym_dockauv"),
         ),
     )
 }

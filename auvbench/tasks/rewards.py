@@ -36,6 +36,7 @@ EXPONENTIAL = 2
 MARINEGYM_HOVER = 3
 GYM_AUV_PATH = 4
 GYM_DOCKAUV = 5
+# 6 and 7, goal and path: the formula of TRACKING.
 
 _TABLE = types.Array(types.float64, 2, "C")
 _SIGNATURE = types.float64(

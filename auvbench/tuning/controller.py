@@ -11,7 +11,7 @@ from optuna.trial import TrialState
 from rich.console import Console, Group
 from rich.text import Text
 
-from auvbench.analysis.formatting import name, named
+from auvbench.analysis.formatting import counted, name, named
 from auvbench.config import schema
 from auvbench.errors import TrainingError
 from auvbench.runs import lock, status
@@ -73,7 +73,7 @@ class Lines(Watch):
             sum(trial.state is state for trial in trials)
             for state in (TrialState.COMPLETE, TrialState.RUNNING, TrialState.PRUNED)
         )
-        text = f"{len(trials)} of {max(len(trials), self.search.limit)} trials begun: "
+        text = f"{len(trials)} of {counted(max(len(trials), self.search.limit), 'trial')} begun: "
         text += f"{done} done, {running} running, {pruned - failed} pruned"
         text += f", {failed} failed" if failed else ""
         here, left = self._finished() - self.finished_before, self.search.limit - self._finished()

@@ -24,7 +24,7 @@ def summary(found: Outcome) -> list[str]:
     counts = Counter(state_of(trial) for trial in found.trials)
     states = [f"{count} {state}" for state, count in sorted(counts.items())]
     trained = f" Trained: {found.steps:,} environment steps." if found.steps else ""
-    lines.append(f"{len(found.trials)} trials: {', '.join(states) or 'none'}.{trained}")
+    lines.append(f"{counted(len(found.trials), 'trial')}: {', '.join(states) or 'none'}.{trained}")
     if edges := at_the_edge(found):
         lines.append(edges)
     return lines

@@ -60,10 +60,17 @@ def test_runs_that_differ_in_the_seed_alone_are_told_apart_by_their_paths(
     first, second = sorted(path.name for path in folder.glob("ppo-*"))[:2]
     names = [str(folder / first), str(folder / second)]
     pair = side_by_side.told_apart([found(folder, name) for name in names], names)
-    assert len({agent.label for agent in pair}) == 2
+    seeds = [re.search("s[01]-.*", name)[0] for name in (first, second)]  # type: ignore[index]
+    assert [agent.label for agent in pair] == [f"PPO ({seed})" for seed in seeds]
     assert side_by_side.settings(pair) == []
     assert cli.main(["compare", *names, "--out", str(folder / "compare")]) == 0
     assert re.search(r"wrote .*training_success\.png", capsys.readouterr().out)
+
+
+def test_copies_of_one_run_are_told_apart_by_their_folders() -> None:
+    run = "a-run-whose-name-has-more-characters-than-a-label-may-have"
+    assert side_by_side._different([f"before/{run}", f"after/{run}"]) == ["before", "after"]
+    assert side_by_side._different(["runs", "runs/runs"]) == ["runs", "runs/runs"]
 
 
 def test_the_keys_that_differ(folder: Path) -> None:
@@ -83,6 +90,7 @@ def test_agents_that_met_other_scenarios_have_no_difference(folder: Path) -> Non
         (["pid", "pdi", "--in", "outputs/made"], "did you mean 'PID'"),
         (["outputs/made", "pid"], "name two of them"),
         (["pid", "ppo", "--in", "output"], "did you mean outputs"),
+        (["outputs/made/pid-*", "ppo", "--in", "output"], "pid-*: is no run or folder"),
         (["pid", "ppo", "--confidence", "2"], "from 0.5 to 0.999"),
         (["pid"], "SECOND"),
         (["pid", "pid", "--in", "outputs/made"], "the same runs"),

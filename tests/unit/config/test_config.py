@@ -43,6 +43,8 @@ def test_every_answer_composes_and_is_valid(override):
     tasks = {
         "reward=thesis": "waypoint",
         "reward=tracking": "waypoint",
+        "reward=path": "path_following",
+        "reward=goal": "docking",
         "reward=gym_auv_path": "path_following",
         "reward=gym_dockauv": "docking",
     }

@@ -16,6 +16,8 @@ from auvbench.config.tasks import TASKS
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import roll_out
+from auvbench.simulators.fossen import FossenSimulator
+from auvbench.simulators.gazebo import simulator as gazebo
 from auvbench.tasks import kernels as k
 from auvbench.tasks import path_following
 from auvbench.tasks.base import Task
@@ -442,6 +444,36 @@ def test_gymnasium_knows_every_task() -> None:
             environment.reset(options={"waypoint": [1.0, 2.0, -20.0]})
 
 
+class StandIn(FossenSimulator):
+    """The embedded simulator behind the arguments, the capabilities and the rule of a reset of Gazebo's."""
+
+    capabilities = gazebo.GazeboSimulator.capabilities
+
+    def __init__(self, vehicle, n: int, max_step: float, hydrodynamics: str) -> None:
+        super().__init__(vehicle, n, max_step)
+
+    def reset(self, indices, pose, velocity, scales=None) -> None:
+        assert not np.any(velocity), "Gazebo starts vehicles at rest"
+        super().reset(indices, pose, velocity, scales)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", TASKS)
+def test_a_task_asks_no_more_of_a_simulator_than_gazebo_gives(
+    task: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gazebo, "GazeboSimulator", StandIn)
+    records = []
+    for simulator in ("gazebo", "fossen"):
+        config = configs.training(
+            "algo=pid", f"task={task}", HEAVY, "disturbance=moderate", f"simulator={simulator}"
+        )
+        agent = make(config, sheet.load(config.vehicle))
+        episodes = roll_out(config, agent, episodes=np.arange(2), seed=123, batch=2).records
+        records.append([{key: row[key] for key in row if key != "simulator"} for row in episodes])
+    assert records[0] == records[1]
+
+
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
@@ -450,9 +482,13 @@ def test_gymnasium_knows_every_task() -> None:
         (["task=docking", "task.observation=[velocity,velocity]"], "velocity is there twice"),
         (["task=docking", "task.observation=[]"], "at least one block"),
         (["task=docking", "task.position_frame=world"], "position_frame"),
-        (["task=docking", "reward=thesis"], "no reward for task=docking; use reward=tracking"),
+        (["task=docking", "reward=thesis"], "no reward for task=docking; use reward=goal or tracking"),
+        (["task=path_following", "reward=goal"], "no reward for task=path_following; use reward=path"),
+        (["reward=path"], "reward.name=path: is no reward for task=waypoint; use reward=thesis or goal"),
+        (["task=station_keeping", "reward=goal"], "reward.name=goal"),
         (["reward=marinegym_hover"], "no reward for task=waypoint"),
-        (["task=docking", "reward=gym_auv_path"], "no reward for task=docking"),
+        (["task=docking", "reward=gym_auv_path"], "no reward for task=docking; use reward=goal"),
+        (["disturbance=waves", "disturbance.waves=null"], "disturbance.waves=null: a value is missing"),
         (["task=docking", "reward=gym_dockauv", "reward.near=20"], "reward.near.*reward.far"),
         (["task=station_keepin"], "did you mean.*station_keeping"),
         (["task=station_keeping", "task.station=[0,0,0]"], "task.station.*depth limits"),

@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 from optuna.trial import TrialState
 from rich.console import Console
 
-from auvbench.commands.tune import plan_of, split
+from auvbench.commands.tune import begin, plan_of, split
 from auvbench.config.compose import compose, typed
 from auvbench.errors import TrainingError
 from auvbench.runs import lock
@@ -122,6 +122,14 @@ def test_every_trial_is_carried_out_and_the_best_reach_the_top(tmp_path, monkeyp
     best = max(search.trials, key=lambda trial: trial.params["algo.learning_rate"])
     assert search.best.number == best.number
     assert "6 of 6 trials begun" in text
+
+
+@pytest.mark.slow
+def test_one_trial_is_counted_as_one(tmp_path, monkeypatch):
+    search, text = carry_out(tmp_path, Backend(), monkeypatch, "tune.trials=1")
+    assert "1 of 1 trial begun" in text
+    assert begin(search).startswith("goes on: 1 trial of ppo, ")
+    assert begin(search).endswith("; 1 trial begun")
 
 
 @pytest.mark.slow
