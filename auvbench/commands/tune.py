@@ -142,7 +142,7 @@ def plan_of(
     from auvbench.record import PRIMARY
     from auvbench.runs import plan as runs_plan
     from auvbench.training import execute
-    from auvbench.tuning import search, space, strategy
+    from auvbench.tuning import search, space
     from auvbench.tuning.folder import Plan, StudyFolder
     from auvbench.untrusted.typed_json import Prose
 
@@ -169,7 +169,6 @@ def plan_of(
     typed_ranges = {**{str(key): str(text) for key, text in tune.space.items()}, **ranges}
     dimensions = space.read(written if isinstance(written, dict) else {}, typed_ranges, fixed, known)
     space.validate_space(dimensions, checked, base["algo"])
-    strategy.trial_limit(tune.sampler, dimensions)
     study = StudyFolder(Path(output) / "tune" / name)
     tune.space = {dimension.key: dimension.text for dimension in dimensions}
     return Plan(name, seed, base, tune, protocol, Prose(command)), study

@@ -22,10 +22,10 @@ class Tune:
     """A search."""
 
     trials: int = number(1, 100_000)
-    sampler: str = choice("tpe", "random", "gp", "cmaes", "grid")
+    sampler: str = choice("tpe", "random")
     startup: int = number(1, 100_000)
     rungs: list[int]
-    pruner: str = choice("halving", "hyperband", "median", "none")
+    pruner: str = choice("halving", "none")
     reduction: int = number(2, 100)
     seeds: list[int]
     fresh_seeds: list[int]

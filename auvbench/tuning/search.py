@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import warnings
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
@@ -10,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import optuna
+from optuna.pruners import BasePruner, NopPruner, SuccessiveHalvingPruner
+from optuna.samplers import BaseSampler, RandomSampler, TPESampler
 from optuna.storages import JournalStorage
 from optuna.study import Study
 from optuna.trial import FrozenTrial, Trial, TrialState
@@ -24,9 +28,12 @@ from auvbench.errors import AuvbenchError, ConfigError, RunError
 from auvbench.runs.directory import RunDirectory
 from auvbench.statistics import crossed, means
 from auvbench.statistics.intervals import Estimate
-from auvbench.tuning import strategy
 from auvbench.tuning.folder import Journal, Plan
 from auvbench.tuning.space import with_values
+
+optuna.logging.set_verbosity(optuna.logging.ERROR)  # the study has its own view
+# Multivariate TPE is experimental: its interface may change, and Optuna's version is pinned.
+warnings.filterwarnings("ignore", category=optuna.exceptions.ExperimentalWarning)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,9 +168,40 @@ def open_study(plan: Plan, path: Path) -> Study:
             f"{path}: damaged: its operations make no study ({type(error).__name__}: {error}); restore the file, or "
             f"decide the study anew (mv {path} ELSEWHERE)"
         ) from error
-    study.sampler = strategy.sampler(plan, len(trials))
-    study.pruner = strategy.pruner(plan)
+    study.sampler = sampler(plan, len(trials))
+    study.pruner = pruner(plan)
     return study
+
+
+def sampler(plan: Plan, begun: int) -> BaseSampler:
+    """Return a study's sampler.
+
+    The number of trials that have begun moves the seed: Optuna's samplers repeat their first draws in a new process.
+    """
+    startup, seed = plan.tune.startup, (plan.seed + begun) % (1 << 32)
+    if plan.tune.sampler == "random":
+        return RandomSampler(seed=seed)
+    # constant_liar keeps trials that run at the same time apart.
+    return TPESampler(multivariate=True, constant_liar=True, n_startup_trials=startup, seed=seed)
+
+
+def pruner(plan: Plan) -> BasePruner:
+    """Return a study's pruner."""
+    if plan.tune.pruner == "none":
+        return NopPruner()
+    return _Halving(min_resource=1, reduction_factor=plan.tune.reduction)
+
+
+class _Halving(SuccessiveHalvingPruner):
+    """Asynchronous successive halving (Li et al. 2020), in rungs: a study's need not be powers of the reduction factor."""
+
+    def prune(self, study: Study, trial: FrozenTrial) -> bool:
+        in_rungs = copy.copy(trial)
+        scores = [trial.intermediate_values[step] for step in sorted(trial.intermediate_values)]
+        # Optuna promotes all equal scores, such as those of trials without a success; here the first trial wins.
+        scores = [score - max(1.0, abs(score)) * 1e-12 * trial.number for score in scores]
+        in_rungs.intermediate_values = {self._reduction_factor**i: score for i, score in enumerate(scores)}
+        return super().prune(study, in_rungs)
 
 
 @dataclass
@@ -176,7 +214,7 @@ class Trials:
     @property
     def trials(self) -> list[FrozenTrial]:
         """Return all trials that have begun."""
-        return [t for t in self.study.get_trials(deepcopy=False) if t.state is not TrialState.WAITING]
+        return self.study.get_trials(deepcopy=False)
 
     @property
     def ranked(self) -> list[FrozenTrial]:
@@ -226,8 +264,7 @@ class Search(Trials):
     def __init__(self, plan: Plan, study: Study, base: schema.TrainConfig) -> None:
         super().__init__(plan, study)
         self.base = base  # proposals are checked against it
-        most = strategy.trial_limit(plan.tune.sampler, plan.dimensions)
-        self.limit = plan.tune.trials if most is None else min(plan.tune.trials, most)
+        self.limit = plan.tune.trials
         self.running: dict[int, Trial] = {}
         self.queue: deque[Step] = deque()
         for found in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
@@ -239,15 +276,9 @@ class Search(Trials):
     def next(self) -> Step | None:
         """Return what to train now; None until a result comes, or when the search is over."""
         while not self.queue and len(self.trials) < self.limit:
-            self._advance(self._ask())
+            space = {dimension.key: dimension.distribution for dimension in self.plan.dimensions}
+            self._advance(self.study.ask(space))
         return self.queue.popleft() if self.queue else None
-
-    def _ask(self) -> Trial:
-        if self.plan.tune.sampler == "grid":
-            self.study.enqueue_trial(
-                strategy.grid_point(self.plan.dimensions, len(self.trials)), skip_if_exists=True
-            )
-        return self.study.ask({dimension.key: dimension.distribution for dimension in self.plan.dimensions})
 
     def _advance(self, trial: Trial) -> None:
         """Queue the trial's next rung, or close the trial."""

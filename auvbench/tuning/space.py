@@ -27,8 +27,6 @@ IDENTITY = ("algo.name", "algo.agent", "algo.tuned")
 FORMS = "interval(LOW,HIGH), range(FROM,TO,STEP) or choice(A,B)"
 COMBINATIONS = 128
 """Check all combinations of choices up to this number before a study starts; above it, check each choice alone."""
-LONGEST_AXIS = 100_000
-"""values of a key on a grid"""
 
 Value = float | int | str
 """A parameter in the journal; a choice is its text."""
@@ -60,23 +58,6 @@ class Dimension:
         if isinstance(self.distribution, CategoricalDistribution):
             return self.choices
         return (self.distribution.low, self.distribution.high)
-
-    def points(self) -> Sequence[Value]:
-        """Return all values in order.
-
-        Raises:
-            ConfigError: The range is continuous.
-        """
-        found = self.distribution
-        if isinstance(found, CategoricalDistribution):
-            return self.choices
-        count = round((found.high - found.low) / found.step) + 1 if found.step and not found.log else 0
-        if not 0 < count <= LONGEST_AXIS:
-            raise ConfigError(
-                f"{self.key}={self.text}: a grid needs a list of at most {LONGEST_AXIS:,} values: {self.key}=choice(A,B) or "
-                "range(FROM,TO,STEP)"
-            )
-        return [found.low + i * (found.step or 1) for i in range(count)]
 
     def at_end(self, value: Value, margin: float = 0.02) -> bool:
         """Return whether a number lies within `margin` of an end, as a share of the range."""

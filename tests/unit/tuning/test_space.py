@@ -47,8 +47,7 @@ def test_kinds_follow_the_schema():
         "algo.vf_coef=0.2,0.5",
     )
     assert found["algo.n_epochs"].distribution == IntDistribution(2, 6)
-    assert list(found["algo.n_epochs"].points()) == [2, 3, 4, 5, 6]
-    assert found["algo.gae_lambda"].points() == pytest.approx([0.8, 0.85, 0.9, 0.95])
+    assert found["algo.gae_lambda"].distribution == FloatDistribution(0.8, 0.95, step=0.05)
     assert found["algo.net_arch"].plain("[16,16]") == [16, 16]
     assert found["algo.activation"].plain("relu") == "relu"
     assert found["algo.vf_coef"].plain("0.5") == 0.5
@@ -75,10 +74,6 @@ def test_kinds_follow_the_schema():
         (["algo=ppo", "algo.batch_size=choice(1000,512)"], ["contradicts itself", "algo.batch_size=1000"]),
         (["algo=ppo", "algo.activation=choice(tanh,softsign)"], ["softsign"]),
         (["algo=ppo", "reward.k=interval(1,40)"], ["reward.k", "settings of the algorithm"]),
-        (
-            ["algo=ppo", "algo.learning_rate=range(1e-6,1e-2,1e-8)", "tune.sampler=grid"],
-            ["algo.learning_rate=range", "100,000"],
-        ),
         (["algo=ppo", "algo.gamma=range(0.5,0.9,0)"], ["algo.gamma=range(0.5,0.9,0)", "empty"]),
         (["algo=ppo", "algo.gamma=tag(log,range(0.1,0.9,0.1))"], ["logarithmic", "no step"]),
         (["algo=ppo", "algo.n_epochs=range(1,9,0.5)"], ["whole numbers"]),
@@ -86,7 +81,6 @@ def test_kinds_follow_the_schema():
             ["algo=ppo", f"algo.net_arch=choice({'[' * 3000},1)"],
             ["algo.net_arch=choice", "interval(LOW,HIGH)"],
         ),
-        (["algo=ppo", "tune.sampler=grid"], ["algo.learning_rate", "grid"]),
         (["algo=ppo", "tune.rungs=[100,50]"], ["tune.rungs=[100, 50]", "grow"]),
         (["algo=ppo", "tune.rungs=[]"], ["tune.rungs=[]"]),
         (["algo=ppo", "tune.fresh_seeds=[0]"], ["tune.fresh_seeds", "fresh"]),
