@@ -8,9 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from auvbench.runs.progress import telling
-from auvbench.scheduling.estimate import duration
-
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
@@ -25,17 +22,14 @@ def _bar(title: str, *, transient: bool = False) -> Bar:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.table import Column
 
+    # A run's id is no markup, and the text gives way on a narrow terminal.
+    now = Column(ratio=1, no_wrap=True, overflow="ellipsis")
     return Progress(
         TextColumn(title, markup=False),
         BarColumn(bar_width=20),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        # A run's id is no markup, and the text gives way on a narrow terminal.
-        TextColumn(
-            "{task.fields[now]}",
-            markup=False,
-            table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
-        ),
+        TextColumn("{task.fields[now]}", markup=False, table_column=now),
         console=Console(stderr=True, highlight=False),
         expand=True,
         transient=transient,
@@ -43,70 +37,61 @@ def _bar(title: str, *, transient: bool = False) -> Bar:
     )
 
 
+class _Interval:
+    """Says about every ten seconds that a line is due."""
+
+    def __init__(self) -> None:
+        self._last = time.monotonic()
+
+    def is_over(self) -> bool:
+        now = time.monotonic()
+        if now - self._last < _PLAIN_INTERVAL:
+            return False
+        self._last = now
+        return True
+
+
 @contextmanager
 def training_bar(total_steps: int, *, shown: bool = True) -> Iterator[Watch | None]:
     """Show a run's remaining time, success over the last 100 episodes, pace and return."""
     if not shown:
         yield None
-    elif not sys.stderr.isatty():
-        yield _plain_lines()
-    else:
+    elif sys.stderr.isatty():
         with _bar("") as bar:
             task = bar.add_task("", total=total_steps, now="compiling, first episodes")
-            yield lambda progress: bar.update(task, completed=progress.steps, now=figures(progress))
+            yield lambda progress: bar.update(task, completed=progress.steps, now=str(progress))
+    else:
+        due = _Interval()
 
+        def watch(at: Progress) -> None:
+            if due.is_over():
+                print(f"{at.steps:,} of {at.total_steps:,} steps, {at}", file=sys.stderr, flush=True)
 
-def figures(progress: Progress) -> str:
-    """Return the figures of a training in one line, the most important first."""
-    parts = ["estimating the time to go"]
-    if progress.steps_per_s > 0:
-        left = max(progress.total_steps - progress.steps, 0) / progress.steps_per_s
-        parts = [f"{duration(left)} left"]
-    if (rate := telling(progress.success_rate, progress.episodes)) is not None:
-        parts.append(f"success {100 * rate:.0f} %")
-    if progress.steps_per_s > 0:
-        parts.append(f"{progress.steps_per_s:,.0f} steps/s")
-    if progress.mean_return is not None:
-        parts.append(f"return {progress.mean_return:,.0f}")
-    return ", ".join(parts)
-
-
-def _plain_lines() -> Callable[[Progress], None]:
-    last = [time.monotonic()]
-
-    def watch(progress: Progress) -> None:
-        if time.monotonic() - last[0] >= _PLAIN_INTERVAL:
-            last[0] = time.monotonic()
-            steps = f"{progress.steps:,} of {progress.total_steps:,} steps"
-            print(f"{steps}, {figures(progress)}", file=sys.stderr, flush=True)
-
-    return watch
+        yield watch
 
 
 class Teller:
-    """Print lines above a bar that counts them, or lines alone.
+    """Print lines above a bar that counts runs, or lines alone.
 
     Args:
-        total: runs.
         parts: of each run.
-        bar: moves by the parts of a single run, else by runs; None without a terminal.
+        bar: None without a terminal.
+        total: runs.
     """
 
-    def __init__(self, total: int, parts: int, bar: Bar | None = None) -> None:
+    def __init__(self, parts: int, bar: Bar | None, total: int) -> None:
         self._parts, self._bar = parts, bar
-        self._single = total == 1 and parts > 1
-        self._runs = self._done = 0  # finished runs, and finished parts of the present run
-        self._last = time.monotonic()
-        self._first: tuple[float, int] | None = None  # time and parts of the first report
+        self._runs = self._done = 0  # finished runs, and finished parts of the runs at work
+        self._due = _Interval()
         if bar is not None:
-            self._task = bar.add_task("", total=parts if self._single else total, now="")
+            self._task = bar.add_task("", total=total * parts, now="")
 
     def line(self, text: str | None, *, error: bool = False) -> None:
         """Count one finished run, with a line or without one."""
         if text is not None:
             self.note(text, error=error)
-        self._runs, self._done = self._runs + 1, self._parts if self._single else 0
-        self._move()
+        self._runs, self._done = self._runs + 1, 0
+        self._move("")
 
     def note(self, text: str, *, error: bool = True) -> None:
         """Print a line that counts for no run."""
@@ -117,43 +102,32 @@ class Teller:
 
     def doing(self, run: RunDirectory, what: str, parts: int) -> None:
         """Show the present run, of which `parts` more are finished."""
-        self._done += parts
+        self._done = min(self._done + parts, self._parts)
+        if self._bar is None and self._due.is_over():
+            print(
+                f"{run.id}: {what}, {self._done:,} of {self._parts:,} episodes", file=sys.stderr, flush=True
+            )
         self._move(f"{run.id}: {what}")
 
-    def _move(self, now: str = "") -> None:
+    def _move(self, now: str) -> None:
         if self._bar is not None:
-            place = self._done if self._single else self._runs + min(self._done / self._parts, 1.0)
-            self._bar.update(self._task, completed=place, now=now)
-        elif self._single and 0 < self._done < self._parts:
-            present = time.monotonic()
-            self._first = self._first or (present, self._done)
-            if present - self._last >= _PLAIN_INTERVAL:
-                self._last = present
-                line = f"{now}, {self._done:,} of {self._parts:,} episodes, {self._left(present)}"
-                print(line, file=sys.stderr, flush=True)
-
-    def _left(self, present: float) -> str:
-        """Return the time to go by the rate since the first report: before it, code is compiled."""
-        begun, done = self._first or (present, self._done)
-        if self._done == done:
-            return "estimating the time to go"
-        return f"{duration((present - begun) / (self._done - done) * (self._parts - self._done))} left"
+            self._bar.update(self._task, completed=self._runs * self._parts + self._done, now=now)
 
 
 @contextmanager
 def counting_bar(total: int, title: str, parts: int = 1) -> Iterator[Teller]:
-    """Count finished runs on a terminal, of a single one its parts; print plain lines elsewhere.
+    """Count finished runs and their parts on a terminal; print plain lines elsewhere.
 
     Args:
         total: runs.
         title: of the bar.
         parts: of each run.
     """
-    if sys.stderr.isatty() and (total > 1 or parts > 1):
+    if sys.stderr.isatty():
         with _bar(title) as bar:
-            yield Teller(total, parts, bar)
+            yield Teller(parts, bar, total)
     else:
-        yield Teller(total, parts)
+        yield Teller(parts, None, total)
 
 
 @contextmanager

@@ -1,17 +1,68 @@
-"""`auvbench runs`: lists runs with state, progress and success, and removes those that were never begun."""
+"""`auvbench runs`: lists runs with state, progress and success."""
 
 from __future__ import annotations
 
 import json
+import math
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser
-from auvbench.errors import UserError
+from auvbench.errors import RunError, UserError, closest
+from auvbench.runs import identity, run_filter, status
+from auvbench.runs.directory import RunDirectory, find_runs
+from auvbench.runs.status import State
+from auvbench.untrusted.text import LONGEST, plain, short
 
 if TYPE_CHECKING:
-    from auvbench.scheduling.listing import Row
+    from rich.console import Console
+    from rich.table import Table
+
+STYLES = {"running": "cyan", "interrupted": "yellow", "failed": "red", "complete": "green", "pending": "dim"}
+IN_THE_ID = ("algo.name", "reward.k", "step.frequency", "seed")
+"""what a run's id says already"""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One run; times in seconds, rates in [0, 1]."""
+
+    id: str
+    name: str  # of the experiment: the folder
+    path: str
+    state: State
+    algo: str
+    seed: int
+    steps: int
+    total_steps: int
+    episodes: int
+    success_rate: float | None  # over the last 100 training episodes
+    wall_time_s: float
+    created: str | None
+    holder: str | None  # who works on it
+    error: str | None
+    config: dict[str, Any] = field(default_factory=dict)  # by dotted key, of the vehicle its name alone
+
+    @property
+    def progress(self) -> float:
+        """Return the share of the budget that is done."""
+        if self.state is State.COMPLETE:
+            return 1.0
+        return min(1.0, self.steps / self.total_steps) if self.total_steps > 0 else 0.0
+
+
+SORTS: dict[str, Callable[[Row], Any]] = {
+    "name": lambda row: row.name,
+    "state": lambda row: list(State).index(row.state),
+    "progress": lambda row: -row.progress,
+    "success": lambda row: -1.0 if row.success_rate is None else -row.success_rate,
+    "wall": lambda row: -row.wall_time_s,
+    "created": lambda row: row.created or "",
+}
+"""Sort keys; progress, success and wall time begin with the largest."""
 
 
 def parser() -> Parser:
@@ -20,95 +71,201 @@ def parser() -> Parser:
         where=True,
         description="Lists runs: state, progress, success over the last 100 training episodes (from 30 episodes on), "
         "wall time, and in which values of their configuration they differ beyond what their ids say.",
-        epilog="States: pending, running, interrupted (also: killed while running), failed, complete.",
+        epilog="States: pending, running, interrupted (also: killed while running), failed, complete; "
+        "--where state=failed,pending keeps some. --where also takes id and experiment.",
     )
     add = parser.add_argument
     add("paths", nargs="*", default=["outputs"], metavar="PATH", help="runs or folders of runs")
-    add("--state", default="", metavar="STATE,...", help="only runs in these states")
-    add("--algo", default="", metavar="NAME,...", help="only runs of these algorithms")
-    add("--seed", default="", metavar="SEED,...", help="only runs with these seeds")
-    add("--name", default="", metavar="NAME,...", help="only runs of these experiments")
-    add("--id", default="", metavar="PART", help="only runs whose id contains this")
-    add(
-        "--columns",
-        default="",
-        metavar="KEY,...",
-        help="configuration keys to show: reward.k,train.total_steps",
-    )
-    add(
-        "--sort",
-        default="name",
-        metavar="KEY",
-        help="name, id, state, algo, seed, progress, success, wall, created",
-    )
+    add("--columns", default="", metavar="KEY,...", help="keys to show: reward.k,train.total_steps")
+    add("--sort", default="name", metavar="KEY", help=", ".join(SORTS))
     add("--json", action="store_true", help="print a JSON list instead of a table")
-    add(
-        "--discard",
-        action="store_true",
-        help="remove the pending runs among them, after showing them and asking",
-    )
-    add("--yes", action="store_true", help="with --discard: do not ask")
     return parser
 
 
 def main(argv: Sequence[str]) -> int:
     """Exit code 1 when a run could not be read: the others are listed, and it is named."""
     given = parser().read(argv)
-    if given.yes and not given.discard:
-        raise UserError("--yes: answers the question of --discard, which is not there")
-    if given.discard and given.json:
-        raise UserError("--json: lists runs; --discard removes them: one at a time")
-    from auvbench.commands import runs_table
-    from auvbench.runs import run_filter
-    from auvbench.runs.directory import find_runs
-    from auvbench.scheduling import listing
-
-    wanted = listing.Filter(
-        states=_list(given.state),
-        algos=_list(given.algo),
-        seeds=_seeds(given.seed),
-        names=_list(given.name),
-        id=given.id,
-    )
-    found, problems = listing.rows(find_runs(given.paths))
-    rows = listing.choose(found, wanted, given.sort)
-    rows = run_filter.select(rows, run_filter.parse(given.where), listing.facts)
-    columns = _columns(given.columns, found)
-    if given.discard:
-        from auvbench.commands.discard import discard
-
-        return discard(rows, columns, ask=not given.yes)
+    if given.sort not in SORTS:
+        raise UserError(f"--sort {given.sort}: unknown; {closest(given.sort, SORTS)}")
+    found, problems = rows(find_runs(given.paths))
+    chosen = run_filter.select(found, run_filter.parse(given.where), _facts)
+    chosen = sorted(chosen, key=lambda row: (SORTS[given.sort](row), row.id))
+    asked = [_key(name.strip(), found) for name in given.columns.split(",") if name.strip()]
     if given.json:
-        print(json.dumps([listing.as_json(row) for row in rows], indent=1))
+        print(json.dumps([{**asdict(row), "progress": row.progress} for row in chosen], indent=1))
     else:
-        runs_table.show(rows, of=len(found), columns=columns)
+        _show(chosen, of=len(found), asked=asked)
     for problem in problems:
         print(f"auvbench: {problem}", file=sys.stderr)
     return 1 if problems else 0
 
 
-def _list(text: str) -> list[str]:
-    return [value.strip() for value in text.split(",") if value.strip()]
-
-
-def _seeds(text: str) -> list[int]:
-    try:
-        return [int(value) for value in _list(text)]
-    except ValueError:
-        raise UserError(f"--seed {text}: must be whole numbers, e.g. --seed 0,1,2") from None
-
-
-def _columns(text: str, rows: Sequence[Row]) -> list[str]:
-    """The keys that `--columns` names; the short name of a group stands for its choice."""
+def _key(name: str, rows: Sequence[Row]) -> str:
+    """Return the key that `--columns` names; the short name of a group stands for its choice."""
     from auvbench.config.suggestions import nearest
 
     known = {key for row in rows for key in row.config}
+    key = next((key for key in (name, f"{name}.name") if key in known), None)
+    if key is None:
+        near = nearest(name, known)
+        hint = f"did you mean {near}?" if near else "auvbench runs --json shows the keys there are"
+        raise UserError(f"--columns {name}: no run has this key; {hint}")
+    return key
+
+
+def rows(runs: Iterable[RunDirectory]) -> tuple[list[Row], list[str]]:
+    """Return a row per run, and a line per run that cannot be read."""
+    found: list[Row] = []
+    problems: list[str] = []
+    for run in runs:
+        try:
+            found.append(_row(run))
+        except RunError as error:
+            problems.append(plain(error))
+    return found, problems
+
+
+def _row(run: RunDirectory) -> Row:
+    from auvbench.runs import progress
+
+    at = status.of(run)
+    manifest = at.manifest
+    steps, episodes, success = manifest["steps"], manifest.get("episodes", 0), manifest.get("success_rate")
+    wall = float(manifest["wall_time_s"])
+    if at.state in (State.RUNNING, State.INTERRUPTED):
+        # The manifest is written at the start and at the end; in between, and after a kill, this knows more.
+        last = progress.read(run.path)
+        if last is not None and last.steps >= steps:
+            steps, episodes, success = last.steps, last.episodes, last.success_rate
+            if at.holder is not None and at.holder.since:
+                wall += max(0.0, last.time - datetime.fromisoformat(at.holder.since).timestamp())
+    error = manifest.get("error") or {}
+    return Row(
+        id=short(manifest["id"]),
+        name=plain(run.path.absolute().parent.name),
+        path=plain(run.path),
+        state=at.state,
+        algo=short(manifest["algo"]),
+        seed=manifest["seed"],
+        steps=steps,
+        total_steps=manifest["total_steps"],
+        episodes=episodes,
+        success_rate=success,
+        wall_time_s=wall,
+        created=short(manifest["created"]) if manifest.get("created") else None,
+        holder=short(at.holder) if at.holder else None,
+        error=plain(error.get("message") or "no reason given") if at.state is State.FAILED else None,
+        config=_config(run),
+    )
+
+
+def _config(run: RunDirectory) -> dict[str, Any]:
+    try:
+        known = run_filter.flat(run.config())
+    except (RunError, RecursionError):
+        return {}  # the command that works on the run gives the error
+    return {
+        short(key): _shown(value)
+        for key, value in known.items()
+        if not key.startswith("vehicle.") or key == "vehicle.name"
+    }
+
+
+def _shown(value: Any) -> Any:
+    """A value that a line and JSON can hold, of any YAML type."""
+    if isinstance(value, list):
+        return [_shown(item) for item in value[:LONGEST]]
+    if value is None or isinstance(value, bool | int) or (isinstance(value, float) and math.isfinite(value)):
+        return value
+    return short(value)
+
+
+def _facts(row: Row) -> dict[str, Any]:
+    """What `--where` can ask of a row."""
+    known = {"algo.name": row.algo, "seed": row.seed, **row.config}
+    return known | {"state": str(row.state), "id": row.id, "experiment": row.name}
+
+
+def varying(rows: Sequence[Row]) -> list[str]:
+    """Return the keys in which the runs differ, beyond what their ids say and what follows from it.
+
+    `disturbance.name` stands for all that a disturbance sets, as it does when it is typed.
+    """
+    configs = [row.config for row in rows if row.config]
     found = []
-    for name in _list(text):
-        key = next((key for key in (name, f"{name}.name") if key in known), None)
-        if key is None:
-            near = nearest(name, known)
-            hint = f"did you mean {near}?" if near else "auvbench runs --json shows the keys there are"
-            raise UserError(f"--columns {name}: no run has this key; {hint}")
-        found.append(key)
+    for key in dict.fromkeys(key for config in configs for key in config):
+        if key in IN_THE_ID or key.startswith(identity.NEUTRAL):
+            continue
+        # By the name of its group: one value for each name follows from the name.
+        name = f"{key.split('.')[0]}.name"
+        by_name: dict[str, set[str]] = {}
+        for config in configs:
+            group = "" if name == key else run_filter.text(config.get(name))
+            by_name.setdefault(group, set()).add(run_filter.text(config.get(key)))
+        if any(len(values) > 1 for values in by_name.values()):
+            found.append(key)
     return found
+
+
+def _show(rows: Sequence[Row], *, of: int, asked: Sequence[str]) -> None:
+    """Print the table, remarks and a line of counts; `asked` are keys that are shown at any width."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 1000  # a file or a pipe has no width: nothing is to be cut there
+    if rows:
+        console.print(table(rows, asked, console))
+    for row in rows:
+        if remark := row.error or (f"held by {row.holder}" if row.holder else ""):
+            console.print(f"{row.id}: {remark}", soft_wrap=True, markup=False, style="dim")
+    counts = {state: sum(row.state is state for row in rows) for state in State}
+    shown = f"{of} run{'s' if of != 1 else ''}" if len(rows) == of else f"{len(rows)} of {of} runs"
+    print(
+        f"{shown}: "
+        + (", ".join(f"{number} {state}" for state, number in counts.items() if number) or "none")
+    )
+
+
+def table(rows: Sequence[Row], asked: Sequence[str], console: Console) -> Table:
+    """Return the table: states, steps, success and times are whole at any width, other columns where there is room."""
+    from rich.measure import Measurement
+
+    several = len({row.name for row in rows}) > 1
+    others = [
+        *(["experiment"] if several else []),
+        "progress",
+        *(key for key in varying(rows) if key not in asked),
+    ]
+    while True:
+        made = _table(rows, [*others, *asked])
+        width = Measurement.get(console, console.options.update(max_width=10_000), made).maximum
+        if not others or width <= console.width:
+            return made
+        others.pop()
+
+
+def _table(rows: Sequence[Row], more: Sequence[str]) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    from auvbench.runs.progress import duration, telling
+
+    made = Table(box=None, pad_edge=False)
+    made.add_column("run", overflow="fold")
+    made.add_column("state", no_wrap=True)
+    for name in ("steps", "success", "wall time"):
+        made.add_column(name, justify="right", no_wrap=True)
+    for key in more:
+        made.add_column(key.removesuffix(".name"), overflow="fold")
+    for row in rows:
+        rate = telling(row.success_rate, row.episodes)
+        facts = {**row.config, "experiment": row.name, "progress": f"{row.progress:.0%}"}
+        words = [
+            f"{row.steps:,}" if row.steps else "",
+            "" if rate is None else f"{rate:.0%}",
+            duration(row.wall_time_s) if row.wall_time_s else "",
+            *(run_filter.text(facts[key]) if key in facts else "" for key in more),
+        ]
+        made.add_row(Text(row.id), Text(row.state, STYLES[row.state]), *map(Text, words))
+    return made

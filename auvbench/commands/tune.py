@@ -201,15 +201,15 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
 
     from auvbench.config.compose import typed
     from auvbench.scheduling.grid import backend
-    from auvbench.tuning import controller, runs
-    from auvbench.tuning.controller import Controller
+    from auvbench.tuning import runs
+    from auvbench.tuning.controller import Controller, StudyView
     from auvbench.tuning.search import Search, open_study
     from auvbench.tuning.search import objective as objective_of
 
     whole = {**plan.base, "name": plan.name, "output": str(study.path), "seed": plan.seed}
     found = Search(plan, open_study(plan, study.journal), typed(OmegaConf.create(whole)))
     objective = objective_of(plan.tune.objective, plan.tune.then)
-    shown = controller.view(found, objective, Console())
+    shown = StudyView(found, objective, Console())
     print(f"{study.path}: {begin(found)}", flush=True)
     made = backend(config.launcher, target=runs.TARGET, learning=plan.learns)
     result = Controller(study, found, made, shown).carry_out()

@@ -12,7 +12,7 @@ from auvbench.analysis.formatting import counted
 from auvbench.analysis.records import RunRecord
 from auvbench.errors import UserError
 from auvbench.reporting.tables.text_formats import escape
-from auvbench.scheduling.estimate import duration
+from auvbench.runs.progress import duration
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import short
 

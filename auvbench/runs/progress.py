@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.record import Record
+from auvbench.untrusted import typed_json
 from auvbench.untrusted.typed_json import Count, Share
 
 
@@ -90,6 +92,55 @@ class Progress:
     mean_return: float | None
     time: float
     """Unix time of this report"""
+
+    @property
+    def remaining(self) -> float | None:
+        """Return the seconds to go at the present rate; None before there is one."""
+        left = max(0, self.total_steps - self.steps)
+        return left / self.steps_per_s if self.steps_per_s > 0 else None
+
+    def __str__(self) -> str:
+        """Return the figures in one line, the most important first."""
+        left = self.remaining
+        parts = ["estimating the time to go" if left is None else f"{duration(left)} left"]
+        if (rate := telling(self.success_rate, self.episodes)) is not None:
+            parts.append(f"success {100 * rate:.0f} %")
+        if self.steps_per_s > 0:
+            parts.append(f"{self.steps_per_s:,.0f} steps/s")
+        if self.mean_return is not None:
+            parts.append(f"return {self.mean_return:,.0f}")
+        return ", ".join(parts)
+
+
+def read(run: Path) -> Progress | None:
+    """Return the last progress that a run wrote; None where it cannot be read."""
+    try:
+        return typed_json.read(run / "progress.json", Progress)
+    except (OSError, ValueError):
+        return None
+
+
+def duration(seconds: float) -> str:
+    """Return a time in its two largest units.
+
+    >>> duration(59.4), duration(130), duration(11400), duration(200000)
+    ('59 s', '2 min 10 s', '3 h 10 min', '2 d 7 h')
+    """
+    whole = max(0, round(seconds))
+    for unit, size, below, part in (("d", 86400, "h", 3600), ("h", 3600, "min", 60), ("min", 60, "s", 1)):
+        if whole >= size:
+            rest = whole % size // part
+            return f"{whole // size} {unit}" + (f" {rest} {below}" if rest else "")
+    return f"{whole} s"
+
+
+def to_go(seconds: float) -> str:
+    """Return `3 h 10 min to go, until 17:05`, with the day where it is not today."""
+    now = datetime.now().astimezone()
+    end = now + timedelta(seconds=seconds)
+    return (
+        f"{duration(seconds)} to go, until {end:{'%H:%M' if end.date() == now.date() else '%a %d %b %H:%M'}}"
+    )
 
 
 Watch = Callable[[Progress], None]

@@ -194,7 +194,7 @@ def sweep(
     todo = steps.todo
     result = Result()
     if todo:
-        view = views.view(todo, backend.limit, console)
+        view = views.View(console, todo, backend.limit)
         result = Loop(todo, backend, view).drive()
     else:
         backend.close()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from optuna.trial import TrialState
-from rich.console import Console, Group
+from rich.console import Console
 from rich.text import Text
 
 from auvbench.analysis.formatting import counted, name, named
@@ -16,18 +16,17 @@ from auvbench.config import schema
 from auvbench.errors import TrainingError
 from auvbench.runs import lock, status
 from auvbench.runs.directory import RunDirectory, freeze
-from auvbench.scheduling import views
-from auvbench.scheduling.base import Backend, Job
-from auvbench.scheduling.estimate import clock_after, duration
+from auvbench.runs.progress import to_go
+from auvbench.scheduling.base import Backend
 from auvbench.scheduling.loop import Loop, Outcome, Result
-from auvbench.scheduling.views import InPlace, Watch
+from auvbench.scheduling.views import View
 from auvbench.tuning import runs
 from auvbench.tuning.folder import StudyFolder
 from auvbench.tuning.search import ERROR, Objective, Score, Search, Step
 
 
-class Lines(Watch):
-    """A line per result; the base of the live view."""
+class StudyView(View):
+    """Shows a study: the runs at work, the counts of trials and the best one."""
 
     def __init__(self, search: Search, objective: Objective, console: Console) -> None:
         super().__init__(console)
@@ -36,16 +35,10 @@ class Lines(Watch):
         self.finished_before = self._finished()
         self.fresh = 0
 
-    def started(self, run: RunDirectory, job: Job) -> None:
-        if run.path not in self.rows:
-            self.add(run)
-        super().started(run, job)
-        self.marked(run, job)
-
     def ended(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
         self.rows.pop(run.path, None)
         if outcome in (Outcome.FAILED, Outcome.HELD):
-            self.event(f"{run.path.name}: {outcome} ({message})")
+            self.say(f"{run.id}: {outcome} ({message})")
 
     def reported(self, step: Step, score: Score) -> None:
         self.event(
@@ -54,7 +47,7 @@ class Lines(Watch):
 
     def confirming(self, best: int, count: int) -> None:
         self.fresh = count
-        self.event(
+        self.say(
             f"search done: trial {best} is best; {count} runs with fresh seeds compare it with the untuned settings"
         )
 
@@ -66,7 +59,7 @@ class Lines(Watch):
         return sum(trial.state.is_finished() for trial in self.search.trials)
 
     def counts(self) -> str:
-        """Return `12 of 50 trials begun: 2 done, 1 running, 9 pruned · about 3 min to go, until 17:05`."""
+        """Return `12 of 50 trials begun: 2 done, 1 running, 9 pruned · 3 min to go, until 17:05`."""
         trials = self.search.trials
         failed = sum(ERROR in trial.user_attrs for trial in trials)
         done, running, pruned = (
@@ -79,8 +72,7 @@ class Lines(Watch):
         here, left = self._finished() - self.finished_before, self.search.limit - self._finished()
         if here < 1 or left < 1 or self.fresh:
             return text
-        seconds = (time.monotonic() - self.begun) * left / here
-        return f"{text} · about {duration(seconds)} to go, until {clock_after(seconds)}"
+        return f"{text} · {to_go((time.monotonic() - self.begun) * left / here)}"
 
     def best(self) -> str:
         """Return the best trial so far with its interval; '' before the first result."""
@@ -91,26 +83,9 @@ class Lines(Watch):
         at = self._at(len(shown) - 1)
         return f"best so far: trial {best.number}{at}, {worth(shown[-1], self.objective)} on validation scenarios"
 
-
-class Table(InPlace, Lines):
-    """The runs, the counts and the best trial, drawn in place."""
-
-    def reported(self, step: Step, score: Score) -> None:
-        pass
-
-    def table(self) -> Group:
-        rows = list(self.rows.values())
-        room = max(3, self.console.height - 6)
-        left = {row.name: None if row.pace is None else row.to_go / row.pace for row in rows}
-        lines = views.lines(rows[:room], left, self.console.width)
-        more = [Text(f"and {len(rows) - room} more", "dim")] if len(rows) > room else []
-        last = f"with fresh seeds: {len(rows)} of {self.fresh} to go" if self.fresh else self.counts()
-        return Group(*lines, *more, Text(self.best(), "green"), Text(last, "bold"))
-
-
-def view(search: Search, objective: Objective, console: Console) -> Lines:
-    """Return a live view for a terminal, and lines for any other output."""
-    return (Table if console.is_terminal else Lines)(search, objective, console)
+    def footer(self) -> list[Text]:
+        last = f"with fresh seeds: {len(self.rows)} of {self.fresh} to go" if self.fresh else self.counts()
+        return [Text(self.best(), "green"), Text(last, "bold")]
 
 
 def worth(score: Score, objective: Objective) -> str:
@@ -141,7 +116,7 @@ class TrialRuns:
 class Controller(Loop):
     """A scheduling loop that asks a search for runs; the backend's target is `runs.TARGET`."""
 
-    def __init__(self, study: StudyFolder, search: Search, backend: Backend, view: Lines) -> None:
+    def __init__(self, study: StudyFolder, search: Search, backend: Backend, view: StudyView) -> None:
         super().__init__([], backend, view)
         self.study, self.search, self.shown = study, search, view
         self.plan = search.plan
@@ -184,7 +159,7 @@ class Controller(Loop):
 
         def failed(why: str) -> None:
             self.search.fail(step, why)
-            self.shown.event(f"trial {step.trial} failed: {why}")
+            self.shown.say(f"trial {step.trial} failed: {why}")
 
         self._enter(made, done, failed)
 
@@ -200,7 +175,7 @@ class Controller(Loop):
         self._enter(
             made,
             lambda: self._test(made, self.plan.fresh_protocol),
-            lambda why: self.shown.event(f"with fresh seeds: {why}"),
+            lambda why: self.shown.say(f"with fresh seeds: {why}"),
         )
         return True
 
@@ -252,7 +227,7 @@ class Controller(Loop):
                 self.jobs.remove(job)
                 job.failed(f"{run.id}: {message}")
         elif error.get("type") == "WorkerDied" and self.started[run.path] < TRIES:
-            self.shown.event(f"{run.path.name}: {message}; it is resumed")
+            self.shown.say(f"{run.id}: {message}; it is resumed")
             self.waiting.append(run)
         else:
             self._stop(f"{run.path}: {message}")
@@ -261,7 +236,7 @@ class Controller(Loop):
         """Start nothing more; runs that are active go on to their end."""
         if not self.stopped:
             self.stopped = why
-            self.shown.event(f"stopped: {why}")
+            self.shown.say(f"stopped: {why}")
         self.waiting.clear()
         self.held.clear()
 

@@ -10,8 +10,7 @@ from typing import Any
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.reporting.page import table
 from auvbench.reporting.page.links import Links
-from auvbench.runs.progress import telling
-from auvbench.scheduling.estimate import duration
+from auvbench.runs.progress import duration, telling
 
 VERDICTS = {"holds": "yes", "does not hold": "no", "cannot be said": "open"}
 """a claim's verdict to the name of its style"""

@@ -60,16 +60,16 @@ def test_states_and_figures(outputs: Path, capsys: pytest.CaptureFixture[str]) -
 
 def test_a_living_holder_makes_it_running(outputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with lock.acquire(outputs / "second" / "ppo-d"):
-        (row,) = rows(capsys, str(outputs), "--id", "ppo-d")
+        (row,) = rows(capsys, str(outputs), "--where", "id=ppo-d")
     assert row["state"] == "running"
     assert f"pid {os.getpid()}" in row["holder"]
 
 
 def test_filters_and_order(outputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     root = str(outputs)
-    assert ids(rows(capsys, root, "--state", "failed,pending")) == ["ppo-a", "ppo-c"]
-    assert ids(rows(capsys, root, "--algo", "sac")) == ["sac-b"]
-    assert ids(rows(capsys, root, "--name", "second", "--seed", "1")) == ["ppo-d"]
+    assert ids(rows(capsys, root, "--where", "state=failed,pending")) == ["ppo-a", "ppo-c"]
+    assert ids(rows(capsys, root, "--where", "algo=sac")) == ["sac-b"]
+    assert ids(rows(capsys, root, "--where", "experiment=second", "seed=1")) == ["ppo-d"]
     assert ids(rows(capsys, root, "--sort", "progress")) == ["sac-b", "ppo-d", "ppo-c", "ppo-a"]
     assert ids(rows(capsys, root, "--sort", "state")) == ["ppo-a", "ppo-d", "ppo-c", "sac-b"]
     assert ids(rows(capsys, str(outputs / "first"), str(outputs / "second" / "ppo-c"))) == [
@@ -82,20 +82,10 @@ def test_filters_and_order(outputs: Path, capsys: pytest.CaptureFixture[str]) ->
 def test_the_table(outputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["runs", str(outputs)]) == 0
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert lines[0] == [
-        "experiment",
-        "run",
-        "state",
-        "steps",
-        "progress",
-        "seed",
-        "success",
-        "wall",
-        "time",
-        "remark",
-    ]
-    assert ["first", "sac-b", "complete", "1,000", "100%", "0", "97%", "1", "h", "2", "min"] in lines
-    assert ["second", "ppo-c", "failed", "300", "30%", "0", "the", "loss", "is", "[bold]"] in lines
+    assert lines[0] == ["run", "state", "steps", "success", "wall", "time", "experiment", "progress"]
+    assert ["sac-b", "complete", "1,000", "97%", "1", "h", "2", "min", "first", "100%"] in lines
+    assert ["ppo-c", "failed", "300", "second", "30%"] in lines
+    assert ["ppo-c:", "the", "loss", "is", "[bold]"] in lines
     assert lines[-1][:2] == ["4", "runs:"]
 
 
@@ -103,10 +93,8 @@ def test_the_table(outputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ("arguments", "words"),
     [
         (["nowhere"], ["nowhere", "no such"]),
-        (["--state", "complte"], ["complte", "did you mean 'complete'"]),
-        (["--algo", "pp"], ["--algo pp", "'ppo'"]),
+        (["--where", "state=complte"], ["complte", "did you mean 'complete'"]),
         (["--sort", "sucess"], ["sucess", "'success'"]),
-        (["--seed", "one"], ["--seed one", "whole numbers"]),
         (["--bogus"], ["--bogus", "--help"]),
     ],
 )

@@ -74,7 +74,6 @@ def test_no_command_follows_a_link_out_of_a_run(
         ["evaluate", path, "protocol.episodes=1"],
         ["replay", path],
         ["train", "algo=random", f"output={tmp_path / 'out'}"],
-        ["runs", path, "--discard", "--yes"],
     ):
         code = cli.main(arguments)
         error = capsys.readouterr().err
