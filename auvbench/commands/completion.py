@@ -16,7 +16,6 @@ from auvbench.commands.grammar import WHERE, Parser
 from auvbench.commands.report_options import FORMATS, STUDIES
 from auvbench.config import plugins
 from auvbench.errors import UserError, closest
-from auvbench.metrics import METRICS
 from auvbench.record import measure_names
 
 _BASH = """\
@@ -50,16 +49,19 @@ USAGE = """\
 usage: auvbench completion {bash,zsh,fish}
 
 Prints a script that completes commands, overrides (algo=<TAB>, reward.<TAB>, protocol=<TAB>), flags and their values
-(--rank-by <TAB>, --state <TAB>), vehicles and paths.
+(--rank-by <TAB>), vehicles and paths.
 
   bash   eval "$(auvbench completion bash)"      (in ~/.bashrc)
   zsh    eval "$(auvbench completion zsh)"       (in ~/.zshrc)
   fish   auvbench completion fish | source       (in ~/.config/fish/config.fish)
 """
 
-HYDRA = {"train": ("-m", "--cfg", "--help"), "tune": ("--cfg", "--trust", "--help"), "simulate": ("--plot",)}
+HYDRA = {
+    "train": ("-m", "--cfg", "--help"),
+    "tune": ("-m", "--cfg", "--trust", "--help"),
+    "simulate": ("--cfg",),
+}
 """Commands whose overrides Hydra completes, with their flags"""
-
 OVERRIDES = {
     "evaluate": ("protocol", "protocol.episodes"),
     "serve": ("vehicle", "simulator", "disturbance", "step.frequency", "task.start"),
@@ -67,24 +69,26 @@ OVERRIDES = {
     "resume": ("train.total_steps",),
 }
 """Keys of commands that take some `key=value`"""
-
-KEYS = ("algo", "vehicle", "reward.k", "step.frequency", "seed", "disturbance", "noise", "train.total_steps")
-"""of a configuration, that runs are told apart by"""
-TERMS = (*KEYS, "state", "id", "experiment")
+TERMS = (
+    "algo",
+    "vehicle",
+    "task",
+    "reward.k",
+    "step.frequency",
+    "seed",
+    "disturbance",
+    "state",
+    "id",
+    "experiment",
+)
 """of `--where`"""
-STATES = ("pending", "running", "interrupted", "failed", "complete")
-SORTS = ("name", "id", "state", "algo", "seed", "progress", "success", "wall", "created")
-FURTHER = tuple(metric.name for metric in METRICS if metric.kind == "agent")
-"""of `report --columns`; those of `analysis.optional_columns`, whose import takes too long for a key press"""
 
 VALUES: Mapping[str, Sequence[str]] = {
     **dict.fromkeys(("--rank-by", "--then", "--metric"), measure_names()),
-    **dict.fromkeys(("--group-by", "--columns"), KEYS),
-    **dict.fromkeys(("--state", "state"), STATES),
-    "report --columns": FURTHER,
+    "--group-by": TERMS[:-3],
+    "state": ("pending", "running", "interrupted", "failed", "complete"),
     "--format": FORMATS,
     "--study": STUDIES,
-    "--sort": SORTS,
 }
 """Values of flags and keys; those of other keys are files in the folder of that name"""
 
@@ -111,8 +115,6 @@ def candidates(words: Sequence[str]) -> list[str]:
 
     >>> candidates(["evaluate", "outputs", "protocol=th"])
     ['protocol=thesis']
-    >>> candidates(["runs", "--state", "failed,pe"])
-    ['failed,pending']
     """
     command, *before, word = words if len(words) > 1 else ("", *words)
     known = _flags(command)
@@ -121,7 +123,7 @@ def candidates(words: Sequence[str]) -> list[str]:
         offered = list(COMMANDS)
     elif word.startswith("-"):
         offered = known
-    elif flag.startswith("--") and flag in known and (values := _values(flag, command)):
+    elif flag.startswith("--") and flag in known and (values := _values(flag)):
         offered = _listed(values, word)
     elif WHERE in before and all("=" in one for one in before[before.index(WHERE) + 1 :]):
         offered = _assignments(TERMS, word)
@@ -143,11 +145,10 @@ def _flags(command: str) -> list[str]:
     return parser.flags() if isinstance(parser, Parser) else []
 
 
-def _values(name: str, command: str = "") -> Sequence[str]:
+def _values(name: str) -> Sequence[str]:
     """Return the values of a flag or a key."""
-    listed = VALUES.get(f"{command} {name}", VALUES.get(name))
     group = "algo" if name == "--baseline" else name.removeprefix("--")
-    return plugins.options(group) if listed is None else listed
+    return VALUES[name] if name in VALUES else plugins.options(group)
 
 
 def _assignments(keys: Sequence[str], word: str) -> list[str]:

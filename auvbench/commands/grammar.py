@@ -29,6 +29,20 @@ def workers(text: str) -> int:
     return int(text)
 
 
+def read_named_sheets(arguments: Sequence[str]) -> None:
+    """Read the sheets that `vehicle=NAME` or `vehicle=A,B` name: Hydra answers broken YAML without file and line.
+
+    Raises:
+        VehicleError: a sheet cannot be read. Unknown names are left to Hydra, which lists all.
+    """
+    from auvbench.vehicles import reader
+
+    named = [a.removeprefix("vehicle=") for a in arguments if a.startswith("vehicle=")]
+    names = {name.strip(" '\"") for choice in named for name in choice.split(",")}
+    for name in sorted(names & set(reader.sheet_names())):
+        reader.read(name)
+
+
 class Parser(argparse.ArgumentParser):
     """Report a mistake in one line, with the flag that a `key=value` stands for, and the other way round.
 

@@ -19,19 +19,17 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 
 HELP = """\
-usage: auvbench simulate [KEY=VALUE ...] [--plot [FILE]] [--cfg job]
+usage: auvbench simulate [KEY=VALUE ...] [--cfg job]
 
-Integrates one vehicle open loop and writes its trajectory as CSV, or draws it with --plot.
+Integrates one vehicle open loop and writes its trajectory as CSV, or draws it with plot=FILE.
 
 examples:
   auvbench simulate vehicle=bluerov2_heavy 'input.wrench=[40,0,0,0,0,0]' input.frame=ned duration=20 sample=0.1 output=surge.csv
-  auvbench simulate vehicle=bluerov2 'input.command=[0.5,0.5,0.5,0.5,0,0]' --plot forward.png
+  auvbench simulate vehicle=bluerov2 'input.command=[0.5,0.5,0.5,0.5,0,0]' plot=forward.png
   auvbench simulate vehicle=rexrov thrusters=off 'input.pose=[0,0,-5,0.9962,0.0872,0,0]' 'input.current=[0.3,0,0]'
 
 flags:
-  --plot [FILE]   draw the trajectory; without FILE the output's name with .png, or trajectory.png
   --cfg job       print the configuration instead of simulating
-  -sc install=bash   shell completion
 
 vehicles (vehicle=NAME): {vehicles}
 
@@ -50,15 +48,11 @@ def main(arguments: Sequence[str]) -> int:
         raise ConfigError(
             "-m: simulate computes one trajectory, type it once for each; grids are for auvbench train"
         )
-    wrong = next((a for a in arguments if a.startswith("--plot") and a.partition("=")[0] != "--plot"), None)
-    if wrong is not None:  # Hydra's parser would print its whole usage
-        raise ConfigError(f"{wrong}: simulate has no such flag; did you mean '--plot'?")
-
-    from auvbench.commands import own_sheets
+    from auvbench.commands.grammar import read_named_sheets
     from auvbench.config.compose import run
 
-    own_sheets.read_named_sheets(arguments)
-    run("simulate", _plot_as_override(arguments), simulate)
+    read_named_sheets(arguments)
+    run("simulate", arguments, simulate)
     return 0
 
 
@@ -72,30 +66,6 @@ def _help() -> None:
     keys = text[text.index("\ninput:") :].strip()
     keys = "".join(f"  {line}\n" for line in keys.splitlines())
     print(HELP.format(vehicles=", ".join(sheet_names()), keys=keys, header=HEADER), end="")
-
-
-def _plot_as_override(arguments: Sequence[str]) -> list[str]:
-    """`--plot [FILE]` and `--plot=FILE` become `plot=FILE`, with the output's name where no FILE follows."""
-    rest, plot = [], None
-    given = list(arguments)
-    while given:
-        argument = given.pop(0)
-        if argument == "--plot":
-            # A file has no `=`; an override does.
-            follows = given and "=" not in given[0] and not given[0].startswith("-")
-            plot = given.pop(0) if follows else ""
-        elif argument.startswith("--plot="):
-            plot = argument.removeprefix("--plot=")
-        else:
-            rest.append(argument)
-    if plot is None:
-        return rest
-    if not plot:
-        output = [a.removeprefix("output=") for a in rest if a.startswith("output=")]
-        plot = str(Path(output[-1]).with_suffix(".png")) if output else "trajectory.png"
-    # Quoted, because a path may hold characters that mean something to Hydra.
-    escaped = plot.replace("\\", "\\\\").replace("'", "\\'")
-    return [*rest, f"plot='{escaped}'"]
 
 
 def simulate(config: DictConfig) -> None:

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
-    from auvbench.commands import own_sheets
+    from auvbench.commands.grammar import read_named_sheets
     from auvbench.config.compose import run
 
-    own_sheets.read_named_sheets(arguments)
+    read_named_sheets(arguments)
     command = shlex.join(["auvbench", "train", *arguments])
     result = run(
         "train",

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
-    from auvbench.commands import own_sheets
+    from auvbench.commands.grammar import read_named_sheets
     from auvbench.config.compose import run
 
     arguments, trusted = trust.take(arguments)
-    own_sheets.read_named_sheets(arguments)
+    read_named_sheets(arguments)
     words, ranges, fixed = split(arguments)
     command = shlex.join(["auvbench", "tune", *arguments])
 
@@ -61,7 +61,7 @@ def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str
         match = re.fullmatch(
             r"\+*((?:algo|train|reward|step|task|noise|disturbance|vehicle)\.[\w.]+)=(.+)", word
         )
-        if match is None or before.startswith("-"):
+        if match is None or before in ("-c", "--cfg"):
             words.append(word)
         elif _is_range(match[1], match[2]):
             if match[1] in ranges:
@@ -71,9 +71,7 @@ def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str
         else:
             fixed[match[1]] = match[2]
             words.append(word)
-        before = (
-            word if word in ("-cd", "--config-dir", "-c", "--cfg", "-p", "--package", "-i", "--info") else ""
-        )
+        before = word
     if ranges:
         # Shown by --cfg job; Hydra itself would take a range for a grid.
         quoted = ",".join(f"{key}:{_quoted(text)}" for key, text in ranges.items())

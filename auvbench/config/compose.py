@@ -95,15 +95,14 @@ class _Repository(ConfigRepository):
 
 
 @contextmanager
-def _loader(*folders: Path | None) -> Iterator[ConfigLoaderImpl]:
-    """Lend a loader that searches these folders, then the package; Hydra's global state is restored.
+def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
+    """Lend a loader that searches a folder, then the package; Hydra's global state is restored.
 
     The caller's program may use Hydra itself: its version base and its schemas stay as they were.
     """
     path = ConfigSearchPathImpl()
-    for folder in folders:
-        if folder is not None and folder.is_dir():
-            path.append("own", f"{restricted_yaml.SCHEME}://{folder.absolute()}")
+    if folder is not None and folder.is_dir():
+        path.append("own", f"{restricted_yaml.SCHEME}://{folder.absolute()}")
     path.append("hydra", f"{restricted_yaml.PACKAGE}://hydra.conf")
     # Before "main": a file that both have is found there, and refused.
     for release, installed_folder in plugins.folders():
@@ -245,9 +244,12 @@ def run(
     try:
         parsed = _parse(entry, arguments)
         overrides = typing.read(parsed.overrides)
-        with _loader(parsed.config_dir, WORKING_DIRECTORY) as loader:
-            if parsed.help or parsed.cfg or parsed.info:
-                return _show(Hydra("auvbench", loader), entry, overrides, parsed)
+        with _loader(WORKING_DIRECTORY) as loader:
+            if parsed.help:
+                return print(_help(Hydra("auvbench", loader), entry, overrides))
+            if parsed.cfg:
+                single = loader.load_configuration(entry, overrides, RunMode.RUN, from_shell=False)
+                return print(OmegaConf.to_yaml(grids.without_hydra(single)), end="")
             if grid is not None:
                 composed = grids.compose(loader, entry, overrides, parsed.multirun)
             else:
@@ -267,17 +269,12 @@ def complete_override(entry: str, line: str) -> list[str]:
         return list(BashCompletion(loader)._query(config_name=entry, line=line))
 
 
-def _show(hydra: Hydra, entry: str, overrides: list[str], parsed: argparse.Namespace) -> None:
-    if parsed.help:
-        config = hydra.compose_config(entry, [o for o in overrides if o != EVERY_KEY], RunMode.RUN)
-        if EVERY_KEY in overrides:
-            config.hydra.help.template += "\nevery key and its value (KEY=VALUE):\n\n$CONFIG"
-        shown = hydra.get_sanitized_cfg(copy.deepcopy(config), "job")
-        print(hydra.get_help(config.hydra.help, shown, _parser(entry), resolve=parsed.resolve))
-    elif parsed.info:
-        hydra.show_info(parsed.info, entry, overrides)
-    else:
-        hydra.show_cfg(entry, overrides, parsed.cfg, parsed.package, resolve=parsed.resolve)
+def _help(hydra: Hydra, entry: str, overrides: list[str]) -> str:
+    config = hydra.compose_config(entry, [o for o in overrides if o != EVERY_KEY], RunMode.RUN)
+    if EVERY_KEY in overrides:
+        config.hydra.help.template += "\nevery key and its value (KEY=VALUE):\n\n$CONFIG"
+    shown = hydra.get_sanitized_cfg(copy.deepcopy(config), "job")
+    return str(hydra.get_help(config.hydra.help, shown, _parser(entry), resolve=False))
 
 
 class _Parser(argparse.ArgumentParser):
@@ -288,12 +285,9 @@ class _Parser(argparse.ArgumentParser):
 def _parser(entry: str) -> argparse.ArgumentParser:
     parser = _Parser(prog=entry, add_help=False, allow_abbrev=False)
     parser.add_argument("overrides", nargs="*", help="key=value")
-    for names in (("-h", "--help"), ("-m", "--multirun"), ("--resolve",)):
+    for names in (("-h", "--help"), ("-m", "--multirun")):
         parser.add_argument(*names, action="store_true")
-    parser.add_argument("-c", "--cfg", choices=("job", "hydra", "all"))
-    parser.add_argument("-i", "--info", choices=("all", "config", "defaults", "defaults-tree", "searchpath"))
-    parser.add_argument("-p", "--package")
-    parser.add_argument("-cd", "--config-dir", type=Path)
+    parser.add_argument("-c", "--cfg", choices=("job",))
     return parser
 
 
@@ -307,14 +301,8 @@ def _parse(entry: str, arguments: Sequence[str]) -> argparse.Namespace:
             flags = [name for action in parser._actions for name in action.option_strings]
             raise ConfigError(suggestions.unknown_flag(entry, word, flags, keys, arguments))
     parsed.overrides += rest
-    if parsed.package and not re.fullmatch(r"[\w.]+", parsed.package):
-        raise ConfigError(f"--package {parsed.package}: must be a key, for example --package algo")
-    if parsed.config_dir is not None and not parsed.config_dir.is_dir():
-        raise ConfigError(f"-cd {parsed.config_dir}: no such folder")
-    if parsed.multirun and (parsed.cfg or parsed.info):
-        raise ConfigError(
-            "--cfg and --info show one configuration: leave out -m, and give each key one value"
-        )
+    if parsed.multirun and parsed.cfg:
+        raise ConfigError("--cfg job shows one configuration: leave out -m, and give each key one value")
     return parsed
 
 

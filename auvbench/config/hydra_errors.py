@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,8 +11,8 @@ from hydra.errors import HydraException, MissingConfigException, OverrideParseEx
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
-from auvbench.config import plugins, suggestions
-from auvbench.config.overrides import CHOICES, is_valid
+from auvbench.config import suggestions
+from auvbench.config.overrides import CHOICES
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.documents import no_yaml
 
@@ -49,20 +48,20 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
             raise link
     text = " ".join(str(error).split("\nSee ")[0].split())
     if isinstance(error, OverrideParseException):
-        return ConfigError(_unparsed(error.override))
+        if "=" not in error.override:
+            return ConfigError(f"{error.override!r}: an override is written key=value")
+        key = error.override.partition("=")[0]
+        return ConfigError(
+            f"{error.override}: the value cannot be read; put the whole in single quotes and each text with special "
+            f"characters in double quotes: '{key}=\"TEXT\"'"
+        )
     if isinstance(error, MissingConfigException) and error.options:
         group, _, wanted = str(error.missing_cfg_file).rpartition("/")
         options = [name for name in error.options if not name.endswith("_schema")]
-        groups = {key.partition(".")[0]: name for name, key in plugins.KEYS.items()}
-        declared = plugins.find(groups.get(group, ""), wanted)
-        if declared is not None:
-            return ConfigError(f"{group}={wanted}: {declared.release} has no {group}/{wanted}.yaml for it")
         path = f"; a file of your own goes to ./conf/{group}" if wanted.endswith(".yaml") else ""
         return ConfigError(
             f"{group.replace('/', '.')}={wanted}: no such option; {closest(wanted, options)}{path}"
         )
-    if listed := next((found for o in overrides if (found := _list_of_options(o, entry))), ""):
-        return ConfigError(listed)
     overridden = re.search(r"Could not override '([^']+)'", text)
     for link in chain:
         key = str(getattr(link, "full_key", None) or getattr(link, "key", None) or "?")
@@ -105,36 +104,8 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
             f"{group}: name an option, e.g. {group.partition('=')[0]}=NAME (auvbench train --help lists them)"
         )
     if isinstance(error, INNER):
-        if "NoneType" in str(error):
-            return f"{' '.join(overrides)}: leads through a key that is null (auvbench train --cfg job shows all keys)"
-        return (
-            f"{' '.join(overrides) or 'what was typed'}: cannot be composed ({' '.join(str(error).split())})"
-        )
+        return f"{' '.join(overrides)}: cannot be composed ({' '.join(str(error).split())})"
     return ""
-
-
-def _list_of_options(override: str, entry: str) -> str:
-    """Return what to type for a list of options of one group: `algo=[ppo,sac]`."""
-    key, _, value = override.partition("=")
-    names = value.strip("[]")
-    if not re.fullmatch(r"\[[^\[\]]*\]", value) or not plugins.options(key):
-        return ""
-    if entry not in ("train", "tune"):
-        return f"{override}: give one option, e.g. {key}={names.split(',')[0]}"
-    return f"{override}: one option each; several make a grid: auvbench {entry} -m {key}={names.replace(' ', '')}"
-
-
-def _unparsed(override: str) -> str:
-    key, separator, value = override.partition("=")
-    if not separator:
-        return f"{override!r}: an override is written key=value"
-    quoted = f"{key}=" + re.sub(r"""(?<![\w."'])[\w./]+=[^\s,\[\]{}"']+""", r'"\g<0>"', value)
-    if is_valid(quoted):
-        return f"{override}: the value cannot be read; put each text with a = in double quotes: {shlex.quote(quoted)}"
-    return (
-        f"{override}: the value cannot be read; put the whole in single quotes and each text with special characters in "
-        f"double quotes: '{key}=\"TEXT\"'"
-    )
 
 
 def _near_key(key: str, compose: Compose, entry: str, overrides: Sequence[str]) -> str:

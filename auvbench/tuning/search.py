@@ -276,8 +276,7 @@ class Search(Trials):
     def next(self) -> Step | None:
         """Return what to train now; None until a result comes, or when the search is over."""
         while not self.queue and len(self.trials) < self.limit:
-            space = {dimension.key: dimension.distribution for dimension in self.plan.dimensions}
-            self._advance(self.study.ask(space))
+            self._advance(self.study.ask({d.key: d.distribution for d in self.plan.dimensions}))
         return self.queue.popleft() if self.queue else None
 
     def _advance(self, trial: Trial) -> None:

@@ -35,12 +35,6 @@ FLAGS = (
     "-m",
     "--cfg",
     "job",
-    "-cd",
-    "/tmp",
-    "--info",
-    "--resolve",
-    "--package",
-    "x",
     "--x",
 )
 
@@ -99,7 +93,6 @@ def overrides(draw: st.DrawFn) -> list[str]:
 
 
 def command_line(folder: Path, words: list[str], choice: int) -> None:
-    words = [word for word in words if word not in ("--info", "-i")]
     command = (
         ["train"],
         ["train", "-m"],

@@ -12,7 +12,6 @@ import pytest
 
 from auvbench.cli import main
 from auvbench.commands import COMMANDS
-from auvbench.commands.completion import candidates
 
 
 def complete(line: str) -> list[str]:
@@ -76,9 +75,7 @@ def test_an_unknown_shell_is_named(capsys):
         (["report", "outputs", "--rank-by", ""], ["success_rate", "mean_steps", "mean_time_to_goal_s"]),
         (["report", "outputs", "--format", "md,"], ["md,html", "md,tex"]),
         (["report", "--study", ""], ["thesis"]),
-        (["runs", "outputs", "--state", ""], ["failed", "pending"]),
         (["runs", "outputs", "--where", "seed=0", "state=failed,"], ["state=failed,pending"]),
-        (["runs", "--sort", "w"], ["wall"]),
         (["replay", "outputs/x", "--protocol", ""], ["test", "long"]),
         (["vehicles", ""], ["bluerov2", "rexrov"]),
         (["vehicles", "--"], ["--json", "--sheet"]),
@@ -96,13 +93,11 @@ def test_what_is_offered_is_what_commands_accept():
     from auvbench.analysis.measures import measure, measures
     from auvbench.commands import completion
     from auvbench.runs.status import State
-    from auvbench.scheduling.listing import SORTS
 
     for name in completion.measure_names():
         measure(name)
     assert set(measures()) <= set(completion.measure_names())
-    assert list(completion.STATES) == [str(state) for state in State]
-    assert set(completion.SORTS) == set(SORTS)
+    assert list(completion.VALUES["state"]) == [str(state) for state in State]
 
 
 def test_nobody_waits_for_heavy_imports():
@@ -112,17 +107,6 @@ def test_nobody_waits_for_heavy_imports():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
-
-
-def test_columns_of_a_report_are_those_that_there_are() -> None:
-    from auvbench.analysis.optional_columns import COLUMNS
-    from auvbench.commands.completion import FURTHER
-
-    assert set(FURTHER) == set(COLUMNS)
-    assert candidates(["report", "outputs", "--columns", "iqm"]) == ["iqm_success"]
-    assert candidates(["report", "outputs", "--columns", "iqm_success,train"]) == [
-        "iqm_success,training_cpu_s"
-    ]
 
 
 def typed_in_fish(line: str, folder: Path) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
 import pytest
@@ -140,18 +139,6 @@ def test_a_mistake_in_an_algorithm_is_one_line(algo, override, message):
 def test_a_value_of_a_base_is_not_refused_as_a_key_of_other_agents():
     with pytest.raises(ConfigError, match=r"algo\.base: unknown key; algo\.base=NAME chooses"):
         compose("train", ["algo=ppo_residual", "algo.base.name=lqr"])
-
-
-def test_a_text_that_needs_quotes_is_shown_with_them():
-    typed = "protocol.conditions=[{name: calm, overrides: [noise=none]}]"
-    with pytest.raises(ConfigError) as caught:
-        compose("evaluate", [typed])
-    assert str(caught.value).startswith(f"{typed}: ")
-    (shown,) = shlex.split(str(caught.value).partition(" in double quotes: ")[2])
-    assert compose("evaluate", [shown]).protocol.conditions[0].overrides == ["noise=none"]
-    # A shell splits what is not quoted at all.
-    with pytest.raises(ConfigError, match=r"^protocol.conditions=\[\{name:: .*single quotes"):
-        compose("evaluate", ["protocol.conditions=[{name:", "calm}]"])
 
 
 @pytest.mark.parametrize("task", TASKS)
