@@ -29,7 +29,7 @@ from auvbench.config import installed, plugins
 from auvbench.errors import ConfigError, ReportError, closest
 from auvbench.runs import integrity
 from auvbench.runs import run_filter as filters
-from auvbench.runs.missing import missing
+from auvbench.runs.directory import missing
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.path_safety import child, is_plain
 from auvbench.untrusted.text import short

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from auvbench.commands import trust
 from auvbench.commands.grammar import Parser, workers
 from auvbench.errors import AuvbenchError, ConfigError, RunError
-from auvbench.runs.identity import OPERATIONAL
 
 if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory
@@ -23,8 +22,6 @@ _EPILOG = """examples:
   auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e  finish this one
   auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e train.total_steps=2000000
                                                            go on to a larger budget, in a run of its own
-  auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e simulator.namespace=bluerov2
-                                                           go on with another value of a key that changes no result
 
 A resumed run ends with the same bits as one that was never interrupted; docs/resume.md says what that means.
 """
@@ -36,18 +33,16 @@ def main(arguments: Sequence[str]) -> int:
     overrides = [text for text in given.runs if _is_override(text)]
     if not paths:
         raise ConfigError("resume: name at least one run or folder, e.g. auvbench resume outputs")
-    total, operational = _budget(overrides)
-
+    from auvbench.commands import train
     from auvbench.runs.directory import find_runs
 
     runs = find_runs(paths)
     trust.require_runs(runs, given.trust, "resume")
-    if operational:
-        _renew(runs, operational, write=total is None)
-    if total is not None:
-        runs = _extended(runs, total, shlex.join(["auvbench", "resume", *arguments]))
-        _renew(runs, operational)
-    return _one(runs[0]) if len(runs) == 1 else _several(runs, given.workers)
+    for override in overrides:
+        runs = _extended(runs, _budget(override), shlex.join(["auvbench", "resume", *arguments]))
+    if len(runs) > 1:
+        return _several(runs, given.workers)
+    return train.carry_out(runs[0], shown=bool(runs[0].check()["train"]["progress"]))
 
 
 def parser() -> Parser:
@@ -61,7 +56,7 @@ def parser() -> Parser:
         "runs",
         nargs="*",
         metavar="RUN",
-        help=f"run directories or folders; {BUDGET}=N extends; KEY=VALUE for {', '.join(OPERATIONAL)}",
+        help=f"run directories or folders; {BUDGET}=N extends",
     )
     parser.add_argument("--workers", type=workers, default=0, help="runs at once (default: as many as cores)")
     parser.add_argument(trust.FLAG, action="store_true", help=trust.HELP)
@@ -72,31 +67,16 @@ def _is_override(text: str) -> bool:
     return "=" in text and not Path(text).exists()
 
 
-def _budget(overrides: Sequence[str]) -> tuple[int | None, list[str]]:
-    """Return the number in `train.total_steps=N`, and the other overrides."""
+def _budget(override: str) -> int:
+    """Return the number in `train.total_steps=N`."""
     from auvbench.config.overrides import whole
 
-    total, others = None, []
-    for override in overrides:
-        key, _, value = override.partition("=")
-        if key != BUDGET:
-            others.append(override)
-            continue
-        total = whole(value)
-        if total is None:
-            raise ConfigError(f"{override}: {value!r} is not a whole number")
-    return total, others
-
-
-def _renew(runs: Sequence[RunDirectory], overrides: Sequence[str], write: bool = True) -> None:
-    """Store other operational values in runs, once all runs accept them."""
-    from auvbench.runs.directory import renew
-    from auvbench.runs.plan import renewed
-
-    configs = [renewed(run, overrides) for run in runs]
-    if write:
-        for run, config in zip(runs, configs, strict=True):
-            renew(run, config)
+    key, _, value = override.partition("=")
+    if key != BUDGET:
+        raise ConfigError(f"{override}: resume takes {BUDGET}=N alone; type auvbench train for another run")
+    if (total := whole(value)) is None:
+        raise ConfigError(f"{override}: {value!r} is not a whole number")
+    return total
 
 
 def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[RunDirectory]:
@@ -118,30 +98,6 @@ def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[Ru
         print(f"{target.path}: extends {extension.run.id} to {total:,} steps")
         targets.append(target)
     return targets
-
-
-def _one(run: RunDirectory) -> int:
-    """In this process, with a live bar."""
-    from auvbench.commands.progress import training_bar
-    from auvbench.runs import status
-    from auvbench.training.execute import execute
-    from auvbench.training.worker import carry_out
-
-    run.check()
-    now = status.of(run, deep=True)
-    if now.state is status.State.COMPLETE:
-        print(f"{run.path}: complete already, nothing to do ({BUDGET}=N extends it)")
-        return 0
-    steps, total = now.manifest["steps"], now.manifest["total_steps"]
-    why = f"{now.lost}, " if now.lost else ""
-    print(f"{run.path}: {why}{now.state}, {steps:,} of {total:,} steps", flush=True)
-    shown = bool(run.config()["train"]["progress"])
-    with training_bar(total, shown=shown) as watch:
-        carry_out(run, lambda run: execute(run, watch))
-    manifest = run.manifest()
-    print(f"complete: {manifest['steps']:,} steps in {manifest['wall_time_s']:.1f} s")
-    print(f"{run.path}")
-    return 0
 
 
 def _several(runs: Sequence[RunDirectory], workers: int) -> int:

@@ -6,6 +6,8 @@ import shlex
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from auvbench.commands.grammar import read_named_sheets
+
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
@@ -13,7 +15,6 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
-    from auvbench.commands.grammar import read_named_sheets
     from auvbench.config.compose import run
 
     read_named_sheets(arguments)
@@ -38,26 +39,32 @@ def _grid(configs: Sequence[DictConfig], command: str) -> int:
 
 def _one(config: DictConfig, command: str) -> int:
     from auvbench.config.validate import train_config
-    from auvbench.runs import status
     from auvbench.runs.plan import prepare
-    from auvbench.runs.progress import WINDOW, telling
     from auvbench.training import execute
 
     execute.check_runnable(train_config(config))
-    run = prepare(config, command)
+    return carry_out(prepare(config, command), shown=bool(config.train.progress))
+
+
+def carry_out(run: RunDirectory, *, shown: bool) -> int:
+    """Carry out one run in this process, with a live bar where it is to be shown; return the exit code."""
+    from auvbench.commands.progress import training_bar
+    from auvbench.runs import status
+    from auvbench.runs.progress import WINDOW, telling
+    from auvbench.training import worker
+    from auvbench.training.execute import execute
+
     now = status.of(run, deep=True)
     if now.state is status.State.COMPLETE:
         print(
-            f"{run.path}: complete already, nothing to do (another seed, or any changed value, is another run)"
+            f"{run.path}: complete already, nothing to do (auvbench resume RUN train.total_steps=N extends it)"
         )
         return 0
-    before = f"{now.lost}: its training goes on from its last checkpoint" if now.lost else ""
-    state = now.manifest["state"]
-    print(
-        f"{run.path}: {before or ('starting' if state == 'pending' else f'{state} before, going on')}",
-        flush=True,
-    )
-    _carry_out(run, progress=bool(config.train.progress))
+    steps, total = now.manifest["steps"], now.manifest["total_steps"]
+    lost = f"{now.lost}: its training goes on from its last checkpoint, " if now.lost else ""
+    print(f"{run.path}: {lost}{now.state}, {steps:,} of {total:,} steps", flush=True)
+    with training_bar(total, shown=shown) as watch:
+        worker.carry_out(run, lambda run: execute(run, watch))
     manifest = run.manifest()
     rate = telling(manifest["success_rate"], manifest["episodes"])
     last = min(manifest["episodes"], WINDOW)
@@ -66,12 +73,3 @@ def _one(config: DictConfig, command: str) -> int:
     print(f"{run.path}")
     print(f"next: auvbench evaluate {shlex.quote(str(run.path))}")
     return 0
-
-
-def _carry_out(run: RunDirectory, progress: bool) -> None:
-    from auvbench.commands.progress import training_bar
-    from auvbench.training.execute import execute
-    from auvbench.training.worker import carry_out
-
-    with training_bar(run.manifest()["total_steps"], shown=progress) as watch:
-        carry_out(run, lambda run: execute(run, watch))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,7 +22,6 @@ from auvbench.runs.atomic_io import (
     write_json,
 )
 from auvbench.runs.identity import SCHEMA_VERSION
-from auvbench.runs.missing import missing
 from auvbench.untrusted import documents, path_safety, reading
 from auvbench.untrusted.text import first_line
 
@@ -175,12 +175,8 @@ _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
 def place(config: Mapping[str, Any]) -> RunDirectory:
-    """Return the directory of a resolved configuration's run; a run with an id of before ids named vehicles keeps it."""
-    folder = Path(config["output"]) / config["name"]
-    here, earlier = (
-        RunDirectory(folder / name) for name in (identity.run_id(config), identity.earlier_id(config))
-    )
-    return earlier if earlier.id != here.id and earlier.exists() and not here.exists() else here
+    """Return the directory of a resolved configuration's run."""
+    return RunDirectory(Path(config["output"]) / config["name"] / identity.run_id(config))
 
 
 def freeze(
@@ -191,7 +187,7 @@ def freeze(
     A run that exists and is not complete takes over what the configuration says beyond its identity.
 
     Raises:
-        RunError: the directory holds another configuration (the difference is shown), or cannot be written.
+        RunError: the directory holds another configuration, or cannot be written.
         TrainingError: the disk is full or failing.
     """
     run = place(config)
@@ -203,14 +199,12 @@ def freeze(
             raise _unwritable(run.path.parent, error) from error
     if run.exists():
         frozen = run.config()
-        there, here = identity.relevant(frozen), identity.relevant(dict(config))
-        if there != here and identity.mismatch(frozen, run.id):
+        if identity.relevant(frozen) == identity.relevant(config):
+            _renew(run, config)
+        elif wrong := identity.mismatch(frozen, run.id):
             raise RunError(
-                f"{run.path}: config.yaml was changed after the run was made: {_difference(there, here)}. "
-                "Restore it, or remove the directory"
+                f"{run.path}: config.yaml was changed after the run was made: {wrong}. Restore it, or remove the directory"
             )
-        if there == here:
-            renew(run, config)
         return run
     try:
         make_folder(run.path)
@@ -232,7 +226,7 @@ def _unwritable(path: Path, error: OSError) -> Exception:
     return RunError(f"{path}: cannot be written: {error.strerror or error}")
 
 
-def renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
+def _renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
     """Store a configuration of the same identity in a run that is not complete.
 
     Raises:
@@ -277,26 +271,6 @@ def _fresh_manifest(
     }
 
 
-def _difference(there: Any, here: Any, prefix: str = "") -> str:
-    """Return the first keys that differ: "reward.k 1 -> 40", "seed is missing"."""
-    found: list[str] = []
-
-    def walk(a: Any, b: Any, path: str) -> None:
-        if isinstance(a, dict) and isinstance(b, dict):
-            for key in sorted({*a, *b}, key=str):
-                name = f"{path}.{key}" if path else str(key)
-                if key in a:
-                    walk(a[key], b.get(key), name)
-                else:
-                    found.append(f"{name} is missing")
-        elif a != b:
-            found.append(f"{path} {b} -> {a}")
-
-    walk(there, here, prefix)
-    more = f" and {len(found) - 3} more" if len(found) > 3 else ""
-    return ", ".join(found[:3]) + more
-
-
 def find_runs(paths: Iterable[Path | str]) -> list[RunDirectory]:
     """Return all run directories under the given paths, each once, sorted by path.
 
@@ -314,6 +288,23 @@ def find_runs(paths: Iterable[Path | str]) -> list[RunDirectory]:
         for run in here:
             found.setdefault(run.resolve(), RunDirectory(run))
     return [found[key] for key in sorted(found)]
+
+
+OUTPUTS = Path("outputs")
+"""Folder of runs where none is chosen"""
+
+
+def missing(path: Path) -> str:
+    """Return one line: the path, and a run whose id is alike, or the folder next to it that is spelt alike."""
+    runs = sorted(run.parent for run in OUTPUTS.glob("*/*/manifest.json"))
+    siblings = [child for child in path.parent.iterdir() if child.is_dir()] if path.parent.is_dir() else []
+    for found, cutoff in ((runs, 0.8), (siblings, 0.6)):
+        names = {one.name: one for one in reversed(found)}
+        begun = next((name for name in sorted(names) if path.name and name.startswith(path.name)), None)
+        near = [begun] if begun else difflib.get_close_matches(path.name, names, n=1, cutoff=cutoff)
+        if near:
+            return f"{path}: no such file or directory; did you mean {names[near[0]]}?"
+    return f"{path}: no such file or directory"
 
 
 def _walk(path: Path) -> list[Path]:

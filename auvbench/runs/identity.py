@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from auvbench.config.agents import learns
@@ -64,15 +64,6 @@ REPLACED = {"task.time_limit": "task.max_steps", "algo.horizon_s": "algo.gamma"}
 
 _DESCRIPTIVE = ("source", "sources", "unit", "title", "remarks", "comment")
 """Entries of a vehicle sheet that describe numbers; a better citation is not another vehicle."""
-
-
-def is_operational(key: str) -> bool:
-    """Return whether a dotted key is in `OPERATIONAL` or below one of its keys.
-
-    >>> is_operational("train.checkpoint.keep"), is_operational("train.total_steps")
-    (True, False)
-    """
-    return any(key == known or key.startswith(f"{known}.") for known in OPERATIONAL)
 
 
 def relevant(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -149,102 +140,31 @@ def run_id(config: Mapping[str, Any]) -> str:
 
     Vehicle and task stand behind the algorithm where they are not the default ones.
     """
-    vehicle = _vehicle(config)
-    return _id(config, f"{config['algo']['name']}{f'-{vehicle}' if vehicle else ''}")
+    head = "-".join([str(config["algo"]["name"]), *_names(config)])
+    k, frequency = (f"{float(value):g}" for value in (config["reward"]["k"], config["step"]["frequency"]))
+    return f"{head}-k{k}-f{frequency}-s{config['seed']}-{digest(config)}"
 
 
-def earlier_id(config: Mapping[str, Any]) -> str:
-    """The id that the same run had before ids named vehicles: what such runs are still called."""
-    return _id(config, str(config["algo"]["name"]))
-
-
-def _id(config: Mapping[str, Any], head: str) -> str:
-    return (
-        f"{head}-k{_short(config['reward']['k'])}-f{_short(config['step']['frequency'])}"
-        f"-s{config['seed']}-{digest(config)}"
-    )
-
-
-def _vehicle(config: Mapping[str, Any]) -> str:
-    """Vehicle and task as an id has them: '' for the default ones, and nothing that a folder's name cannot hold."""
+def _names(config: Mapping[str, Any]) -> list[str]:
+    """Return vehicle and task where they are not the default ones, without what a folder's name cannot hold."""
     found = []
     for group, usual in (("vehicle", DEFAULT_VEHICLE), ("task", DEFAULT_TASK)):
         node = config.get(group)
         name = node.get("name") if isinstance(node, Mapping) else None
         if name not in (None, usual):
             found.append(re.sub(r"[^\w.-]", "_", str(name)))
-    return "-".join(found)
-
-
-def _short(value: float) -> str:
-    return f"{float(value):g}"
-
-
-_SHOWN = ("reward.k", "step.frequency", "seed")
-"""The keys whose values an id shows behind algorithm and vehicle, in its order."""
-
-_ID = re.compile(r"(.+)-k(.+)-f(.+)-s(.+)-[0-9a-f]{8}", re.DOTALL)
+    return found
 
 
 def mismatch(config: Mapping[str, Any], id: str) -> str:
-    """What tells a configuration from that of the run with this id, in words; empty where it is that run's."""
+    """Return why a configuration is not that of the run with this id; empty where it is."""
     try:
-        found, earlier = run_id(config), earlier_id(config)
-    except (ArithmeticError, AttributeError, KeyError, RecursionError, TypeError, ValueError):
-        return _defect(config)  # an edited file may hold anything
-    if id in (found, earlier):
-        return ""
-    mine, named = _ID.fullmatch(found), _ID.fullmatch(id)
-    if mine is None or named is None:
-        return f"its id would be {found}, and the folder's name is none (was the folder renamed?)"
-    differing = _heads(str(config["algo"]["name"]), _vehicle(config), named[1])
-    for key, there, name in zip(_SHOWN, mine.groups()[1:], named.groups()[1:], strict=True):
-        if there != name:
-            differing.append(f"{key} is {there} in it and {name} in the folder's name")
-    return ", ".join(differing) or "a value that the folder's name does not show was edited"
-
-
-def _heads(algo: str, vehicle: str, named: str) -> list[str]:
-    """How algorithm and vehicle differ from what stands before the K of a folder's name."""
-    if named in (
-        algo,
-        f"{algo}-{vehicle}",
-    ):  # the first: the name of the folder is older than vehicles in names
-        return []
-    if named.startswith(f"{algo}-"):
-        there = named.removeprefix(f"{algo}-")
-        return [f"vehicle.name is {vehicle or DEFAULT_VEHICLE} in it and {there} in the folder's name"]
-    there = named.removesuffix(f"-{vehicle}") if vehicle else named
-    return [f"algo.name is {algo} in it and {there} in the folder's name"]
-
-
-def _defect(config: Mapping[str, Any]) -> str:
-    """Why a configuration has no id."""
-    for key in ("algo.name", *_SHOWN):
-        node: Any = config
-        for part in key.split("."):
-            if not isinstance(node, Mapping) or part not in node:
-                return f"{key} is missing"
-            node = node[part]
-        if key in ("reward.k", "step.frequency") and not isinstance(node, int | float):
-            return f"{key} is {node!r}, which is no number"
-    for key, value in _leaves(config, ""):
-        try:
-            json.dumps(value, allow_nan=False)
-        except (TypeError, ValueError):
-            return (
-                f"{key} is {value}, which no configuration holds (valid: finite numbers, text, true, false)"
-            )
-    return "it holds what no configuration holds"
-
-
-def _leaves(node: Any, path: str) -> Iterator[tuple[str, Any]]:
-    if isinstance(node, Mapping | list):
-        children = node.items() if isinstance(node, Mapping) else enumerate(node)
-        for key, value in children:
-            yield from _leaves(value, f"{path}.{key}" if path else str(key))
-    else:
-        yield path, node
+        found = run_id(config)
+    except (ArithmeticError, AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
+        return (
+            f"it has no id ({short(f'{type(error).__name__}: {error}')})"  # an edited file may hold anything
+        )
+    return "" if found == id else f"its id is {short(found)}"
 
 
 def first_interpolation(config: Mapping[str, Any]) -> str:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
-from yaml import YAMLError
 
-from auvbench.config import overrides as grammar
 from auvbench.config import schema
 from auvbench.config.compose import typed
 from auvbench.config.validate import train_config
@@ -70,30 +67,6 @@ def _declared(config: DictConfig) -> declared.Declared | None:
     """Return the analysis that a composed configuration declares."""
     found: Any = OmegaConf.select(config, declared.KEY)
     return None if found is None else declared.Declared(**{key: found[key] for key in declared.DECLARED})
-
-
-def renewed(run: RunDirectory, overrides: Sequence[str]) -> dict[str, object]:
-    """Return the configuration of a run with other operational values, e.g. `simulator.namespace=b`.
-
-    Raises:
-        ConfigError: a key belongs to the run's identity or is unknown, or a value is wrong.
-        RunError: the directory is no run, or its configuration was changed.
-    """
-    config: Any = OmegaConf.create(run.check())
-    for override in grammar.read(overrides):
-        key = override.partition("=")[0]
-        if not identity.is_operational(key):
-            raise ConfigError(
-                f"{override}: another value is another run (auvbench train); a run that goes on takes other values of "
-                f"{', '.join(identity.OPERATIONAL)}"
-            )
-        try:
-            change = OmegaConf.from_dotlist([override])
-        except YAMLError as error:
-            raise ConfigError(f"{override}: the value cannot be read; quote it") from error
-        config = OmegaConf.merge(config, change)
-    typed(config)
-    return _plain(config)
 
 
 def _settled(config: DictConfig) -> DictConfig:

@@ -293,7 +293,7 @@ def test_a_mistyped_namespace_is_corrected_by_the_next_command(elsewhere, tmp_pa
     ros2.leave()
     with dds.serving("--lockstep"):
         words = ["simulator.namespace=bluerov2", f"simulator.timeout={LIMIT:g}"]
-        assert main(["resume", str(path), *words]) == 0
+        assert main([*command, *words]) == 0
     assert RunDirectory(path).manifest()["state"] == "complete"
     capsys.readouterr()
 

@@ -83,11 +83,11 @@ def one_digit(text: str) -> str:
 SUMMARY = "evaluations/test/summary.json"
 
 HARMS: list[tuple[Harm, str]] = [
-    (config(r"k: 1\b", "k: 100"), "config.yaml does not belong to the run .*: reward.k is 100 in it and 1"),
-    (config(r"frequency: 25\b", "frequency: 10"), "step.frequency is 10 in it and 25 in the"),
-    (config(r"seed: 0\b", "seed: 7"), "seed is 7 in it and 0 in the"),
-    (config("name: ppo", "name: sac"), "algo.name is sac in it and ppo in the"),
-    (config(r"gamma: 0\.99", "gamma: 0.9"), "a value that the .* name does not show was edited"),
+    (config(r"k: 1\b", "k: 100"), "config.yaml does not belong to the run .*: its id is ppo-k100-"),
+    (config(r"frequency: 25\b", "frequency: 10"), "its id is ppo-k1-f10-s0-"),
+    (config(r"seed: 0\b", "seed: 7"), "its id is ppo-k1-f25-s7-"),
+    (config("name: ppo", "name: sac"), "its id is sac-k1-f25-s0-"),
+    (config(r"gamma: 0\.99", "gamma: 0.9"), "its id is ppo-k1-f25-s0-"),
     (edited("manifest.json", seed=9), "manifest.json: it was changed since it was written"),
     (edited("manifest.json", wall_time_s=1.0), "manifest.json: it was changed since it was written"),
     (forged("manifest.json", seed=9), "manifest.json has the seed 9, config.yaml 0"),

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 from omegaconf import OmegaConf
 
-from auvbench.cli import main
-from auvbench.errors import ConfigError, RunError
+from auvbench.errors import RunError
 from auvbench.runs import identity
 from auvbench.runs.directory import RunDirectory, find_runs, freeze, place
-from auvbench.runs.plan import prepare, renewed
+from auvbench.runs.plan import prepare
 from tests import configs
 
 
@@ -78,27 +75,6 @@ def test_the_name_of_a_vehicle_cannot_leave_its_folder():
     assert identity.run_id(config).startswith("ppo-.._a_b-k1-")
 
 
-def test_runs_made_before_ids_named_vehicles_stay_where_they_are(tmp_path):
-    config = plain(f"output={tmp_path}", "vehicle=rexrov")
-    earlier = tmp_path / config["name"] / f"ppo-k1-f10-s42-{identity.digest(config)}"
-    freeze(config).path.rename(earlier)
-    assert freeze(config).path == earlier
-    assert RunDirectory(earlier).check()["vehicle"]["name"] == "rexrov"
-
-
-@pytest.mark.parametrize(
-    ("edited", "difference"),
-    [
-        ("vehicle=bluerov2", "vehicle.name is bluerov2 in it and rexrov in the folder's name"),
-        ("vehicle=lrauv", "vehicle.name is lrauv in it and rexrov in the folder's name"),
-        ("vehicle=rexrov algo=sac", "algo.name is sac in it and ppo in the folder's name"),
-    ],
-)
-def test_a_mismatch_tells_vehicle_and_algorithm_apart(edited, difference):
-    named = identity.run_id(plain("vehicle=rexrov"))
-    assert identity.mismatch(plain(*edited.split()), named) == difference
-
-
 def test_the_id_is_the_one_of_older_runs():
     # A change here orphans everybody's runs: raise SCHEMA_VERSION instead of mending this number.
     minimal = {
@@ -116,13 +92,13 @@ def test_controllers_have_no_budget():
     assert identity.run_id(plain("algo=pid", "train.total_steps=5")) == identity.run_id(plain("algo=pid"))
 
 
-def test_a_changed_config_is_refused_with_the_difference(tmp_path):
+def test_a_changed_config_is_refused(tmp_path):
     config = plain(f"output={tmp_path}")
     run = freeze(config)
     assert freeze(config).path == run.path
     text = run.config_path.read_text(encoding="utf-8")
     run.config_path.write_text(text.replace("k: 1.0", "k: 40.0"), encoding="utf-8")
-    with pytest.raises(RunError, match=r"config.yaml was changed.*reward.k 1.0 -> 40.0"):
+    with pytest.raises(RunError, match=r"config.yaml was changed.*its id is ppo-k40-"):
         freeze(config)
     with pytest.raises(RunError, match="does not belong to this run"):
         run.check()
@@ -188,28 +164,3 @@ def test_a_run_that_goes_on_takes_what_is_typed_beyond_its_identity(override, ke
     first.update_manifest(state="failed")
     assert freeze(plain(*words, override)).path == first.path
     assert OmegaConf.select(OmegaConf.create(first.check()), key) == value
-
-
-@pytest.mark.slow
-def test_operational_values_of_a_run_are_replaced_and_others_are_refused(tmp_path):
-    run = freeze(plain(f"output={tmp_path}", "simulator=ros2", "simulator.namespace=blurov2"))
-    found = renewed(run, ["simulator.namespace=bluerov2", "train.checkpoint.steps=1e3"])
-    assert found["simulator"]["namespace"] == "bluerov2"
-    assert found["train"]["checkpoint"]["steps"] == 1000
-    for wrong in (
-        "reward.k=2",
-        "name=other",
-        "simulator.threads=2",
-        "simulator.timeout=-1",
-        "simulator.timeout=[",
-    ):
-        with pytest.raises(ConfigError, match=re.escape(wrong.partition("=")[0])):
-            renewed(run, [wrong])
-
-
-def test_resume_takes_operational_values(tmp_path, capsys):
-    run = freeze(plain(f"output={tmp_path}", "algo=pid", "simulator=ros2", "simulator.namespace=blurov2"))
-    assert main(["resume", str(run.path), "simulator.namespace=bluerov2"]) == 0
-    assert run.check()["simulator"]["namespace"] == "bluerov2"
-    assert main(["resume", str(run.path), "seed=7"]) == 2
-    assert "seed=7: another value is another run" in capsys.readouterr().err
