@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
-from rich.table import Table
 
 from auvbench.config import launchers
 from auvbench.config.agents import learns
@@ -17,7 +16,7 @@ from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError, RunError
 from auvbench.runs import plan, status
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.status import RunStatus, State
+from auvbench.runs.status import State
 from auvbench.scheduling import views
 from auvbench.scheduling.base import Backend
 from auvbench.scheduling.loop import Loop, Outcome, Result
@@ -25,25 +24,16 @@ from auvbench.training import execute
 from auvbench.training.worker import TARGET
 
 
-class Action(StrEnum):
-    """What happens to a run, in the order of the table."""
+class Action(Enum):
+    """What happens to a run, in the order of the summary; the values say what it is and what is done."""
 
-    SKIP = "skip"
-    RESUME = "resume"
-    START = "start"
-    RETRY = "retry"
-    LEAVE = "leave alone"
-    REFUSE = "refuse"
+    SKIP = "complete", "skipped"
+    RESUME = "partial", "resumed"
+    START = "missing", "started"
+    RETRY = "failed", "retried"
+    LEAVE = "held by others", "left alone"
+    REFUSE = "damaged", "left as it is"
 
-
-WHY = {
-    Action.SKIP: "complete",
-    Action.RESUME: "partial",
-    Action.START: "missing",
-    Action.RETRY: "failed",
-    Action.LEAVE: "held by others",
-    Action.REFUSE: "damaged",
-}
 
 _ACTIONS = {
     State.COMPLETE: Action.SKIP,
@@ -54,7 +44,7 @@ _ACTIONS = {
 }
 
 LISTED = 12
-"""How many runs of a kind are named one by one."""
+"""How many runs of a kind are named one by one; damaged ones all are, for each needs a user's hand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,110 +53,52 @@ class Step:
 
     run: RunDirectory
     action: Action
-    status: RunStatus | None = None  # None: it cannot be read
-    problem: str = ""  # why it is refused
-
-    @property
-    def detail(self) -> str:
-        """How far it is, what went wrong, or who holds it."""
-        if self.status is None:
-            return self.problem
-        manifest = self.status.manifest
-        if self.action is Action.LEAVE:
-            return f"by {self.status.holder}"
-        if self.action is Action.RETRY:
-            error = manifest.get("error") or {}
-            return f"{error.get('message', 'no reason given')} (step {manifest['steps']})"
-        if self.status.lost:
-            return f"{self.status.lost}: from its last checkpoint"
-        if self.action is Action.RESUME:
-            return f"from step {manifest['steps']} of {manifest['total_steps']}"
-        return ""
+    detail: str = ""
+    """how far it is, what went wrong, or who holds it"""
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """All runs of a sweep."""
-
-    steps: tuple[Step, ...]
-
-    def of(self, action: Action) -> list[Step]:
-        return [step for step in self.steps if step.action is action]
-
-    @property
-    def todo(self) -> list[RunDirectory]:
-        """What is to be carried out, in the order given."""
-        return [step.run for step in self.steps if step.action not in _UNTOUCHED]
-
-
-_UNTOUCHED = (Action.SKIP, Action.LEAVE, Action.REFUSE)
-
-
-def plan_of(
-    runs: Sequence[RunDirectory],
-    watched: Callable[[Path], bool] = lambda _: False,
-    check: Callable[[RunDirectory], object] | None = None,
-) -> Plan:
-    """Looks at every run once; a damaged one is refused and costs no other.
-
-    Args:
-        runs: the runs of the sweep.
-        watched: whether a held run is one of the backend's own jobs, to be waited for and not left alone.
-        check: looks further than at the manifest, and raises a RunError where a run is damaged.
-    """
-    steps = []
-    for run in runs:
-        try:
-            if check is not None:
-                check(run)
-            found = status.of(run, deep=True)
-        except RunError as error:
-            steps.append(Step(run, Action.REFUSE, problem=str(error)))
-            continue
-        action = _ACTIONS[found.state]
-        if action is Action.LEAVE and watched(run.path):
-            action = Action.RESUME
-        steps.append(Step(run, action, found))
-    return Plan(tuple(steps))
+def _step(
+    run: RunDirectory, watched: Callable[[Path], bool], check: Callable[[RunDirectory], object]
+) -> Step:
+    try:
+        check(run)
+        found = status.of(run, deep=True)
+    except RunError as error:
+        return Step(run, Action.REFUSE, str(error))
+    action, manifest = _ACTIONS[found.state], found.manifest
+    if action is Action.LEAVE:
+        if not watched(run.path):
+            return Step(run, action, f"by {found.holder}")
+        action = Action.RESUME
+    detail = ""
+    if action is Action.RETRY:
+        error = manifest.get("error") or {}
+        detail = f"{error.get('message', 'no reason given')} (step {manifest['steps']})"
+    elif found.lost:
+        detail = f"{found.lost}: from its last checkpoint"
+    elif action is Action.RESUME:
+        detail = f"from step {manifest['steps']} of {manifest['total_steps']}"
+    return Step(run, action, detail)
 
 
-def show(plan: Plan, console: Console) -> None:
-    """The table: a line per kind of run, and each partial, failed or held one by name."""
-    count = len(plan.steps)
-    table = Table(
-        title=f"{count} run{'s' if count != 1 else ''}", title_justify="left", box=None, pad_edge=False
-    )
-    table.add_column("state")
-    table.add_column("runs", justify="right")
-    table.add_column("now")
+def _show(steps: Sequence[Step], console: Console) -> None:
+    """Print how many runs are of which kind, and each partial, failed, held or damaged one by name."""
+
+    def say(text: str) -> None:
+        console.print(text, soft_wrap=True, highlight=False, markup=False)
+
+    say(f"{len(steps)} run{'s' if len(steps) != 1 else ''}")
     for action in Action:
-        steps = plan.of(action)
-        if steps:
-            table.add_row(WHY[action], str(len(steps)), _VERBS[action])
-    console.print(table)
-    for step in plan.of(Action.REFUSE):  # all of them, for each needs a user's hand
-        console.print(f"  {WHY[step.action]}: {step.detail}", soft_wrap=True, highlight=False, markup=False)
-    for action in (Action.RESUME, Action.RETRY, Action.LEAVE):
-        steps = plan.of(action)
-        for step in steps[:LISTED]:
-            console.print(
-                f"  {WHY[action]}: {step.run.id} {step.detail}",
-                soft_wrap=True,
-                highlight=False,
-                markup=False,
-            )
-        if len(steps) > LISTED:
-            console.print(f"  {WHY[action]}: and {len(steps) - LISTED} more")
-
-
-_VERBS = {
-    Action.SKIP: "skipped",
-    Action.RESUME: "resumed",
-    Action.START: "started",
-    Action.RETRY: "retried",
-    Action.LEAVE: "left alone",
-    Action.REFUSE: "left as it is",
-}
+        named = [step for step in steps if step.action is action]
+        what, done = action.value
+        if named:
+            say(f"  {what} {len(named)} {done}")
+        limit = None if action is Action.REFUSE else LISTED
+        for step in named[:limit]:
+            if step.detail:
+                say(f"  {what}: {step.detail if limit is None else f'{step.run.id} {step.detail}'}")
+        if len(named) > LISTED and limit and named[0].detail:
+            say(f"  {what}: and {len(named) - LISTED} more")
 
 
 def sweep(
@@ -174,36 +106,34 @@ def sweep(
     backend: Backend,
     console: Console | None = None,
     *,
-    check: Callable[[RunDirectory], object] | None = None,
+    check: Callable[[RunDirectory], object] = lambda run: None,
 ) -> Result:
-    """Brings every run to its end as far as it can be brought.
+    """Bring every run to its end as far as it can be brought; a damaged one costs no other.
 
     Args:
         runs: frozen run directories, each once.
         backend: where they are carried out.
         console: where the tables go; standard output by default.
-        check: as in `plan_of`; runs that were frozen just now need none.
+        check: looks further than at the manifest, and raises a RunError where a run is damaged.
 
     Raises:
         SubmitError: the backend refuses even the only run it has.
         UserError: the backend cannot work here.
     """
     console = console or Console()
-    steps = plan_of(runs, watched=lambda path: backend.adopt(path) is not None, check=check)
-    show(steps, console)
-    todo = steps.todo
+    # A held run that is one of the backend's own jobs is waited for, not left alone.
+    steps = [_step(run, lambda path: backend.adopt(path) is not None, check) for run in runs]
+    _show(steps, console)
+    todo = [step.run for step in steps if step.action in (Action.RESUME, Action.START, Action.RETRY)]
     result = Result()
     if todo:
-        view = views.View(console, todo, backend.limit)
-        result = Loop(todo, backend, view).drive()
+        result = Loop(todo, backend, views.View(console, todo, backend.limit)).drive()
     else:
         backend.close()
-    for step in steps.of(Action.SKIP):
-        result.outcomes[step.run.path] = (Outcome.COMPLETE, "")
-    for step in steps.of(Action.LEAVE):
-        result.outcomes[step.run.path] = (Outcome.HELD, step.detail)
-    for step in steps.of(Action.REFUSE):
-        result.outcomes[step.run.path] = (Outcome.FAILED, step.detail)
+    ends = {Action.SKIP: Outcome.COMPLETE, Action.LEAVE: Outcome.HELD, Action.REFUSE: Outcome.FAILED}
+    for step in steps:
+        if step.action in ends:
+            result.outcomes[step.run.path] = (ends[step.action], step.detail)
     for path in result.of(Outcome.HELD):
         if RunDirectory(path).manifest()["state"] == "complete":  # its holder has finished meanwhile
             result.outcomes[path] = (Outcome.COMPLETE, "")
