@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser, workers
-from auvbench.errors import RunError, UserError, closest
+from auvbench.errors import UserError, closest
 
 if TYPE_CHECKING:
     from auvbench.config.schema import Protocol
     from auvbench.evaluation.bounds.files import Limits
 
 USAGE = """\
-usage: auvbench bound [protocol=NAME] [vehicle=NAME] [KEY=VALUE ...] [--workers N] [--force] [--check]
+usage: auvbench bound [protocol=NAME] [vehicle=NAME] [KEY=VALUE ...] [--workers N] [--force]
 
 Computes two bounds of the shortest time to the waypoint in each scenario of a protocol: the best trajectory found by optimal
 control, started from PID, MPC and a straight line and replayed in the simulator, and a time that is proven to be too
@@ -26,13 +26,11 @@ short. auvbench report relates agents to the first (time over best known). docs/
   output=DIR      folder of bounds (default: outputs/bounds)
   --workers N     searches at once (default: one per core); changes no result
   --force         search again
-  --check         compute nothing: replay the stored commands in the simulator
 
 The same command continues after an interruption. Needs CasADi: pip install 'auvbench[mpc]'.
 
 examples:
   auvbench bound protocol=test vehicle=bluerov2_heavy
-  auvbench bound protocol=test --check
 """
 
 KEYS = ("protocol", "vehicle", "simulator", "output")
@@ -57,8 +55,6 @@ def main(arguments: Sequence[str]) -> int:
     plain = OmegaConf.to_container(composed, resolve=True)
     assert isinstance(plain, dict)
     config = {str(key): value for key, value in plain.items()}
-    if given.check:
-        return _check(settings.protocol, config, root)
     if not given.force and (there := _there(settings.protocol, config, root)) is not None:
         print(_summary(there))
         print("These bounds exist already (--force searches again).")
@@ -71,7 +67,6 @@ def parser() -> Parser:
     parser.add_argument("words", nargs="*")
     parser.add_argument("--workers", type=workers, default=0)
     parser.add_argument("--force", action="store_true")
-    parser.add_argument("--check", action="store_true")
     parser.add_argument("-h", "--help", action="store_true")
     return parser
 
@@ -151,35 +146,6 @@ def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: in
     print(_summary(limits))
     print(f"wrote {os.path.relpath(folder_of(root, protocol.name, limits.vehicle))}")
     return 0
-
-
-def _check(protocol: Protocol, config: dict[str, Any], root: Path) -> int:
-    from auvbench.evaluation.bounds.compute import wrong_bounds
-    from auvbench.evaluation.bounds.files import folder_of, read, shipped
-    from auvbench.evaluation.protocol import fingerprint, resolve_conditions
-
-    vehicle = str(config["vehicle"]["name"])
-    wanted = fingerprint(protocol, resolve_conditions(protocol, config))
-    wrong = checked = 0
-    for place in (root, shipped()):
-        folder = folder_of(place, protocol.name, vehicle)
-        limits = read(folder)
-        if limits is None:
-            continue
-        if limits.fingerprint != wanted:
-            raise RunError(f"{folder}: of other scenarios ({limits.fingerprint}, not {wanted})")
-        lines = wrong_bounds(limits, protocol, config)
-        for line in lines:
-            print(f"{folder}: {line}")
-        count = len(limits.bounds)
-        print(f"{folder}: {count - len(lines)} of {count} trajectories arrive in their steps")
-        checked, wrong = checked + 1, wrong + len(lines)
-    if not checked:
-        raise UserError(
-            f"no bounds of protocol {protocol.name} for {vehicle}; auvbench bound protocol={protocol.name} "
-            f"vehicle={vehicle} computes them"
-        )
-    return 1 if wrong else 0
 
 
 def _summary(limits: Limits) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
-import sys
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +17,7 @@ from auvbench.errors import ReportError, UserError, closest
 from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
-    from auvbench.analysis.records import Problem, RunRecord
+    from auvbench.analysis.records import RunRecord
     from auvbench.commands.grammar import Parser
     from auvbench.runs.lock import Holder
 
@@ -26,8 +25,6 @@ PICTURES = "success_over_grid,success_over_conditions,training_success,failures"
 """in addition to the main figure, which every README has"""
 NAMED = 3
 """most runs that are named; the rest is counted"""
-LARGEST = 25 * 10**6
-"""bytes of a study that is large for a repository"""
 
 
 def parser() -> Parser:
@@ -41,8 +38,6 @@ def parser() -> Parser:
     parser.epilog = "example: auvbench publish outputs/thesis --to results/thesis --study thesis --policies"
     add = parser.add_argument
     add("--to", metavar="DIR", required=True, help="folder of the study: results/thesis")
-    add("--title", metavar="TEXT", help="first line of a new README")
-    add("--question", metavar="TEXT", help="what the study asks, in a new README")
     add("--also", metavar="NAME,...", default="", help="further protocols, each with tables of its own")
     add("--pictures", metavar="NAME,...", default=PICTURES, help=f"figures of the README; default {PICTURES}")
     add(
@@ -67,8 +62,6 @@ def main(argv: Sequence[str]) -> int:
         folder=Path(own["to"]),
         also=_names(own["also"]),
         pictures=_pictures(own["pictures"]),
-        title=_line("--title", own["title"]) or Path(own["to"]).resolve().name,
-        question=_line("--question", own["question"]),
         paths=own["trajectories"],
         policies=own["policies"],
         command=shlex.join(["auvbench", "publish", *map(_placeless, argv)]),
@@ -85,21 +78,12 @@ def main(argv: Sequence[str]) -> int:
     with storage(f"cannot write {study.folder}"):
         runs, left_out = _ship(paths, options, study, own["trust"])
         count, without = publish_readme.write(study, options, {run.id: run for run in runs})
-    _close(study.folder, count)
+    print(f"{count} run{'s' if count != 1 else ''} in {os.path.relpath(study.folder)}")
     return 1 if left_out or without else 0
 
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
-def _line(flag: str, text: str | None) -> str:
-    """A text that becomes a line of the README, as it is: the author's own Markdown."""
-    if text is None:
-        return ""
-    if not text.strip() or not text.isprintable():
-        raise UserError(f"{flag} {text!r}: give one line of text")
-    return text.strip()
 
 
 def _pictures(text: str) -> tuple[str, ...]:
@@ -123,22 +107,6 @@ def _placeless(word: str) -> str:
     return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else path.name
 
 
-def _close(folder: Path, runs: int) -> None:
-    """Print the number of runs and the size of each file or folder of the study."""
-    from auvbench.analysis.formatting import counted
-
-    sizes: dict[str, int] = {}
-    for path in sorted(folder.rglob("*")):
-        if path.is_file():
-            top = path.relative_to(folder).parts[0]
-            sizes[top] = sizes.get(top, 0) + path.stat().st_size
-    size = sum(sizes.values())
-    parts = ", ".join(f"{name} {count / 1e6:.1f}" for name, count in sizes.items() if count >= 5e4)
-    print(f"{counted(runs, 'run')}, {size / 1e6:.1f} MB in {os.path.relpath(folder)}: {parts}")
-    if size > LARGEST:
-        print(f"auvbench: more than {LARGEST / 1e6:.0f} MB", file=sys.stderr)
-
-
 def _ship(
     paths: Sequence[Path], options: Options, study: Study, trusted: bool
 ) -> tuple[list[RunRecord], int]:
@@ -148,6 +116,7 @@ def _ship(
         ReportError: No run can be published, or runs lie in the study's folder.
         RunHeldError: Other processes work on all of them.
     """
+    from auvbench.analysis.formatting import listed
     from auvbench.analysis.grouping import failed_training
     from auvbench.analysis.load import load, require
     from auvbench.reporting import archive
@@ -181,10 +150,13 @@ def _ship(
         if p.kind not in ("missing", "duplicate") and not (p.kind == "failed" and p.where in ids)
     ]
     left += [_at_work({name: holder}) for name, holder in held.items()]
-    for line in (*left, *_in_short(untested)):
+    if untested:
+        left.append(f"{listed([p.where for p in untested], NAMED)}: {untested[0].message}")
+    for line in left:
         print(f"not published: {line}")
-    _say_which([p for p in problems if p.kind == "duplicate"])
-    return chosen, len(left) + len(untested)
+    for problem in [p for p in problems if p.kind == "duplicate"]:
+        print(f"{problem.where}: {problem.message}")
+    return chosen, len(left)
 
 
 def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:
@@ -206,15 +178,6 @@ def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:
         )
 
 
-def _in_short(untested: Sequence[Problem]) -> list[str]:
-    """Return a line for each untested run; one line for many of them."""
-    from auvbench.analysis.formatting import listed
-
-    if len(untested) <= NAMED:
-        return [f"{p.where}: {p.message}" for p in untested]
-    return [f"{listed([p.where for p in untested], NAMED)}; of the first: {untested[0].message}"]
-
-
 def _holder(run: RunRecord) -> Holder | None:
     from auvbench.runs import lock
 
@@ -224,10 +187,3 @@ def _holder(run: RunRecord) -> Holder | None:
 def _at_work(held: Mapping[str, Holder]) -> str:
     name, holder = next(iter(held.items()))
     return f"{name}: {holder} works on it at present; publish again when it is done"
-
-
-def _say_which(twice: Sequence[Problem]) -> None:
-    for problem in twice[:NAMED]:
-        print(f"{problem.where}: {problem.message}")
-    if len(twice) > NAMED:
-        print(f"{len(twice) - NAMED} more runs were found twice (docs/publishing.md has the rule)")

@@ -23,9 +23,6 @@ class Study:
     folder: Path
     also: tuple[str, ...]
     pictures: tuple[str, ...]
-    title: str
-    question: str
-    """empty: the author writes it"""
     paths: bool
     policies: bool
     command: str
@@ -109,10 +106,8 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
         "provenance": lambda: readme.provenance(runs, study.command),
     }
     path = folder / "README.md"
-    if path.exists() and study.question and study.question not in path.read_text("utf-8"):
-        print(f"{path}: keeps its own question, not that of --question")
     blocks = {name: made[name]() for name in names}
-    text = readme.fill(path, study.title, study.question, blocks)
+    text = readme.fill(path, study.folder.resolve().name, blocks)
     files.text(path, text)
     if readme.QUESTION in text or readme.ANSWER in text:
         print(f"next: write the question and the answer in brackets in {path}")

@@ -1,9 +1,8 @@
-"""One vehicle on the terminal, or as plain numbers: everything that its sheet says and implies."""
+"""One vehicle on the terminal: everything that its sheet says and implies."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,65 +36,6 @@ def new_table(*columns: str, title: str = "") -> Table:
     for index, column in enumerate(columns):
         table.add_column(column, justify="left" if index == 0 else "right")
     return table
-
-
-def facts(vehicle: VehicleModel) -> dict[str, Any]:
-    """Everything that the tables show, as plain numbers and lists (SI, body axes forward, port, up)."""
-    trim = inspect.static_trim(vehicle)
-    return {
-        "name": vehicle.name,
-        "title": vehicle.title,
-        "mass_kg": vehicle.mass,
-        "weight_N": vehicle.weight,
-        "buoyancy_N": vehicle.buoyancy,
-        "net_buoyancy_N": inspect.net_buoyancy(vehicle),
-        "free_rise_mps": inspect.free_speed(vehicle),
-        "center_of_gravity_m": vehicle.center_of_gravity.tolist(),
-        "center_of_buoyancy_m": vehicle.center_of_buoyancy.tolist(),
-        "trim": {
-            "roll_rad": trim.roll,
-            "pitch_rad": trim.pitch,
-            "restoring_Nm_per_rad": trim.moment,
-            "determined": trim.determined,
-        },
-        "mass_matrix": vehicle.M.tolist(),
-        "added_mass": vehicle.M_A.tolist(),
-        "linear_damping": vehicle.linear_damping.tolist(),
-        "quadratic_damping": vehicle.quadratic_damping.tolist(),
-        "actuators": [
-            {
-                "name": unit.name,
-                "kind": unit.kind,
-                "command_limits": list(unit.curve.limits),
-                "force_limits_N": limits.tolist(),
-            }
-            for unit, limits in zip(vehicle.units, vehicle.force_limits, strict=True)
-        ],
-        "allocation": vehicle.allocation.tolist(),
-        "rank": inspect.rank(vehicle),
-        "independent_axes": [inspect.AXES[axis] for axis in inspect.independent_axes(vehicle)],
-        "reach": [
-            {
-                "axis": inspect.AXES[row.axis],
-                "direction": row.direction,
-                "force": row.force,
-                "terminal_speed": row.speed,
-                "terminal_speed_with_buoyancy": row.speed_with_buoyancy,
-                "rise_time_s": row.rise_time,
-                "bollard_force": row.bollard_force,
-                "bollard_speed": row.bollard_speed,
-            }
-            for row in inspect.reach(vehicle)
-        ],
-        "linear_time_constants_s": inspect.linear_time_constants(vehicle),
-        "shortest_time_constant_s": inspect.shortest_time_constant(vehicle),
-        "instabilities": [
-            {"plane": case.plane, "above_mps": case.above, "growth_per_s": case.growth, "at_mps": case.speed}
-            for case in inspect.instabilities(vehicle)
-        ],
-        "warnings": warnings(vehicle),
-        "sources": dict(vehicle.sources),
-    }
 
 
 def show(vehicle: VehicleModel) -> None:

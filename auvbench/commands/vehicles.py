@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError
@@ -18,17 +16,15 @@ def parser() -> Parser:
         prog="auvbench vehicles",
         description="Lists vehicle sheets, or shows what one vehicle's numbers imply: mass matrix, allocation,"
         " trim, terminal speeds, stability, and what looks odd.",
-        epilog="examples: auvbench vehicles | auvbench vehicles bluerov2 | auvbench vehicles my/sheet.yaml --json"
+        epilog="examples: auvbench vehicles | auvbench vehicles bluerov2 | auvbench vehicles my/sheet.yaml"
         " | auvbench vehicles bluerov2 --sheet > conf/vehicle/mine.yaml | auvbench vehicles bluerov2 --sdf gazebo",
     )
     parser.add_argument(
         "vehicle", nargs="?", help="name of a sheet, or the path of a .yaml file; without it, a list"
     )
-    parser.add_argument("--sheet", action="store_true", help="print the sheet itself, to start your own from")
-    parser.add_argument(
-        "--json", action="store_true", help="print JSON, SI units, body axes forward, port, up"
-    )
-    parser.add_argument(
+    alone = parser.add_mutually_exclusive_group()
+    alone.add_argument("--sheet", action="store_true", help="print the sheet itself, to start your own from")
+    alone.add_argument(
         "--sdf",
         metavar="DIR",
         help="write the vehicle for Gazebo Harmonic: model, world, and bridge and launch files for ROS 2",
@@ -46,27 +42,24 @@ def parser() -> Parser:
 
 def main(arguments: Sequence[str]) -> int:
     options = parser().read(arguments)
-    if options.sheet and (options.vehicle is None or options.json):
+    name = options.vehicle
+    if name is None and (options.sheet or options.sdf):
+        raise UserError("--sheet and --sdf need the name of a vehicle: auvbench vehicles bluerov2 --sheet")
+    if options.sdf is None and (options.hydrodynamics or options.step):
         raise UserError(
-            "--sheet needs the name of one vehicle, and goes without --json: auvbench vehicles bluerov2 --sheet"
+            "--hydrodynamics and --step go with --sdf DIR: auvbench vehicles bluerov2 --sdf gazebo"
         )
-    if options.sdf is not None and (options.vehicle is None or options.json or options.sheet):
-        raise UserError(
-            "--sdf needs the name of one vehicle, and goes alone: auvbench vehicles bluerov2 --sdf gazebo"
-        )
-    if options.sdf is None and (options.hydrodynamics is not None or options.step is not None):
-        flag = "--hydrodynamics" if options.hydrodynamics is not None else "--step"
-        raise UserError(f"{flag} goes with --sdf DIR: auvbench vehicles bluerov2 --sdf gazebo")
     if options.sdf is not None:
-        _write_sdf(
-            options.vehicle, Path(options.sdf), options.hydrodynamics or "corrected", options.step or 0.001
-        )
+        _write_sdf(name, Path(options.sdf), options.hydrodynamics or "corrected", options.step or 0.001)
     elif options.sheet:
-        _print_sheet(options.vehicle)
-    elif options.vehicle is None:
-        _list(as_json=options.json)
+        _print_sheet(name)
+    elif name is None:
+        _list()
     else:
-        _show(options.vehicle, as_json=options.json)
+        from auvbench.commands.vehicle_view import show
+        from auvbench.vehicles import sheet
+
+        show(sheet.load(name))
     return 0
 
 
@@ -112,7 +105,7 @@ def _write_sdf(name: str, folder: Path, hydrodynamics: str, step: float) -> None
     print(f"gz sim -r -s {world} runs it without a window; docs/gazebo.md says more.")
 
 
-def _list(*, as_json: bool) -> None:
+def _list() -> None:
     from rich.text import Text
 
     from auvbench.commands.vehicle_view import new_table, open_console
@@ -121,49 +114,16 @@ def _list(*, as_json: bool) -> None:
     from auvbench.vehicles import sheet
     from auvbench.vehicles.reader import sheet_names
 
-    rows: list[dict[str, Any]] = []
+    table = new_table("name", "actuators", "mass, kg", "")
+    table.columns[-1].justify = "left"
     for name in sheet_names():
         try:
             vehicle = sheet.load(name)
         except VehicleError as error:  # one broken sheet does not hide the others
-            rows.append({"name": name, "title": f"broken: {error}", "actuators": None, "mass_kg": None})
-            continue
-        rows.append(
-            {
-                "name": name,
-                "title": vehicle.title,
-                "actuators": len(vehicle.actuators),
-                "mass_kg": vehicle.mass,
-            }
-        )
-    if as_json:
-        print(json.dumps(rows, indent=2))
-        return
-    table = new_table("name", "actuators", "mass, kg", "")
-    table.columns[-1].justify = "left"
-    for row in rows:
-        counts = ("", "") if row["mass_kg"] is None else (str(row["actuators"]), f"{row['mass_kg']:.2f}")
-        table.add_row(Text(plain(row["name"])), *counts, Text(plain(row["title"])))
+            cells = ("", "", f"broken: {error}")
+        else:
+            cells = (str(len(vehicle.actuators)), f"{vehicle.mass:.2f}", vehicle.title)
+        table.add_row(Text(plain(name)), *cells[:2], Text(plain(cells[2])))
     console = open_console()
     console.print(table)
     console.print("auvbench vehicles NAME shows one; auvbench train vehicle=NAME trains on it.")
-
-
-def _show(name: str, *, as_json: bool) -> None:
-    from auvbench.commands.vehicle_view import facts, show
-    from auvbench.vehicles import sheet
-
-    vehicle = sheet.load(name)
-    if as_json:
-        print(json.dumps(_finite(facts(vehicle)), indent=2, allow_nan=False))
-        return
-    show(vehicle)
-
-
-def _finite(value: Any) -> Any:
-    """JSON has no infinity: what never ends (a speed without damping) is null."""
-    if isinstance(value, dict):
-        return {key: _finite(child) for key, child in value.items()}
-    if isinstance(value, list):
-        return [_finite(child) for child in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -38,20 +38,19 @@ WHERE_USED = ("gz-sim8", "dart")
 """shown where a run had them"""
 
 
-def fill(path: Path, title: str, question: str, blocks: Mapping[str, str]) -> str:
+def fill(path: Path, title: str, blocks: Mapping[str, str]) -> str:
     """The text of a README with its computed blocks renewed.
 
     Args:
         path: the README; where it is missing, a new one is begun, with places for its author.
         title: of a new one.
-        question: of a new one; empty for a place in which the author writes it.
         blocks: text by the name of the block; names are those of `PARTS`.
 
     Raises:
         UserError: as `check`.
     """
     if not path.exists():
-        parts = [f"# {title}", "## Question", question or QUESTION, "## Answer", ANSWER]
+        parts = [f"# {title}", "## Question", QUESTION, "## Answer", ANSWER]
         for name, heading in PARTS.items():
             if name in blocks:
                 parts += [f"## {heading}", _block(name, blocks[name])]

@@ -355,7 +355,7 @@ def sheet(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
     text = yaml.safe_dump(mutated(originals[seed % len(originals)], where, value, how))
     path.write_bytes(damaged(text.encode(), seed, how) if how % 7 == 6 else text.encode())
     judge(["vehicles", "fuzzed"])
-    judge(["vehicles", str(path), "--json"])
+    judge(["vehicles", str(path)])
     judge(["vehicles"])
     judge(["simulate", "vehicle=fuzzed"])
     judge(["train", "vehicle=fuzzed", f"output={folder}"])

@@ -35,13 +35,12 @@ def _there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (["protocl=test"], "did you mean 'protocol'?"),
         (["outputs"], "bound has no such key"),
-        (["--chek"], "did you mean '--check'?"),
+        (["--forc"], "did you mean '--force'?"),
         (["protocol=tset"], "did you mean 'test'?"),
         (["vehicle=bluerov"], "did you mean 'bluerov2'?"),
         (["vehicle=lrauv", "protocol.episodes=2"], "cover thrusters"),
         (["simulator=gazebo", "protocol.episodes=2"], "has other equations"),
         (["protocol=native", "protocol.episodes=2"], "leaves the frequency to each agent"),
-        (["vehicle=rexrov", "protocol.episodes=2", "--check"], "auvbench bound protocol=test vehicle=rexrov"),
     ],
 )
 def test_mistakes_are_one_line(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -62,7 +61,7 @@ def test_without_casadi_the_extra_is_named(
 
 
 @pytest.mark.slow
-def test_computed_checked_and_not_computed_again(capsys: pytest.CaptureFixture[str]) -> None:
+def test_computed_and_not_computed_again(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["bound", "protocol=near", "--workers", "1"]) == 0
     out = capsys.readouterr().out
     assert "proven to be at least" in out
@@ -71,10 +70,6 @@ def test_computed_checked_and_not_computed_again(capsys: pytest.CaptureFixture[s
     assert cli.main(["bound", "protocol=near"]) == 0
     assert "exist already" in capsys.readouterr().out
     assert Path("outputs/bounds/near-bluerov2/bounds.jsonl").stat().st_mtime_ns == before
-    assert cli.main(["bound", "protocol=near", "--check"]) == 0
-    assert "1 of 1 trajectories arrive in their steps" in capsys.readouterr().out
-    assert cli.main(["bound", "protocol=near", "protocol.episodes=2", "--check"]) == 2
-    assert "of other scenarios" in capsys.readouterr().err
 
 
 def test_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -78,7 +78,7 @@ def test_an_unknown_shell_is_named(capsys):
         (["runs", "outputs", "--where", "seed=0", "state=failed,"], ["state=failed,pending"]),
         (["replay", "outputs/x", "--protocol", ""], ["test", "long"]),
         (["vehicles", ""], ["bluerov2", "rexrov"]),
-        (["vehicles", "--"], ["--json", "--sheet"]),
+        (["vehicles", "--"], ["--sdf", "--sheet"]),
         (["resume", "outputs", "train."], ["train.total_steps="]),
     ],
 )

@@ -234,8 +234,6 @@ def parquet(folder: str) -> dict[str, bytes]:
         (["outputs/grid"], "--to"),
         (["outputs/grid", "--to", "x", "--out", "y"], "--to DIR is the folder"),
         (["outputs/grid", "--to", "a-file"], "is a file"),
-        (["outputs/grid", "--to", "x", "--question", ""], "give one line of text"),
-        (["outputs/grid", "--to", "x", "--title", "a\nb"], "give one line of text"),
         (["outputs/grid", "--to", "x", "--pictures", "failure"], "did you mean 'failures'"),
         (["outputs/nothing", "--to", "x"], "no such file or directory"),
         (["outputs/grid", "--to", "x", "--protocol", "thesis"], "robustness, test"),

@@ -107,7 +107,7 @@ def test_many_runs_that_were_not_tested_are_one_line(first, capsys):
     assert publish("first/outputs", "more/outputs") == 1
     (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("not published: "))
     names = [run.name for run in untested]
-    assert f"{', '.join(names[:3])} and 3 more; of the first: no evaluation by protocol test" in line
+    assert f"{', '.join(names[:3])} and 3 more: no evaluation by protocol test" in line
     assert published() == sorted(run.name for run in first)
 
 

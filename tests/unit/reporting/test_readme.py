@@ -19,27 +19,24 @@ def run(**manifest: Any) -> RunRecord:
 
 
 def test_a_new_one_has_question_answer_and_blocks_in_order(tmp_path: Path) -> None:
-    text = readme.fill(tmp_path / "README.md", "Study", "", BLOCKS)
+    text = readme.fill(tmp_path / "README.md", "Study", BLOCKS)
     heads = [line for line in text.splitlines() if line.startswith("#")]
     assert heads == ["# Study", "## Question", "## Answer", "## Result", "## How the numbers came about"]
     assert readme.QUESTION in text
     assert readme.ANSWER in text
-    asked = readme.fill(tmp_path / "README.md", "Study", "Is it *better*?", BLOCKS)
-    assert "## Question\n\nIs it *better*?\n\n## Answer" in asked
-    assert readme.QUESTION not in asked
 
 
 def test_what_the_author_wrote_stays(tmp_path: Path) -> None:
     path = tmp_path / "README.md"
-    text = readme.fill(path, "Study", "", BLOCKS).replace(readme.ANSWER, "PID. It is enough.")
+    text = readme.fill(path, "Study", BLOCKS).replace(readme.ANSWER, "PID. It is enough.")
     path.write_text(text)
-    again = readme.fill(path, "Other", "Why?", BLOCKS | {"table": "other numbers"})
+    again = readme.fill(path, "Other", BLOCKS | {"table": "other numbers"})
     assert again == text.replace("\nnumbers\n", "\nother numbers\n")
 
 
 def test_a_block_without_its_place_is_named(tmp_path: Path) -> None:
     path = tmp_path / "README.md"
-    path.write_text(readme.fill(path, "Study", "", BLOCKS))
+    path.write_text(readme.fill(path, "Study", BLOCKS))
     with pytest.raises(UserError, match="the block policies has no place"):
         readme.check(path, [*BLOCKS, "policies"])
     path.write_bytes(b"\xff")

@@ -96,7 +96,7 @@ def run(template: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Itera
 
 def states(root: Path, capsys: pytest.CaptureFixture[str]) -> list[str]:
     capsys.readouterr()
-    code = cli.main(["runs", "--json", str(root / "out"), "--sort", "seed"])
+    code = cli.main(["runs", "--json", str(root / "out")])
     said = capsys.readouterr()
     assert code == 0, said.err
     assert "\x1b" not in said.out + said.err

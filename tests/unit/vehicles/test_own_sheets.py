@@ -33,7 +33,7 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 
 def listed(capsys: pytest.CaptureFixture[str]) -> str:
-    assert main(["vehicles", "--json"]) == 0
+    assert main(["vehicles"]) == 0
     return capsys.readouterr().out
 
 
