@@ -58,7 +58,7 @@ Prints a script that completes commands, overrides (algo=<TAB>, reward.<TAB>, pr
 
 HYDRA = {
     "train": ("-m", "--cfg", "--help"),
-    "tune": ("-m", "--cfg", "--trust", "--help"),
+    "tune": ("-m", "--cfg", "--help"),
     "simulate": ("--cfg",),
 }
 """Commands whose overrides Hydra completes, with their flags"""

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands import trust
 from auvbench.commands.grammar import Parser, workers
 from auvbench.errors import RunError, UserError
 
@@ -38,7 +37,6 @@ policy and frozen statistics. What is tested already is skipped, what is not com
                   controller (mpc) are shared (default: one per core)
   --where TERMS   only runs of these values; all words with a = that follow are terms, so it comes last:
                   --where vehicle=rexrov reward.k=1,40 algo!=random
-  --trust         test runs that another person made with an installed agent or simulator; asked once for each
   --cfg job       print the configuration of the test and stop
 
 Exit code 0 when every complete run is tested; 1 when a test failed or another process works on a run; 2 when there is
@@ -59,7 +57,6 @@ def parser() -> Parser:
     parser.add_argument("-c", "--cfg", choices=("job",))
     parser.add_argument("--force", action="store_true")
     parser.add_argument("--workers", type=workers, default=0)
-    parser.add_argument(trust.FLAG, action="store_true")
     parser.add_argument("-h", "--help", action="store_true")
     return parser
 
@@ -90,7 +87,6 @@ def main(arguments: Sequence[str]) -> int:
     wanted = run_filter.parse(given.where)
     runs = find_runs(paths)
     runs = run_filter.select(runs, wanted, run_filter.facts) if wanted else runs
-    trust.require_runs(runs, given.trust, "evaluate", packages=True)
     return _evaluate_all(runs, config.protocol, given.workers, given.force)
 
 

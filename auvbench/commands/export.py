@@ -7,7 +7,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from auvbench.commands import trust
 from auvbench.commands.grammar import Parser
 from auvbench.errors import AuvbenchError, RunError
 
@@ -27,7 +26,6 @@ def parser() -> Parser:
     parser.add_argument(
         "--out", type=Path, default=None, help="folder of the files (default: each run's exports/)"
     )
-    parser.add_argument(trust.FLAG, action="store_true", help=trust.HELP)
     return parser
 
 
@@ -42,7 +40,6 @@ def main(arguments: Sequence[str]) -> int:
     wanted = run_filter.parse(options.where)
     runs = run_filter.select(runs, wanted, run_filter.facts) if wanted else runs
     require()
-    trust.require_runs(runs, options.trust, "export", packages=True)
     from auvbench.evaluation.exporting import NoNetworkError, export
 
     done = None

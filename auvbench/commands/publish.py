@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands import export, publish_readme, trust
+from auvbench.commands import export, publish_readme
 from auvbench.commands.publish_readme import Study
 from auvbench.commands.report_options import Options, read
 from auvbench.commands.report_options import parser as report_parser
@@ -48,7 +48,6 @@ def parser() -> Parser:
         help="the paths of the kept test episodes, which the page's 3-D view and claims on the reward collected need",
     )
     add("--policies", action="store_true", help="each agent's best run as an ONNX file with its card")
-    add(trust.FLAG, action="store_true", help=trust.HELP)
     return parser
 
 
@@ -76,7 +75,7 @@ def main(argv: Sequence[str]) -> int:
     publish_readme.check(study, options)
     publish_readme.rehearse(paths, study, options)
     with storage(f"cannot write {study.folder}"):
-        runs, left_out = _ship(paths, options, study, own["trust"])
+        runs, left_out = _ship(paths, options, study)
         count, without = publish_readme.write(study, options, {run.id: run for run in runs})
     print(f"{count} run{'s' if count != 1 else ''} in {os.path.relpath(study.folder)}")
     return 1 if left_out or without else 0
@@ -107,9 +106,7 @@ def _placeless(word: str) -> str:
     return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else path.name
 
 
-def _ship(
-    paths: Sequence[Path], options: Options, study: Study, trusted: bool
-) -> tuple[list[RunRecord], int]:
+def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[RunRecord], int]:
     """Write the runs; return them as found, and the number of things left out, each of which is named.
 
     Raises:
@@ -121,7 +118,6 @@ def _ship(
     from auvbench.analysis.load import load, require
     from auvbench.reporting import archive
     from auvbench.runs import lock
-    from auvbench.runs.directory import RunDirectory
 
     folder = study.folder
     protocols = (options.protocol, *study.also)
@@ -130,9 +126,6 @@ def _ship(
     for run in runs:
         if run.archive is None and folder.resolve() in run.directory.resolve().parents:
             raise ReportError(f"--to {folder}: {run.directory} lies there; name a folder without runs")
-    if study.policies:
-        made = [RunDirectory(run.directory) for run in runs if run.archive is None]
-        trust.require_runs(made, trusted, "publish", packages=True)
     held = {run.id: holder for run in runs if (holder := _holder(run)) is not None}
     chosen = [run for run in runs if (run.evaluations or failed_training(run)) and run.id not in held]
     if not any(options.protocol in run.evaluations for run in chosen):

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands import trust
 from auvbench.commands.grammar import Parser
 from auvbench.errors import RunError
 
@@ -39,7 +38,6 @@ def parser() -> Parser:
         const=Path(),
         help="a moving picture as well: FILE.gif (default: next to the figure)",
     )
-    parser.add_argument(trust.FLAG, action="store_true", help=trust.HELP)
     return parser
 
 
@@ -68,7 +66,6 @@ def main(arguments: Sequence[str]) -> int:
         if len(found) != 1:
             raise RunError(f"{path}: holds {len(found)} runs; name one of them, e.g. {found[0].path}")
         runs += found
-    trust.require_runs(runs, options.trust, "replay", packages=True)
     protocol = evaluate_config(compose("evaluate", [f"protocol={options.protocol}"])).protocol
     condition = options.condition or protocol.conditions[0].name
     episodes = [replay(run, protocol, condition, options.episode) for run in runs]

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands import trust
 from auvbench.commands.grammar import Parser, workers
 from auvbench.errors import AuvbenchError, ConfigError, RunError
 
@@ -37,7 +36,6 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.runs.directory import find_runs
 
     runs = find_runs(paths)
-    trust.require_runs(runs, given.trust, "resume")
     for override in overrides:
         runs = _extended(runs, _budget(override), shlex.join(["auvbench", "resume", *arguments]))
     if len(runs) > 1:
@@ -59,7 +57,6 @@ def parser() -> Parser:
         help=f"run directories or folders; {BUDGET}=N extends",
     )
     parser.add_argument("--workers", type=workers, default=0, help="runs at once (default: as many as cores)")
-    parser.add_argument(trust.FLAG, action="store_true", help=trust.HELP)
     return parser
 
 

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands import trust
 from auvbench.errors import ConfigError, RunError, closest
 
 if TYPE_CHECKING:
@@ -23,14 +22,13 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.commands.grammar import read_named_sheets
     from auvbench.config.compose import run
 
-    arguments, trusted = trust.take(arguments)
     read_named_sheets(arguments)
     words, ranges, fixed = split(arguments)
     command = shlex.join(["auvbench", "tune", *arguments])
 
     def studies(configs: Sequence[DictConfig]) -> int:
         _check_search(configs, arguments)
-        return _studies(configs, ranges, fixed, command, trusted)
+        return _studies(configs, ranges, fixed, command)
 
     return int(run("tune", words, job=lambda config: studies([config]), grid=studies) or 0)
 
@@ -104,7 +102,6 @@ def _studies(
     ranges: Mapping[str, str],
     fixed: Mapping[str, str],
     command: str,
-    trusted: bool,
 ) -> int:
     """One study after the other; all of them are checked before the first begins."""
     found = [plan_of(config, ranges, fixed, command) for config in configs]
@@ -118,7 +115,7 @@ def _studies(
     for number, ((plan, study), config) in enumerate(zip(found, configs, strict=True), 1):
         if len(found) > 1:
             print(f"study {number} of {len(found)}: {plan.name}", flush=True)
-        code = _study(plan, study, config, trusted)
+        code = _study(plan, study, config)
         if code > 128:
             break
     return code
@@ -172,14 +169,13 @@ def plan_of(
     return Plan(name, seed, base, tune, protocol, Prose(command)), study
 
 
-def _study(plan: Plan, study: StudyFolder, config: DictConfig, trusted: bool = False) -> int:
+def _study(plan: Plan, study: StudyFolder, config: DictConfig) -> int:
     """Searches, trains the best with fresh seeds, writes the report and the preset."""
     from auvbench.tuning.folder import refuse_change
 
     there = study.read() if study.plan_path.exists() else None
     if there is not None:
         refuse_change(study, there, plan)
-        trust.require([study.plan_path], trusted, "tune")
     elif study.journal.exists():
         raise RunError(
             f"{study.path}: has a journal and no study.json; restore it, or name=NAME for another study"

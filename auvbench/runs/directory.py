@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from auvbench.errors import RunError
-from auvbench.runs import declared, identity, integrity, lock
+from auvbench.runs import declared, identity, integrity
 from auvbench.runs.atomic_io import (
     FAULTS,
     as_json,
@@ -209,7 +209,6 @@ def freeze(
     try:
         make_folder(run.path)
         run.write_config(config)
-        lock.sign(run.config_path)
         # Of two sweeps that begin at once, the slower must not undo what the faster's worker has written by now.
         create_atomic(
             run.manifest_path, as_json(integrity.sealed(_fresh_manifest(run, config, command, analysis)))
@@ -240,7 +239,6 @@ def _renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
         return
     try:
         run.write_config(config)
-        lock.sign(run.config_path)
     except OSError as error:
         raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
 

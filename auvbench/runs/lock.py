@@ -12,75 +12,31 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
-import hmac
 import os
-import secrets
 import shlex
 import sys
 import time
 import uuid
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from auvbench.errors import RunError, TrainingError
 from auvbench.runs import interruption
-from auvbench.runs.atomic_io import FAULTS, as_json, create_atomic, storage_error, write_atomic
-from auvbench.untrusted import path_safety, reading, typed_json
-from auvbench.untrusted.path_safety import child
+from auvbench.runs.atomic_io import FAULTS, as_json, storage_error, write_atomic
+from auvbench.untrusted import path_safety, typed_json
 from auvbench.untrusted.text import short
 
 if TYPE_CHECKING:
     from filelock import BaseFileLock
-
-MAKER = "maker"
-_LENGTH = 32  # bytes of the key
 
 
 def state_folder() -> Path:
     """Return the user's folder for what auvbench keeps between commands."""
     state = os.environ.get("XDG_STATE_HOME") or os.path.join(os.path.expanduser("~"), ".local", "state")
     return Path(state, "auvbench")
-
-
-def sign(file: Path) -> None:
-    """Record that this user made the run or study of `file`; do nothing where no key can be kept."""
-    with suppress(OSError, ValueError):
-        write_atomic(child(file.parent, MAKER), _hash(file).encode())
-
-
-def is_own(file: Path) -> bool:
-    """Return whether this user made the run or study of `file`, and the file is as it was then."""
-    try:
-        found = reading.content(child(file.parent, MAKER), 1000)
-        return hmac.compare_digest(found, _hash(file).encode())
-    except (OSError, ValueError):
-        return False
-
-
-def _hash(file: Path) -> str:
-    """Return the keyed hash of a file and its name.
-
-    Raises:
-        OSError, ValueError: the file or the key cannot be read.
-    """
-    message = file.name.encode() + b"\0" + reading.content(file)
-    return hmac.digest(_key(state_folder() / "key"), message, "sha256").hex()
-
-
-@cache
-def _key(path: Path) -> bytes:
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        create_atomic(path, secrets.token_bytes(_LENGTH), mode=0o600)  # of two processes one makes it
-    key = reading.content(path)
-    if len(key) != _LENGTH:
-        raise ValueError(f"{path}: not a key; remove it")
-    return key
 
 
 FOLDER, LOCK, HOLDER = "lock", "held", "holder.json"

@@ -179,7 +179,6 @@ class StudyFolder:
         """Write the plan; a study that goes on takes the trials and fresh seeds that were typed."""
         with storage(f"cannot write {self.plan_path}"):
             write_json(self.plan_path, asdict(plan))
-        lock.sign(self.plan_path)
 
     def read(self) -> Plan:
         """Return the plan of the study.

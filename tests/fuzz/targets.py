@@ -183,7 +183,7 @@ def every_reader(experiment: Path, *, heavy: bool) -> None:
     )
     for path in run[:1]:
         judge(["evaluate", str(path), "--workers", "1"])
-        judge(["resume", str(path), "--trust"])
+        judge(["resume", str(path)])
         if heavy:
             judge(["replay", str(path)])
     if heavy:
