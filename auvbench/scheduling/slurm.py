@@ -1,72 +1,40 @@
-"""Runs as jobs of a SLURM cluster: submitit writes the batch scripts and submits them.
+"""Runs as jobs of a SLURM cluster: a batch script in the run's folder, submitted by sbatch.
 
-What is submitted is a command, not a pickled function. Three things that submitit could do besides are done
-otherwise, since an exact run allows or needs it:
-
-* whether a job is still there is learnt from one `squeue` for all jobs every `poll` seconds, for submitit asks
-  `sacct` alone: on a cluster without accounting a killed job would never end. How the run ended is in its manifest;
-* near its time limit the worker saves and has itself requeued as often as it takes, for submitit counts time-outs;
-* jobs are found again by the next sweep from the run's directory, not from pickled job objects.
+One `squeue` for all jobs every `poll` seconds tells which are still there, so no accounting is needed; how a run ended is
+in its manifest. Near its time limit the worker saves and has itself requeued as often as it takes. The next sweep finds
+the jobs again by a file in each run's folder.
 """
 
 from __future__ import annotations
 
-import contextlib
-import io
 import json
 import os
+import re
 import shlex
 import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from submitit.core.utils import FailedJobError, FailedSubmissionError
-from submitit.slurm.slurm import SlurmExecutor
-
 from auvbench.config.launchers import Slurm
 from auvbench.errors import RunError, UserError
+from auvbench.runs.atomic_io import write_atomic
 from auvbench.scheduling.base import Phase, Status, SubmitError
 from auvbench.training.worker import LOG, TARGET
 from auvbench.untrusted import path_safety, typed_json
 from auvbench.untrusted.typed_json import Range
 
-SCRIPTS = "slurm"
-"""In the run directory: copies of the batch scripts that submitit wrote for it."""
+SCRIPT = "slurm.sh"
+"""In the run directory: the batch script that was last submitted for it."""
 
 RESERVED = frozenset(
-    [
-        "-a",
-        "--array",
-        "-e",
-        "--error",
-        "-H",
-        "--hold",
-        "-J",
-        "--job-name",
-        "-o",
-        "--output",
-        "--open-mode",
-        "--parsable",
-        "-Q",
-        "--quiet",
-        "--requeue",
-        "--no-requeue",
-        "--signal",
-        "--test-only",
-        "-V",
-        "--version",
-        "-W",
-        "--wait",
-        "--wrap",
-    ]
+    ["-a", "--array", "-e", "--error", "-H", "--hold", "-J", "--job-name", "-o", "--output", "--open-mode", "--parsable", "-Q", "--quiet", "--requeue", "--no-requeue", "--signal", "--test-only", "-V", "--version", "-W", "--wait", "--wrap"]
 )
-"""sbatch's options that cannot be given besides"""
+"""sbatch's options that auvbench needs itself, or that change its answer"""
 
 JOB_FILE = "slurm.json"
 """In the run directory: the job that was last submitted for it, so that the next sweep finds it again."""
@@ -81,17 +49,6 @@ WAITING = {
     "SPECIAL_EXIT",
 }
 RUNNING = {"RUNNING", "COMPLETING", "STAGE_OUT", "SIGNALING", "SUSPENDED", "STOPPED", "RESIZING"}
-
-
-class Executor(SlurmExecutor):
-    """Submitit's, with further options on sbatch's command line, where no settings of a surrounding job rule."""
-
-    options: Sequence[str] = ()
-
-    def _make_submission_command(self, submission_file_path: Path) -> list[str]:
-        # A sweep that runs inside a job must not hand that job's settings on to those it submits.
-        unset = [f"--unset={name}" for name in os.environ if name.startswith("SBATCH_")]
-        return ["env", *unset, "sbatch", *self.options, str(submission_file_path)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,16 +116,24 @@ class SlurmBackend:
         run = run.absolute()
         path_safety.refuse_links(run)
         (run / LOG).parent.mkdir(exist_ok=True)
-        (run / SCRIPTS).mkdir(exist_ok=True)
-        # submitit leaves a symbolic link next to its script, and a run that holds one is refused (untrusted.path_safety).
-        with tempfile.TemporaryDirectory(prefix="auvbench-") as scratch:
-            number = submit(self.executor(run, Path(scratch)), self.worker(run))
-            (run / JOB_FILE).write_text(
-                json.dumps({"job": number, "submitted": time.time()}), encoding="utf-8"
-            )
-            for script in Path(scratch).glob("*_submission.sh"):
-                shutil.copyfile(script, run / SCRIPTS / script.name)
-        return self._watch(run, number)
+        write_atomic(run / SCRIPT, self.script(run).encode())
+        # A sweep that runs inside a job must not hand that job's settings on to those it submits.
+        environment = {key: value for key, value in os.environ.items() if not key.startswith("SBATCH_")}
+        done = subprocess.run(
+            ["sbatch", *self.options.sbatch, str(run / SCRIPT)],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=environment,
+            timeout=120,
+        )
+        answer = re.search(r"job (\d+)", done.stdout)
+        if done.returncode or answer is None:
+            lines = [re.sub(r"^(sbatch: )?(error: )?", "", line) for line in done.stderr.splitlines()]
+            reason = "; ".join(line for line in lines if line.strip() and not line.startswith("Try "))
+            raise SubmitError(f"sbatch refused: {reason or 'no reason given'}")
+        write_atomic(run / JOB_FILE, json.dumps({"job": answer[1], "submitted": time.time()}).encode())
+        return self._watch(run, answer[1])
 
     def adopt(self, run: Path) -> SlurmJob | None:
         try:
@@ -187,46 +152,41 @@ class SlurmBackend:
     def close(self) -> None:
         """Jobs that are still queued or running go on; the next sweep finds them (`adopt`)."""
 
-    def executor(self, run: Path, folder: Path) -> Executor:
-        """Submitit's executor for a run, which writes into `folder`: sbatch's options and the shell lines before the worker.
+    def script(self, run: Path) -> str:
+        """Return the batch script of a run: sbatch's options and the shell lines before the worker.
 
         The worker takes the place of the batch shell, without srun, so that signals reach it alone. Until it
         listens, an announcement of the time limit is ignored rather than deadly: what follows it at the limit,
         SIGTERM, makes the run save as well.
         """
         options = self.options
-        if "%j" in str(run):
-            raise UserError(
-                f"output: {str(run)!r} has a %j, which SLURM's tools replace by the job's number; "
-                "valid: a folder without"
-            )
-        executor = Executor(folder=folder)
-        executor.options = options.sbatch
-        executor.update_parameters(
-            job_name=run.name,
-            time=options.time,
-            partition=options.partition,
-            account=options.account,
-            mem=options.mem,
-            nodes=1,
-            ntasks_per_node=1,
-            cpus_per_task=options.cpus,
-            setup=["trap '' USR1", *options.setup],
-            stderr_to_stdout=True,
-            use_srun=False,
-            wckey=None,
-            additional_parameters={
-                "output": str(run / LOG).replace("%", "%%"),
-                "requeue": True,
-                "signal": f"B:USR1@{options.signal_before}",
-            },
-        )
-        return executor
-
-    def worker(self, run: Path) -> str:
-        """The shell command that carries out a run."""
+        given = {
+            "job-name": run.name,
+            "time": options.time,
+            "partition": options.partition,
+            "account": options.account,
+            "mem": options.mem,
+            "nodes": 1,
+            "ntasks-per-node": 1,
+            "cpus-per-task": options.cpus,
+            "output": str(run / LOG).replace("%", "%%"),
+            "open-mode": "append",
+            "signal": f"B:USR1@{options.signal_before}",
+        }
         words = [sys.executable, "-P", "-m", "auvbench.training.worker", str(run), "--target", self.target]
-        return f"exec {shlex.join(words)} --requeue"
+        lines = [
+            "#!/bin/bash",
+            *(
+                f"#SBATCH --{key}={shlex.quote(str(value))}"
+                for key, value in given.items()
+                if value is not None
+            ),
+            "#SBATCH --requeue",
+            "trap '' USR1",
+            *options.setup,
+            f"exec {shlex.join(words)} --requeue",
+        ]
+        return "\n".join(lines) + "\n"
 
     def update(self) -> None:
         """Asks the cluster about all jobs, at most every `poll` seconds."""
@@ -283,22 +243,6 @@ class SlurmBackend:
         text = command(["squeue", "--me", "--noheader", "--states=all", "--format=%i|%T|%j"])
         rows = [line.split("|", 2) for line in text.splitlines() if line.count("|") >= 2]
         return {number: (state, name) for number, state, name in rows if number in numbers}
-
-
-def submit(executor: Executor, line: str) -> str:
-    """Submits a shell command and returns the number of its job.
-
-    Raises:
-        SubmitError: sbatch refused; the message is its own last line.
-    """
-    try:
-        with contextlib.redirect_stderr(io.StringIO()):  # it prints what it also raises
-            job = executor._submit_command(line)
-    except (FailedJobError, FailedSubmissionError) as error:
-        lines = [line.removeprefix("sbatch: ").removeprefix("error: ") for line in str(error).splitlines()]
-        said = "; ".join(line for line in lines if line.strip() and not line.startswith("Try "))
-        raise SubmitError(f"sbatch refused: {said or 'no reason given'}") from error
-    return str(job.job_id)
 
 
 def _settled(run: Path) -> bool:

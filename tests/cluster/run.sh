@@ -26,6 +26,6 @@ fi
   "$base/bin/python" -m pip --python "$venv/bin/python" install -q -c constraints.txt 'ray>=2.40'
 
 echo "$(slurmctld -V), $("$venv/bin/python" -c '
-import ray, submitit
-print(f"submitit {submitit.__version__}, ray {ray.__version__}")')"
+import ray
+print(f"ray {ray.__version__}")')"
 AUVBENCH_CLUSTER=1 exec "$venv/bin/python" -m pytest tests/cluster -v --no-header --durations=0 --durations-min=5 "$@"

@@ -157,17 +157,12 @@ def test_a_sweep_inside_a_job_does_not_hand_on_its_settings(
     assert (cluster.folder / "101.env").read_text() == ""
 
 
-def test_nothing_pickled_is_handed_over(cluster: Cluster, run: RunDirectory) -> None:
-    backend().submit(run.path)
-    assert sorted({file.suffix for file in (run.path / slurm.SCRIPTS).iterdir()}) == [".sh"]
-
-
 def test_a_submitted_run_holds_no_link_so_that_whoever_works_on_it_takes_it(
     cluster: Cluster, run: RunDirectory
 ) -> None:
     backend().submit(run.path)
     path_safety.refuse_links(run.path)
-    assert [file.name for file in (run.path / slurm.SCRIPTS).iterdir()] == ["101_submission.sh"]
+    assert (run.path / slurm.SCRIPT).read_text() == cluster.scripts[0]
 
 
 @pytest.mark.slow
@@ -279,14 +274,6 @@ def test_every_key_is_explained() -> None:
 def test_an_option_that_sbatch_would_answer_otherwise(cluster: Cluster, option: str) -> None:
     with pytest.raises(UserError, match=rf"launcher\.sbatch={option}: auvbench needs that option itself"):
         backend(f"launcher.sbatch=['{option}']")
-
-
-@pytest.mark.slow
-def test_a_folder_whose_name_slurm_would_change(cluster: Cluster, tmp_path: Path) -> None:
-    run = fake_training.make(tmp_path / "job%j" / "run")
-    with pytest.raises(UserError, match="has a %j"):
-        backend().submit(run.path)
-    assert not cluster.scripts
 
 
 @pytest.mark.slow
