@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from auvbench.config import launchers, rewards, schema, simulation, simulators, tasks, tuning
+from auvbench.config import rewards, schema, simulation, simulators, tasks, tuning
 from auvbench.config.agents import AGENTS
 
 ROOT = Path(__file__).parents[1]
@@ -28,7 +28,7 @@ Generated from `conf/` and the schema by `python -m tests.configuration_page`. T
 """
 
 SIMULATORS = {"fossen": simulators.Fossen, "gazebo": simulators.Gazebo, "ros2": simulators.Ros2}
-LAUNCHERS = {"local": launchers.Local, "slurm": launchers.Slurm, "ray": launchers.Ray}
+LAUNCHERS = {"local": schema.Local, "slurm": schema.Slurm, "ray": schema.Ray}
 SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("Runs: `train`", "train.yaml", "", schema.TrainConfig),
     *(

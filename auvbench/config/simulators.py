@@ -113,64 +113,41 @@ def threads(simulator: Any) -> int:
     return simulator.threads if isinstance(simulator, Fossen) else 1
 
 
+_FULL = {"gazebo": "simulator.hydrodynamics=corrected", "ros2": "simulator.clock=lockstep"}
+"""By simulator: the option that gives it all of its CAPABILITIES."""
+
+
 def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
     """Refuse a disturbance that is beyond the simulator.
 
     Raises:
-        ConfigError: names the key that asks too much, and simulators that can do it.
+        ConfigError: names the key that asks too much, and what can do it.
     """
-    can = capabilities(simulator)
-    key, needed = _current(disturbance.current)
-    who = f"simulator={simulator.name}{_restriction(simulator)}"
 
-    def flows(c: Capabilities) -> bool:
-        return CURRENTS.index(c.currents) >= CURRENTS.index(needed)
+    def need(key: str, what: str, able: Callable[[Capabilities], bool]) -> None:
+        if able(capabilities(simulator)):
+            return
+        full = CAPABILITIES.get(simulator.name)
+        own = [_FULL[simulator.name]] if full and simulator.name in _FULL and able(full) else []
+        others = [
+            f"simulator={name}" for name, can in CAPABILITIES.items() if able(can) and name != simulator.name
+        ]
+        raise ConfigError(
+            f"{key}: asks for {what}, which simulator={simulator.name} does not have here; use {' or '.join(own + others)}"
+        )
 
-    if not flows(can):
-        at_most = "has no current" if can.currents == "none" else f"takes a {can.currents} current at most"
-        raise ConfigError(
-            f"{key}: asks for a {needed} current, and {who} {at_most}; {_remedy(simulator, flows)}"
-        )
-    if disturbance.sea is not None and not can.waves:
-        raise ConfigError(
-            f"disturbance.waves.height={disturbance.sea.height:g}: asks for waves, which simulator={simulator.name} does "
-            f"not have; {_remedy(simulator, lambda c: c.waves)}"
-        )
-    if can.scales:
-        return
+    key, current = _current(disturbance.current)
+    need(key, f"a {current} current", lambda can: CURRENTS.index(can.currents) >= CURRENTS.index(current))
+    if disturbance.sea is not None:
+        need(f"disturbance.waves.height={disturbance.sea.height:g}", "waves", lambda can: can.waves)
     for part in SCALES:
         scale: Scale = getattr(disturbance.randomisation, part)
         if scale.low != 1.0 or scale.high != 1.0:
-            raise ConfigError(
-                f"disturbance.randomisation.{part}: asks for vehicles with numbers of their own, which {who} does not "
-                f"have; {_remedy(simulator, lambda c: c.scales)}"
+            need(
+                f"disturbance.randomisation.{part}",
+                "vehicles with numbers of their own",
+                lambda can: can.scales,
             )
-
-
-_FULL = {"gazebo": ("hydrodynamics", "corrected"), "ros2": ("clock", "lockstep")}
-"""By simulator: the option, and its value, that gives it all of its CAPABILITIES."""
-
-
-def _restricted(simulator: Simulator) -> bool:
-    return capabilities(simulator) != CAPABILITIES.get(simulator.name, capabilities(simulator))
-
-
-def _restriction(simulator: Simulator) -> str:
-    """Return the option that restricts a simulator."""
-    if not _restricted(simulator):
-        return ""
-    key, _ = _FULL[simulator.name]
-    return f" with simulator.{key}={getattr(simulator, key)}"
-
-
-def _remedy(simulator: Simulator, able: Callable[[Capabilities], bool]) -> str:
-    """Return what to type: another option of this simulator if that is enough, or another simulator."""
-    options = [
-        f"simulator={name}" for name, can in CAPABILITIES.items() if able(can) and name != simulator.name
-    ]
-    if _restricted(simulator) and able(CAPABILITIES[simulator.name]):
-        options.insert(0, "simulator.{}={}".format(*_FULL[simulator.name]))
-    return f"use {' or '.join(options)}"
 
 
 def _current(current: Current) -> tuple[str, str]:

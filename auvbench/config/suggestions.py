@@ -9,24 +9,6 @@ from auvbench.config import schema
 from auvbench.config.agents import AGENTS
 from auvbench.errors import closest
 
-ELSEWHERE = {
-    **dict.fromkeys(
-        ("device", "cuda", "gpu"),
-        "auvbench trains on the processor, a thread for each run: the networks are small",
-    ),
-    "env": "the task is task=, the vehicle vehicle=, the number of environments algo.n_envs=",
-    "num_envs": "the number of environments is algo.n_envs=",
-    "lr": "the learning rate is algo.learning_rate=",
-    **dict.fromkeys(("n_timesteps", "total_timesteps", "timesteps"), "the budget is train.total_steps="),
-    **dict.fromkeys(("n_seeds", "seeds"), "seeds are an axis of a grid: -m seed=0,1,2"),
-    **dict.fromkeys(("workers", "jobs"), "the runs at once are launcher.workers="),
-    "experiment_name": "the folder of the runs is name=",
-    "protocol": "a test is chosen where runs are tested: auvbench evaluate outputs protocol=NAME",
-    "baseline": "a baseline is chosen where runs are ranked: auvbench report outputs --baseline pid",
-    **dict.fromkeys(("log_dir", "logdir"), "runs lie in <output>/<name>/<run id>: output=FOLDER, name=NAME"),
-}
-"""Keys that other programs have, and what stands for them here."""
-
 
 def nearest(key: str, known: Collection[str]) -> str | None:
     """Return the key that was probably meant: one with this last part, else one that is spelt alike.
@@ -66,9 +48,6 @@ def unknown_key(key: str, known: Collection[str], program: str) -> str:
     if having := owners(key):
         return f"only {', '.join(having)} {'has' if len(having) == 1 else 'have'} it"
     shows = f"{program} --cfg job shows all keys"
-    group, _, last = key.rpartition(".")
-    if group in ("", "algo", "train") and last in ELSEWHERE:
-        return f"{ELSEWHERE[last]} ({shows})"
     of_algorithms: set[str] = set()
     if any(name.startswith("algo.") for name in known):  # a command without an algorithm has none of its keys
         of_algorithms = {name for spec in AGENTS.values() for name in schema.keys(spec.schema, "algo.")}
@@ -98,6 +77,4 @@ def unknown_flag(
         following = next(iter(typed[typed.index(word) + 1 :]), "-")
         shown = own if separator else "VALUE" if following.startswith("-") else following
         return f"{flag}: {command} takes it as {meant}={shown} (key=value is configuration)"
-    if key in ELSEWHERE and keys:
-        return f"{flag}: {ELSEWHERE[key]}"
     return f"unknown option {flag!r} of {command}; {closest(flag, flags)}"

@@ -27,37 +27,10 @@ from types import FrameType
 from typing import Any
 
 _PR_SET_PDEATHSIG = 1
-_STARTTIME = 19  # field 22 of /proc/PID/stat, counted from the state (field 3), see proc(5)
 
 
 def host() -> str:
     return socket.gethostname()
-
-
-def start_mark(pid: int) -> str | None:
-    """A mark that no other process with the same pid has; None when there is no such living process.
-
-    A zombie counts as dead: it holds nothing any more, and in a container without an init no process may ever
-    collect it.
-    """
-    try:
-        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
-    except FileNotFoundError:
-        return _portable_start_mark(pid) if not sys.platform.startswith("linux") else None
-    except OSError:  # ESRCH: it ended while we read
-        return None
-    fields = text.rpartition(")")[2].split()  # the command before it may hold blanks and brackets
-    return None if fields[0] in "ZX" else fields[_STARTTIME]
-
-
-def _portable_start_mark(pid: int) -> str | None:
-    import psutil
-
-    try:
-        process = psutil.Process(pid)
-        return None if process.status() == psutil.STATUS_ZOMBIE else repr(process.create_time())
-    except psutil.Error:
-        return None
 
 
 def die_with_parent(parent: int) -> None:

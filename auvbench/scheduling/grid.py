@@ -10,7 +10,7 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from auvbench.config import launchers
+from auvbench.config import schema
 from auvbench.config.agents import learns
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError, RunError
@@ -18,8 +18,7 @@ from auvbench.runs import plan, status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.status import State
 from auvbench.scheduling import views
-from auvbench.scheduling.base import Backend
-from auvbench.scheduling.loop import Loop, Outcome, Result
+from auvbench.scheduling.loop import Backend, Loop, Outcome, Result
 from auvbench.training import execute
 from auvbench.training.worker import TARGET
 
@@ -196,15 +195,15 @@ def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True
     """
     options = OmegaConf.to_object(launcher)
     # Imported when chosen: each backend has needs of its own.
-    if isinstance(options, launchers.Slurm):
+    if isinstance(options, schema.Slurm):
         from auvbench.scheduling.slurm import SlurmBackend
 
         return SlurmBackend(options, target=target)
-    if isinstance(options, launchers.Ray):
+    if isinstance(options, schema.Ray):
         from auvbench.scheduling.ray import RayBackend
 
         return RayBackend(options, target=target)
-    if isinstance(options, launchers.Local):
+    if isinstance(options, schema.Local):
         from auvbench.scheduling.local import CONTROLLERS, LEARNERS, LocalBackend
 
         return LocalBackend(options.workers, target=target, preload=LEARNERS if learning else CONTROLLERS)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from auvbench.runs import interruption, pool
-from auvbench.scheduling.base import Phase, Status
+from auvbench.scheduling.loop import Phase, Status
 from auvbench.training import worker
 from auvbench.training.worker import TARGET
 

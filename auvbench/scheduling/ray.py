@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from auvbench.config.launchers import Ray
+from auvbench.config.schema import Ray
 from auvbench.errors import UserError
 from auvbench.runs import lock
-from auvbench.scheduling.base import Phase, Status
+from auvbench.scheduling.loop import Phase, Status
 from auvbench.training.worker import TARGET
 from auvbench.untrusted.text import first_line
 

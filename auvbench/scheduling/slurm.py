@@ -20,10 +20,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from auvbench.config.launchers import Slurm
+from auvbench.config.schema import Slurm
 from auvbench.errors import RunError, UserError
 from auvbench.runs.atomic_io import write_atomic
-from auvbench.scheduling.base import Phase, Status, SubmitError
+from auvbench.scheduling.loop import Phase, Status, SubmitError
 from auvbench.training.worker import LOG, TARGET
 from auvbench.untrusted import path_safety, typed_json
 from auvbench.untrusted.typed_json import Range
@@ -32,7 +32,31 @@ SCRIPT = "slurm.sh"
 """In the run directory: the batch script that was last submitted for it."""
 
 RESERVED = frozenset(
-    ["-a", "--array", "-e", "--error", "-H", "--hold", "-J", "--job-name", "-o", "--output", "--open-mode", "--parsable", "-Q", "--quiet", "--requeue", "--no-requeue", "--signal", "--test-only", "-V", "--version", "-W", "--wait", "--wrap"]
+    [
+        "-a",
+        "--array",
+        "-e",
+        "--error",
+        "-H",
+        "--hold",
+        "-J",
+        "--job-name",
+        "-o",
+        "--output",
+        "--open-mode",
+        "--parsable",
+        "-Q",
+        "--quiet",
+        "--requeue",
+        "--no-requeue",
+        "--signal",
+        "--test-only",
+        "-V",
+        "--version",
+        "-W",
+        "--wait",
+        "--wrap",
+    ]
 )
 """sbatch's options that auvbench needs itself, or that change its answer"""
 

@@ -21,8 +21,7 @@ from auvbench.errors import RunError
 from auvbench.runs import progress
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Progress, telling
-from auvbench.scheduling.base import Job, Phase
-from auvbench.scheduling.loop import Outcome
+from auvbench.scheduling.loop import Job, Outcome, Phase
 
 WAITING = "waiting"
 STYLES: dict[str, str] = {

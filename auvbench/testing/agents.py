@@ -27,7 +27,7 @@ from auvbench.runs.plan import prepare
 from auvbench.testing import draws
 from auvbench.testing.draws import ConformanceError, same
 from auvbench.training.execute import execute
-from auvbench.training.session import Session
+from auvbench.training.learning import Session
 
 EPISODES, STEPS = 7, 25
 """how many an agent steers side by side, and for how long, in the checks of its actions"""

@@ -17,8 +17,7 @@ from auvbench.errors import TrainingError
 from auvbench.runs import lock, status
 from auvbench.runs.directory import RunDirectory, freeze
 from auvbench.runs.progress import to_go
-from auvbench.scheduling.base import Backend
-from auvbench.scheduling.loop import Loop, Outcome, Result
+from auvbench.scheduling.loop import Backend, Loop, Outcome, Result
 from auvbench.scheduling.views import View
 from auvbench.tuning import runs
 from auvbench.tuning.folder import StudyFolder

@@ -11,7 +11,7 @@ import pytest
 from auvbench import cli
 from auvbench.runs.directory import RunDirectory, find_runs
 from auvbench.training.execute import execute
-from auvbench.training.session import Session
+from auvbench.training.learning import Session
 from tests.packages import Site, learning, site, steering
 
 __all__ = ["site"]

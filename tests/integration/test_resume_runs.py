@@ -167,7 +167,7 @@ def test_a_run_without_normalisation_resumes_as_well(case: str, tmp_path: Path, 
 def test_without_time_to_save_the_last_checkpoint_counts(
     case: str, whole: dict[str, str], run: RunDirectory, strike: Strike, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("auvbench.training.session.GRACE", -1.0)
+    monkeypatch.setattr("auvbench.training.learning.GRACE", -1.0)
     strike(900, lambda _: os.kill(os.getpid(), signal.SIGTERM))
     # SAC's rollout is one step of the batch: there is always time to end it.
     message = "the last checkpoint is of step" if case.startswith("ppo") else "saved at step"

@@ -23,7 +23,7 @@ from auvbench.agents.learned import state
 from auvbench.agents.learned.sb3 import Follower, SB3Learner, Scalars
 from auvbench.training.checkpoint.logs import NAME, EventWriter
 from auvbench.training.checkpoint.saver import Checkpointer
-from auvbench.training.session import check_step
+from auvbench.training.learning import check_step
 from tests.soak.pendulum import Pendulums
 
 LOGS = ("train/episodes.csv", f"train/{NAME}")

@@ -16,7 +16,7 @@ from auvbench.errors import RunError, plain_warnings
 from auvbench.runs import directory
 from auvbench.runs.directory import RunDirectory, freeze
 from auvbench.scheduling import loop
-from auvbench.scheduling.base import Phase, Status
+from auvbench.scheduling.loop import Phase, Status
 from auvbench.training.checkpoint import extending
 from auvbench.training.checkpoint.store import CheckpointWarning
 from tests import configs, fake_training

@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 
 from auvbench.config.compose import compose
-from auvbench.config.launchers import Slurm
+from auvbench.config.schema import Slurm
 from auvbench.errors import UserError
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling import grid, slurm
-from auvbench.scheduling.base import Phase, SubmitError
+from auvbench.scheduling.loop import Phase, SubmitError
 from auvbench.scheduling.slurm import SlurmBackend
 from auvbench.untrusted import path_safety
 from tests import fake_training

@@ -18,8 +18,7 @@ from auvbench.runs import progress
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.progress import Progress
 from auvbench.scheduling import views
-from auvbench.scheduling.base import Phase, Status
-from auvbench.scheduling.loop import Outcome
+from auvbench.scheduling.loop import Outcome, Phase, Status
 from tests import configs, fake_training
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from auvbench.errors import TrainingError
-from auvbench.training.session import check_step
+from auvbench.training.learning import check_step
 
 
 def test_finite_steps_pass() -> None:

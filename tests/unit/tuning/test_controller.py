@@ -17,7 +17,7 @@ from auvbench.config.compose import compose, typed
 from auvbench.errors import TrainingError
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory, freeze
-from auvbench.scheduling.base import Phase, Status
+from auvbench.scheduling.loop import Phase, Status
 from auvbench.tuning import controller, runs
 from auvbench.tuning.controller import Controller
 from auvbench.tuning.search import ERROR, Objective, Score, Search, open_study

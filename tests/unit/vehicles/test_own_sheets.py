@@ -67,7 +67,7 @@ def test_files_that_cannot_be_read_do_not_hide_the_others(capsys: pytest.Capture
     latin = "conf/vehicle/latin.yaml line 2: byte 0xe8 is not UTF-8: save the sheet as UTF-8 text"
     folder = "conf/vehicle/folder.yaml: cannot be read: Is a directory"
     dangling = "conf/vehicle/dangling.yaml: cannot be read: No such file or directory"
-    out = listed(capsys)
+    out = " ".join(listed(capsys).split())
     for reason in (latin, folder, dangling):
         assert f"broken: {reason}" in out
     assert "rexrov" in out
