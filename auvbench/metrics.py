@@ -98,16 +98,15 @@ class Metric:
         return self.unit if self.shown_unit is None else self.shown_unit
 
 
-def _share(
+def _rate(
     name: str,
     title: str,
     definition: str,
-    kind: Kind = "agent",
-    better: Literal["higher", "lower"] = "higher",
+    better: Literal["higher", "lower"] = "lower",
     tasks: tuple[str, ...] = (),
 ) -> Metric:
     return Metric(
-        name, kind, "1", better, title, definition, shown_unit="%", scale=100.0, high=1.0, tasks=tasks
+        name, "rate", "1", better, title, definition, shown_unit="%", scale=100.0, high=1.0, tasks=tasks
     )
 
 
@@ -144,18 +143,13 @@ TRACKED = ("station_keeping", "trajectory_tracking", "path_following", "docking"
 
 
 METRICS: list[Metric] = [
-    _share("success_rate", "success", "episodes that succeed: docs/task.md says when, for each task", "rate"),
-    _share(
-        "collision_rate", "collision", "episodes that leave the depth limits or hit the dock", "rate", "lower"
+    _rate(
+        "success_rate", "success", "episodes that succeed: docs/task.md says when, for each task", "higher"
     ),
-    _share("timeout_rate", "timeout", "episodes that use up their steps without success", "rate", "lower"),
-    _share(
-        "out_of_bounds_rate",
-        "out of bounds",
-        "episodes that get too far from the reference",
-        "rate",
-        "lower",
-        TRACKED,
+    _rate("collision_rate", "collision", "episodes that leave the depth limits or hit the dock"),
+    _rate("timeout_rate", "timeout", "episodes that use up their steps without success"),
+    _rate(
+        "out_of_bounds_rate", "out of bounds", "episodes that get too far from the reference", tasks=TRACKED
     ),
     Metric(
         "par1_steps", "penalised", "", "lower", "PAR-1 steps", "agent steps; a failure counts as the limit"
@@ -390,13 +384,6 @@ METRICS: list[Metric] = [
     ),
     _own("final_speed_m_per_s", "m/s", "final speed", "speed over ground at the end", ("docking",)),
     _own("final_yaw_error_rad", "rad", "final yaw error", "at the end", ("docking",), high=math.pi),
-    _share("iqm_success", "IQM of success", "interquartile mean of success over seeds and conditions"),
-    _share(
-        "optimality_gap",
-        "optimality gap",
-        "mean shortfall of success below 100 % over seeds and conditions",
-        better="lower",
-    ),
     Metric(
         "time_over_best_known",
         "agent",
@@ -412,14 +399,6 @@ METRICS: list[Metric] = [
         "lower",
         "computing time",
         "processor time of one action: median, mean over runs",
-    ),
-    Metric(
-        "action_p95_ms",
-        "agent",
-        "ms",
-        "lower",
-        "computing time, 95th percentile",
-        "processor time of one action: 95th percentile",
     ),
     Metric(
         "training_cpu_s",

@@ -45,9 +45,9 @@ def rehearse(paths: Sequence[Path], study: Study, options: Options) -> None:
     Raises:
         UserError: they cannot, or an option names what there is not.
     """
-    from auvbench.commands.report import analysed, over_all
+    from auvbench.commands.report import analysed
 
-    over_all(analysed(paths, options), options)
+    analysed(paths, options)
     for name in study.also:
         analysed(paths, _further(options, name))
 
@@ -79,7 +79,7 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     Returns:
         Number of runs in the report, and number of policies that could not be exported.
     """
-    from auvbench.commands.report import analysed, over_all, write_over
+    from auvbench.commands.report import analysed
     from auvbench.reporting import readme
     from auvbench.reporting import write as files
     from auvbench.runs import declared
@@ -93,7 +93,6 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     reports = analysed([folder], chosen)
     further = [(name, analysed([folder], _further(chosen, name))) for name in study.also]
     _tables([(options.protocol, reports), *further], folder)
-    write_over(over_all(reports, chosen), chosen, folder)
     runs = [run for report in reports for run in report.runs]
     names = _blocks(study, options)
     policies, missing = _policies(reports, study, sources) if "policies" in names else ("", 0)

@@ -17,7 +17,6 @@ from auvbench.record import PRIMARY
 from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
-    from auvbench.analysis.aggregate import Across
     from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
     from auvbench.analysis.sections import Section
     from auvbench.analysis.study import ComparisonRow
@@ -41,14 +40,13 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
 
     reports = analysed(paths, options)
     runs = [run for report in reports for run in report.runs]
-    over = over_all(reports, options)
     out = options.out or report_folder(runs)
     if options.out is None:  # a folder that was typed may be a link; one that exists may be foreign
         path_safety.check_output(out)
     path_safety.check_output(out / "figures")
     if len(reports) == 1:
         with storage(f"cannot write the report into {out}"):
-            report, written = write(reports[0], options, command, out, over=over)
+            report, written = write(reports[0], options, command, out)
             for name in ("score.tex", "score.csv"):  # of an earlier report of several tasks
                 (out / name).unlink(missing_ok=True)
         report_terminal.show(report, options)
@@ -57,23 +55,12 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
 
         score = across_tasks(reports, options)
         with storage(f"cannot write the report into {out}"):
-            reports, written = write_sections(reports, options, command, out, over, score)
+            reports, written = write_sections(reports, options, command, out, score)
         for report in reports:
             report_terminal.heading(report.section.title)
             report_terminal.show(report, options)
         report_terminal.show_score(score, options)
-    report_terminal.show_over(over, options)
     report_terminal.say_written(written)
-
-
-def over_all(reports: Sequence[Report], options: Options) -> Across | None:
-    """The agents over all sections and conditions, where --across asks for it."""
-    if not options.across:
-        return None
-    from auvbench.analysis.aggregate import across
-
-    parts = [(report.section.title, report.agents) for report in reports]
-    return across(parts, options.protocol, options.confidence, options.seed)
 
 
 def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
@@ -179,7 +166,7 @@ def _analyse(
         options.declared, part.runs, grouped, instead=options.instead, undecided=options.undecided
     )
     ranking = replace(add_optimality(ranking, grouped), declaration=note)
-    ranking = with_columns(ranking, grouped, options.columns, options.seed)
+    ranking = with_columns(ranking, grouped, options.columns)
     by_label = {agent.label: agent for agent in grouped}
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
     claims, numbers = _study(part.runs, ordered, options)
@@ -243,7 +230,6 @@ def write(
     command: str,
     out: Path,
     title: str = "",
-    over: Across | None = None,
 ) -> tuple[Report, list[Path]]:
     """Writes the formats asked for; returns the report, with what drawing found damaged, and the files.
 
@@ -253,7 +239,6 @@ def write(
         command: the command line, for the page.
         out: the folder.
         title: of the section, where the report has several.
-        over: the agents over all tasks, where the report has one section.
     """
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
@@ -276,9 +261,9 @@ def write(
         ranking = replace(ranking, problems=(*ranking.problems, *problems))
         report = replace(report, ranking=ranking)
     if "html" in options.format:
-        written.append(_page(out / "index.html", report, figures, command, title, over))
+        written.append(_page(out / "index.html", report, figures, command, title))
     if "md" in options.format:
-        text = files.markdown(ranking, report.findings, report.claims, report.comparison, figures, out, over)
+        text = files.markdown(ranking, report.findings, report.claims, report.comparison, figures, out)
         written.append(files.text(out / "report.md", text))
     if "tex" in options.format:
         written.append(files.text(out / "table.tex", tables.latex(ranking)))
@@ -291,25 +276,10 @@ def write(
             out / "verdicts.json", files.verdicts([(title, report.claims, report.findings)])
         )
         written += files.if_any(out / "limit.csv", tables.limit_csv(ranking))
-    return report, written + write_over(over, options, out)
+    return report, written
 
 
-def write_over(over: Across | None, options: Options, out: Path) -> list[Path]:
-    """across.tex and across.csv; without the table an earlier report's go."""
-    from auvbench.reporting import tables
-    from auvbench.reporting import write as files
-
-    written = []
-    if "tex" in options.format:
-        written += files.if_any(out / "across.tex", tables.across_latex(over) if over else "")
-    if "csv" in options.format:
-        written += files.if_any(out / "across.csv", tables.across_csv(over) if over else "")
-    return written
-
-
-def _page(
-    path: Path, report: Report, figures: Sequence[Figure], command: str, title: str, over: Across | None
-) -> Path:
+def _page(path: Path, report: Report, figures: Sequence[Figure], command: str, title: str) -> Path:
     from auvbench.reporting import page
     from auvbench.reporting.figures import colour_of
 
@@ -325,7 +295,6 @@ def _page(
         colours=colour_of(report.agents),
         command=command,
         section=title,
-        over=over,
     )
 
 

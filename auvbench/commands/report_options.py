@@ -33,7 +33,6 @@ class Options:
     then: str
     group_by: tuple[str, ...]
     columns: tuple[str, ...]
-    across: bool
     pairs: bool
     all_findings: bool
     baseline: str | None
@@ -64,7 +63,6 @@ STORED = (
     "then",
     "group_by",
     "columns",
-    "across",
     "protocol",
     "condition",
     "study",
@@ -162,12 +160,10 @@ def parser() -> Parser:
     add("--rank-by", metavar="METRIC", help="primary measure, one of those below")
     add("--then", metavar="METRIC", help="measure that decides between equals")
     add("--group-by", metavar="KEY,...", help="configuration keys whose values make a row: algo,reward.k")
-    add("--columns", metavar="NAME,...", help="further columns: iqm_success, training_cpu_s, ...")
     add(
-        "--across",
-        action=argparse.BooleanOptionalAction,
-        default=None,
-        help="one table over all conditions and vehicles",
+        "--columns",
+        metavar="NAME,...",
+        help="further columns: time_over_best_known, training_cpu_s, or any measure",
     )
     add("--pairs", action=argparse.BooleanOptionalAction, default=None, help="show ranks and all pairs")
     add(
@@ -234,7 +230,7 @@ def _options(settings: Mapping[str, Any]) -> Options:
     if study is not None and study not in STUDIES:
         raise UserError(f"unknown study {study!r}; {closest(str(study), STUDIES)}")
     confidence = _number("confidence", settings["confidence"], 0.5, 0.999)
-    for name in ("figures", "across", "pairs", "all_findings"):
+    for name in ("figures", "pairs", "all_findings"):
         if not isinstance(settings[name], bool):
             raise UserError(f"{name}={settings[name]!r} is neither true nor false")
     return Options(
@@ -242,7 +238,6 @@ def _options(settings: Mapping[str, Any]) -> Options:
         then=str(settings["then"]),
         group_by=_names(settings["group_by"]),
         columns=() if settings["columns"] is None else _names(settings["columns"]),
-        across=settings["across"],
         pairs=settings["pairs"],
         all_findings=settings["all_findings"],
         baseline=None if settings["baseline"] is None else str(settings["baseline"]),

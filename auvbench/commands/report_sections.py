@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.report import Report, write, write_over
+from auvbench.commands.report import Report, write
 from auvbench.commands.report_options import Options
 
 if TYPE_CHECKING:
-    from auvbench.analysis.aggregate import Across
     from auvbench.analysis.records import Agent
     from auvbench.analysis.score import Scores
 
@@ -81,7 +80,6 @@ def write_sections(
     options: Options,
     command: str,
     out: Path,
-    over: Across | None = None,
     score: Scores | None = None,
 ) -> tuple[list[Report], list[Path]]:
     """Writes each section into a folder of its own below `out`, and `index.html`, `report.md` and `table.csv` of all.
@@ -104,13 +102,12 @@ def write_sections(
     parts = [Part(r.section.title, r.section.folder, r.ranking, r.agents, r.runs, r.findings) for r in whole]
     above = []
     if "html" in options.format:
-        above.append(write_overview(out / "index.html", parts, command, over, score))
+        above.append(write_overview(out / "index.html", parts, command, score))
     if "md" in options.format:
-        above.append(files.sections_markdown(out / "report.md", parts, over, score))
+        above.append(files.sections_markdown(out / "report.md", parts, score))
     if "csv" in options.format:
         rows = tables.joined("vehicle", [(r.section.vehicle, tables.csv(r.ranking)) for r in whole])
         above.append(text(out / "table.csv", rows))
-    above += write_over(over, options, out)
     files.clear(out)
     if "tex" in options.format:
         above += files.if_any(out / "score.tex", tables.score_latex(score) if score else "")

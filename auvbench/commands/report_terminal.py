@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from auvbench.analysis.aggregate import Across
     from auvbench.analysis.score import Scores
     from auvbench.commands.report import Report
     from auvbench.commands.report_options import Options
@@ -40,18 +39,6 @@ def show(report: Report, options: Options) -> None:
     if options.pairs:
         console.print()
         console.print(tables.appendix_terminal(report.ranking))
-
-
-def show_over(over: Across | None, options: Options) -> None:
-    """The table over all tasks, where there is one."""
-    from rich.console import Console
-
-    from auvbench.reporting import tables
-
-    if over is not None and "terminal" in options.format:
-        console = Console(highlight=False)
-        console.print()
-        console.print(tables.across_terminal(over))
 
 
 def show_score(score: Scores | None, options: Options) -> None:

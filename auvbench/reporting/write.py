@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.analysis.score import Scores
@@ -46,7 +45,6 @@ def markdown(
     comparison: Sequence[ComparisonRow],
     figures: Sequence[Figure],
     folder: Path,
-    over: Across | None = None,
 ) -> str:
     """Return report.md; its links are relative to `folder`.
 
@@ -57,7 +55,6 @@ def markdown(
         comparison: the study's own numbers next to ours.
         figures: drawn already, the main one first.
         folder: where report.md will lie.
-        over: the agents over all tasks, where that was asked for.
     """
     main = next((figure for figure in figures if figure.name == MAIN), None)
     parts = ["# Report", tables.markdown(ranking, figure_in_markdown(main, folder) if main else "").rstrip()]
@@ -65,8 +62,6 @@ def markdown(
         parts += ["## Findings", findings_in_markdown(findings)]
     if ranking.conditions:
         parts += ["## Conditions", tables.conditions_markdown(ranking).rstrip()]
-    if over is not None:
-        parts += ["## Over all tasks", tables.across_markdown(over).rstrip()]
     if claims:
         parts += ["## Claims of the study", claims_in_markdown(claims)]
     if comparison:
@@ -169,9 +164,7 @@ def overview(sections: int, score: Scores | None) -> str:
     return f"{len(score.titles)} tasks: agents are compared within each task, and a score describes them across tasks."
 
 
-def sections_markdown(
-    path: Path, parts: Sequence[Part], over: Across | None = None, score: Scores | None = None
-) -> Path:
+def sections_markdown(path: Path, parts: Sequence[Part], score: Scores | None = None) -> Path:
     """Write report.md with the table and the findings of each section, and a link to its own report."""
     pieces = [
         "# Report",
@@ -179,8 +172,6 @@ def sections_markdown(
     ]
     if score is not None:
         pieces += ["## Score across tasks", tables.score_markdown(score).rstrip()]
-    if over is not None:
-        pieces += ["## Over all tasks", tables.across_markdown(over).rstrip()]
     for part in parts:
         pieces += [
             f"## {escape(part.title[:1].upper() + part.title[1:])}",

@@ -1,11 +1,11 @@
-"""How often the intervals of aggregates over conditions and vehicles hold the truth."""
+"""How often the intervals of interquartile means over conditions and vehicles hold the truth."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.special import expit
 
-from auvbench.statistics.aggregate import Aggregate, interquartile, optimality_gap, stratified
+from auvbench.analysis.score import interquartile, stratified
 from benchmarks.statistics.worlds import FloatArray
 
 LEVELS = (0.4, 2.9)
@@ -21,7 +21,6 @@ DESIGNS = {
     "3 vehicles, 1 condition": (3, 1),
     "3 vehicles, 4 conditions": (3, 4),
 }
-AGGREGATES: dict[str, Aggregate] = {"IQM": interquartile, "optimality gap": optimality_gap}
 
 
 def draw(vehicles: int, conditions: int, S: int, rng: np.random.Generator) -> list[FloatArray]:
@@ -34,22 +33,13 @@ def draw(vehicles: int, conditions: int, S: int, rng: np.random.Generator) -> li
     return found
 
 
-def coverage(
-    vehicles: int, conditions: int, S: int, replications: int, seed: int = 0
-) -> dict[str, tuple[float, float]]:
-    """By aggregate the share of intervals that hold the truth: seeds drawn with all their scores, and score by score."""
+def coverage(vehicles: int, conditions: int, S: int, replications: int, seed: int = 0) -> float:
+    """Return the share of the intervals of interquartile means that hold the truth."""
     rng = np.random.default_rng(seed)
     many = draw(vehicles, conditions, MANY // (vehicles * conditions), rng)
-    truth = {
-        name: float(aggregate(np.concatenate([x.ravel() for x in many])))
-        for name, aggregate in AGGREGATES.items()
-    }
-    held = {name: np.zeros(2) for name in AGGREGATES}
+    truth = float(interquartile(np.concatenate([x.ravel() for x in many])))
+    held = 0
     for _ in range(replications):
-        strata = draw(vehicles, conditions, S, rng)
-        apart = [column[:, None] for scores in strata for column in scores.T]
-        for name, aggregate in AGGREGATES.items():
-            for i, parts in enumerate((strata, apart)):
-                e = stratified(parts, aggregate, resamples=300, rng=rng)
-                held[name][i] += e.low <= truth[name] <= e.high
-    return {name: (float(x[0]) / replications, float(x[1]) / replications) for name, x in held.items()}
+        e = stratified(draw(vehicles, conditions, S, rng), interquartile, resamples=300, rng=rng)
+        held += e.low <= truth <= e.high
+    return held / replications

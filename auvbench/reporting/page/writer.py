@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 from markupsafe import Markup
 
-from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
@@ -25,8 +24,6 @@ from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.appendix import (
     COMPARISON_NOTE,
-    across_notes,
-    across_table,
     comparison_table,
     conditions_table,
     pairs_table,
@@ -62,7 +59,6 @@ def write(
     command: str = "",
     title: str = "",
     section: str = "",
-    over: Across | None = None,
 ) -> Path:
     """Write the report as one HTML file that needs nothing but a browser; return its path.
 
@@ -83,7 +79,6 @@ def write(
         command: the command line that made the report.
         title: the page's title; by default it names the experiments that the runs belong to.
         section: the section of a report that has several; `../index.html` then shows all.
-        over: the agents over all tasks.
 
     Raises:
         OSError: the file cannot be written.
@@ -112,7 +107,6 @@ def write(
         ranks=table.of_agents(ranks_table(ranking), ranking, hues, links),
         pairs=table.printed(pairs_table(pairs)) if pairs else None,
         notes=[table.minus(line) for line in notes(ranking)],
-        over=over_all(over),
         findings=found[:SHOWN],
         more_findings=found[SHOWN:],
         claims=sources.claims(claims, links),
@@ -144,13 +138,6 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         runs_found=len(found),
         confidence=f"{100 * ranking.confidence:g}",
         **shown,
-    )
-
-
-def over_all(found: Across | None) -> dict[str, Any] | None:
-    """Return the agents over all tasks as the template draws them."""
-    return (
-        None if found is None else {"table": table.printed(across_table(found)), "notes": across_notes(found)}
     )
 
 
@@ -235,7 +222,6 @@ def write_overview(
     path: Path,
     parts: Sequence[Part],
     command: str = "",
-    over: Across | None = None,
     score: Scores | None = None,
 ) -> Path:
     """Write the page of all sections; each has its own page at `<folder>/index.html`.
@@ -273,7 +259,6 @@ def write_overview(
         ),
         facts=[fact for fact in facts if fact[0] != "Scenarios"],  # each section has its own
         command=command,
-        over=over_all(over),
         score=_scored(score),
     )
     return text(path, html)

@@ -1,9 +1,8 @@
 """The tables of a report in every format. Each function draws what a `Ranking` holds and computes nothing."""
 
-from auvbench.reporting.tables.latex import across_latex, conditions_latex, latex, score_latex
+from auvbench.reporting.tables.latex import conditions_latex, latex, score_latex
 from auvbench.reporting.tables.score import score_csv, score_markdown
 from auvbench.reporting.tables.terminal import (
-    across_terminal,
     appendix_terminal,
     claims_terminal,
     comparison_terminal,
@@ -13,8 +12,6 @@ from auvbench.reporting.tables.terminal import (
     terminal,
 )
 from auvbench.reporting.tables.text_formats import (
-    across_csv,
-    across_markdown,
     comparison_markdown,
     comparisons_csv,
     conditions_csv,
@@ -27,10 +24,6 @@ from auvbench.reporting.tables.text_formats import (
 )
 
 __all__ = [
-    "across_csv",
-    "across_latex",
-    "across_markdown",
-    "across_terminal",
     "appendix_terminal",
     "claims_terminal",
     "comparison_markdown",

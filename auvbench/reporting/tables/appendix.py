@@ -1,10 +1,9 @@
-"""The tables next to the main one: ranks, pairs, conditions, all tasks, and the original study's numbers."""
+"""The tables next to the main one: ranks, pairs, conditions, and the original study's numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from auvbench.analysis.aggregate import Across, Over
 from auvbench.analysis.conditions import in_words, split
 from auvbench.analysis.formatting import unit
 from auvbench.analysis.measures import measure
@@ -114,60 +113,6 @@ def conditions_note(ranking: Ranking) -> str:
     if all(row.compared for row in ranking.rows):
         return text
     return f"{text} {DAGGER} one training seed: the interval covers test episodes only."
-
-
-def across_table(table: Across) -> Table:
-    """Return the agents over all tasks."""
-    headings = (
-        Heading("agent", words=True),
-        Heading("seeds"),
-        Heading("tasks"),
-        Heading("IQM of success", "%"),
-        Heading("optimality gap", "%"),
-    )
-    lines = [
-        Line(
-            (
-                Cell(row.label),
-                Cell(_seeds(row)),
-                Cell(str(row.tasks)),
-                *(estimate_cell(e, 100.0) for e in (row.iqm, row.gap)),
-            )
-        )
-        for row in table.rows
-    ]
-    return Table(headings, tuple(lines))
-
-
-def _seeds(row: Over) -> str:
-    """Return the training seeds: '5', or '5, 3' where they differ from section to section."""
-    if not row.trained:
-        return NOTHING
-    there = [n for n in row.trainings if n]
-    return str(there[0]) if len(set(there)) == 1 else ", ".join(map(str, there))
-
-
-def across_notes(table: Across) -> list[str]:
-    """What the table shows, in sentences without markup."""
-    over = (
-        f"{len(table.sections)} sections ({', '.join(table.sections)})"
-        if len(table.sections) > 1
-        else "one section"
-    )
-    found = [
-        f"Success over {table.tasks} task{'' if table.tasks == 1 else 's'}: every condition of protocol {table.protocol}, in "
-        f"{over}. IQM: mean of the middle half of the scores of all trainings and tasks. Optimality gap: how far "
-        "success stays below 100 % on average. In the order of the IQM, which is a description: agents are tested "
-        "against each other within a section, never across.",
-        f"Brackets: {100 * table.confidence:g} % stratified bootstrap intervals over training seeds, drawn section by section, for these tasks; "
-        "with few seeds they hold less often than they say. Without brackets: nothing to train, or a section with one "
-        "training seed.",
-    ]
-    if any(row.tasks < table.tasks for row in table.rows):
-        found.append("Agents with fewer tasks stand last: their scores are not of the same tasks.")
-    if table.uneven:
-        found.append("Every training weighs alike, so that sections with more of them weigh more.")
-    return found
 
 
 def comparison_table(rows: Sequence[ComparisonRow]) -> Table:

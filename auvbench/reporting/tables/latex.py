@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from auvbench.analysis.aggregate import Across
 from auvbench.analysis.formatting import name
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Ranking
 from auvbench.analysis.score import Scores
-from auvbench.reporting.tables.appendix import across_notes, across_table, conditions_note, conditions_table
+from auvbench.reporting.tables.appendix import conditions_note, conditions_table
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes
 from auvbench.reporting.tables.score import score_notes, score_table
@@ -68,11 +67,6 @@ def conditions_latex(ranking: Ranking) -> str:
     if not ranking.conditions:
         return ""
     return _document(conditions_table(ranking), conditions_note(ranking), "conditions")
-
-
-def across_latex(table: Across) -> str:
-    r"""Return the agents over all tasks to `\input`."""
-    return _document(across_table(table), " ".join(across_notes(table)), "across")
 
 
 def score_latex(found: Scores) -> str:

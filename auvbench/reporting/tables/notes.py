@@ -105,15 +105,7 @@ def _against_a_controller(ranking: Ranking) -> bool:
 
 def of_columns(ranking: Ranking) -> list[str]:
     """Return what the columns on request are."""
-    lines = []
-    if {"iqm_success", "optimality_gap"} & set(ranking.columns):
-        lines.append(
-            "IQM, optimality gap: over training seeds and the conditions of the protocol; stratified bootstrap "
-            "intervals, too short with few seeds."
-        )
-    if optimality.COLUMN in ranking.columns:
-        lines += limit_lines(ranking)
-    return lines
+    return limit_lines(ranking) if optimality.COLUMN in ranking.columns else []
 
 
 def of_pairs(ranking: Ranking) -> str:

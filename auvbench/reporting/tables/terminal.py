@@ -10,7 +10,6 @@ from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from auvbench.analysis.aggregate import Across
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN, headline
 from auvbench.analysis.records import ClaimVerdict, Finding, Ranking
@@ -18,8 +17,6 @@ from auvbench.analysis.score import Scores
 from auvbench.analysis.study import ComparisonRow
 from auvbench.reporting.tables.appendix import (
     COMPARISON_NOTE,
-    across_notes,
-    across_table,
     comparison_table,
     conditions_note,
     conditions_table,
@@ -169,12 +166,6 @@ def _problems(ranking: Ranking) -> list[RenderableType]:
             lines.append(Text(f"and {len(problems) - MOST_PROBLEMS} more (the written report lists all)"))
         found += [Padding(line, (0, 0, 0, 2), expand=False) for line in lines]
     return found
-
-
-def across_terminal(table: Across) -> RenderableType:
-    """Return the agents over all tasks."""
-    lines = [Text(line, style="dim") for line in across_notes(table)]
-    return Group(Text("over all tasks", style="bold"), TableView(across_table(table)), *lines)
 
 
 def score_terminal(found: Scores) -> RenderableType:

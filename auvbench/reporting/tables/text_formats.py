@@ -7,14 +7,11 @@ import io
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from auvbench.analysis.aggregate import Across, Over
 from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Comparison, Ranking, Row
 from auvbench.analysis.study import ComparisonRow
 from auvbench.reporting.tables.appendix import (
     COMPARISON_NOTE,
-    across_notes,
-    across_table,
     comparison_table,
     conditions_note,
     conditions_table,
@@ -135,20 +132,6 @@ def _comparison(x: Comparison) -> list[Any]:
     return [*line, better.value, better.low, better.high]
 
 
-def across_csv(table: Across) -> str:
-    """A row per agent in full precision, shares from 0 to 1; the seeds of each section in its own column."""
-    keys = list(dict.fromkeys(key for row in table.rows for key in row.key))
-    header = ["agent", *keys, "tasks", "confidence"]
-    header += [f"{name}{end}" for name in ("iqm_success", "optimality_gap") for end in ("", "_low", "_high")]
-    header += [f"seeds: {title}" for title in table.sections]
-    return lines(header, [_over(row, keys, table.confidence) for row in table.rows])
-
-
-def _over(row: Over, keys: Sequence[str], confidence: float) -> list[object]:
-    ends = [number for e in (row.iqm, row.gap) for number in (e.value, e.low, e.high)]
-    return [row.label, *(row.key.get(key) for key in keys), row.tasks, confidence, *ends, *row.trainings]
-
-
 def joined(column: str, parts: Sequence[tuple[str, str]]) -> str:
     """Return the rows of several CSV texts; the first column has the name of each text. A missing column is empty."""
     rows = [
@@ -230,11 +213,6 @@ def conditions_markdown(ranking: Ranking) -> str:
 def ranks_markdown(ranking: Ranking) -> str:
     """Return the ranks with their intervals and group letters: the exploratory part."""
     return pipes(ranks_table(ranking)) + "\n"
-
-
-def across_markdown(table: Across) -> str:
-    """Return the agents over all tasks, and their notes."""
-    return pipes(across_table(table)) + "\n\n" + "\n".join(map(escape, across_notes(table))) + "\n"
 
 
 def comparison_markdown(rows: Sequence[ComparisonRow]) -> str:

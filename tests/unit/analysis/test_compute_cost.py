@@ -35,13 +35,11 @@ def mpc(**options: Any) -> Agent:
 
 def test_the_time_of_an_action_is_a_column_of_every_table() -> None:
     agents = [mpc(), evaluated(agent("pid", seeds=1), inference={"median_ms": 0.25, "p95_ms": 0.5})]
-    table = main_table(with_columns(rank(agents), agents, ["action_p95_ms"]))
+    table = main_table(with_columns(rank(agents), agents, []))
     titles = [heading.text for heading in table.headings]
-    places = [
-        titles.index(title) for title in ("computing time (ms)", "computing time, 95th percentile (ms)")
-    ]
-    shown = {line.cells[0].value: [float(line.cells[i].value) for i in places] for line in table.lines}
-    assert shown == {agents[0].label: [7.5, 20.0], agents[1].label: [0.25, 0.5]}
+    place = titles.index("computing time (ms)")
+    shown = {line.cells[0].value: float(line.cells[place].value) for line in table.lines}
+    assert shown == {agents[0].label: 7.5, agents[1].label: 0.25}
     untimed = main_table(with_columns(rank([agent("sac")]), [agent("sac")], []))
     assert "computing time" not in [heading.title for heading in untimed.headings]
 
@@ -61,7 +59,7 @@ def test_the_cores_of_a_training_are_a_column_where_all_manifests_say(times: Any
     "inference", [None, [], {}, {"median_ms": "fast"}, {"median_ms": True}, {"median_ms": -1.0}]
 )
 def test_a_test_that_does_not_say_gives_no_time(inference: Any) -> None:
-    assert action_time(mpc(inference=inference), "test", "median_ms") is None
+    assert action_time(mpc(inference=inference), "test") is None
 
 
 def on(cpu: Any, made: Agent) -> Agent:
@@ -74,11 +72,8 @@ def on(cpu: Any, made: Agent) -> Agent:
 def test_times_of_different_processors_are_told_apart_below_the_table() -> None:
     agents = [on("old", agent("pid", seeds=1)), on("old", agent("sac")), on("new", agent("ppo"))]
     said = with_columns(rank(agents), agents, ["action_ms", "training_cpu_s"]).machines
-    end = "of different processors they do not compare."
-    assert said == (
-        f"Times of an action are of old but for new ({agents[2].label}): {end}",
-        f"Times of a training are of new but for old ({agents[1].label}): {end}",
-    )
+    assert len(said) == 2
+    assert all("new, old" in line for line in said)
     assert with_columns(rank(agents), agents, []).machines == said[:1]
     assert set(said) <= set(notes(with_columns(rank(agents), agents, ["action_ms", "training_cpu_s"])))
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from auvbench.analysis import score as st
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import NO_POLICY, Agent
 from auvbench.analysis.score import OneTask, Scored, Scores, scores
@@ -184,3 +185,28 @@ def test_conditions_weigh_alike() -> None:
     row = by_label(scores([both, tasks[1]], "suite", 0.95))["PPO"]
     alone = by_label(scores(tasks, "suite", 0.95))["PPO"]
     assert row.tasks[0] == pytest.approx(alone.tasks[0] / 2, abs=1e-12)
+
+
+def test_the_interquartile_mean_cuts_a_quarter_at_either_end() -> None:
+    values = np.array([0.0, 1.0, 0.5, 0.6, 0.7, 0.8, 1.0, 1.0])
+    assert st.interquartile(values) == pytest.approx(np.mean(sorted(values)[2:6]))
+
+
+def test_the_stratified_interval_draws_seeds_stratum_by_stratum() -> None:
+    rng = np.random.default_rng(0)
+    scores = rng.random((10, 3))
+    vehicles = [scores[:, [i]] for i in range(3)]
+    found = st.stratified(vehicles, lambda x: x.mean(axis=-1), rng=rng, resamples=4000)
+    error = np.sqrt((scores.var(axis=0, ddof=1) / 10).sum()) / 3
+    assert found.high - found.low == pytest.approx(2 * 1.96 * error, rel=0.1)
+    assert np.isnan(st.stratified([scores[:1]], st.interquartile, rng=rng).low)
+    assert np.isnan(st.stratified([scores, scores[:1]], st.interquartile, rng=rng).low)
+
+
+def test_one_training_s_luck_under_all_conditions_is_one_draw() -> None:
+    """Ten policies whose success differs, and is the same under twelve conditions: as uncertain as under one."""
+    rng = np.random.default_rng(1)
+    luck = rng.random((10, 1))
+    twelve = st.stratified([np.repeat(luck, 12, axis=1)], lambda x: x.mean(axis=-1), rng=rng, resamples=4000)
+    error = luck.std(ddof=1) / np.sqrt(10)
+    assert twelve.high - twelve.low == pytest.approx(2 * 1.96 * error, rel=0.1)
