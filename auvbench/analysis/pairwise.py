@@ -41,9 +41,9 @@ class Tests:
         return BETTER if (self.table.mean[i] - self.table.mean[j]) * self.measure.sign > 0 else WORSE
 
     def comparisons(
-        self, agents: Sequence[Agent], listed: Sequence[tuple[int, int]], scores: Sequence[FloatArray]
+        self, agents: Sequence[Agent], listed: Sequence[tuple[int, int]]
     ) -> tuple[Comparison, ...]:
-        """Return the listed pairs as a reader sees them; `scores` (S, E) of each agent, higher is better."""
+        """Return the listed pairs as a reader sees them."""
         intervals = st.pairs(self.table, self.confidence)
         return tuple(
             Comparison(
@@ -53,7 +53,6 @@ class Tests:
                 difference=intervals.estimate(i, j, self.table, self.confidence),
                 p_value=float(self.p[i, j]),
                 p_adjusted=float(self.adjusted[i, j]),
-                probability_of_improvement=st.improvement(scores[i], scores[j], self.confidence),
                 verdict=self.verdict(i, j),
             )
             for i, j in listed

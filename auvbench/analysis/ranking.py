@@ -50,8 +50,7 @@ def rank(
         agents: of one protocol and condition, with the same scenarios.
         rank_by: the primary measure, a name of `measures.MEASURES`; means of steps and times rank by their penalised
             mean (`measures.RANKED_AS`), so that a failure counts.
-        then: decides between agents that are exactly equal in `rank_by`, and between two successful episodes in the
-            probability of improvement.
+        then: decides between agents that are exactly equal in `rank_by`.
         baseline: label of an agent, or its algorithm where that is one agent; None chooses one.
         confidence: of all intervals.
         margin: smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1); None takes the default.
@@ -77,7 +76,6 @@ def rank(
     ranks = _ranks(value, _oriented(estimates, finer))
     intervals = rank_intervals(value, tests.resolved)
     groups = letters(tests.resolved, compared)
-    scores = [_score(agent, by, finer) for agent in agents]
     rows = tuple(
         Row(
             label=agent.label,
@@ -111,8 +109,7 @@ def rank(
         fingerprint=agents[0].fingerprint,
         confidence=confidence,
         primary=primary_analysis(agents, tests, compared, reference, margin),
-        comparisons=tests.comparisons(agents, _listed(compared), scores),
-        improvement=_improvement(scores, compared),
+        comparisons=tests.comparisons(agents, _listed(compared)),
         problems=(*problems, *_without_values(agents, (by, finer))),
         conditions=successes(agents, name, confidence),
         notices=tuple(filter(None, (tuned_on_these(agents, name),))),
@@ -154,14 +151,6 @@ def _oriented(estimates: Sequence[dict[str, Estimate]], m: Measure) -> FloatArra
     return np.where(np.isnan(values), -np.inf, values)
 
 
-def _score(agent: Agent, by: Measure, finer: Measure) -> FloatArray:
-    """(S, E) of which higher is better on a scenario: what the probability of improvement compares."""
-    values = by.values(agent)
-    if by.rate:
-        return st.score((values == 1) == by.higher_is_better, finer.sign * finer.values(agent))
-    return np.where(np.isnan(values), -np.inf, by.sign * values)
-
-
 def _ranks(value: FloatArray, finer: FloatArray) -> NDArray[np.int64]:
     """(n,) Rank of agents that are sorted already; exactly equal ones share the better rank."""
     ranks = np.arange(1, len(value) + 1)
@@ -180,13 +169,6 @@ def _listed(compared: BoolArray) -> list[tuple[int, int]]:
     if len(here) <= ALL_PAIRS:
         return list(combinations(here, 2))
     return [(i, j) for i, j in combinations(here, 2) if i == here[0] or here.index(j) == here.index(i) + 1]
-
-
-def _improvement(scores: Sequence[FloatArray], compared: BoolArray) -> FloatArray:
-    """(n, n) Probability of improvement; NaN with an agent that is not compared."""
-    matrix = st.improvement_matrix(scores)
-    matrix[~np.outer(compared, compared)] = np.nan
-    return matrix
 
 
 def _protocol(agents: Sequence[Agent]) -> str:

@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from auvbench.statistics.groups import shared
 from auvbench.statistics.intervals import Estimate
 from auvbench.untrusted.text import short
 
@@ -137,12 +136,6 @@ class Row:
         """Whether its runs are no seeds of one configuration: some differ in what --group-by left out."""
         return len(set(self.seeds)) < len(self.seeds)
 
-    @property
-    def runs_in_words(self) -> str:
-        """'3 seeds', or '8 runs' where they are not seeds of one configuration."""
-        n = len(self.seeds)
-        return f"{n} runs" if self.pooled else f"{n} seed{'' if n == 1 else 's'}"
-
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
@@ -155,7 +148,6 @@ class Comparison:
     p_value: float
     p_adjusted: float
     """Holm-corrected over all pairs of the table"""
-    probability_of_improvement: Estimate
     verdict: str = "undecided"
     """of the first agent: better | worse | undecided"""
 
@@ -255,9 +247,6 @@ class Ranking:
     """None for a table of one agent, or where no agent is compared"""
     comparisons: tuple[Comparison, ...]
     """exploratory: pairs of agents, corrected over all pairs"""
-    improvement: NDArray[np.float64]
-    """(agents, agents) probability that the row's agent does better than the column's on a scenario; NaN where
-    one of them is not compared"""
     problems: tuple[Problem, ...] = ()
     conditions: tuple[Condition, ...] = ()
     """all of the protocol where it has several, that of the ranking among them"""
@@ -282,10 +271,6 @@ class Ranking:
     def order(self) -> str:
         """By what it is ranked, in words."""
         return ", then ".join(dict.fromkeys((self.rank_by, self.then)))
-
-    def resolved(self, one: Row, other: Row) -> bool:
-        """Whether the tests of all pairs tell the two rows apart; a row that is not compared never is told apart."""
-        return one.compared and other.compared and not shared(one.group, other.group)
 
 
 @dataclass(frozen=True, slots=True)

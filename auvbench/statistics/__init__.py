@@ -14,17 +14,13 @@ from auvbench.statistics.crossed import (
     means,
 )
 from auvbench.statistics.differences import Contrast, Pairs, contrast, pairs
-from auvbench.statistics.groups import letter, letters, shared
+from auvbench.statistics.groups import letter, letters
 from auvbench.statistics.intervals import Estimate, quantile, score_interval, wilson
 from auvbench.statistics.paired import (
     discordant,
     holm,
-    improvement,
-    improvement_matrix,
     mcnemar,
     probability_of_improvement,
-    score,
-    wins,
 )
 from auvbench.statistics.resolution import resolution
 
@@ -40,8 +36,6 @@ __all__ = [
     "crossed",
     "discordant",
     "holm",
-    "improvement",
-    "improvement_matrix",
     "letter",
     "letters",
     "limits",
@@ -52,11 +46,8 @@ __all__ = [
     "probability_of_improvement",
     "quantile",
     "resolution",
-    "score",
     "score_interval",
-    "shared",
     "succeeded",
     "trials_that_bound",
     "wilson",
-    "wins",
 ]

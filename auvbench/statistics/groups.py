@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import string
 
 import numpy as np
@@ -19,19 +18,6 @@ def letter(index: int) -> str:
     """
     turn, place = divmod(index, len(_SINGLE))
     return _SINGLE[place] + (str(turn) if turn else "")
-
-
-def shared(one: str, other: str) -> bool:
-    """Whether two agents' letters have one in common.
-
-    >>> shared("ab", "bc"), shared("a1", "ab"), shared("aa1", "ab")
-    (True, False, True)
-    """
-    return not _names(one).isdisjoint(_names(other))
-
-
-def _names(group: str) -> set[str]:
-    return set(re.findall(r"[a-zA-Z]\d*", group))
 
 
 def letters(resolved: NDArray[np.bool_]) -> list[str]:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import bdtr, gammaln
 
-from auvbench.statistics.crossed import covers
-from auvbench.statistics.intervals import Estimate, FloatArray, quantile, score_interval
+from auvbench.statistics.intervals import FloatArray
 
 
 def mcnemar(b: ArrayLike, c: ArrayLike, *, mid: bool = True) -> FloatArray:
@@ -62,75 +59,3 @@ def probability_of_improvement(x: ArrayLike, y: ArrayLike) -> float:
 
     ranks = rankdata(np.concatenate([x, y]))[: len(x)]
     return float((ranks.sum() - len(x) * (len(x) + 1) / 2) / (len(x) * len(y)))
-
-
-def wins(first: FloatArray, second: FloatArray) -> FloatArray:
-    """(S1, S2, E) 1, 1/2 or 0: does this seed of the first beat that seed of the second on the scenario?"""
-    x, y = first[:, None, :], second[None, :, :]
-    return np.asarray((x > y) + 0.5 * (x == y), dtype=np.float64)
-
-
-def improvement(first: FloatArray, second: FloatArray, confidence: float = 0.95) -> Estimate:
-    """Probability that the first agent does better than the second on a scenario, ties counted half.
-
-    The arrays (S, E) hold scores, higher is better, column by column the same scenario: the mean of `wins` over
-    both agents' seeds and the scenarios. Its variance is the sum of those of the means by seed of the first, by
-    seed of the second and by scenario, each over its number; what two of them share is counted twice, so that the
-    interval errs on the long side. Wilson's form with the effective number of trials, quantiles as in `crossed`.
-    """
-    table = wins(first, second)
-    value = float(table.mean())
-    S1, S2, E = table.shape
-    variance, wide = 0.0, 0.0
-    for axis, n in ((0, S1), (1, S2), (2, E)):
-        if n > 1:
-            share = float(table.mean(axis=tuple({0, 1, 2} - {axis})).var(ddof=1)) / n
-            variance += share
-            wide += share * float(quantile(confidence, n - 1)) ** 2
-    most, fewest = float(max(S1, S2) * E), min((n for n in (S1, S2) if n > 1), default=0)
-    if fewest == 0:
-        q = float(quantile(confidence))
-    elif variance > 0:
-        q = float(np.sqrt(wide / variance))
-    else:
-        q = float(quantile(confidence, fewest - 1))
-    # Won, lost or tied throughout: no more is known than that so many trials agreed.
-    n_effective = min(max(value * (1 - value) / variance, 1.0), most) if variance > 0 else most
-    low, high = score_interval(value, n_effective, q)
-    return Estimate(value, float(low), float(high), confidence, covers(np.array([S1, S2])))
-
-
-def improvement_matrix(scores: Sequence[FloatArray]) -> FloatArray:
-    """(agents, agents) probability that the row's agent does better than the column's on a scenario.
-
-    `scores` are arrays (S_i, E), higher is better; the mean over all pairs of seeds and the scenarios they share.
-    """
-    stacked = np.concatenate(list(scores))
-    E = stacked.shape[1]
-    # Ranks within a scenario order like the scores and compare faster; equal scores get equal ranks.
-    ranks = np.empty(stacked.shape, dtype=np.uint16)
-    for e in range(E):
-        ranks[:, e] = np.unique(stacked[:, e], return_inverse=True)[1]
-    n = len(ranks)
-    better = np.empty((n, n))
-    for i in range(n):
-        above = (ranks[i] > ranks[i:]).sum(axis=1)
-        below = (ranks[i] < ranks[i:]).sum(axis=1)
-        better[i, i:] = (E + above - below) / (2 * E)
-        better[i:, i] = 1 - better[i, i:]
-    member = np.repeat(np.arange(len(scores)), [len(s) for s in scores])
-    average = np.equal.outer(np.arange(len(scores)), member).astype(np.float64)
-    average /= average.sum(axis=1, keepdims=True)
-    result = average @ better @ average.T
-    np.fill_diagonal(result, 0.5)
-    return np.asarray(result)
-
-
-def score(good: NDArray[np.bool_], finer: FloatArray) -> FloatArray:
-    """Scores that put every good episode above every other, order the good ones by `finer`, tie the others.
-
-    With good = success and finer = -steps: a success beats a failure, of two successes the quicker one is better,
-    two failures are equal (an early collision is no better than a late timeout). NaN in `finer` is the worst.
-    """
-    span = np.nan_to_num(finer, nan=-np.inf)
-    return np.where(good, np.maximum(span, -np.finfo(np.float64).max), -np.inf)

@@ -68,7 +68,6 @@ def pairs_table(comparisons: Sequence[Comparison]) -> Table:
         Heading("difference", points),
         Heading("p", "Holm"),
         Heading("verdict", words=True),
-        Heading("does better", "%"),
     )
     lines = [
         Line(
@@ -78,7 +77,6 @@ def pairs_table(comparisons: Sequence[Comparison]) -> Table:
                 estimate_cell(c.difference, 100.0 if m.rate else 1.0, signed=True),
                 Cell("< 0.001" if c.p_adjusted < 0.001 else f"{c.p_adjusted:.3f}", sort=c.p_adjusted),
                 Cell(c.verdict),
-                estimate_cell(c.probability_of_improvement, 100.0),
             )
         )
         for c in comparisons

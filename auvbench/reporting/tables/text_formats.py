@@ -120,16 +120,11 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
     if not comparisons:
         return ""
     header = ["first", "second", "metric", "difference", "difference_low", "difference_high", "p", "p_holm"]
-    header += ["verdict"]
-    header += ["probability_of_improvement", "probability_low", "probability_high"]
-    return lines(header, map(_comparison, comparisons))
-
-
-def _comparison(x: Comparison) -> list[Any]:
-    better = x.probability_of_improvement
-    line = [x.first, x.second, x.metric, x.difference.value, x.difference.low, x.difference.high]
-    line += [x.p_value, x.p_adjusted, x.verdict]
-    return [*line, better.value, better.low, better.high]
+    rows = []
+    for x in comparisons:
+        d = x.difference
+        rows.append([x.first, x.second, x.metric, d.value, d.low, d.high, x.p_value, x.p_adjusted, x.verdict])
+    return lines([*header, "verdict"], rows)
 
 
 def joined(column: str, parts: Sequence[tuple[str, str]]) -> str:
