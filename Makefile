@@ -21,9 +21,8 @@ CUTS ?= 200
 FLIPS ?= 2000
 # Of `make fuzz`.
 MINUTES ?= 60
-# Simulated tables and experiments, and studies of the thesis, per row of `make statistics`.
+# Simulated tables and experiments per row of `make statistics`.
 REPLICATIONS ?= 500
-STUDIES ?= 500
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test test-slow check format lint type layers docs bench statistics gallery verification parity soak fuzz lock release test-cluster test-programs clean
@@ -81,8 +80,8 @@ format: $(TOOLS) ## rewrite the code in the house's format
 bench: $(TOOLS) ## how fast everything is, as a table
 	$(BIN)/python -m benchmarks $(ARGS)
 
-statistics: $(TOOLS) ## measure anew how often reports are right: tables of docs/ (an hour of one core; a look: REPLICATIONS=20 STUDIES=10)
-	$(BIN)/python -m benchmarks.statistics --replications $(REPLICATIONS) --studies $(STUDIES) $(ARGS)
+statistics: $(TOOLS) ## measure anew how often reports are right: tables of docs/ (an hour of one core; a look: REPLICATIONS=20)
+	$(BIN)/python -m benchmarks.statistics --replications $(REPLICATIONS) $(ARGS)
 
 gallery: $(TOOLS) ## the pictures of the documentation
 	$(BIN)/python -m benchmarks.gallery

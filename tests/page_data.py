@@ -9,7 +9,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from auvbench.analysis import grouping, load, study
+from auvbench.analysis import grouping, load, thesis
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, RunRecord
 from auvbench.reporting.figures import Figure
@@ -34,7 +34,7 @@ def parts(folder: Path, **grid: Any) -> dict[str, Any]:
         "colours": colours(agents),
         "findings": findings(agents),
         "claims": claims(runs),
-        "comparison": study.compare(agents),
+        "comparison": thesis.compare(agents),
         "command": "auvbench report outputs/grid --rank-by success_rate --baseline PID --format html",
     }
 

@@ -29,6 +29,15 @@ def run_learns(run: RunRecord) -> bool:
     )
 
 
+def budget_of(run: RunRecord) -> int:
+    """Return the environment steps that a training was given; 0 where they are unknown.
+
+    Not those that were taken: PPO finishes the rollout in which its budget ends.
+    """
+    given = run.config.get("train.total_steps") or run.manifest.get("total_steps")
+    return int(given or run.manifest.get("steps") or 0)
+
+
 @dataclass(frozen=True, slots=True)
 class Effect:
     """Difference first level - second level of a factor, averaged over matched cells."""

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from auvbench import statistics as st
 from auvbench.analysis.conditions import successes
-from auvbench.analysis.effects import learns
+from auvbench.analysis.effects import budget_of, learns
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.measures import Measure, all_measures, to_rank_by
 from auvbench.analysis.pairwise import BoolArray, all_pairs, letters, rank_intervals
 from auvbench.analysis.primary import find_baseline, primary_analysis
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row, RunRecord
-from auvbench.analysis.timing import budgets_of
 from auvbench.errors import ReportError
 from auvbench.statistics.intervals import Estimate, FloatArray
 
@@ -89,7 +88,7 @@ def rank(
             estimates=estimates[i],
             trained=learns(agent),
             compared=bool(compared[i]),
-            budget=budgets_of(agent),
+            budget=tuple(sorted({budget_of(run) for run in agent.runs})) if learns(agent) else (),
             succeeded=st.succeeded(agent.success),
             failed_seeds=tuple(
                 run.seed

@@ -19,7 +19,7 @@ from auvbench.untrusted import path_safety
 if TYPE_CHECKING:
     from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
     from auvbench.analysis.sections import Section
-    from auvbench.analysis.study import ComparisonRow
+    from auvbench.analysis.thesis import ComparisonRow
     from auvbench.reporting.figures import Figure
 
 
@@ -218,10 +218,10 @@ def _study(
 ) -> tuple[Sequence[ClaimVerdict], Sequence[ComparisonRow]]:
     if options.study is None:
         return (), ()
-    from auvbench.analysis import study
+    from auvbench.analysis import claims, thesis
 
-    claims = study.answer(runs, agents, options.study, confidence=options.confidence, seed=options.seed)
-    return claims, study.compare(agents, options.confidence)
+    judged = claims.judge(runs, agents, confidence=options.confidence, seed=options.seed)
+    return judged, thesis.compare(agents, options.confidence)
 
 
 def write(

@@ -11,7 +11,7 @@ from typing import Any
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.analysis.score import Scores
-from auvbench.analysis.study import ComparisonRow
+from auvbench.analysis.thesis import ComparisonRow
 from auvbench.reporting import tables
 from auvbench.reporting.figures import FIGURES, MAIN, Figure
 from auvbench.reporting.tables.notes import of_pairs

@@ -13,18 +13,11 @@ import numpy as np
 from auvbench.analysis.measures import measure
 from benchmarks.statistics import aggregates, letters, reports, stopping
 from benchmarks.statistics.alternatives import ALTERNATIVES, USED
-from benchmarks.statistics.claims import VERDICTS
-from benchmarks.statistics.claims import WORLDS as STUDIES
-from benchmarks.statistics.claims import shares as verdicts
 from benchmarks.statistics.coverage import WORLDS, coverage, of_pairs
 from benchmarks.statistics.shipped import MEASURES, PROTOCOLS, shipped, spread_of_trainings
 from benchmarks.statistics.worlds import of_rate, shifted
 
 DOCS = Path(__file__).parents[2] / "docs"
-SEEDS = {5: 1.0, 10: 0.5}
-"""training seeds a cell of the simulated studies, and the share of the studies that such large ones get"""
-WITH_TEN = ("1", "2")
-"""the claims whose studies are simulated with ten seeds, too: their tests are exact, and say little with five"""
 PAR1 = "par1_steps"
 HARDEST = (1, 3, 4, 6, 8)
 """places in `letters.equal` of the designs by which the rules are compared"""
@@ -179,22 +172,6 @@ def over_tasks(n: int) -> str:
     return _table(("tasks", "3 seeds", "5 seeds", "10 seeds"), rows)
 
 
-def claims(n: int) -> str:
-    """By claim and world, the verdicts (%) of simulated studies."""
-    rows: list[tuple[str, Sequence[object]]] = []
-    for world in STUDIES:
-        for S, share in SEEDS.items():
-            if min(SEEDS) < S and not set(world.wrong) & set(WITH_TEN):
-                continue
-            for asked, found in verdicts(world, S, round(share * n)).items():
-                wrong = world.wrong[asked]
-                told = [f"{100 * found[v]:.1f}{' (wrong)' if v in wrong else ''}" for v in VERDICTS]
-                rows.append((asked, (asked, world.truth, S, *told)))
-    # A part before the whole claim; of each, world by world.
-    ordered = sorted(rows, key=lambda row: (row[0][0], len(row[0]) == 1, row[0]))
-    return _table(("claim", "what is true", "seeds a cell", *VERDICTS), [cells for _, cells in ordered])
-
-
 SECTIONS: dict[str, Callable[[int], str]] = {
     "rules": rules,
     "false letters": false_letters,
@@ -207,9 +184,8 @@ SECTIONS: dict[str, Callable[[int], str]] = {
     "pair intervals": pair_intervals,
     "aggregates": over_tasks,
     "looks": looks,
-    "claims": claims,
 }
-PAGES = {"looks": "planning.md", "claims": "claims-measured.md"}
+PAGES = {"looks": "planning.md"}
 """of docs/, where it is not statistics-appendix.md"""
 
 
@@ -230,7 +206,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Measure and write, section by section."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.statistics", description=__doc__)
     parser.add_argument("--replications", type=int, default=500, help="tables or experiments per row")
-    parser.add_argument("--studies", type=int, default=500, help="simulated studies per row of the claims")
     parser.add_argument("sections", nargs="*", metavar="NAME", help=", ".join(SECTIONS))
     options = parser.parse_args(argv)
     for name in options.sections:
@@ -238,7 +213,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             parser.error(f"unknown section {name!r}; valid: {', '.join(SECTIONS)}")
     for name in options.sections or SECTIONS:
         began = time.perf_counter()
-        table = SECTIONS[name](options.studies if name == "claims" else options.replications)
+        table = SECTIONS[name](options.replications)
         page = DOCS / PAGES.get(name, "statistics-appendix.md")
         page.write_text(replaced(page.read_text(encoding="utf-8"), name, table), encoding="utf-8")
         print(f"{name}: {time.perf_counter() - began:.0f} s\n{table}\n", flush=True)

@@ -35,7 +35,7 @@ from auvbench.reporting.tables.score import score_notes, score_table
 from auvbench.reporting.write import Part, overview, text
 
 if TYPE_CHECKING:
-    from auvbench.analysis.study import ComparisonRow
+    from auvbench.analysis.thesis import ComparisonRow
 
 SCRIPTS = ("tables.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
 """Joined in this order into the page's one script."""

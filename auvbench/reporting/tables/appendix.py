@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from auvbench.analysis import thesis
 from auvbench.analysis.conditions import in_words, split
 from auvbench.analysis.formatting import unit
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Comparison, Ranking, Row
 from auvbench.analysis.rounding import NOTHING
-from auvbench.analysis.study import ComparisonRow, thesis
+from auvbench.analysis.thesis import ComparisonRow
 from auvbench.reporting.tables.main import label_of
 from auvbench.reporting.tables.table import (
     DAGGER,
@@ -133,7 +134,7 @@ COMPARISON_NOTE = "The original study (200 episodes, one training seed) / ours w
 def _theirs_and_ours(row: ComparisonRow | None) -> Cell:
     if row is None:
         return Cell(NOTHING)
-    theirs = f"{row.thesis:g} {row.mark}".rstrip()
+    theirs = f"{row.theirs.value:g} {row.theirs.mark}".rstrip()
     if row.ours is None:
         return Cell(f"{theirs} / {NOTHING}")
     ours = estimate_cell(row.ours)

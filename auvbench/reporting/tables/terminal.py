@@ -14,7 +14,7 @@ from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN, headline
 from auvbench.analysis.records import ClaimVerdict, Finding, Ranking
 from auvbench.analysis.score import Scores
-from auvbench.analysis.study import ComparisonRow
+from auvbench.analysis.thesis import ComparisonRow
 from auvbench.reporting.tables.appendix import (
     COMPARISON_NOTE,
     comparison_table,

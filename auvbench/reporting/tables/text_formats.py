@@ -9,7 +9,7 @@ from typing import Any
 
 from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Comparison, Ranking, Row
-from auvbench.analysis.study import ComparisonRow
+from auvbench.analysis.thesis import ComparisonRow
 from auvbench.reporting.tables.appendix import (
     COMPARISON_NOTE,
     comparison_table,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from auvbench.analysis import study
+from auvbench.analysis import claims as study
 from auvbench.analysis.findings import find
 from auvbench.analysis.measures import to_rank_by
 from auvbench.analysis.primary import VERDICTS, headline
@@ -53,7 +53,7 @@ def test_nothing_breaks(rank_by):
                 continue
             ranking = rank(agents, **options)
             findings = find(ranking, agents)
-            claims = study.answer([], agents)
+            claims = study.judge([], agents)
         for row in ranking.rows:
             assert 1 <= row.rank_interval[0] <= row.rank <= row.rank_interval[1] <= len(agents)
             assert bool(row.group) == row.compared

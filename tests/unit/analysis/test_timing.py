@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 
 from auvbench.analysis.effects import effects
+from auvbench.analysis.evidence import limit_s
 from auvbench.analysis.measures import measure
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent
-from auvbench.analysis.timing import limit_s
 from auvbench.reporting.tables import markdown
 from tests.unit.analysis.agents import agent
 

@@ -12,9 +12,9 @@ import pytest
 import yaml
 from omegaconf import OmegaConf
 
-from auvbench.analysis.study import thesis
-from auvbench.analysis.study.straightness import WEAK, partial_rank_correlation
-from auvbench.analysis.study.trend import trend
+from auvbench.analysis import thesis
+from auvbench.analysis.claims import WEAK
+from auvbench.analysis.evidence import partial_rank_correlation, trend
 from auvbench.commands import COMMANDS
 from auvbench.config.compose import compose
 from tests import configuration_page
@@ -42,7 +42,7 @@ def test_thesis_small_can_answer_the_7th_claim_and_not_the_1st_2nd_and_5th() -> 
     # 1: no SAC at 55 Hz, and too few steps to say that a run does not converge. 5: the same.
     assert thesis.HIGH_FREQUENCY not in values("sac", "step.frequency")
     assert float(grid("sac")["train.total_steps"]) < thesis.STEPS
-    # 2, and a part of 3: with one seed in two strata no trend can be resolved, however clear.
+    # 2: with one seed in two strata no trend can be resolved, however clear.
     assert len(grid("sac")["seed"].split(",")) == 1
     points = [(str(k), f, f) for k in values("sac", "reward.k") for f in values("sac", "step.frequency")]
     clear = trend(points)

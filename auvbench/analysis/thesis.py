@@ -8,17 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Agent
-from auvbench.analysis.study.evidence import Evidence, cell
-from auvbench.statistics import means, wilson
+from auvbench.statistics import means
 from auvbench.statistics.intervals import Estimate
 
 STEPS = 1_000_000
 """training steps of every agent"""
-EPISODES = 200
-"""test episodes behind the table"""
 HIGH_FREQUENCY = 55.0
 """Hz; where its agents did not converge"""
 
@@ -34,6 +32,9 @@ CELLS: dict[str, tuple[float, float]] = {
     "8": (100.0, 10.0),
 }
 """K and f in Hz of SAC_i and PPO_i"""
+
+FACTORS = {"algo": "algo.name", "reward.k": "reward.k", "step.frequency": "step.frequency"}
+"""of the grid, by the short name in an agent's key"""
 
 AGENTS = ("SAC0", "SAC1", "SAC2", "SAC3", "SAC4", "SAC5", "SAC6", "SAC7", "PPO4", "PPO6", "PPO7")
 
@@ -109,36 +110,30 @@ class ComparisonRow:
     label: str
     """ours; empty where the cell was not run"""
     measure: str
-    title: str
-    thesis: float
+    theirs: Reported
     """rates in percent"""
-    mark: str
-    """'r' restored from sums, 'text' given in the text only"""
-    thesis_interval: tuple[float, float] | None
-    """of a rate, in percent: Wilson's for 200 episodes of one training seed"""
     ours: Estimate | None
     """rates in percent"""
 
 
 def compare(agents: Sequence[Agent], confidence: float = 0.95) -> tuple[ComparisonRow, ...]:
-    """Every number of the thesis's table with ours of the same algorithm, K and training frequency."""
-    evidence = Evidence((), agents, confidence, 0)
+    """Return every number of the thesis's table with ours of the same algorithm, K and training frequency."""
+    known = [with_factors(agent) for agent in agents]
     ours = {metric: _estimates(metric, agents, confidence) for metric in TABLE}
     rows = []
     for name in AGENTS:
-        mine = [a for a in evidence.of(name[:3].lower()) if cell(a) == CELLS[name[3:]]]
-        agent = mine[0] if len(mine) == 1 else None
-        for metric, row in TABLE.items():
-            if name in row:
-                label = "" if agent is None else agent.label
-                rows.append(
-                    _comparison_row(name, metric, row[name], label, ours[metric].get(label), confidence)
-                )
+        mine = [a.label for a in of_family(known, name[:3].lower()) if cell(a) == CELLS[name[3:]]]
+        label = mine[0] if len(mine) == 1 else ""
+        rows += [
+            ComparisonRow(name, label, metric, row[name], ours[metric].get(label))
+            for metric, row in TABLE.items()
+            if name in row
+        ]
     return tuple(rows)
 
 
 def _estimates(metric: str, agents: Sequence[Agent], confidence: float) -> dict[str, Estimate]:
-    """By label, rates in percent."""
+    """Return our estimates by label, rates in percent."""
     m = measure(metric)
     scale = 100.0 if m.rate else 1.0
     found = means(m.table(agents, paired=False), confidence) if agents else []
@@ -148,11 +143,25 @@ def _estimates(metric: str, agents: Sequence[Agent], confidence: float) -> dict[
     }
 
 
-def _comparison_row(
-    name: str, metric: str, reported: Reported, label: str, ours: Estimate | None, confidence: float
-) -> ComparisonRow:
-    interval = None
-    if measure(metric).rate:
-        low, high = wilson(reported.value / 100 * EPISODES, EPISODES, confidence)
-        interval = (100 * float(low), 100 * float(high))
-    return ComparisonRow(name, label, metric, TITLES[metric], reported.value, reported.mark, interval, ours)
+def with_factors(agent: Agent) -> Agent:
+    """Return an agent whose key has all factors of the grid, read from its runs; None where they differ."""
+    key: dict[str, Any] = {"algo": agent.key.get("algo.name"), **agent.key}
+    key.pop("algo.name", None)
+    for short, full in FACTORS.items():
+        if key.get(short) is None:
+            values = {run.config.get(full) for run in agent.runs}
+            key[short] = values.pop() if len(values) == 1 else None
+    return replace(agent, key=key)
+
+
+def cell(agent: Agent) -> tuple[float, float]:
+    """Return K and training frequency of an agent; NaN where its runs differ."""
+    k, f = agent.key["reward.k"], agent.key["step.frequency"]
+    return (float("nan") if k is None else float(k), float("nan") if f is None else float(f))
+
+
+def of_family(agents: Sequence[Agent], family: str) -> list[Agent]:
+    """Return the agents of an algorithm: those trained as in the thesis (`sac_thesis`) where there are any."""
+    names = {str(agent.key["algo"]) for agent in agents}
+    name = f"{family}_thesis" if f"{family}_thesis" in names else family
+    return [agent for agent in agents if agent.key["algo"] == name]

@@ -1,6 +1,5 @@
 """The original study's claims: each verdict from data made to deserve it, and the functions behind them."""
 
-import json
 from dataclasses import replace
 from itertools import permutations
 
@@ -9,19 +8,23 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from auvbench.analysis import study
+from auvbench.analysis import claims, thesis
+from auvbench.analysis.evidence import (
+    FAILS,
+    HOLDS,
+    OPEN,
+    Evidence,
+    Part,
+    by_interval,
+    independent,
+    learning,
+    partial_rank_correlation,
+    together,
+    trend,
+)
 from auvbench.analysis.records import RunRecord
-from auvbench.analysis.study import thesis
-from auvbench.analysis.study.evidence import Evidence
-from auvbench.analysis.study.learning import learning
-from auvbench.analysis.study.straightness import independent, partial_rank_correlation, study_points
-from auvbench.analysis.study.trend import trend
-from auvbench.analysis.study.verdict import FAILS, HOLDS, OPEN, Levels, Part, by_interval, together
-from auvbench.errors import ReportError
 from auvbench.reporting import tables
-from auvbench.runs.integrity import entry, sealed
 from auvbench.statistics.intervals import Estimate
-from tests import configs
 from tests.unit.analysis.agents import agent, record
 
 GRID = [(k, f) for k in (1.0, 40.0, 100.0) for f in (10.0, 25.0, 55.0)]
@@ -58,7 +61,7 @@ SLOW = agent("pid", level=8, steps=220)
 
 
 def claim(number, runs=(), agents=()):
-    return study.answer(runs, agents)[number - 1]
+    return claims.judge(runs, agents)[number - 1]
 
 
 def with_runs(one, runs):
@@ -106,7 +109,7 @@ def test_trend_is_mann_whitney_for_two_levels():
     points = [("a", 0.0, x) for x in low] + [("a", 1.0, x) for x in high]
     found = trend(points)
     test = stats.mannwhitneyu(high, low, alternative="greater", method="exact")
-    assert found.estimate.value == pytest.approx(test.statistic / 30)
+    assert found.share == pytest.approx(test.statistic / 30)
     # 10,000 permutations: four standard errors.
     assert found.p_up == pytest.approx(test.pvalue, abs=4 * np.sqrt(test.pvalue / 10_000))
 
@@ -128,7 +131,7 @@ def test_trend_in_strata_agrees_with_all_permutations():
     exact = [statistic(a, b) for a in permutations([3.0, 5.0, 4.0]) for b in permutations([1.0, 1.0, 7.0])]
     observed = statistic([3.0, 5.0, 4.0], [1.0, 1.0, 7.0])
     found = trend(points)
-    assert found.estimate.value == pytest.approx(observed / 5)
+    assert found.share == pytest.approx(observed / 5)
     assert found.p_up == pytest.approx(np.mean(np.array(exact) >= observed), abs=0.02)
     assert found.p_down == pytest.approx(np.mean(np.array(exact) <= observed), abs=0.02)
 
@@ -136,20 +139,9 @@ def test_trend_in_strata_agrees_with_all_permutations():
 def test_single_runs_cannot_resolve_a_trend():
     """The original study's own evidence for its second claim: two pairs of runs."""
     found = trend([("K=1", -25.0, -5.0), ("K=1", -10.0, -3.0), ("K=40", -25.0, -6.0), ("K=40", -10.0, -4.0)])
-    assert found.estimate.value == 1
+    assert found.share == 1
     assert found.p_up == pytest.approx(0.25, abs=0.02)
-    assert np.isnan(found.estimate.low)
     assert trend([("a", 1.0, 3.0), ("b", 2.0, 4.0)]) is None
-
-
-def test_the_interval_of_a_trend_covers_its_truth():
-    rng, hits, n = np.random.default_rng(1), 0, 150
-    truth = stats.norm.cdf(1 / np.sqrt(2))
-    for _ in range(n):
-        points = [(s, level, rng.normal(level)) for s in "ab" for level in (0.0, 1.0) for _ in range(4)]
-        estimate = trend(points).estimate
-        hits += estimate.low <= truth <= estimate.high
-    assert hits / n > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / n)
 
 
 # Verdicts
@@ -168,8 +160,8 @@ def test_by_interval():
         half = 0.5 if confidence == 0.95 else 0.8
         return Estimate(1.0, 1.0 - half, 1.0 + half)
 
-    one, three = Levels.of(0.95, 1), Levels.of(0.95, 3)
-    assert three.fails == pytest.approx(1 - 0.05 / 3)
+    one, three = (Evidence((), (), 0.95, 0).levels(n) for n in (1, 3))
+    assert three == pytest.approx((0.95, 1 - 0.05 / 3))
     bounds = (0.0, 0.4, 1.0, 1.6, 2.0)
     assert [by_interval(at, one, x) for x in bounds] == [HOLDS, HOLDS, OPEN, FAILS, FAILS]
     assert [by_interval(at, three, x) for x in bounds] == [HOLDS, HOLDS, OPEN, OPEN, FAILS]
@@ -177,12 +169,10 @@ def test_by_interval():
 
 
 def test_nothing_there_means_nothing_said():
-    answers = study.answer([], [])
+    answers = claims.judge([], [])
     assert len(answers) == 7
     assert {answer.verdict for answer in answers} == {OPEN}
     assert all(answer.missing for answer in answers)
-    with pytest.raises(ReportError, match="--study 'theses' is not known; did you mean 'thesis'"):
-        study.answer([], [], "theses")
 
 
 # The claims
@@ -193,7 +183,6 @@ def test_claim_1(tmp_path):
     told = claim(1, runs, [SWIFT])
     assert told.verdict == HOLDS
     assert "K=1: 0 of 5 (at most 45 %)" in told.statistic
-    assert told.statistic.endswith("Runs: sac, 1,000,000 steps, seeds 0, 1, 2, 3 and 4.")
     for controls in ([], [SLOW]):
         told = claim(1, runs, controls)
         assert told.verdict == OPEN, "no control converges within 18.2 s"
@@ -220,13 +209,6 @@ def test_claim_1_fails_where_most_trainings_converge(tmp_path):
     assert claim(1, good[:3]).verdict == OPEN, "three of three: it may still be half"
 
 
-def test_claim_1_does_not_choose_the_short_runs_that_converged(tmp_path):
-    good = [trained(tmp_path, "sac", 1.0, 55.0, s, training(when=50_000), steps=300_000) for s in range(8)]
-    bad = [trained(tmp_path, "sac", 1.0, 55.0, 10 + s, training(), steps=300_000) for s in range(8)]
-    assert claim(1, good).verdict == FAILS
-    assert claim(1, [*good, *bad]).verdict == OPEN
-
-
 def test_claim_2(tmp_path):
     def grid(folder, when):
         return [
@@ -239,13 +221,11 @@ def test_claim_2(tmp_path):
     runs = grid("sooner", {10.0: 50_000, 25.0: 120_000, 55.0: None})
     told = claim(2, runs, [SLOW])
     assert told.verdict == HOLDS
-    assert "100 s at 10 Hz and 40 s at 25 Hz" in told.statistic
-    assert "6 runs at 55 Hz" in told.statistic, "no control converges within 18.2 s"
+    assert "left out: 6 runs" in told.statistic, "no control converges within 18.2 s"
     assert claim(2, runs).verdict == OPEN
     equal = [replace(run, config={**run.config, "task.time_limit": 100.0}) for run in runs]
     told = claim(2, equal, [SLOW])
     assert told.verdict == HOLDS
-    assert "per episode" not in told.statistic
     assert "left out" not in told.statistic
     assert claim(2, grid("turned", {10.0: None, 25.0: 120_000, 55.0: 50_000}), [SLOW]).verdict == FAILS
     assert claim(2, runs[:1], [SLOW]).verdict == OPEN
@@ -256,7 +236,8 @@ def test_claim_2_compares_equal_budgets(tmp_path):
     late = trained(tmp_path, "sac", 1.0, 10.0, 0, training(700_000, episodes=2000), steps=1_000_000)
     brief = trained(tmp_path, "sac", 1.0, 25.0, 0, training(episodes=300), steps=300_000)
     told = claim(2, [late, brief], [SLOW])
-    assert (told.verdict, told.missing) == (OPEN, "Runs that converge.")
+    assert told.verdict == OPEN
+    assert "converge" in told.missing
 
 
 @pytest.mark.parametrize("level", [8.0, 1.0], ids=["a controller", "a frozen policy"])
@@ -282,117 +263,21 @@ def test_no_claim_holds_for_policies_that_learn_nothing(tmp_path, level, time_li
             runs += mine
             key = {"algo": algo, "reward.k": k, "step.frequency": f}
             agents.append(replace(policy, label=f"{algo} {k:g} {f:g}", key=key, runs=tuple(mine)))
-    for number, told in enumerate(study.answer(runs, agents), start=1):
+    for number, told in enumerate(claims.judge(runs, agents), start=1):
         assert told.verdict != HOLDS, (number, told.statistic)
         assert ": holds" not in told.statistic, (number, told.statistic)
 
 
-def kept(folder, one, gone, reward_k=None):
-    """The agent with runs whose test kept four straight paths of `gone` m towards waypoints 30 m away."""
-    from types import SimpleNamespace
+def test_claim_3_is_refuted_by_more_success_and_never_holds():
+    """K scales the reward of equal motion, so more reward with a larger K shows nothing."""
 
-    runs = []
-    for run in one.runs:
-        directory = folder / run.id / "evaluations" / "test"
-        directory.mkdir(parents=True)
-        arrays = {}
-        for e in range(4):
-            far, n = (
-                (gone(e), 60 if e % 2 == 0 else 600)
-                if callable(gone)
-                else (gone + 0.2 * run.seed + 0.1 * e, 60)
-            )
-            x = np.linspace(0, far, n)
-            arrays[f"position_nominal_{e}"] = np.stack([x, 0 * x, 0 * x - 20.0], axis=1).astype(np.float32)
-            arrays[f"time_nominal_{e}"] = np.arange(n, dtype=np.float32) / 10
-            arrays[f"waypoint_nominal_{e}"] = np.array([30.0, 0.0, -20.0], dtype=np.float32)
-        np.savez(directory / "trajectories.npz", **arrays)
-        data = (directory / "trajectories.npz").read_bytes()
-        summary = sealed(
-            {
-                "schema_version": 1,
-                "fingerprint": one.fingerprint,
-                "conditions": [{"name": "nominal", "episodes": 4}],
-                "files": {"trajectories.npz": entry(data)},
-            }
-        )
-        (directory / "summary.json").write_text(json.dumps(summary))
-        evaluation = SimpleNamespace(
-            fingerprint=one.fingerprint, directory=directory, summary=summary, archive=None
-        )
-        runs.append(replace(run, evaluations={"test": evaluation}))
-    return replace(one, runs=tuple(runs))
+    def grid(level):
+        return [agent("sac", k, f, level=level(k), seed_sd=0.1, episodes=500, seeds=5) for k, f in GRID]
 
-
-@pytest.mark.slow
-def test_claim_3(tmp_path):
-    def grid(folder, level, gone):
-        made = [agent("sac", k, f, level=level(k), seed_sd=0.1, episodes=500, seeds=5) for k, f in GRID]
-        return [kept(tmp_path / folder, one, gone(one.key["reward.k"])) for one in made]
-
-    runs = [
-        trained(tmp_path, "sac", k, f, s, training(0, top_fails=k / 100)) for k, f in GRID for s in range(5)
-    ]
-    told = claim(3, runs, grid("nearer", lambda k: 3, lambda k: 10 + 10 * (k > 50)))
-    assert told.verdict == HOLDS, told.missing
-    assert "reward collected in 4 test episodes, both paid with K=100" in told.statistic
-    alike = grid("alike", lambda k: 3, lambda k: 15)
-    told = claim(3, runs, alike)
-    assert told.verdict == OPEN, "the same paths are paid more with a larger K, which shows nothing"
-    assert "(a) K=100 against K=1: reward collected" in told.statistic
-    told = claim(3, runs, grid("better", lambda k: 0 if k == 1 else 4, lambda k: 10 + 10 * (k > 50)))
-    assert told.verdict == FAILS
-    assert "does not hold" in told.statistic
-    without = [agent("sac", k, f, level=3, seed_sd=0.1, episodes=500, seeds=5) for k, f in GRID]
-    assert "no kept paths of all its test runs" in claim(3, runs, without).missing
-    assert "(c) training records of SAC that differ in K at equal frequency" in claim(3, (), alike).missing
-
-
-def test_claim_3c_needs_more_than_the_reward_alone_does(tmp_path):
-    """Failures are long: K = 100 pays them most, whoever acts."""
-    runs = [
-        trained(tmp_path, "sac", k, f, s, training(0, top_fails=k / 100)) for k, f in GRID for s in range(3)
-    ]
-    agents = []
-    for k, f in GRID:
-        one = agent("sac", k, f, level=1, seed_sd=0.1)
-        outcome = one.outcome.copy()
-        outcome[:, :4] = [0, 2, 0, 2]
-        agents.append(kept(tmp_path, replace(one, outcome=outcome), (lambda e: 29.0 if e % 2 == 0 else 20.0)))
-    told = claim(3, runs, agents)
-    part = told.statistic.partition("(c) ")[2]
-    assert "frozen policies" in part
-    assert ": cannot be said" in part
-
-
-def test_a_path_is_paid_as_the_task_pays_it():
-    """Against the task itself: the recorded return of an episode, at its own K and at others."""
-    from auvbench.analysis.study.evidence import pay
-    from auvbench.envs.batch import Batch
-
-    for k in (1.0, 40.0):
-        config = configs.training(f"reward.k={k}", "task.max_steps=150", "noise=none")
-        batch = Batch(config, 6, seed=3, autoreset=False)
-        batch.task.assign(np.arange(6))
-        batch.reset()
-        paths, rows = [[batch.simulator.pose[i, :3].copy()] for i in range(6)], {}
-        rng = np.random.default_rng(1)
-        while len(rows) < 6:
-            going = [i for i in range(6) if i not in rows]
-            result = batch.step(0.4 * rng.normal(size=(6, 6)) + np.array([0.5, 0.5, -0.5, -0.5, 0.6, 0.6]))
-            for i in going:
-                paths[i].append(batch.simulator.pose[i, :3].copy())
-            for i, row in zip(result.ended.tolist(), result.records, strict=True):
-                rows.setdefault(i, row)
-        flat = {
-            "reward.length": config.reward.length,
-            "reward.success": config.reward.success,
-            "reward.collision": config.reward.collision,
-            "reward.regress": config.reward.regress,
-        }
-        for i in range(6):
-            waypoint = np.array([rows[i][f"waypoint_{a}_m"] for a in "xyz"])
-            assert pay(np.array(paths[i]), waypoint, flat, k) == pytest.approx(rows[i]["return"], rel=1e-9)
+    alike = claim(3, (), grid(lambda k: 3))
+    assert alike.verdict == OPEN
+    assert "scales" in alike.missing
+    assert claim(3, (), grid(lambda k: 0 if k == 1 else 4)).verdict == FAILS
 
 
 def test_claim_4():
@@ -426,28 +311,13 @@ def test_claim_5(tmp_path):
     runs, agents = world(3.0, "same")
     told = claim(5, runs, agents)
     assert told.verdict in (HOLDS, OPEN)
-    assert "(a) the best of 27 runs that did not converge succeeds in" in told.statistic
+    assert "The best of 27 runs that did not converge succeeds in" in told.statistic
     assert "27 of them above 80 %" in told.statistic
-    assert "in 9 cells" in told.statistic
     slow = claim(5, runs, [*(replace(a, metrics={}) for a in agents[:-1]), SLOW])
-    assert "the best of 18 runs" in slow.statistic, "no control converges at 55 Hz"
+    assert "The best of 18 runs" in slow.statistic, "no control converges at 55 Hz"
     told = claim(5, *world(-2.0, "worse"))
     assert told.verdict == FAILS
     assert "0 of them above 80 %" in told.statistic
-
-
-def test_claim_5_compares_runs_of_the_same_cell(tmp_path):
-    """All runs of one cell converged and none of the other: the cells may differ in anything."""
-    agents, runs = [SWIFT], []
-    for f, level in ((10.0, 3.0), (25.0, -2.0)):
-        mine = [
-            trained(tmp_path, "sac", 1.0, f, s, training(50_000 if f == 10.0 else None)) for s in range(6)
-        ]
-        agents.append(with_runs(agent("sac", 1.0, f, level=level, seeds=6), mine))
-        runs += mine
-    told = claim(5, runs, agents)
-    assert "(b) a converged" not in told.statistic
-    assert "(here 0)" in told.missing
 
 
 def with_means(agents, deviation, steps, failing):
@@ -465,7 +335,6 @@ def test_claim_6():
     rng = np.random.default_rng(2)
     told = claim(6, (), [agent("sac", k, f) for k, f in GRID])
     assert told.verdict == OPEN
-    assert "on the original study's own ten agents" in told.statistic
 
     def made(n, spread):
         order = np.arange(n)
@@ -526,7 +395,7 @@ def test_factors_come_from_the_runs_where_agents_were_not_grouped_by_them():
     assert Evidence((), [one], 0.95, 0).agents[0].key == {"algo": "sac", "reward.k": 40, "step.frequency": 55}
     mixed = replace(one, runs=(record("sac", 1, 55, 0), record("sac", 40, 55, 1)))
     assert Evidence((), [mixed], 0.95, 0).agents[0].key["reward.k"] is None
-    assert study.answer((), [mixed])[3].verdict == OPEN
+    assert claims.judge((), [mixed])[3].verdict == OPEN
 
 
 # What is no evidence
@@ -546,11 +415,11 @@ def test_agents_that_learned_nothing_confirm_and_refute_nothing(tmp_path):
         told = claim(number, (), nobody)
         assert told.verdict == OPEN, told
         assert told.missing
-    assert "nothing learned by any of its agents" in claim(3, (), nobody).missing
+    assert "nothing learned" in claim(3, (), nobody).missing
     some = [agent("sac", k, f, level=2.0) for k, f in GRID]
     six = claim(6, (), some)
     assert claim(6, (), [*some, *nobody[9:]]).verdict == six.verdict
-    assert "9 agents left out: learned nothing" in claim(6, (), [*some, *nobody[9:]]).statistic
+    assert "over 9 agents" in claim(6, (), [*some, *nobody[9:]]).statistic
 
 
 def test_a_ppo_that_was_hardly_trained_has_not_failed(tmp_path):
@@ -558,7 +427,7 @@ def test_a_ppo_that_was_hardly_trained_has_not_failed(tmp_path):
     assert "1,000,000 training steps (here 20,000)" in claim(7, (), agents).missing
     full = [untrained("ppo", 1.0, 25.0, steps=1_000_000)]
     assert "(c) PPO with K=1 at 25 Hz succeeds in" in claim(7, (), full).statistic
-    assert "half: holds. Runs: ppo, 1,000,000 steps" in claim(7, (), full).statistic
+    assert "half: holds" in claim(7, (), full).statistic
 
 
 def test_one_seed_and_unequal_budgets_are_no_evidence():
@@ -568,7 +437,7 @@ def test_one_seed_and_unequal_budgets_are_no_evidence():
     assert "(a) several training seeds" in told.missing.replace("Several", "several").replace(
         "(a) S", "(a) s"
     )
-    assert "3 cells left out: one training seed" in told.missing
+    assert "3 cells left out" in told.missing
     several = [agent("sac", k, f, level=3 - 3 * (k > 50), episodes=500) for k, f in GRID]
     mixed = [
         replace(
@@ -581,7 +450,7 @@ def test_one_seed_and_unequal_budgets_are_no_evidence():
         else a
         for a in several
     ]
-    assert "3 cells left out: unequal training budgets" in claim(4, (), mixed).missing
+    assert "3 cells left out" in claim(4, (), mixed).missing
 
 
 def test_a_rollout_that_ends_after_the_budget_is_no_other_budget():
@@ -610,8 +479,12 @@ def test_the_thesis_table_agrees_with_itself():
 
 
 def test_partial_rank_correlation_of_the_original_study():
-    deviation, steps, failing = study_points()
-    assert len(deviation) == 10
+    names = [a for a in thesis.AGENTS if a in thesis.TABLE["mean_steps"]]
+    assert len(names) == 10
+    deviation, steps, failing = (
+        np.array([thesis.TABLE[m][a].value for a in names])
+        for m in ("mean_deviation_mean_m", "mean_steps", "timeout_rate")
+    )
     xy, xz, yz = (
         stats.spearmanr(a, b).statistic
         for a, b in ((deviation, steps), (deviation, failing), (steps, failing))
@@ -636,14 +509,13 @@ def test_the_interval_of_a_rank_correlation_covers_its_truth():
 
 def test_beside_the_thesis():
     agents = [agent("sac", 1, 25), agent("ppo", 1, 10)]
-    rows = study.compare(agents)
+    rows = thesis.compare(agents)
     mine = {(row.agent, row.measure): row for row in rows}
     success = mine["SAC4", "success_rate"]
-    assert (success.thesis, success.label) == (100.0, "SAC K=1 25 Hz")
+    assert (success.theirs.value, success.label) == (100.0, "SAC K=1 25 Hz")
     assert success.ours.value == pytest.approx(100 * agents[0].success.mean())
-    assert success.thesis_interval == pytest.approx((98.12, 100), abs=0.01)
     assert mine["SAC1", "success_rate"].ours is None
-    assert mine["SAC3", "success_rate"].mark == "r"
+    assert mine["SAC3", "success_rate"].theirs.mark == "r"
     text = tables.comparison_markdown(rows)
     assert "| SAC1 (K=1 55 Hz, not run) | 54.5 / – |" in text
     assert len(text.splitlines()) == 2 + len(thesis.AGENTS) + 2

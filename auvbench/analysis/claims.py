@@ -1,0 +1,394 @@
+"""The seven claims of the original study, judged from the runs that exist: `auvbench report --study thesis`.
+
+docs/claims.md states each claim's test. A claim holds if all of its parts do (Berger 1982, Technometrics 24:295), and
+fails if one does; each part is tested at the confidence of the report, or for "does not hold" at that level over the parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from auvbench.analysis import thesis
+from auvbench.analysis.effects import budget_of, learns, matched, mean_difference
+from auvbench.analysis.evidence import (
+    FAILS,
+    HOLDS,
+    OPEN,
+    Evidence,
+    Learning,
+    Part,
+    Point,
+    by_interval,
+    by_trend,
+    independent,
+    partial_rank_correlation,
+    together,
+    trend,
+)
+from auvbench.analysis.formatting import amount, counted, difference, listed
+from auvbench.analysis.measures import measure
+from auvbench.analysis.pairwise import all_pairs, rank_intervals
+from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord
+from auvbench.analysis.thesis import cell
+from auvbench.statistics import contrast, limits, means, p_more_than_half
+from auvbench.statistics.intervals import Estimate
+
+KS = (1.0, 40.0, 100.0)
+"""the original study's values of K"""
+LEARNED = 0.15
+"""test success above which a run learned something: ten runs of 3000 and 5000 steps reached 0.2 to 8.4 %"""
+SUCCESS_MARGIN = 0.05
+"""claim 3: a gain in the success rate below this does not count as one"""
+GENERALISES = 0.8
+"""claim 5: success rate whose lower limit makes a training one that generalises"""
+WEAK = 0.5
+"""claim 6: rank correlations within ± this do not count as one"""
+FEWEST_AGENTS = 5
+"""claim 6: points of a correlation"""
+DIFFER_IN_K = "evaluated SAC agents that differ in K at equal frequency"
+
+
+def averaged(
+    pairs: Sequence[tuple[Agent, Agent]],
+    what: str,
+    levels: tuple[float, float],
+    absent: str,
+    above: float = 0.0,
+    *,
+    less: bool = False,
+) -> Part:
+    """Return a part that claims first - second > a bound (`less`: below it) in success, averaged over matched cells."""
+    if not pairs:
+        return Part(OPEN, missing=absent)
+    kept = [pair for pair in pairs if informative(pair)]
+    left = _left_out(len(pairs) - len(kept), "cell")
+    if not kept:
+        return Part(OPEN, missing=f"{absent} that are evidence{left}", run_ids=_ids(*pairs))
+    m = measure("success_rate")
+    verdict = by_interval(lambda c: mean_difference(kept, m, c)[0], levels, above, less=less)
+    shown = difference(mean_difference(kept, m, levels[0])[0], m)
+    statistic = f"{what} {shown} over {counted(len(kept), 'matched cell')}{left}"
+    missing = _more_seeds([agent for pair in kept for agent in pair]) if verdict == OPEN else ""
+    return Part(verdict, statistic, missing, _ids(*kept))
+
+
+def informative(agents: Sequence[Agent]) -> bool:
+    """Return whether a comparison of agents is evidence: several seeds, equal budgets, and one of them learned something."""
+    trained = [agent for agent in agents if learns(agent)]
+    budgets = {budget_of(run) for agent in trained for run in agent.runs}
+    several = all(len(agent.outcome) > 1 for agent in trained)
+    return several and len(budgets) <= 1 and any(map(learned, agents))
+
+
+def learned(agent: Agent) -> bool:
+    """Return whether the best run of an agent succeeds more than an untrained one may."""
+    return bool(agent.success.mean(axis=1).max() > LEARNED)
+
+
+def _left_out(n: int, noun: str) -> str:
+    why = "one training seed, unequal budgets, or nothing learned"
+    return f"; {counted(n, noun)} left out: {why}" if n else ""
+
+
+def _more_seeds(agents: Sequence[Agent]) -> str:
+    fewest = min(len(agent.outcome) for agent in agents)
+    return f"an interval that excludes the bound; the fewest seeds of a cell are {fewest}"
+
+
+def _ids(*groups: Sequence[Agent]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(run.id for group in groups for agent in group for run in agent.runs))
+
+
+def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
+    """1: for every K, fewer than half of the SAC trainings at 55 Hz converge within 1,000,000 steps.
+
+    It holds if for each K the upper limit of the probability to converge is below one half, and fails if for some K, or
+    over all of them, more than half converge (exact binomial limits; the tests of "fails" by Bonferroni).
+    """
+    alpha = 1 - e.confidence
+    here = [run for run in e.sac if run.frequency == thesis.HIGH_FREQUENCY]
+    if not here:
+        return [Part(OPEN, missing="training records of SAC at 55 Hz")]
+    ids = tuple(run.run.id for run in here)
+    full = [run for run in here if run.steps >= thesis.STEPS]
+    missing = e.unattainable(here)
+    if short := len(here) - len(full):
+        missing.append(f"{thesis.STEPS:,} training steps in {counted(short, 'run')} of fewer")
+    if not full:
+        return [Part(OPEN, missing="; ".join(missing), run_ids=ids)]
+    converged = {k: [run.converged for run in full if run.k == k] for k in sorted({run.k for run in full})}
+    counts = {k: (sum(found), len(found)) for k, found in converged.items()}
+    if absent := sorted(set(KS) - counts.keys()):
+        missing.append(f"runs of that length with K={listed([f'{k:g}' for k in absent])}")
+    upper = {k: limits(x, n, alpha)[1] for k, (x, n) in counts.items()}
+    shown = ", ".join(f"K={k:g}: {x} of {n} (at most {100 * upper[k]:.0f} %)" for k, (x, n) in counts.items())
+    statistic = f"converged: {shown}, with {100 * e.confidence:g} % confidence each"
+    tests = [*counts.values(), (sum(x for x, _ in counts.values()), len(full))]
+    if any(p_more_than_half(x, n) < alpha / len(tests) for x, n in tests):
+        return [Part(FAILS, statistic, run_ids=ids)]
+    if few := [f"{k:g}" for k, limit in upper.items() if limit >= 0.5]:
+        missing.append(f"more training seeds with K={listed(few)} (five that do not converge are enough)")
+    return [Part(OPEN if missing else HOLDS, statistic, "; ".join(missing), ids)]
+
+
+def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
+    """2: at equal K, of two SAC runs the one of the lower frequency converges in fewer steps; permutation test.
+
+    Two tests must agree: each run within its own time limit, and all runs of a K within the shortest of theirs. The first
+    favours the longer limit, the second the shorter one, for which its run was trained.
+    """
+    judged = [run for run in e.sac if e.attainable(run.limit)]
+    ids = tuple(run.run.id for run in judged)
+    tests = []
+    for own, what in ((False, "converges sooner in"), (True, "converges sooner within its own limit in")):
+        found = trend(_dates(judged, own), e.seed)
+        if found is not None:
+            tests.append(by_trend(found, f"the lower frequency {what}", e.levels(1), ids))
+    if len(tests) < 2:
+        missing = ["SAC runs that differ in frequency at equal K and converge", *e.unattainable(e.sac)]
+        return [Part(OPEN, missing="; ".join(missing), run_ids=ids)]
+    part = replace(tests[0], statistic="; ".join(test.statistic for test in tests))
+    if tests[0].verdict != tests[1].verdict:
+        part = replace(part, verdict=OPEN, missing="time limits with which both tests agree")
+    if left := len(e.sac) - len(judged):
+        note = f"left out: {counted(left, 'run')} whose time limit no policy meets"
+        part = replace(part, statistic=f"{part.statistic}; {note}")
+    return [part]
+
+
+def _dates(runs: Sequence[Learning], own: bool) -> list[Point]:
+    """Return (K, -frequency, -steps to convergence) per run, within its own time limit or the shortest of its K."""
+    points: list[Point] = []
+    for k in sorted({run.k for run in runs}):
+        members = [run for run in runs if run.k == k]
+        # Equal budgets: what converged after the shortest training of the stratum ended counts as not converged.
+        budget = min(run.steps for run in members)
+        limit = min(run.limit for run in members)
+        dates = [run.converged_at(run.limit if own else limit) for run in members]
+        when = [date if date <= budget else np.inf for date in dates]
+        if np.isfinite(when).any():
+            points += [(f"{k:g}", -run.frequency, -at) for run, at in zip(members, when, strict=True)]
+    return points
+
+
+def larger_k_raises_reward_not_success(e: Evidence) -> list[Part]:
+    """3: largest against smallest K at equal frequency: no more success.
+
+    It never holds: K scales the reward, so rewards of different K do not compare.
+    """
+    pairs, low, high = _extremes(e.of("sac"))
+    what = f"K={high:g} against K={low:g}: success (margin {100 * SUCCESS_MARGIN:g} points)"
+    part = averaged(pairs, what, e.levels(1), DIFFER_IN_K, SUCCESS_MARGIN, less=True)
+    if part.verdict == HOLDS:
+        part = replace(part, verdict=OPEN, missing="a reward that compares: K scales that of equal motion")
+    return [part]
+
+
+def sac4_is_best(e: Evidence) -> list[Part]:
+    """4: SAC with K = 1 at 25 Hz is first of the SAC agents, resolved; and K = 1 succeeds more than the largest K."""
+    levels = e.levels(2)
+    pairs, low, high = _extremes(e.of("sac"))
+    turned = [(small, large) for large, small in pairs]
+    what = f"success with K={low:g} less that with K={high:g}:"
+    return [_first_of_its_kind(e.of("sac"), levels), averaged(turned, what, levels, DIFFER_IN_K)]
+
+
+def _first_of_its_kind(agents: Sequence[Agent], levels: tuple[float, float]) -> Part:
+    mine = [agent for agent in agents if cell(agent) == thesis.CELLS["4"]]
+    several = [agent for agent in agents if len(agent.outcome) > 1]
+    ids = _ids(mine)
+    if len(mine) != 1 or mine[0] not in several or len(several) < 2:
+        needed = "several training seeds of SAC with K=1 at 25 Hz and in other cells"
+        return Part(OPEN, missing=needed, run_ids=ids)
+    if len({budget_of(run) for agent in several for run in agent.runs}) > 1:
+        return Part(OPEN, missing="equal training budgets of the SAC agents", run_ids=_ids(several))
+    tests = all_pairs(several, measure("success_rate"), np.ones(len(several), dtype=bool), levels[0])
+    place, value = several.index(mine[0]), tests.table.mean
+    first, last = rank_intervals(value, tests.resolved)[place]
+    ahead = rank_intervals(value, tests.adjusted < 1 - levels[1])[place][0]
+    rank = 1 + int((value > value[place]).sum())
+    statistic = f"{mine[0].label} has rank {rank} of {len(several)}, interval {first} to {last}"
+    if ahead > 1:
+        return Part(FAILS, statistic, run_ids=ids)
+    absent = sorted({thesis.CELLS[i] for i in "01234567"} - {cell(agent) for agent in several})
+    if last == 1 and not absent:
+        return Part(HOLDS, statistic, run_ids=ids)
+    cells = listed([f"K={k:g} {f:g} Hz" for k, f in absent], 8)
+    missing = f"several seeds in the original study's cells {cells}" if absent else "a resolved first place"
+    return Part(OPEN, statistic, missing, ids)
+
+
+def _extremes(agents: Sequence[Agent]) -> tuple[list[tuple[Agent, Agent]], float, float]:
+    """Return pairs (largest K, smallest K) of agents equal in all else, and these two K; no pair where K does not vary."""
+    ks = sorted({cell(agent)[0] for agent in agents if np.isfinite(cell(agent)[0])})
+    if len(ks) < 2:
+        return [], np.nan, np.nan
+    return matched(agents, "reward.k", ks[-1], ks[0]), ks[0], ks[-1]
+
+
+def agents_that_did_not_converge_generalise(e: Evidence) -> list[Part]:
+    """5: some SAC run that did not converge tests above 80 %; not, if fewer than half of such trainings would.
+
+    "Did not converge" counts after 1,000,000 steps, and where some control converges within the run's time limit.
+    """
+    tested = {
+        run.id: (float(agent.success[i].mean()), agent.outcome.shape[1])
+        for agent in e.of("sac")
+        for i, run in enumerate(agent.runs)
+    }
+    full = [run for run in e.sac if not run.converged and run.steps >= thesis.STEPS]
+    judged = [run for run in full if run.run.id in tested and e.attainable(run.limit)]
+    missing = f"evaluated SAC runs that did not converge in {thesis.STEPS:,} steps"
+    if not judged:
+        return [Part(OPEN, missing="; ".join([missing, *e.unattainable(full)]))]
+    yes, no = e.levels(1)
+    found = [tested[run.run.id] for run in judged]
+    best, n = max(found)
+    # The best of several is optimistic: Bonferroni over the runs it was chosen from.
+    low, high = limits(best * n, n, (1 - yes) / 2 / len(found))
+    reach = sum(x > GENERALISES for x, _ in found)
+    share = limits(reach, len(found), (1 - no) / 2)[1]
+    verdict = HOLDS if low > GENERALISES else FAILS if reach == 0 and share < 0.5 else OPEN
+    text = amount(Estimate(best, low, high), measure("success_rate"))
+    statistic = (
+        f"the best of {counted(len(found), 'run')} that did not converge succeeds in {text}; {reach} of them above "
+        f"{100 * GENERALISES:g} %, so at most {100 * share:.0f} % of such trainings"
+    )
+    ids = tuple(run.run.id for run in judged)
+    return [Part(verdict, statistic, f"more {missing}" if verdict == OPEN else "", ids)]
+
+
+def straightness_and_steps(e: Evidence) -> list[Part]:
+    """6: over the agents that learned something, straightness and steps do not correlate at equal failure rates.
+
+    A failed episode is long and crooked, so both rank with the failure rate. Judged is the partial rank correlation of mean
+    deviation and mean steps given the failure rate: it holds within ±0.5, and fails if its interval excludes 0.
+    """
+    needed = ("deviation_mean_m", "steps")
+    agents = [a for a in e.agents if learns(a) and learned(a) and all(name in a.metrics for name in needed)]
+    if len(agents) < FEWEST_AGENTS:
+        missing = f"{FEWEST_AGENTS} agents that learned something, with both measures (here {len(agents)})"
+        return [Part(OPEN, missing=missing)]
+    deviation, steps = (np.array([np.nanmean(agent.metrics[name]) for agent in agents]) for name in needed)
+    failing = np.array([1 - float(agent.success.mean()) for agent in agents])
+    n = independent(agents)
+    found = partial_rank_correlation(deviation, steps, failing, n, e.confidence)
+    inside = found.low > -WEAK and found.high < WEAK
+    verdict = HOLDS if inside else FAILS if found.low > 0 or found.high < 0 else OPEN
+    statistic = (
+        f"Spearman's rho given the failure rate {found.value:.2f} [{found.low:.2f}, {found.high:.2f}] over {len(agents)} "
+        f"agents that count as {n} independent ones, none means within ±{WEAK:g}"
+    )
+    missing = "more agents: the interval is wider than what counts as none" if verdict == OPEN else ""
+    return [Part(verdict, statistic, missing, _ids(agents))]
+
+
+def sac_is_more_robust_to_frequency(e: Evidence) -> list[Part]:
+    """7: SAC loses less from the lowest to the highest frequency; PPO beats SAC at 10 Hz; PPO fails at 25 Hz."""
+    levels = e.levels(3)
+    sac, ppo = ({cell(agent): agent for agent in e.of(family)} for family in ("sac", "ppo"))
+    both = sorted(set(sac) & set(ppo))
+    at_10 = [(ppo[c], sac[c]) for c in both if c[1] == 10.0]
+    absent = "evaluated SAC and PPO agents at 10 Hz with equal K"
+    return [
+        _interaction(sac, ppo, both, levels),
+        averaged(at_10, "PPO less SAC at 10 Hz: success", levels, absent),
+        _ppo_fails(ppo.get(thesis.CELLS["4"]), levels),
+    ]
+
+
+def _interaction(
+    sac: dict[tuple[float, float], Agent],
+    ppo: dict[tuple[float, float], Agent],
+    both: Sequence[tuple[float, float]],
+    levels: tuple[float, float],
+) -> Part:
+    """(SAC high - SAC low) - (PPO high - PPO low) in success, averaged over K.
+
+    A K at which one of the two learned nothing at the low frequency is left out: it has nothing to lose.
+    """
+    frequencies = sorted({f for _, f in both})
+    if len(frequencies) < 2:
+        return Part(OPEN, missing="evaluated SAC and PPO agents at two frequencies with equal K")
+    low, high = frequencies[0], frequencies[-1]
+    ks = [k for k in sorted({k for k, _ in both}) if {(k, low), (k, high)} <= set(both)]
+    fours = [(sac[k, high], sac[k, low], ppo[k, high], ppo[k, low]) for k in ks]
+    kept = [
+        four
+        for four in fours
+        if informative(four[:2]) and informative(four[2:]) and learned(four[1]) and learned(four[3])
+    ]
+    left = _left_out(len(fours) - len(kept), "value") + (f" at {low:g} Hz" if len(kept) < len(fours) else "")
+    if not kept:
+        return Part(OPEN, missing=f"SAC and PPO agents at two frequencies that are evidence{left}")
+    m, used = measure("success_rate"), [agent for four in kept for agent in four]
+    table, weights = m.table(used), np.tile([1.0, -1.0, -1.0, 1.0], len(kept)) / len(kept)
+    verdict = by_interval(lambda c: contrast(table, weights, c).estimate, levels, 0.0)
+    shown = difference(contrast(table, weights, levels[0]).estimate, m)
+    statistic = (
+        f"from {low:g} to {high:g} Hz SAC's success changes by {shown} more than PPO's, over "
+        f"{counted(len(kept), 'value')} of K{left}"
+    )
+    return Part(verdict, statistic, _more_seeds(used) if verdict == OPEN else "", _ids(used))
+
+
+def _ppo_fails(agent: Agent | None, levels: tuple[float, float]) -> Part:
+    """PPO with K = 1 at 25 Hz succeeds in less than half; with less than the original study's budget that is no failure."""
+    if agent is None or len(agent.outcome) < 2:
+        return Part(OPEN, missing="several training seeds of PPO with K=1 at 25 Hz")
+    m = measure("success_rate")
+    table = m.table([agent])
+    verdict = by_interval(lambda c: means(table, c)[0], levels, 0.5, less=True)
+    steps = min(int(run.manifest.get("steps") or 0) for run in agent.runs)
+    statistic = (
+        f"PPO with K=1 at 25 Hz succeeds in {amount(means(table, levels[0])[0], m)}, failing means below half"
+    )
+    missing = _more_seeds([agent]) if verdict == OPEN else ""
+    if verdict == HOLDS and steps < thesis.STEPS:
+        verdict, missing = OPEN, f"{thesis.STEPS:,} training steps (here {steps:,})"
+    return Part(verdict, statistic, missing, _ids([agent]))
+
+
+CLAIMS: tuple[tuple[str, Callable[[Evidence], list[Part]]], ...] = (
+    ("In training at 55 Hz the agent (SAC) does not converge for any K.", no_convergence_at_55_hz),
+    (
+        "At equal K, a lower training frequency converges in fewer training steps (SAC).",
+        lower_frequency_converges_sooner,
+    ),
+    (
+        "A larger K raises the episode reward and not the success: of the best-rewarded episodes more are failures.",
+        larger_k_raises_reward_not_success,
+    ),
+    (
+        "SAC with K=1 at 25 Hz (SAC4) is the best SAC agent in testing, and a lower K goes with higher success.",
+        sac4_is_best,
+    ),
+    (
+        "Agents that did not converge in training can generalise: convergence does not predict test success (SAC).",
+        agents_that_did_not_converge_generalise,
+    ),
+    ("Path straightness and step count do not correlate.", straightness_and_steps),
+    (
+        "SAC is more robust than PPO to a high frequency; PPO at 10 Hz beats SAC at 10 Hz, PPO at 25 Hz fails.",
+        sac_is_more_robust_to_frequency,
+    ),
+)
+"""each in words, and the function that judges it"""
+
+
+def judge(
+    runs: Sequence[RunRecord], agents: Sequence[Agent], *, confidence: float = 0.95, seed: int = 0
+) -> list[ClaimVerdict]:
+    """Return each claim with its verdict: holds, does not hold, cannot be said (and what is missing).
+
+    Args:
+        runs: all runs, for their training records; unfinished ones are left out.
+        agents: evaluated agents of one condition; grouped by algorithm, K and frequency alone.
+        confidence: of every interval.
+        seed: of the permutations.
+    """
+    evidence = Evidence(runs, agents, confidence, seed)
+    return [together(text, parts(evidence)) for text, parts in CLAIMS]

@@ -1,0 +1,292 @@
+"""What the claims of the original study are judged on: trainings, agents, and parts of a verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.formatting import counted, listed, p_value
+from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord
+from auvbench.analysis.thesis import FACTORS, of_family, with_factors
+from auvbench.analysis.training import training
+from auvbench.statistics.intervals import Estimate, FloatArray, quantile
+
+HOLDS, FAILS, OPEN = "holds", "does not hold", "cannot be said"
+
+WINDOW = 100
+"""episodes that are averaged"""
+SHORT = 0.8
+"""of the time limit: a window with a longer mean episode has not converged"""
+HALF = 0.5
+"""share of successes in the window, without which short episodes are early collisions and no convergence"""
+PERMUTATIONS = 10_000
+
+Point = tuple[str, float, float]
+"""(stratum, level, value) of a run"""
+
+
+def limit_s(run: RunRecord) -> float:
+    """Return the seconds that a training episode may last; NaN where the configuration does not say."""
+    if (limit := run.config.get("task.time_limit")) is not None:
+        return float(limit)
+    steps, f = run.config.get("task.max_steps"), run.config.get("step.frequency")
+    return float(steps) / float(f) if steps and f else math.nan
+
+
+def good_windows(seconds: FloatArray, success: NDArray[np.bool_], limit: float) -> NDArray[np.bool_]:
+    """Return whether each window of `WINDOW` episodes is good; empty for fewer episodes.
+
+    In a good window at least `HALF` of the episodes succeed within `limit` seconds, and the mean duration, cut at the limit,
+    is below `SHORT` of it.
+
+    Args:
+        seconds: (n,) durations of the episodes, in the order in which they ended.
+        success: (n,) whether each succeeded.
+        limit: in seconds.
+    """
+    in_time = _window_means(success & (seconds <= limit))
+    duration = _window_means(np.minimum(seconds, limit))
+    return (duration < SHORT * limit) & (in_time >= HALF)
+
+
+def _window_means(values: NDArray[np.float64] | NDArray[np.bool_]) -> FloatArray:
+    total = np.concatenate([[0.0], np.cumsum(values, dtype=np.float64)])
+    return np.asarray((total[WINDOW:] - total[:-WINDOW]) / WINDOW, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Learning:
+    """The training of a run."""
+
+    run: RunRecord
+    k: float
+    frequency: float
+    """Hz"""
+    steps: int
+    """environment steps of the whole training"""
+    seconds: FloatArray  # (n,) duration of each episode
+    success: NDArray[np.bool_]  # (n,)
+    ended: FloatArray  # (n,) environment steps when the episode ended
+
+    @property
+    def limit(self) -> float:
+        """Seconds that an episode may last."""
+        return limit_s(self.run)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the run converged within its own time limit."""
+        return bool(np.isfinite(self.converged_at(self.limit)))
+
+    def converged_at(self, limit: float) -> float:
+        """Return the environment steps before the first good window; inf where the last window is not good."""
+        good = good_windows(self.seconds, self.success, limit)
+        if not good.size or not good[-1]:
+            return np.inf
+        first = int(good.argmax())
+        return float(self.ended[first - 1]) if first else 0.0
+
+
+def learning(run: RunRecord) -> Learning | None:
+    """Read a run's training; None without records, without a frequency, or with fewer than `WINDOW` episodes."""
+    try:
+        frame = training(run)
+    except Damage:  # the figures name it
+        return None
+    k, frequency = run.config.get("reward.k"), run.config.get("step.frequency")
+    if frame is None or len(frame) < WINDOW or not frequency:
+        return None
+    frame = frame.sort_values("step", kind="stable")
+    return Learning(
+        run,
+        math.nan if k is None else float(k),
+        float(frequency),
+        steps=max(int(frame["step"].iloc[-1]), int(run.manifest.get("steps") or 0)),
+        seconds=frame["steps"].to_numpy(dtype=np.float64) / float(frequency),
+        success=(frame["outcome"] == "success").to_numpy(),
+        ended=frame["step"].to_numpy(dtype=np.float64),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """Of two runs of a stratum, how often the one of the higher level has the higher value; ties half."""
+
+    share: float
+    pairs: int
+    p_up: float
+    """one-sided: values do not rise with the level"""
+    p_down: float
+    """one-sided: values do not fall with it"""
+
+
+def trend(points: Sequence[Point], seed: int = 0) -> Trend | None:
+    """Return Jonckheere and Terpstra's statistic within strata with a permutation test; None without a pair.
+
+    Values are permuted among the runs of a stratum, 10,000 times: exact in level for any distribution, and with one run per
+    cell of two strata no smaller than 1/4, as it should be.
+    """
+    rng = np.random.default_rng(seed)
+    pairs, wins, permuted = 0, 0.0, np.zeros(PERMUTATIONS)
+    for name in sorted({point[0] for point in points}):
+        levels, values = (np.array([point[i] for point in points if point[0] == name]) for i in (1, 2))
+        low, high = np.nonzero(levels[:, None] < levels[None, :])
+        drawn = rng.permuted(np.tile(values, (PERMUTATIONS, 1)), axis=1)
+        pairs += len(low)
+        wins += float(_wins(values[None], low, high)[0])
+        permuted += _wins(drawn, low, high)
+    if not pairs:
+        return None
+    p_up = (1 + (permuted >= wins - 1e-9).sum()) / (1 + PERMUTATIONS)
+    p_down = (1 + (permuted <= wins + 1e-9).sum()) / (1 + PERMUTATIONS)
+    return Trend(wins / pairs, pairs, float(p_up), float(p_down))
+
+
+def _wins(values: FloatArray, low: NDArray[np.intp], high: NDArray[np.intp]) -> FloatArray:
+    """Return the wins (m,) of the higher level over all pairs, for m rows of values; a tie is half a win."""
+    lower, higher = values[:, low], values[:, high]
+    return np.asarray(((higher > lower).sum(axis=1) + (higher >= lower).sum(axis=1)) / 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One test of a claim."""
+
+    verdict: str
+    statistic: str = ""
+    missing: str = ""
+    run_ids: tuple[str, ...] = ()
+
+
+class Evidence:
+    """Runs and agents of a report, as the claims use them."""
+
+    def __init__(self, runs: Sequence[RunRecord], agents: Sequence[Agent], confidence: float, seed: int):
+        self.runs, self.confidence, self.seed = runs, confidence, seed
+        self.agents = [with_factors(agent) for agent in agents]
+        self._sac: list[Learning] | None = None
+
+    def of(self, family: str) -> list[Agent]:
+        """Return the agents of an algorithm."""
+        return of_family(self.agents, family)
+
+    @property
+    def sac(self) -> list[Learning]:
+        """The training records of SAC, evaluated or not; reading those of a long training takes a while."""
+        if self._sac is None:
+            names = {str(run.config.get("algo.name")) for run in self.runs}
+            name = "sac_thesis" if "sac_thesis" in names else "sac"
+            mine = [r for r in self.runs if r.state == "complete" and r.config.get("algo.name") == name]
+            found = (learning(run) for run in sorted(mine, key=lambda run: run.id))
+            self._sac = [one for one in found if one is not None]
+        return self._sac
+
+    def levels(self, parts: int) -> tuple[float, float]:
+        """Return the confidences of the intervals that say "holds" and "does not hold", of a claim with several parts."""
+        return self.confidence, 1 - (1 - self.confidence) / parts
+
+    def attainable(self, limit: float) -> bool:
+        """Return whether a control meets the criterion of convergence within a time limit in s.
+
+        The controls are all evaluated policies of the report, controllers included: none of them learns during its test.
+        Where no control converges, "did not converge" says nothing about learning.
+        """
+        for agent in self.agents:
+            for seconds, success in zip(agent.metrics.get("duration_s", ()), agent.success > 0, strict=False):
+                good = good_windows(seconds, success, limit)
+                if good.size and good[-1]:
+                    return True
+        return False
+
+    def unattainable(self, runs: Sequence[Learning]) -> list[str]:
+        """Return what is missing where no control converges within the runs' time limits."""
+        found = sorted({run.limit for run in runs if not self.attainable(run.limit)})
+        times = listed([f"{limit:.3g}" for limit in found])
+        return [f"a time limit within which a control converges (no policy does within {times} s)"] * bool(
+            found
+        )
+
+
+def by_interval(
+    at: Callable[[float], Estimate], levels: tuple[float, float], above: float, *, less: bool = False
+) -> str:
+    """Return whether a value lies above a bound (`less`: below it): the whole interval lies on one side.
+
+    Args:
+        at: the estimate with its interval, by confidence.
+        levels: confidences of "holds" and "does not hold".
+        above: the bound.
+        less: the part claims a value below the bound.
+    """
+    yes, no = at(levels[0]), at(levels[1])
+    if (yes.high < above) if less else (yes.low > above):
+        return HOLDS
+    return FAILS if ((no.low > above) if less else (no.high < above)) else OPEN
+
+
+def by_trend(found: Trend, what: str, levels: tuple[float, float], ids: tuple[str, ...]) -> Part:
+    """Return a part that claims a rising trend; two one-sided permutation tests."""
+    rises, falls = found.p_up < (1 - levels[0]) / 2, found.p_down < (1 - levels[1]) / 2
+    verdict = HOLDS if rises else FAILS if falls else OPEN
+    p = p_value(min(1, 2 * min(found.p_up, found.p_down)))
+    statistic = f"{what} {100 * found.share:.0f} % of {counted(found.pairs, 'pair')} of runs, {p}"
+    return Part(verdict, statistic, "more training seeds per cell" if verdict == OPEN else "", ids)
+
+
+def together(text: str, parts: Sequence[Part]) -> ClaimVerdict:
+    """Return a claim's verdict: it fails if one of its parts does, holds if all do, and cannot be said otherwise."""
+    verdicts = [part.verdict for part in parts]
+    verdict = FAILS if FAILS in verdicts else OPEN if OPEN in verdicts else HOLDS
+    statistics, missing = [], []
+    for letter, part in zip("abc", parts, strict=False):
+        several = len(parts) > 1
+        if part.statistic:
+            statistics.append(f"({letter}) {part.statistic}: {part.verdict}" if several else part.statistic)
+        if part.missing:
+            missing.append(f"({letter}) {part.missing}" if several else part.missing)
+    runs = tuple(dict.fromkeys(run for part in parts for run in part.run_ids))
+    return ClaimVerdict(text, verdict, _sentence(statistics), _sentence(missing), runs)
+
+
+def _sentence(parts: Sequence[str]) -> str:
+    text = "; ".join(parts)
+    return f"{text[0].upper()}{text[1:]}." if text else ""
+
+
+def independent(agents: Sequence[Agent]) -> int:
+    """Return how many of the agents are independent: cells of a crossed grid share the effects of their levels.
+
+    One, and one for each further level of each factor: the parameters of the grid's main effects.
+    """
+    levels = [{agent.key.get(factor) for agent in agents} for factor in FACTORS]
+    return min(len(agents), 1 + sum(len(found) - 1 for found in levels))
+
+
+def partial_rank_correlation(
+    x: FloatArray, y: FloatArray, given: FloatArray, n: int, confidence: float
+) -> Estimate:
+    """Return Spearman's rho of x and y given a third variable, with an interval for n independent points.
+
+    The interval is that of Bonett & Wright (2000, Psychometrika 65:23), tanh(atanh rho ± z sqrt((1 + rho²/2) / (n - 3))),
+    with one point less for the third variable. It is [-1, 1] where rho is undefined or n leaves no freedom.
+    """
+    from scipy.stats import rankdata  # half a second of imports that most reports do not need
+
+    ranks = [rankdata(values) for values in (x, y, given)]
+    with np.errstate(invalid="ignore"):
+        r = np.nan_to_num(np.corrcoef(ranks))  # a variable without ranks correlates with none
+    left = np.sqrt((1 - r[0, 2] ** 2) * (1 - r[1, 2] ** 2))
+    free = n - 4 if np.ptp(ranks[2]) > 0 else n - 3
+    if left < 1e-6 or min(np.ptp(ranks[0]), np.ptp(ranks[1])) == 0:
+        return Estimate(0.0, -1.0, 1.0, confidence, "agents")
+    rho = float((r[0, 1] - r[0, 2] * r[1, 2]) / left)
+    if free <= 0:
+        return Estimate(rho, -1.0, 1.0, confidence, "agents")
+    z = np.arctanh(np.clip(rho, -0.999999, 0.999999))
+    half = float(quantile(confidence)) * np.sqrt((1 + rho**2 / 2) / free)
+    return Estimate(rho, float(np.tanh(z - half)), float(np.tanh(z + half)), confidence, "agents")
