@@ -20,7 +20,7 @@ from auvbench.analysis.records import Agent
 from auvbench.analysis.sections import sections
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError
-from auvbench.runs.missing import missing
+from auvbench.runs.directory import missing
 from auvbench.statistics.intervals import Estimate
 from auvbench.untrusted.text import plain, short
 
