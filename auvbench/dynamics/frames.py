@@ -4,10 +4,12 @@ Marine papers have the body's axes forward, starboard, down (FRD); auvbench has 
 the other turned by half a turn about x, which changes the sign of the second and third component of every
 vector. The same half turn takes a world with z down to one with z up: north, east, down becomes north, west, up.
 Since water does not know where north is, a motion computed in north-west-up is the motion in east-north-up, seen
-with another zero of yaw. Turning only signs, it costs no rounding.
+with another zero of yaw. Turning only signs, it costs no rounding. Where north matters, as to ArduPilot, `ned` and `ned_attitude` turn.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,3 +78,28 @@ def quaternion(angles: ArrayLike) -> FloatArray:
         ],
         axis=-1,
     )
+
+
+_HALF = 0.5**0.5
+
+
+def ned(vector: Sequence[float]) -> tuple[float, float, float]:
+    """Return a vector (3,) of the world east, north, up in north, east, down; its own inverse.
+
+    >>> ned((1.0, 2.0, 3.0))
+    (2.0, 1.0, -3.0)
+    """
+    east, north, up = vector
+    return north, east, -up
+
+
+def ned_attitude(quaternion: Sequence[float]) -> tuple[float, float, float, float]:
+    """Return the attitude (w, x, y, z) of a body FLU in a world ENU as that of the body FRD in the world NED.
+
+    It is (0, a, a, 0) q (0, 1, 0, 0) up to a sign, with a^2 = 1/2. A body that looks east has a yaw of 90 degrees:
+
+    >>> ned_attitude((1.0, 0.0, 0.0, 0.0))
+    (0.7071067811865476, 0.0, 0.0, 0.7071067811865476)
+    """
+    w, x, y, z = quaternion
+    return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)

@@ -119,13 +119,11 @@ class Disturbances:
     def advance(self, simulator: Simulator, command: Floats) -> None:
         """Advance the simulator by one agent step under `command` (n, n_u), with delays and faults."""
         task = self.task
-        if self.fluctuates:
-            k.advance_current(task.C, self.Q, task.stream, self.D)
-            self._set_current(simulator)
+        self.move_current(simulator)
         if self.sea is not None:
             self.sea.begin_step(simulator)
         if not self.delayed:
-            self._fail(simulator, command)
+            self.fail(simulator, command)
             simulator.step(command, task.duration)
             self.power[:] = simulator.power
             return
@@ -135,7 +133,7 @@ class Disturbances:
         self.power[:] = 0.0
         for segment in self.schedule.segments:
             acting = self.commands[(now - segment.age) % kept]
-            self._fail(simulator, acting)
+            self.fail(simulator, acting)
             simulator.step(acting, segment.duration)
             self.power += simulator.power * (segment.duration / task.duration)
             if segment.measure:
@@ -144,7 +142,14 @@ class Disturbances:
                     self.velocities[now % len(self.velocities)] = simulator.velocity
         self.clock += 1
 
-    def _fail(self, simulator: Simulator, command: Floats) -> None:
+    def move_current(self, simulator: Simulator) -> None:
+        """Advance a fluctuating current by one agent step."""
+        if self.fluctuates:
+            k.advance_current(self.task.C, self.Q, self.task.stream, self.D)
+            self._set_current(simulator)
+
+    def fail(self, simulator: Simulator, command: Floats) -> None:
+        """Let faulty actuators fail: write the simulator's effectiveness, and `command` (n, n_u) where one is stuck."""
         if self.fails:
             k.apply_faults(self.task.C, self.Q, self.D, self.I, command, simulator.effectiveness)
 

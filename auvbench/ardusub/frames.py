@@ -1,0 +1,192 @@
+"""ArduSub's frames: which motor pushes where, which thruster of a vehicle it is, and what a PWM makes of it.
+
+Source of the factors: setup_motors in libraries/AP_Motors/AP_Motors6DOF.cpp, the same as in libraries/SITL/SIM_Submarine.cpp,
+which also says how they point: a motor above 1500 us pushes along (forward, lateral, -throttle) and turns along (roll, pitch, yaw),
+forward, starboard, down. No compiled code is imported here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auvbench.dynamics.frames import flip
+from auvbench.errors import ConfigError, closest
+from auvbench.vehicles.curves import t200_table
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+NEUTRAL, LOW, HIGH = 1500, 1100, 1900
+"""us: of no thrust, and of full thrust astern and ahead (MOT_PWM_MIN and MOT_PWM_MAX of ArduSub)"""
+SHORTEST, LONGEST = 1000, 2000
+"""us: ArduPilot's own model takes what is not between them for no pulse"""
+VOLTAGE = 16.0
+"""V, at which the T200 was measured"""
+THRUST = ("t200", "sheet")
+"""what turns a PWM into a force: a T200's measured curve, or the thruster's own curve in the sheet"""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A frame of ArduSub."""
+
+    name: str
+    config: int
+    """value of the parameter FRAME_CONFIG"""
+    factors: tuple[tuple[float, float, float, float, float, float], ...]
+    """of each motor: roll, pitch, yaw, throttle, forward, lateral"""
+
+    @property
+    def motors(self) -> int:
+        return len(self.factors)
+
+    @property
+    def wrench_signs(self) -> Floats:
+        """Signs (motors, 6) of force and moment above 1500 us, body FLU; 0 where the frame says nothing."""
+        roll, pitch, yaw, throttle, forward, lateral = np.array(self.factors).T
+        return np.sign(flip(np.column_stack([forward, lateral, -throttle, roll, pitch, yaw])))
+
+
+FRAMES = {
+    frame.name: frame
+    for frame in (
+        Frame(
+            "vectored",
+            1,
+            (
+                (0.0, 0.0, 1.0, 0.0, -1.0, 1.0),
+                (0.0, 0.0, -1.0, 0.0, -1.0, -1.0),
+                (0.0, 0.0, -1.0, 0.0, 1.0, 1.0),
+                (0.0, 0.0, 1.0, 0.0, 1.0, -1.0),
+                (1.0, 0.0, 0.0, -1.0, 0.0, 0.0),
+                (-1.0, 0.0, 0.0, -1.0, 0.0, 0.0),
+            ),
+        ),
+        Frame(
+            "vectored_6dof",
+            2,
+            (
+                (0.0, 0.0, 1.0, 0.0, -1.0, 1.0),
+                (0.0, 0.0, -1.0, 0.0, -1.0, -1.0),
+                (0.0, 0.0, -1.0, 0.0, 1.0, 1.0),
+                (0.0, 0.0, 1.0, 0.0, 1.0, -1.0),
+                (1.0, -1.0, 0.0, -1.0, 0.0, 0.0),
+                (-1.0, -1.0, 0.0, -1.0, 0.0, 0.0),
+                (1.0, 1.0, 0.0, -1.0, 0.0, 0.0),
+                (-1.0, 1.0, 0.0, -1.0, 0.0, 0.0),
+            ),
+        ),
+    )
+}
+"""frames whose thrusters are found by where they push, by name; FRAME_CONFIG 1 is ArduSub's default"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motors:
+    """The thrusters of a vehicle as ArduSub's motors 1, 2, ..., which it drives on the channels of the same numbers."""
+
+    vehicle: VehicleModel
+    frame: Frame | None
+    """None where the order was given"""
+    order: tuple[int, ...]
+    """(motors,) index of the thruster among the vehicle's actuators"""
+    signs: tuple[float, ...]
+    """(motors,) 1 where the thruster pushes along the sheet's direction above 1500 us, else -1"""
+
+    def forces(self, pwm: ArrayLike, thrust: str = "t200", voltage: float = VOLTAGE) -> Floats:
+        """Return steady forces (..., n_u) in N along the sheet's directions for the PWM (..., motors or more) in us."""
+        pulses = np.asarray(pwm, dtype=np.float64)
+        out = np.zeros((*pulses.shape[:-1], len(self.vehicle.units)))
+        for channel, (a, sign) in enumerate(zip(self.order, self.signs, strict=True)):
+            pulse = pulses[..., channel]
+            if thrust == "t200":
+                out[..., a] = sign * t200_force(pulse, voltage)
+            else:
+                command = np.clip((pulse - NEUTRAL) / (HIGH - NEUTRAL), -1.0, 1.0)
+                force = self.vehicle.units[a].force(sign * command) * (voltage / VOLTAGE)
+                out[..., a] = np.where(driven(pulse), force, 0.0)
+        return out
+
+    def actions(self, pwm: ArrayLike, thrust: str = "t200", voltage: float = VOLTAGE) -> Floats:
+        """Return the normalised commands (..., n_u) in [-1, 1] whose steady forces are those of `forces`, clipped to the sheet."""
+        return self.vehicle.action(self.forces(pwm, thrust, voltage))
+
+
+def driven(pwm: ArrayLike) -> NDArray[np.bool_]:
+    """Return whether a channel has a pulse of an ESC (...)."""
+    pulses = np.asarray(pwm)
+    return np.asarray((pulses > SHORTEST) & (pulses < LONGEST))
+
+
+def t200_force(pwm: ArrayLike, voltage: float = VOLTAGE) -> Floats:
+    """Return the force (...) in N of a T200 at a PWM (...) in us: Blue Robotics' curve at 16 V, in proportion to the voltage.
+
+    The curve's dead band, 1472 to 1528 us, is part of it. Without a pulse there is no force.
+    """
+    table = t200_table()
+    pulses = np.asarray(pwm, dtype=np.float64)
+    force = np.interp(pulses, table["pwm_us"], table["force_N"]) * (voltage / VOLTAGE)
+    return np.asarray(np.where(driven(pulses), force, 0.0))
+
+
+def motors_of(vehicle: VehicleModel, given: Sequence[str] | None = None) -> Motors:
+    """Return a vehicle's thrusters in the order of ArduSub's motors.
+
+    Args:
+        vehicle: has thrusters alone.
+        given: thrusters' names in the order of the motors, with `-` where PWM above 1500 us pushes against the sheet's
+            direction; None finds the frame by where the thrusters push.
+
+    Raises:
+        ConfigError: the vehicle has other actuators, fits no frame, or `given` is no order of its thrusters.
+    """
+    if vehicle.others:
+        raise ConfigError(
+            f"vehicle={vehicle.name}: has {', '.join(vehicle.others)}; ArduSub's frames have thrusters alone, as bluerov2 has"
+        )
+    if given is not None:
+        return _given(vehicle, given)
+    for frame in FRAMES.values():
+        if (found := _matched(vehicle, frame)) is not None:
+            return Motors(vehicle, frame, *found)
+    known = ", ".join(f"{frame.name} ({frame.motors} motors)" for frame in FRAMES.values())
+    raise ConfigError(
+        f"vehicle={vehicle.name}: its thrusters fit none of ArduSub's frames {known}; give their order for ArduSub's"
+        f" motors 1, 2, ..., with - where more PWM pushes backwards: --motors={','.join(vehicle.actuators)}"
+    )
+
+
+def _matched(vehicle: VehicleModel, frame: Frame) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
+    """Return order and signs by which the thrusters push as the frame's motors do; None where they do not."""
+    columns = vehicle.allocation.T
+    if len(columns) != frame.motors:
+        return None
+    order, signs = [], []
+    for wanted in frame.wrench_signs:
+        said = wanted != 0.0
+        pushes = np.sign(columns[:, said]) @ wanted[said]
+        fitting = np.flatnonzero(np.abs(pushes) == np.count_nonzero(said))
+        if len(fitting) != 1:
+            return None
+        order.append(int(fitting[0]))
+        signs.append(float(np.sign(pushes[fitting[0]])))
+    return (tuple(order), tuple(signs)) if len(set(order)) == frame.motors else None
+
+
+def _given(vehicle: VehicleModel, names: Sequence[str]) -> Motors:
+    plain = [name.removeprefix("-") for name in names]
+    for name in plain:
+        if name not in vehicle.actuators:
+            raise ConfigError(
+                f"--motors: {vehicle.name} has no thruster {name!r}; {closest(name, vehicle.actuators)}"
+            )
+    if sorted(plain) != sorted(vehicle.actuators):
+        raise ConfigError(
+            f"--motors={','.join(names)}: must name each thruster of {vehicle.name} once: {','.join(vehicle.actuators)}"
+        )
+    order = tuple(vehicle.actuators.index(name) for name in plain)
+    return Motors(vehicle, None, order, tuple(-1.0 if name.startswith("-") else 1.0 for name in names))

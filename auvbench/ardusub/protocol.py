@@ -1,0 +1,131 @@
+"""The bytes of ArduPilot's JSON backend: a binary packet of PWM in, a line of JSON out.
+
+Source: libraries/SITL/SIM_JSON.h, SIM_JSON.cpp and examples/JSON/readme.md. This module imports neither NumPy nor compiled code.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+
+PORT = 9002
+"""UDP port of the physics for ArduPilot's instance 0"""
+PORT_STEP = 10
+"""between the ports of two instances"""
+CHANNELS = {18458: 16, 29569: 32}
+"""PWM channels of a packet by its magic number"""
+
+_LAYOUTS = {magic: struct.Struct(f"<HHI{channels}H") for magic, channels in CHANNELS.items()}
+_MAGIC = struct.Struct("<H")
+LARGEST = max(layout.size for layout in _LAYOUTS.values())
+"""bytes of the longest packet"""
+
+
+class PacketError(ValueError):
+    """A datagram is no packet of ArduPilot's JSON backend."""
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """What ArduSub sends for each step."""
+
+    frame_rate: int
+    """Hz: the step is to last its reciprocal"""
+    frame_count: int
+    """replies that ArduSub has taken since it started"""
+    pwm: tuple[int, ...]
+    """(16,) or (32,) us; 0 for a channel without a pulse"""
+
+    @property
+    def duration(self) -> float:
+        """Length of the step in s."""
+        return 1.0 / self.frame_rate
+
+
+@dataclass(frozen=True, slots=True)
+class SensorState:
+    """What ArduSub is told: world north, east, down from its home at the surface; body forward, starboard, down."""
+
+    time: float
+    """s since the vehicle was reset"""
+    gyro: tuple[float, float, float]
+    """rad/s"""
+    specific_force: tuple[float, float, float]
+    """m/s2, acceleration less gravity: (0, 0, -9.81) at rest and level"""
+    position: tuple[float, float, float]
+    """m; the last is the depth"""
+    velocity: tuple[float, float, float]
+    """m/s over ground"""
+    quaternion: tuple[float, float, float, float]
+    """(w, x, y, z), body to world"""
+    voltage: float
+    """V, of the battery"""
+    current: float
+    """A, out of the battery"""
+
+    @property
+    def depth(self) -> float:
+        """Depth below the mean surface in m."""
+        return self.position[2]
+
+
+def parse(datagram: bytes) -> Packet:
+    """Return the packet in a datagram.
+
+    Raises:
+        PacketError: the magic number or the length is another, or the frame rate is 0.
+    """
+    if len(datagram) < _MAGIC.size:
+        raise PacketError(f"{len(datagram)} bytes: must be 40 or 72")
+    (magic,) = _MAGIC.unpack_from(datagram)
+    layout = _LAYOUTS.get(magic)
+    if layout is None:
+        raise PacketError(f"magic number {magic}: must be {' or '.join(map(str, CHANNELS))}")
+    if len(datagram) != layout.size:
+        raise PacketError(f"{len(datagram)} bytes: {CHANNELS[magic]} channels take {layout.size}")
+    _, frame_rate, frame_count, *pwm = layout.unpack(datagram)
+    if frame_rate == 0:
+        raise PacketError("frame rate 0: must be at least 1 Hz (SIM_RATE_HZ)")
+    return Packet(frame_rate, frame_count, tuple(pwm))
+
+
+def pack(packet: Packet) -> bytes:
+    """Return the datagram that ArduSub would send, for tests and stand-ins.
+
+    Raises:
+        ValueError: it has neither 16 nor 32 channels.
+    """
+    for magic, channels in CHANNELS.items():
+        if channels == len(packet.pwm):
+            return _LAYOUTS[magic].pack(magic, packet.frame_rate, packet.frame_count, *packet.pwm)
+    raise ValueError(f"{len(packet.pwm)} channels: must be 16 or 32")
+
+
+def reply(state: SensorState) -> bytes:
+    """Return the line that answers a packet.
+
+    Raises:
+        ValueError: a number is not finite, which ArduPilot's parser would misread.
+    """
+    numbers = (
+        state.time,
+        *state.gyro,
+        *state.specific_force,
+        *state.position,
+        *state.velocity,
+        *state.quaternion,
+        state.voltage,
+        state.current,
+    )
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(f"the state at {state.time} s is not finite")
+    return _LINE.format(*numbers).encode("ascii")
+
+
+# ArduPilot finds a key as the first place where its name stands: no earlier key may contain a later one's name.
+_LINE = (
+    '\n{{"timestamp":{:.9f},"imu":{{"gyro":[{:.9f},{:.9f},{:.9f}],"accel_body":[{:.9f},{:.9f},{:.9f}]}},'
+    '"position":[{:.9f},{:.9f},{:.9f}],"velocity":[{:.9f},{:.9f},{:.9f}],'
+    '"quaternion":[{:.9f},{:.9f},{:.9f},{:.9f}],"battery":{{"voltage":{:.3f},"current":{:.3f}}}}}\n'
+)
