@@ -122,6 +122,11 @@ def driven(pwm: ArrayLike) -> NDArray[np.bool_]:
     return np.asarray((pulses > SHORTEST) & (pulses < LONGEST))
 
 
+def driven_pulse(pwm: int) -> bool:
+    """Return the same for one channel, without arrays."""
+    return SHORTEST < pwm < LONGEST
+
+
 def t200_force(pwm: ArrayLike, voltage: float = VOLTAGE) -> Floats:
     """Return the force (...) in N of a T200 at a PWM (...) in us: Blue Robotics' curve at 16 V, in proportion to the voltage.
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.ardusub.frames import LONGEST, THRUST, VOLTAGE, Motors, motors_of
 from auvbench.ardusub.protocol import SensorState
-from auvbench.config import schema
+from auvbench.config import schema, simulators
 from auvbench.config.schema import SCALES
 from auvbench.dynamics import frames
 from auvbench.envs.simulator_factory import make_simulator
@@ -71,10 +72,10 @@ class Physics:
         self.voltage = voltage
         physical = PhysicalCommands(self.vehicle)
         drawn = config.disturbance.randomisation
-        made = make_simulator(config.simulator, self.vehicle, 1, drawn, physical.model)
-        if not isinstance(made, FossenSimulator):
+        if not isinstance(config.simulator, simulators.Fossen):
             raise ConfigError(f"simulator={config.simulator.name}: ArduSub needs simulator=fossen")
-        self.simulator = made
+        made = make_simulator(config.simulator, self.vehicle, 1, drawn, physical.model)
+        self.simulator = cast(FossenSimulator, made)
         self.time = 0.0
         """s since the reset"""
         self._start = np.array([[*config.task.start, *NORTH]])

@@ -13,6 +13,8 @@ PORT = 9002
 """UDP port of the physics for ArduPilot's instance 0"""
 PORT_STEP = 10
 """between the ports of two instances"""
+SLOWEST = 10
+"""Hz: ArduPilot ignores steps of 0.1 s and more"""
 CHANNELS = {18458: 16, 29569: 32}
 """PWM channels of a packet by its magic number"""
 
@@ -74,7 +76,7 @@ def parse(datagram: bytes) -> Packet:
     """Return the packet in a datagram.
 
     Raises:
-        PacketError: the magic number or the length is another, or the frame rate is 0.
+        PacketError: the magic number or the length is another, or the frame rate is too low.
     """
     if len(datagram) < _MAGIC.size:
         raise PacketError(f"{len(datagram)} bytes: must be 40 or 72")
@@ -85,8 +87,8 @@ def parse(datagram: bytes) -> Packet:
     if len(datagram) != layout.size:
         raise PacketError(f"{len(datagram)} bytes: {CHANNELS[magic]} channels take {layout.size}")
     _, frame_rate, frame_count, *pwm = layout.unpack(datagram)
-    if frame_rate == 0:
-        raise PacketError("frame rate 0: must be at least 1 Hz (SIM_RATE_HZ)")
+    if frame_rate <= SLOWEST:
+        raise PacketError(f"a frame rate of {frame_rate} Hz: must be more than {SLOWEST} (SIM_RATE_HZ)")
     return Packet(frame_rate, frame_count, tuple(pwm))
 
 

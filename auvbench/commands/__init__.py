@@ -13,7 +13,7 @@ COMMANDS: dict[str, str] = {
     "plan": "say how many seeds and episodes resolve a difference",
     "vehicles": "list vehicles, or show what one vehicle's numbers imply",
     "simulate": "integrate one vehicle open loop, to CSV or a plot",
-    "serve": "put a simulator behind ROS 2 topics and services",
+    "serve": "put a simulator behind ROS 2, or behind ArduSub",
     "pilot": "steer a vehicle over ROS 2 by an exported policy or a controller",
     "runs": "list runs with state, progress and success",
     "export": "write the policy of a run as an ONNX file with a card",

@@ -1,4 +1,4 @@
-"""`auvbench serve`: a simulator behind ROS 2 topics and services."""
+"""`auvbench serve`: a simulator behind ROS 2 topics and services, or the physics of an ArduSub."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from auvbench.commands import serve_ardusub
 from auvbench.commands.grammar import Parser
 from auvbench.errors import ConfigError, UserError, closest
 
@@ -15,37 +16,44 @@ if TYPE_CHECKING:
     from auvbench.ros2.server import Server
 
 KEYS = ("vehicle", "simulator", "task.start", "step.frequency", "disturbance")
+ARDUSUB_KEYS = (*KEYS, "seed")
+ROS2_FLAGS = ("namespace", "pace", "lockstep", "paused")
+FACES = ("ros2", "ardusub")
 
 _EPILOG = """examples:
   auvbench serve                                            the BlueROV2 on the embedded simulator, in real time
   auvbench serve simulator=gazebo vehicle=bluerov2_heavy    another vehicle, on Gazebo in this process
   auvbench serve --pace 10                                  ten times as fast; --pace max as fast as possible
   auvbench serve --lockstep --vehicles 4                    for simulator=ros2: each step waits for commands
+  auvbench serve --face ardusub vehicle=bluerov2_heavy disturbance=sea_state_2   for ArduSub's --model JSON
 
 keys: vehicle=, simulator=, task.start=[x,y,z], step.frequency= (messages a second), disturbance= (drawn vehicles may
-need a smaller physics step). Topics, services and parameters: docs/ros2.md.
+need a smaller physics step), with ArduSub seed=. Topics, services and parameters: docs/ros2.md; ArduSub: docs/ardusub.md.
 """
 
 
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench serve",
-        description="Serve a simulator behind the ROS 2 interface of Centrale Nantes' BlueROV2, until Ctrl-C.",
+        description="Serve a simulator behind the ROS 2 interface of Centrale Nantes' BlueROV2, or to ArduSub, until Ctrl-C.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help=f"configuration: {', '.join(KEYS)}")
-    parser.add_argument("--namespace", default=None, help="of the topics (default: the vehicle's name)")
+    parser.add_argument("--face", default=FACES[0], help=f"{' or '.join(FACES)} (default: {FACES[0]})")
     parser.add_argument(
         "--vehicles", type=int, default=1, help="in one world: NAME_1, NAME_2, ... (default: 1)"
     )
-    parser.add_argument(
+    ros2 = parser.add_argument_group("--face ros2")
+    ros2.add_argument("--namespace", default=None, help="of the topics (default: the vehicle's name)")
+    ros2.add_argument(
         "--pace", type=_pace, default=1.0, help="simulated seconds per second, or max (default: 1)"
     )
-    parser.add_argument(
+    ros2.add_argument(
         "--lockstep", action="store_true", help="each step waits for a command to every actuator"
     )
-    parser.add_argument("--paused", action="store_true", help="begin with the world paused")
+    ros2.add_argument("--paused", action="store_true", help="begin with the world paused")
+    serve_ardusub.add_flags(parser)
     return parser
 
 
@@ -62,15 +70,9 @@ def _pace(text: str) -> float:
 
 
 def main(arguments: Sequence[str]) -> int:
-    given = parser().read(arguments, overrides=True)
-    for word in given.overrides:
-        key = word.partition("=")[0]
-        if "=" not in word:
-            raise ConfigError(f"serve: {word}: serve takes KEY=VALUE and flags (auvbench serve --help)")
-        if not any(key == known or key.startswith(f"{known}.") for known in KEYS):
-            raise ConfigError(f"{word}: serve has no such key; {closest(key, KEYS)}")
-    if not 1 <= given.vehicles <= 1000:
-        raise UserError(f"--vehicles {given.vehicles}: must be from 1 to 1000")
+    given = _given(arguments)
+    if given.face == "ardusub":
+        return serve_ardusub.serve(given)
 
     from auvbench.ros2 import middleware
     from auvbench.runs import interruption
@@ -86,6 +88,30 @@ def main(arguments: Sequence[str]) -> int:
         server.close()
     print("auvbench: stopped", flush=True)
     return 0
+
+
+def _given(arguments: Sequence[str]) -> argparse.Namespace:
+    """Return the options, checked as far as both faces have them in common."""
+    reader = parser()
+    given = reader.read(arguments, overrides=True)
+    if given.face not in FACES:
+        raise UserError(f"--face {given.face}: unknown; {closest(given.face, FACES)}")
+    keys = ARDUSUB_KEYS if given.face == "ardusub" else KEYS
+    for word in given.overrides:
+        key = word.partition("=")[0]
+        if "=" not in word:
+            raise ConfigError(f"serve: {word}: serve takes KEY=VALUE and flags (auvbench serve --help)")
+        if not any(key == known or key.startswith(f"{known}.") for known in keys):
+            raise ConfigError(f"{word}: serve has no such key; {closest(key, keys)}")
+    for name, face in {
+        **dict.fromkeys(ROS2_FLAGS, "ros2"),
+        **dict.fromkeys(serve_ardusub.FLAGS, "ardusub"),
+    }.items():
+        if face != given.face and getattr(given, name) != reader.get_default(name):
+            raise UserError(f"--{name.replace('_', '-')}: belongs to --face {face}")
+    if not 1 <= given.vehicles <= 1000:
+        raise UserError(f"--vehicles {given.vehicles}: must be from 1 to 1000")
+    return given
 
 
 def _server(given: argparse.Namespace) -> Server:

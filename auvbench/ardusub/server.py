@@ -1,0 +1,307 @@
+"""The server: vehicles on UDP ports, each in lock-step with the ArduSub that sends to it."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import selectors
+import socket
+import time
+from collections.abc import Callable, Sequence
+
+from auvbench.ardusub import protocol
+from auvbench.ardusub.frames import FRAMES, NEUTRAL, Motors, driven_pulse
+from auvbench.ardusub.physics import Physics
+from auvbench.ardusub.protocol import Packet, PacketError
+from auvbench.errors import UserError
+
+Address = tuple[str, int]
+
+LOOK = 0.5
+"""s between two looks at the clock and for Ctrl-C while nothing arrives"""
+SILENT = 2.0
+"""s after which another ArduSub may take a port: a waiting one repeats its packet every second"""
+PATIENCE = 10.0
+"""s of silence until a hint what to check, and between reports"""
+_AT_ONCE = 64
+"""datagrams read from a port before the others have their turn"""
+_DIFFERENCE = 5
+"""us from neutral from which a motor turns"""
+_SUSPICION = 50
+"""packets in a row that look like those of another frame until they are believed"""
+
+
+class Port:
+    """A vehicle and the ArduSub that flies it.
+
+    Args:
+        physics: of the vehicle.
+        address: to listen at.
+        say: prints a line for people.
+
+    Raises:
+        UserError: the port is taken, or the address is not of this machine.
+    """
+
+    def __init__(self, physics: Physics, address: Address, say: Callable[[str], None]) -> None:
+        self.physics = physics
+        self.say = say
+        self.peer: Address | None = None
+        self.steps = 0
+        self.frame_rate = 0
+        self.heard = time.monotonic()
+        """when the peer last sent a packet, or the server began"""
+        self.socket = _listen(address)
+        self.number: int = self.socket.getsockname()[1]
+        self._count = -1
+        self._reply = b""
+        self._rival: Address | None = None
+        """another sender, from its first packet on until the peer is heard again"""
+        self._told: set[str] = set()
+        self._frame = FrameCheck(physics.motors)
+
+    def serve(self) -> None:
+        """Answer what has arrived.
+
+        Raises:
+            UserError: ArduSub has another frame than the vehicle.
+            TrainingError: the motion left the finite numbers.
+        """
+        packet = self._newest()
+        if packet is None or self.peer is None:
+            return
+        if packet.frame_count != self._count:
+            if packet.frame_count < self._count:
+                self._begin("ArduSub restarted")
+            self._frame.check(packet.pwm)
+            self._count, self.frame_rate = packet.frame_count, packet.frame_rate
+            self._reply = protocol.reply(self.physics.step(packet.pwm, packet.duration))
+            self.steps += 1
+        # A reply that is lost, here or on its way, is asked for again.
+        with contextlib.suppress(OSError):
+            self.socket.sendto(self._reply, self.peer)
+
+    def _newest(self) -> Packet | None:
+        """Return the last packet of the peer that has arrived: an earlier one is a repetition of it, or out of date."""
+        newest = None
+        for _ in range(_AT_ONCE):
+            try:
+                datagram, sender = self.socket.recvfrom(protocol.LARGEST + 1)
+            except OSError:
+                break
+            try:
+                packet = protocol.parse(datagram)
+            except PacketError as error:
+                self._tell_once(
+                    "garbage", f"{_shown(sender)} sent {error}; is it ArduSub with --model JSON? ignored"
+                )
+                continue
+            if self._accepts(sender):
+                newest = packet
+        return newest
+
+    def _accepts(self, sender: Address) -> bool:
+        """Return whether a sender flies this vehicle; the first does, until it has been silent."""
+        now = time.monotonic()
+        if sender != self.peer:
+            if self.peer is not None and now - self.heard < SILENT:
+                self._rival = sender
+                return False
+            self.peer = sender
+            self._begin(f"ArduSub at {_shown(sender)}")
+        elif self._rival is not None:
+            self._tell_once(
+                "rival",
+                f"{_shown(self._rival)} sends, too, and is ignored: {_shown(sender)} flies this vehicle; give each ArduSub an"
+                f" instance (-I 1: port {self.number + protocol.PORT_STEP}) and serve --vehicles 2",
+            )
+            self._rival = None
+        self.heard = now
+        return True
+
+    def _begin(self, why: str) -> None:
+        """Reset the vehicle for an ArduSub that starts."""
+        self.physics.reset()
+        self._count, self._frame = -1, FrameCheck(self.physics.motors)
+        self.say(f"port {self.number}: {why}; {self.physics.vehicle.name} at its start")
+
+    def _tell_once(self, what: str, text: str) -> None:
+        if what not in self._told:
+            self._told.add(what)
+            self.say(f"port {self.number}: {text}")
+
+
+class FrameCheck:
+    """Finds out from the channels in use whether ArduSub has the frame of the vehicle."""
+
+    def __init__(self, motors: Motors) -> None:
+        self._motors = motors
+        self._suspicion = 0
+
+    def check(self, pwm: Sequence[int]) -> None:
+        """Take a packet's PWM in us.
+
+        Raises:
+            UserError: ArduSub drives fewer motors than the vehicle has, or the eight of another frame.
+        """
+        count = len(self._motors.order)
+        turning = any(driven_pulse(p) and abs(p - NEUTRAL) > _DIFFERENCE for p in pwm[:count])
+        if not turning:  # before ArduSub is set up, channels have no pulse
+            return
+        for channel, pulse in enumerate(pwm[:count], 1):
+            if not driven_pulse(pulse):
+                raise self._other(f"channel {channel} has no PWM: ArduSub has fewer than {count} motors")
+        if self._motors.frame is not FRAMES["vectored"]:
+            return
+        # Of the four vertical motors of vectored_6dof, roll and pitch cancel on the diagonals; PWM is rounded.
+        a, b, c, d = pwm[4:8]
+        moved = all(driven_pulse(p) and abs(p - NEUTRAL) > _DIFFERENCE for p in (c, d))
+        self._suspicion = self._suspicion + 1 if moved and abs(a + d - b - c) <= 4 else 0
+        if self._suspicion >= _SUSPICION:
+            raise self._other("channels 7 and 8 turn as motors of vectored_6dof (FRAME_CONFIG 2)")
+
+    def _other(self, why: str) -> UserError:
+        frame, name = self._motors.frame, self._motors.vehicle.name
+        if frame is None:
+            return UserError(f"{why}; {name} needs {len(self._motors.order)}, see FRAME_CONFIG and --motors")
+        return UserError(
+            f"{why}; vehicle={name} is {frame.name}: set FRAME_CONFIG to {frame.config} and reboot ArduSub, or serve another vehicle"
+        )
+
+
+class Server:
+    """Vehicles on ports 10 apart, as ArduPilot's instances 0, 1, ... send.
+
+    Args:
+        vehicles: one for each port.
+        address: to listen at.
+        port: of the first.
+        give_up: s of silence of every ArduSub after which `run` raises; None waits.
+        say: prints a line for people.
+        report: takes the line of progress, about once in `every` s.
+        every: s.
+
+    Raises:
+        UserError: a port is taken, or the address is not of this machine.
+    """
+
+    def __init__(
+        self,
+        vehicles: Sequence[Physics],
+        address: str = "127.0.0.1",
+        port: int = protocol.PORT,
+        *,
+        give_up: float | None = None,
+        say: Callable[[str], None] = print,
+        report: Callable[[str], None] = print,
+        every: float = PATIENCE,
+    ) -> None:
+        self.say = say
+        self._report, self._every = report, every
+        self._give_up = give_up
+        self._selector = selectors.DefaultSelector()
+        self.ports: list[Port] = []
+        try:
+            for i, physics in enumerate(vehicles):
+                self.ports.append(Port(physics, (address, port + i * protocol.PORT_STEP), say))
+        except UserError:
+            self.close()
+            raise
+        for one in self.ports:
+            self._selector.register(one.socket, selectors.EVENT_READ, one)
+        self._meter = Meter(self.ports)
+        self._hinted = False
+
+    def compile(self) -> None:
+        """Compile what a step needs before ArduSub waits for it."""
+        for port in self.ports:
+            port.physics.step((0,) * protocol.CHANNELS[min(protocol.CHANNELS)], 1e-3)
+            port.physics.reset()
+            port.heard = time.monotonic()
+
+    def run(self, go_on: Callable[[], bool]) -> None:
+        """Serve while `go_on()`.
+
+        Raises:
+            UserError: ArduSub has another frame than the vehicle, or every ArduSub was silent for `give_up` s.
+            TrainingError: the motion left the finite numbers.
+        """
+        while go_on():
+            for key, _ in self._selector.select(LOOK):
+                key.data.serve()
+            self._watch()
+
+    def _watch(self) -> None:
+        """Report progress, or what to check when nothing arrives."""
+        now = time.monotonic()
+        silence = now - max(port.heard for port in self.ports)
+        if silence < PATIENCE:
+            self._hinted = False
+        if self._give_up is not None and silence >= self._give_up:
+            raise UserError(f"{self._silence(silence)} (--give-up {self._give_up:g})")
+        if silence >= PATIENCE and not self._hinted:
+            self._hinted = True
+            self.say(f"{self._silence(silence)}; waiting")
+        if now - self._meter.began >= self._every and (line := self._meter.line(now)):
+            self._report(line)
+
+    def _silence(self, silence: float) -> str:
+        host, port = self.ports[0].socket.getsockname()
+        if all(one.peer is None for one in self.ports):
+            return (
+                f"no packet on UDP {host}:{port} for {silence:.0f} s: start ArduSub with --model JSON:{host}, on another machine"
+                " with this machine's address there and in --address; instance I sends to port 9002 + 10 I"
+            )
+        return f"ArduSub has been silent for {silence:.0f} s: was it stopped or paused?"
+
+    def close(self) -> None:
+        """Give the ports back."""
+        self._selector.close()
+        for port in self.ports:
+            port.socket.close()
+
+
+class Meter:
+    """Measures simulated time, its ratio to real time and steps per second."""
+
+    def __init__(self, ports: Sequence[Port]) -> None:
+        self._ports = ports
+        self.began = time.monotonic()
+        self._steps = 0
+
+    def line(self, now: float) -> str:
+        """Return the progress since the last line; empty where no vehicle moved."""
+        steps = sum(port.steps for port in self._ports)
+        rate = (steps - self._steps) / (now - self.began)
+        self.began, self._steps = now, steps
+        moving = [port for port in self._ports if port.frame_rate]
+        if not moving or rate == 0.0:
+            return ""
+        simulated = ", ".join(f"{port.physics.time:,.1f} s" for port in moving[:4])
+        more = "" if len(moving) <= 4 else " ..."
+        pace = rate / sum(port.frame_rate for port in moving)
+        return f"{simulated}{more} simulated, {pace:.2f} x real time, {rate:,.0f} steps/s at {moving[0].frame_rate} Hz"
+
+
+def _listen(address: Address) -> socket.socket:
+    listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    listener.setblocking(False)
+    try:
+        listener.bind(address)
+    except (OSError, OverflowError) as error:
+        listener.close()
+        code = getattr(error, "errno", None)
+        if code == errno.EADDRINUSE:
+            raise UserError(
+                f"UDP port {address[1]} is taken: is another auvbench serve running? Type --port N"
+            ) from None
+        if code == errno.EACCES:
+            raise UserError(f"--port {address[1]}: must be at least 1024 without special rights") from None
+        raise UserError(
+            f"--address {address[0]}: is no IPv4 address of this machine; 0.0.0.0 listens at all"
+        ) from None
+    return listener
+
+
+def _shown(address: Address) -> str:
+    return f"{address[0]}:{address[1]}"

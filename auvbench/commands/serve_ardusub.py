@@ -1,0 +1,147 @@
+"""`auvbench serve --face ardusub`: physics for an unmodified ArduSub."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from auvbench.errors import UserError
+
+if TYPE_CHECKING:
+    from auvbench.ardusub.physics import Physics
+
+START = ("task.depth_low=-10000", "task.depth_high=0", "task.start=[0,0,0]")
+"""ArduSub takes the depth at which it starts for the surface"""
+FLAGS = ("port", "address", "battery", "thrust", "motors", "give_up")
+LIVE = 1.0
+"""s between two lines of progress on a terminal"""
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of this face."""
+    group = parser.add_argument_group("--face ardusub")
+    group.add_argument(
+        "--port",
+        type=int,
+        default=9002,
+        help="UDP port of the first vehicle (default: 9002); the next: 10 more",
+    )
+    group.add_argument(
+        "--address",
+        default="127.0.0.1",
+        help="to listen at (default: 127.0.0.1; 0.0.0.0: all of this machine)",
+    )
+    group.add_argument(
+        "--battery",
+        type=float,
+        default=16.0,
+        metavar="V",
+        help="voltage; thrust is in proportion (default: 16)",
+    )
+    group.add_argument(
+        "--thrust", default="t200", help="force by PWM: t200, its measured curve, or sheet (default: t200)"
+    )
+    group.add_argument(
+        "--motors",
+        metavar="NAME,-NAME,...",
+        help="thrusters in the order of ArduSub's motors, - reversed (default: by where they push)",
+    )
+    group.add_argument(
+        "--give-up", type=float, metavar="S", help="end after so many seconds without ArduSub (default: wait)"
+    )
+
+
+def serve(given: argparse.Namespace) -> int:
+    """Serve until Ctrl-C.
+
+    Raises:
+        UserError: a flag's value is out of range, or what `Server` raises.
+    """
+    _check(given)
+    from auvbench.ardusub.server import Server
+    from auvbench.runs import interruption
+
+    screen = Screen()
+    with interruption.deferred() as request:
+        vehicles = _vehicles(given)
+        server = Server(
+            vehicles,
+            given.address,
+            given.port,
+            give_up=given.give_up,
+            say=screen.say,
+            report=screen.report,
+            **({"every": LIVE} if screen.live else {}),
+        )
+        try:
+            server.compile()
+            _print_interface(given, vehicles[0])
+            server.run(lambda: request.signal is None)
+        finally:
+            server.close()
+            screen.end()
+    print("auvbench: stopped", flush=True)
+    return 0
+
+
+class Screen:
+    """Lines for people: progress is rewritten in place on a terminal."""
+
+    def __init__(self) -> None:
+        self.live = sys.stdout.isatty()
+        self._open = False
+
+    def say(self, line: str) -> None:
+        self.end()
+        print(line, flush=True)
+
+    def report(self, line: str) -> None:
+        if not self.live:
+            self.say(line)
+            return
+        print(f"\r\033[K{line}", end="", flush=True)
+        self._open = True
+
+    def end(self) -> None:
+        """Leave the line of progress."""
+        if self._open:
+            print()
+        self._open = False
+
+
+def _check(given: argparse.Namespace) -> None:
+    last = 65535 - 10 * (given.vehicles - 1)
+    if not 1 <= given.port <= last:
+        raise UserError(f"--port {given.port}: must be from 1 to {last}")
+    if not 6.0 <= given.battery <= 24.0:
+        raise UserError(f"--battery {given.battery:g}: must be from 6 to 24 V")
+    if given.give_up is not None and not (given.give_up > 0.0 and math.isfinite(given.give_up)):
+        raise UserError(f"--give-up {given.give_up:g}: must be a positive number of seconds")
+
+
+def _vehicles(given: argparse.Namespace) -> list[Physics]:
+    from auvbench.ardusub.physics import Physics
+    from auvbench.config.compose import compose
+    from auvbench.config.validate import train_config
+
+    config = train_config(compose("train", [*START, *given.overrides], folder=Path("conf")))
+    motors = given.motors.split(",") if given.motors else None
+    return [
+        Physics(config, motors=motors, thrust=given.thrust, voltage=given.battery)
+        for _ in range(given.vehicles)
+    ]
+
+
+def _print_interface(given: argparse.Namespace, physics: Physics) -> None:
+    """Print what is served, and how ArduSub finds it."""
+    motors, name = physics.motors, physics.vehicle.name
+    count = len(motors.order)
+    frame = f"FRAME_CONFIG {motors.frame.config} ({motors.frame.name})" if motors.frame else "motors as given"
+    last = "" if given.vehicles == 1 else f", ... {given.port + 10 * (given.vehicles - 1)}"
+    print(
+        f"serving {name} for ArduSub on UDP {given.address}:{given.port}{last}: {frame}, channels 1 to {count}"
+    )
+    print("waiting for ArduSub, e.g. ardusub --model JSON:127.0.0.1; Ctrl-C stops", flush=True)
