@@ -104,7 +104,9 @@ class Serving:
 
     def said(self, words: str) -> str:
         """Wait for a line with these words, and return it."""
-        return until(lambda: next((line for line in self.lines if words in line), ""), f"a line with {words!r}")
+        return until(
+            lambda: next((line for line in self.lines if words in line), ""), f"a line with {words!r}"
+        )
 
     def failure(self) -> Exception:
         """Wait for the error that ends the server."""

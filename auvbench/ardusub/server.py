@@ -249,8 +249,8 @@ class Server:
         host, port = self.ports[0].socket.getsockname()
         if all(one.peer is None for one in self.ports):
             return (
-                f"no packet on UDP {host}:{port} for {silence:.0f} s: start ArduSub with --model JSON:{host}, on another machine"
-                " with this machine's address there and in --address; instance I sends to port 9002 + 10 I"
+                f"no packet on UDP {host}:{port} for {silence:.0f} s: is ArduSub running with {started(host, port)}? From"
+                " another machine it reaches --address 0.0.0.0 alone"
             )
         return f"ArduSub has been silent for {silence:.0f} s: was it stopped or paused?"
 
@@ -280,7 +280,21 @@ class Meter:
         simulated = ", ".join(f"{port.physics.time:,.1f} s" for port in moving[:4])
         more = "" if len(moving) <= 4 else " ..."
         pace = rate / sum(port.frame_rate for port in moving)
-        return f"{simulated}{more} simulated, {pace:.2f} x real time, {rate:,.0f} steps/s at {moving[0].frame_rate} Hz"
+        rates = ", ".join(map(str, sorted({port.frame_rate for port in moving})))
+        return f"{simulated}{more} simulated, {pace:.2f} x real time, {rate:,.0f} steps/s at {rates} Hz"
+
+
+def started(address: str, port: int) -> str:
+    """Return the flags with which ArduSub sends to a port.
+
+    >>> started("127.0.0.1", 9002), started("127.0.0.1", 9022), started("127.0.0.1", 9003)
+    ('--model JSON:127.0.0.1', '-I 2 --model JSON:127.0.0.1', '--model JSON:127.0.0.1 --sim-port-out 9003')
+    """
+    instance, rest = divmod(port - protocol.PORT, protocol.PORT_STEP)
+    model = f"--model JSON:{'THIS_MACHINE' if address == '0.0.0.0' else address}"
+    if rest or instance < 0:
+        return f"{model} --sim-port-out {port}"
+    return f"-I {instance} {model}" if instance else model
 
 
 def _listen(address: Address) -> socket.socket:

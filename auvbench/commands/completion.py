@@ -64,7 +64,7 @@ HYDRA = {
 """Commands whose overrides Hydra completes, with their flags"""
 OVERRIDES = {
     "evaluate": ("protocol", "protocol.episodes"),
-    "serve": ("vehicle", "simulator", "disturbance", "step.frequency", "task.start"),
+    "serve": ("vehicle", "simulator", "disturbance", "step.frequency", "task.start", "seed"),
     "bound": ("protocol", "vehicle", "output"),
     "resume": ("train.total_steps",),
 }

@@ -137,6 +137,8 @@ def _vehicles(given: argparse.Namespace) -> list[Physics]:
 
 def _print_interface(given: argparse.Namespace, physics: Physics) -> None:
     """Print what is served, and how ArduSub finds it."""
+    from auvbench.ardusub.server import started
+
     motors, name = physics.motors, physics.vehicle.name
     count = len(motors.order)
     frame = f"FRAME_CONFIG {motors.frame.config} ({motors.frame.name})" if motors.frame else "motors as given"
@@ -144,4 +146,4 @@ def _print_interface(given: argparse.Namespace, physics: Physics) -> None:
     print(
         f"serving {name} for ArduSub on UDP {given.address}:{given.port}{last}: {frame}, channels 1 to {count}"
     )
-    print("waiting for ArduSub, e.g. ardusub --model JSON:127.0.0.1; Ctrl-C stops", flush=True)
+    print(f"waiting for ArduSub: ardusub {started(given.address, given.port)}; Ctrl-C stops", flush=True)

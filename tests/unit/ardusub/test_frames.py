@@ -38,7 +38,8 @@ def test_a_stick_pushes_its_way(name, axis):
 
 @pytest.mark.parametrize(
     ("name", "turn"),
-    [(name, turn) for name in BLUEROV2 for turn in ("roll", "yaw")] + [(name, turn) for name in HEAVY for turn in TURNS],
+    [(name, turn) for name in BLUEROV2 for turn in ("roll", "yaw")]
+    + [(name, turn) for name in HEAVY for turn in TURNS],
 )
 def test_a_stick_turns_its_way(name, turn):
     column, row, sign = TURNS[turn]
@@ -101,7 +102,9 @@ def test_an_order_can_be_given():
     assert np.count_nonzero(forces) == 1
 
 
-@pytest.mark.parametrize("names", [["thruster1"], ["thruster1"] * 6, [*"abcdef"]], ids=["one", "twice", "unknown"])
+@pytest.mark.parametrize(
+    "names", [["thruster1"], ["thruster1"] * 6, [*"abcdef"]], ids=["one", "twice", "unknown"]
+)
 def test_a_wrong_order_is_refused(names):
     with pytest.raises(ConfigError, match="--motors"):
         motors_of(sheet.load("bluerov2"), names)

@@ -90,7 +90,9 @@ def test_a_pulse_of_surge_moves_it_north_and_a_stick_to_starboard_east():
     state = run(one, AHEAD, 0.3)
     assert state.velocity[0] > 0.1
     assert abs(state.velocity[1]) < 1e-2
-    assert state.current == pytest.approx(float(one.vehicle.power(one.motors.actions(AHEAD))) / 16.0, rel=1e-6)
+    assert state.current == pytest.approx(
+        float(one.vehicle.power(one.motors.actions(AHEAD))) / 16.0, rel=1e-6
+    )
     assert np.count_nonzero(force) == 4
     right = run(physics("vehicle=bluerov2_heavy", DEEP), (1650, 1350, 1650, 1350, *NEUTRAL[4:]), 0.3)
     assert right.velocity[1] > 0.1
@@ -101,7 +103,9 @@ def test_a_pulse_of_surge_moves_it_north_and_a_stick_to_starboard_east():
 
 @pytest.mark.parametrize("vehicle", ["bluerov2", "bluerov2_heavy", "bluerov2_heavy_wu2018"])
 def test_under_water_the_floats_are_those_of_the_embedded_simulator(vehicle):
-    one = physics(f"vehicle={vehicle}", DEEP, "disturbance.current.speed=0.4", "disturbance.current.direction=0.7")
+    one = physics(
+        f"vehicle={vehicle}", DEEP, "disturbance.current.speed=0.4", "disturbance.current.direction=0.7"
+    )
     physical = PhysicalCommands(one.vehicle)
     other = FossenSimulator(physical.model, 1, one.simulator.max_step)
     other.reset(np.array([0]), one.simulator.pose.copy(), np.zeros((1, 6)))
@@ -117,18 +121,29 @@ def test_under_water_the_floats_are_those_of_the_embedded_simulator(vehicle):
 
 
 def test_a_reset_repeats_the_same_floats_in_the_same_water():
-    one = physics(DEEP, "disturbance=sea_state_3", "disturbance.current.gauss_markov.sigma=0.2", "disturbance.fault.mode=any")
+    one = physics(
+        DEEP,
+        "disturbance=sea_state_3",
+        "disturbance.current.gauss_markov.sigma=0.2",
+        "disturbance.fault.mode=any",
+    )
     first = [one.step(TUMBLE, DT) for _ in range(900)]
     one.reset()
     assert [one.step(TUMBLE, DT) for _ in range(900)] == first
     other = physics(
-        DEEP, "disturbance=sea_state_3", "disturbance.current.gauss_markov.sigma=0.2", "disturbance.fault.mode=any", "seed=1"
+        DEEP,
+        "disturbance=sea_state_3",
+        "disturbance.current.gauss_markov.sigma=0.2",
+        "disturbance.fault.mode=any",
+        "seed=1",
     )
     assert other.step(TUMBLE, DT) != first[0]
 
 
 def test_a_current_carries_it_along():
-    one = physics("vehicle=bluerov2_heavy", DEEP, "disturbance.current.speed=0.5", "disturbance.current.direction=0")
+    one = physics(
+        "vehicle=bluerov2_heavy", DEEP, "disturbance.current.speed=0.5", "disturbance.current.direction=0"
+    )
     state = run(one, NEUTRAL, 60.0, dt=0.01)
     north, east, _ = state.velocity
     assert east == pytest.approx(0.5, abs=0.02)

@@ -167,7 +167,10 @@ def test_vehicles_on_several_ports_are_independent():
 def free_ports():
     """A port that is free together with the one 10 above."""
     while True:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as a, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as b:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as a,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as b,
+        ):
             a.bind(("127.0.0.1", 0))
             number = a.getsockname()[1]
             try:

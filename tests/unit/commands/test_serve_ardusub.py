@@ -62,7 +62,9 @@ def test_it_serves_until_it_is_asked_to_stop(number):
     command = [sys.executable, "-m", "auvbench", *ARDUSUB, "--port", str(port), "vehicle=bluerov2_heavy"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
-            assert re.search(rf"127\.0\.0\.1:{port}: FRAME_CONFIG 2 .*channels 1 to 8", process.stdout.readline())
+            assert re.search(
+                rf"127\.0\.0\.1:{port}: FRAME_CONFIG 2 .*channels 1 to 8", process.stdout.readline()
+            )
             with Peer(port, rate=1200) as peer:
                 replies = [peer.step((1500,) * 4 + (1400,) * 4 + NEUTRAL[8:]) for _ in range(1200)]
             assert replies[-1]["timestamp"] == pytest.approx(1.0)
