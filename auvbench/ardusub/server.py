@@ -107,7 +107,7 @@ class Port:
             if self.peer is not None and now - self.heard < SILENT:
                 self._rival = sender
                 return False
-            self.peer = sender
+            self.peer, self._rival = sender, None
             self._begin(f"ArduSub at {_shown(sender)}")
         elif self._rival is not None:
             self._tell_once(
@@ -292,7 +292,7 @@ def started(address: str, port: int) -> str:
     """
     instance, rest = divmod(port - protocol.PORT, protocol.PORT_STEP)
     model = f"--model JSON:{'THIS_MACHINE' if address == '0.0.0.0' else address}"
-    if rest or instance < 0:
+    if rest or not 0 <= instance < 100:
         return f"{model} --sim-port-out {port}"
     return f"-I {instance} {model}" if instance else model
 

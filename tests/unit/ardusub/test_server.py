@@ -135,12 +135,15 @@ def test_a_second_peer_is_told_of_and_ignored_while_the_first_flies(server, peer
 
 
 def test_a_new_peer_takes_over_when_the_old_one_is_silent(server, peer, monkeypatch):
-    monkeypatch.setattr(serving_module, "SILENT", 0.0)
     for _ in range(5):
         peer.step(AHEAD)
     with Peer(server.port) as second:
+        second.send(count=7)
+        assert second.silent()
+        monkeypatch.setattr(serving_module, "SILENT", 0.0)
         second.count = 7
         assert second.step()["timestamp"] == pytest.approx(1 / 400)
+        assert second.step()["timestamp"] == pytest.approx(2 / 400)
     assert not any("is ignored" in line for line in server.lines)
 
 
