@@ -4,6 +4,7 @@ import os
 import random
 import socket
 import struct
+import subprocess
 import time
 
 import pytest
@@ -223,6 +224,32 @@ def test_progress_has_time_pace_and_rate(server_every):
 def server_every():
     with serving(DEEP, every=0.1) as server, Peer(server.port) as peer:
         yield server, peer
+
+
+REAL = os.environ.get("AUVBENCH_ARDUSUB", "")
+
+
+@pytest.mark.slow
+@pytest.mark.ardusub
+@pytest.mark.skipif(not REAL, reason="AUVBENCH_ARDUSUB names no program of ArduSub's SITL")
+def test_the_real_ardusub_steps_and_starts_anew(server, tmp_path):
+    physics = server.server.ports[0].physics
+    flags = ["-w", "--model", "JSON:127.0.0.1", "--sim-port-out", str(server.port), "--speedup", "50"]
+    flags += ["--base-port", str(free_ports()), "--home", "33.810313,-118.393867,0,0"]
+    flags += ["--serial0", f"udpclient:127.0.0.1:{free_ports()}"]  # on TCP it would wait for a ground station
+    for start in (1, 2):
+        with subprocess.Popen([REAL, *flags], cwd=tmp_path, stdout=subprocess.DEVNULL) as program:
+            try:
+                until(
+                    lambda start=start: (
+                        len([line for line in server.lines if "at its start" in line]) == start
+                    )
+                )
+                until(lambda: physics.time > 5.0, "five simulated seconds")
+            finally:
+                program.kill()
+    assert server.error is None
+    assert server.server.ports[0].frame_rate == 1200
 
 
 EIGHT = (1400, 1400, 1600, 1600, 1450, 1550, 1420, 1520)
