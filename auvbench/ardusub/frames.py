@@ -26,6 +26,8 @@ SHORTEST, LONGEST = 1000, 2000
 """us: ArduPilot's own model takes what is not between them for no pulse"""
 VOLTAGE = 16.0
 """V, at which the T200 was measured"""
+MOST = 12
+"""motors of ArduSub (MOT_1_DIRECTION to MOT_12_DIRECTION)"""
 THRUST = ("t200", "sheet")
 """what turns a PWM into a force: a T200's measured curve, or the thruster's own curve in the sheet"""
 
@@ -147,11 +149,15 @@ def motors_of(vehicle: VehicleModel, given: Sequence[str] | None = None) -> Moto
             direction; None finds the frame by where the thrusters push.
 
     Raises:
-        ConfigError: the vehicle has other actuators, fits no frame, or `given` is no order of its thrusters.
+        ConfigError: the vehicle has other actuators or too many, fits no frame, or `given` is no order of its thrusters.
     """
     if vehicle.others:
         raise ConfigError(
             f"vehicle={vehicle.name}: has {', '.join(vehicle.others)}; ArduSub's frames have thrusters alone, as bluerov2 has"
+        )
+    if len(vehicle.actuators) > MOST:
+        raise ConfigError(
+            f"vehicle={vehicle.name}: has {len(vehicle.actuators)} thrusters, ArduSub drives {MOST} at most"
         )
     if given is not None:
         return _given(vehicle, given)

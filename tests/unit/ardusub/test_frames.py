@@ -1,5 +1,7 @@
 """ArduSub's motors: a pilot's stick moves the vehicle the way that ArduSub means."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -89,6 +91,12 @@ def test_fins_and_other_frames_are_refused_by_name():
         motors_of(sheet.load("lrauv"))
     with pytest.raises(ConfigError, match="--motors=thruster0,thruster1"):
         motors_of(sheet.load("rexrov"))
+
+
+def test_more_thrusters_than_ardusub_has_motors_are_refused():
+    vehicle = sheet.load("bluerov2")
+    with pytest.raises(ConfigError, match="12 at most"):
+        motors_of(dataclasses.replace(vehicle, units=vehicle.units * 3))
 
 
 def test_an_order_can_be_given():
