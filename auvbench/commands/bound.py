@@ -14,34 +14,12 @@ if TYPE_CHECKING:
     from auvbench.config.schema import Protocol
     from auvbench.evaluation.bounds.files import Limits
 
-USAGE = """\
-usage: auvbench bound [protocol=NAME] [vehicle=NAME] [KEY=VALUE ...] [--workers N] [--force]
-
-Computes two bounds of the shortest time to the waypoint in each scenario of a protocol: the best trajectory found by optimal
-control, started from PID, MPC and a straight line and replayed in the simulator, and a time that is proven to be too
-short. auvbench report relates agents to the first (time over best known). docs/bound.md
-
-  protocol=NAME   test (default), or another that fixes the frequency
-  vehicle=NAME    bluerov2 (default), or another vehicle that has thrusters alone
-  output=DIR      folder of bounds (default: outputs/bounds)
-  --workers N     searches at once (default: one per core); changes no result
-  --force         search again
-
-The same command continues after an interruption. Needs CasADi: pip install 'auvbench[mpc]'.
-
-examples:
-  auvbench bound protocol=test vehicle=bluerov2_heavy
-"""
-
 KEYS = ("protocol", "vehicle", "simulator", "output")
 OUTPUT = "outputs/bounds"
 
 
 def main(arguments: Sequence[str]) -> int:
     given = parser().read(arguments, overrides=True)
-    if given.help:
-        print(USAGE, end="")
-        return 0
     own, run, test = _sorted(given.words)
     root = Path(own["output"])
     from auvbench.config.compose import compose
@@ -63,11 +41,29 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def parser() -> Parser:
-    parser = Parser(prog="auvbench bound", add_help=False, keys=KEYS)
-    parser.add_argument("words", nargs="*")
-    parser.add_argument("--workers", type=workers, default=0)
-    parser.add_argument("--force", action="store_true")
-    parser.add_argument("-h", "--help", action="store_true")
+    parser = Parser(
+        prog="auvbench bound",
+        description="Computes two bounds of the shortest time to the waypoint in each scenario of a protocol: the best "
+        "trajectory found by optimal control, started from PID, MPC and a straight line and replayed in the simulator, and a "
+        "time that is proven to be too short. auvbench report relates agents to the first (docs/bound.md). The same command "
+        "continues after an interruption. Needs CasADi: pip install 'auvbench[mpc]'.",
+        epilog="example: auvbench bound protocol=test vehicle=bluerov2_heavy",
+        keys=KEYS,
+    )
+    add = parser.add_argument
+    add(
+        "words",
+        nargs="*",
+        metavar="KEY=VALUE",
+        help=f"protocol=NAME, vehicle=NAME, output=DIR (default: {OUTPUT})",
+    )
+    add(
+        "--workers",
+        type=workers,
+        default=0,
+        help="searches at once (default: one per core); changes no result",
+    )
+    add("--force", action="store_true", help="search again")
     return parser
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import shlex
@@ -19,25 +20,16 @@ if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory
     from auvbench.runs.status import RunStatus
 
-USAGE = """\
-usage: auvbench evaluate PATH... [protocol=NAME] [KEY=VALUE ...] [--force] [--workers N] [--where KEY=VALUE,... ...]
-
-Applies a test protocol to complete runs: every agent meets the same frozen scenarios, with a deterministic
-policy and frozen statistics. What is tested already is skipped, what is not complete is left out and named.
-
-  PATH            run directories, or folders that hold some
-  protocol=NAME   test (default): 500 episodes, seed 123, 10 Hz
-                  thesis: the first 200 of them    native: each agent at its own frequency
-                  frequency_sweep: 10, 25, 55 Hz   robustness: currents, faults, delays, noise, other masses
-                  transfer: the same policy on other vehicles with the same actuators
-                  suite: one disturbance at a time, waves too, for every task
-                  own: each run in the task, noise and disturbances of its training
-  --force         test again what is tested already
-  --workers N     runs tested at once, or processes among which the episodes of a slow
-                  controller (mpc) are shared (default: one per core)
-  --where TERMS   only runs of these values; all words with a = that follow are terms, so it comes last:
-                  --where vehicle=rexrov reward.k=1,40 algo!=random
-  --cfg job       print the configuration of the test and stop
+EPILOG = """\
+protocols:
+  test (default)    500 episodes, seed 123, 10 Hz
+  thesis            the first 200 of them
+  native            each agent at its own frequency
+  frequency_sweep   10, 25, 55 Hz
+  robustness        currents, faults, delays, noise, other masses
+  transfer          the same policy on other vehicles with the same actuators
+  suite             one disturbance at a time, waves too, for every task
+  own               each run in the task, noise and disturbances of its training
 
 Exit code 0 when every complete run is tested; 1 when a test failed or another process works on a run; 2 when there is
 nothing to test or an argument is wrong.
@@ -52,20 +44,30 @@ KEYS = ("protocol", *(f"protocol.{key}" for key in ("episodes", "batch", "trajec
 
 
 def parser() -> Parser:
-    parser = Parser(prog="auvbench evaluate", add_help=False, where=True, keys=KEYS)
-    parser.add_argument("words", nargs="*")
-    parser.add_argument("-c", "--cfg", choices=("job",))
-    parser.add_argument("--force", action="store_true")
-    parser.add_argument("--workers", type=workers, default=0)
-    parser.add_argument("-h", "--help", action="store_true")
+    parser = Parser(
+        prog="auvbench evaluate",
+        description="Applies a test protocol to complete runs: every agent meets the same frozen scenarios, with a deterministic\n"
+        "policy and frozen statistics. What is tested already is skipped, what is not complete is left out and named.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        where=True,
+        keys=KEYS,
+    )
+    add = parser.add_argument
+    add("words", nargs="*", metavar="PATH", help="runs, folders of runs; protocol=NAME, protocol.KEY=VALUE")
+    add("-c", "--cfg", choices=("job",), help="print the configuration of the test and stop")
+    add("--force", action="store_true", help="test again what is tested already")
+    add(
+        "--workers",
+        type=workers,
+        default=0,
+        help="runs, or episodes of a slow controller, at once (default: one per core)",
+    )
     return parser
 
 
 def main(arguments: Sequence[str]) -> int:
     given = parser().read(arguments, overrides=True)
-    if not arguments or given.help:
-        print(USAGE, end="")
-        return 0 if arguments else 2
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
     from auvbench.runs import run_filter

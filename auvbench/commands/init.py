@@ -20,30 +20,6 @@ OLD = "auvbench-example"
 SUFFIXES = (".md", ".py", ".toml", ".yaml")
 LEFT_OUT = ("build", "dist", "outputs")
 """folders that building and running the example leave in a checkout"""
-README = """\
-# {name}
-
-A package with a controller (`algo=pursuit`), a learner (`algo=search`), a task (`task=circling`), a reward (`reward=view`), a vehicle
-and an experiment for auvbench. Change them, or add files next to them.
-
-    pip install --no-deps -e .
-    auvbench train -m experiment=first
-    auvbench evaluate outputs/first protocol=own
-    auvbench report outputs/first --protocol own
-
-| file | holds |
-|---|---|
-| `{module}/pursuit.py`, `{module}/conf/algo/pursuit.yaml` | a controller and its values |
-| `{module}/search.py`, `{module}/conf/algo/search.yaml` | a learner and its values |
-| `{module}/circling.py`, `{module}/conf/task/circling.yaml` | a task with code of its own and its values |
-| `{module}/view.py`, `{module}/conf/reward/view.yaml` | a reward and its values |
-| `conf/vehicle/my_vehicle.yaml` | a vehicle: `vehicle=my_vehicle` |
-| `conf/task/my_task.yaml` | a task with other values than auvbench's: `task=my_task` |
-| `conf/experiment/first.yaml` | a study: `experiment=first` |
-| `tests/` | `pytest`: the rules that each controller and each task must keep |
-
-auvbench reads `./conf` of the folder in which it runs, so type its commands here.
-"""
 
 
 def parser() -> Parser:
@@ -74,7 +50,6 @@ def main(arguments: Sequence[str]) -> int:
     with storage(f"cannot write into {target}"):
         for path, text in _files(template(), Path()):
             _write(target / _renamed(str(path), name), _renamed(text, name))
-        _write(target / "README.md", README.format(name=name, module=module))
     print(f"wrote {target}: its README.md names the files\nnext:")
     print(f"  cd {target} && pip install --no-deps -e .")
     print("  auvbench train -m experiment=first")
@@ -95,7 +70,7 @@ def _files(folder: Traversable, path: Path) -> Iterator[tuple[Path, str]]:
             left_out = entry.name.startswith((".", "_")) or entry.name.endswith(".egg-info")
             if not left_out and entry.name not in LEFT_OUT:
                 yield from _files(entry, path / entry.name)
-        elif entry.name.endswith(SUFFIXES) and entry.name != "README.md":
+        elif entry.name.endswith(SUFFIXES):
             yield path / entry.name, entry.read_text(encoding="utf-8")
 
 

@@ -76,7 +76,6 @@ def parser() -> Parser:
     )
     add = parser.add_argument
     add("paths", nargs="*", default=["outputs"], metavar="PATH", help="runs or folders of runs")
-    add("--columns", default="", metavar="KEY,...", help="keys to show: reward.k,train.total_steps")
     add("--sort", default="name", metavar="KEY", help=", ".join(SORTS))
     add("--json", action="store_true", help="print a JSON list instead of a table")
     return parser
@@ -90,27 +89,13 @@ def main(argv: Sequence[str]) -> int:
     found, problems = rows(find_runs(given.paths))
     chosen = run_filter.select(found, run_filter.parse(given.where), _facts)
     chosen = sorted(chosen, key=lambda row: (SORTS[given.sort](row), row.id))
-    asked = [_key(name.strip(), found) for name in given.columns.split(",") if name.strip()]
     if given.json:
         print(json.dumps([{**asdict(row), "progress": row.progress} for row in chosen], indent=1))
     else:
-        _show(chosen, of=len(found), asked=asked)
+        _show(chosen, of=len(found))
     for problem in problems:
         print(f"auvbench: {problem}", file=sys.stderr)
     return 1 if problems else 0
-
-
-def _key(name: str, rows: Sequence[Row]) -> str:
-    """Return the key that `--columns` names; the short name of a group stands for its choice."""
-    from auvbench.config.suggestions import nearest
-
-    known = {key for row in rows for key in row.config}
-    key = next((key for key in (name, f"{name}.name") if key in known), None)
-    if key is None:
-        near = nearest(name, known)
-        hint = f"did you mean {near}?" if near else "auvbench runs --json shows the keys there are"
-        raise UserError(f"--columns {name}: no run has this key; {hint}")
-    return key
 
 
 def rows(runs: Iterable[RunDirectory]) -> tuple[list[Row], list[str]]:
@@ -207,15 +192,15 @@ def varying(rows: Sequence[Row]) -> list[str]:
     return found
 
 
-def _show(rows: Sequence[Row], *, of: int, asked: Sequence[str]) -> None:
-    """Print the table, remarks and a line of counts; `asked` are keys that are shown at any width."""
+def _show(rows: Sequence[Row], *, of: int) -> None:
+    """Print the table, remarks and a line of counts."""
     from rich.console import Console
 
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = 1000  # a file or a pipe has no width: nothing is to be cut there
     if rows:
-        console.print(table(rows, asked, console))
+        console.print(table(rows, console))
     for row in rows:
         if remark := row.error or (f"held by {row.holder}" if row.holder else ""):
             console.print(f"{row.id}: {remark}", soft_wrap=True, markup=False, style="dim")
@@ -227,18 +212,14 @@ def _show(rows: Sequence[Row], *, of: int, asked: Sequence[str]) -> None:
     )
 
 
-def table(rows: Sequence[Row], asked: Sequence[str], console: Console) -> Table:
+def table(rows: Sequence[Row], console: Console) -> Table:
     """Return the table: states, steps, success and times are whole at any width, other columns where there is room."""
     from rich.measure import Measurement
 
     several = len({row.name for row in rows}) > 1
-    others = [
-        *(["experiment"] if several else []),
-        "progress",
-        *(key for key in varying(rows) if key not in asked),
-    ]
+    others = [*(["experiment"] if several else []), "progress", *varying(rows)]
     while True:
-        made = _table(rows, [*others, *asked])
+        made = _table(rows, others)
         width = Measurement.get(console, console.options.update(max_width=10_000), made).maximum
         if not others or width <= console.width:
             return made

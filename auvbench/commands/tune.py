@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from auvbench.scheduling.loop import Result
     from auvbench.tuning.folder import Plan, StudyFolder
-    from auvbench.tuning.search import Search
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -204,28 +203,14 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
     found = Search(plan, open_study(plan, study.journal), typed(OmegaConf.create(whole)))
     objective = objective_of(plan.tune.objective, plan.tune.then)
     shown = StudyView(found, objective, Console())
-    print(f"{study.path}: {begin(found)}", flush=True)
+    rungs = " / ".join(f"{budget:,}" for budget in plan.budgets)
+    what = f"{found.limit} trials of {plan.base['algo']['name']}, {len(plan.dimensions)} keys, {rungs} steps"
+    print(f"{study.path}: {len(found.trials)} of {what} begun", flush=True)
     made = backend(config.launcher, target=runs.TARGET, learning=plan.learns)
     result = Controller(study, found, made, shown).carry_out()
     if result.signal is not None and (best := shown.best()):
         print(best)
     return result
-
-
-def begin(search: Search) -> str:
-    """Return what is about to happen, in a line."""
-    from auvbench.analysis.formatting import counted
-
-    plan = search.plan
-    what = f"{counted(search.limit, 'trial')} of {plan.base['algo']['name']}, {counted(len(plan.dimensions), 'key')}, "
-    what += f"sampler {plan.tune.sampler}"
-    if len(plan.budgets) > 1:
-        what += f", {plan.tune.pruner} over {' / '.join(f'{budget:,}' for budget in plan.budgets)} steps"
-    begun = len(search.trials)
-    if not begun:
-        return f"starts: {what}"
-    kept = "; no trial is added" if begun > search.limit else ""
-    return f"goes on: {what}; {counted(begun, 'trial')} begun{kept}"
 
 
 def _conclude(plan: Plan, study: StudyFolder) -> int:

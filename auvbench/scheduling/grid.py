@@ -71,8 +71,8 @@ def _step(
         action = Action.RESUME
     detail = ""
     if action is Action.RETRY:
-        failure = manifest.get("error") or {}
-        detail = f"{failure.get('message', 'no reason given')} (step {manifest['steps']})"
+        why = (manifest.get("error") or {}).get("message", "no reason given")
+        detail = f"{why} (step {manifest['steps']})"
     elif found.lost:
         detail = f"{found.lost}: from its last checkpoint"
     elif action is Action.RESUME:

@@ -48,7 +48,7 @@ ROWS = [
 
 def shown(width: int) -> list[str]:
     console = Console(file=(text := io.StringIO()), width=width)
-    console.print(table(ROWS, (), console))
+    console.print(table(ROWS, console))
     return text.getvalue().splitlines()
 
 
@@ -97,12 +97,3 @@ def test_json_has_the_configuration_and_where_asks_for_it(
     found = json.loads(capsys.readouterr().out)
     assert [one["id"] for one in found] == ["ppo-1", "ppo-2"]
     assert found[0]["config"] == {"algo.name": "ppo", "reward.k": 40, "vehicle.name": "rexrov"}
-
-
-def test_columns_are_shown_on_demand(outputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["runs", str(outputs), "--columns", "reward.k,vehicle"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split()[-2:] == ["reward.k", "vehicle"]
-    assert lines[2].split()[-2:] == ["40", "rexrov"]
-    assert cli.main(["runs", str(outputs), "--columns", "k"]) == 2
-    assert "did you mean reward.k?" in capsys.readouterr().err
