@@ -62,30 +62,17 @@ HYDRA = {
     "simulate": ("--cfg",),
 }
 """Commands whose overrides Hydra completes, with their flags"""
-OVERRIDES = {
+KEYS = {
     "evaluate": ("protocol", "protocol.episodes"),
     "serve": ("vehicle", "simulator", "disturbance", "step.frequency", "task.start", "seed"),
     "bound": ("protocol", "vehicle", "output"),
     "resume": ("train.total_steps",),
+    WHERE: ("algo", "vehicle", "task", "reward.k", "step.frequency", "seed", "state", "id", "experiment"),
 }
-"""Keys of commands that take some `key=value`"""
-TERMS = (
-    "algo",
-    "vehicle",
-    "task",
-    "reward.k",
-    "step.frequency",
-    "seed",
-    "disturbance",
-    "state",
-    "id",
-    "experiment",
-)
-"""of `--where`"""
+"""Keys of commands that take some `key=value`, and of `--where`"""
 
 VALUES: Mapping[str, Sequence[str]] = {
     **dict.fromkeys(("--rank-by", "--then", "--metric"), measure_names()),
-    "--group-by": TERMS[:-3],
     "state": ("pending", "running", "interrupted", "failed", "complete"),
     "--format": FORMATS,
     "--study": STUDIES,
@@ -125,14 +112,12 @@ def candidates(words: Sequence[str]) -> list[str]:
         offered = known
     elif flag.startswith("--") and flag in known and (values := _values(flag)):
         offered = _listed(values, word)
-    elif WHERE in before and all("=" in one for one in before[before.index(WHERE) + 1 :]):
-        offered = _assignments(TERMS, word)
     elif command in HYDRA:
         from auvbench.config.compose import complete_override
 
         offered = complete_override(command, " ".join([*before, word]))
     else:
-        offered = _assignments(OVERRIDES.get(command, ()), word)
+        offered = _assignments(KEYS.get(WHERE if WHERE in before else command, ()), word)
         offered += plugins.options("vehicle") if command == "vehicles" else []
     return sorted({name for name in offered if name.startswith(word)})
 

@@ -77,7 +77,11 @@ def simulate(config: DictConfig) -> None:
     from auvbench.vehicles import sheet
 
     settings = simulation_config(config)
-    files = _writable(settings.output, settings.plot)
+    if settings.plot is not None and Path(settings.plot).suffix.lower() not in PICTURES:
+        raise ConfigError(f"plot={settings.plot}: must end with one of {', '.join(PICTURES)}")
+    for key, file in (("output", settings.output), ("plot", settings.plot)):
+        if file is not None:
+            check_writable(Path(file), f"{key}={file}")  # before anything is computed
     vehicle = sheet.load(settings.vehicle)
     given = settings.input
     command = _command(vehicle, given.command)
@@ -97,7 +101,7 @@ def simulate(config: DictConfig) -> None:
         frame=given.frame,
         max_step=settings.max_step,
     )
-    _deliver(trajectory, vehicle, *files)
+    _deliver(trajectory, vehicle, settings.output, settings.plot)
 
 
 def _command(vehicle: VehicleModel, given: Any) -> Any:
@@ -133,30 +137,16 @@ def _command(vehicle: VehicleModel, given: Any) -> Any:
     return np.array(values, dtype=np.float64)
 
 
-def _writable(output: str | None, plot: str | None) -> tuple[Path | None, Path | None]:
-    """The files to write, tried before anything is computed."""
-    paths = []
-    for key, name in (("output", output), ("plot", plot)):
-        path = None if name is None else Path(name)
-        if path is not None:
-            if key == "plot" and path.suffix.lower() not in PICTURES:
-                raise ConfigError(f"plot={name}: must end with one of {', '.join(PICTURES)}")
-            check_writable(path, f"{key}={name}")
-        paths.append(path)
-    return paths[0], paths[1]
-
-
-def _deliver(trajectory: Trajectory, vehicle: VehicleModel, output: Path | None, plot: Path | None) -> None:
+def _deliver(trajectory: Trajectory, vehicle: VehicleModel, output: str | None, plot: str | None) -> None:
     from auvbench.simulators import openloop
 
     if output is None and plot is None:
         sys.stdout.write(trajectory.csv())
-        return
     if output is not None:
-        openloop.write(trajectory, output)
+        openloop.write(trajectory, Path(output))
         print(f"{len(trajectory.time)} rows: {output}")
     if plot is not None:
         from auvbench.simulators.trajectory_plot import draw
 
-        draw(trajectory, plot, title=vehicle.title)
+        draw(trajectory, Path(plot), title=vehicle.title)
         print(f"plot: {plot}")

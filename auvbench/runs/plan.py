@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
+import hashlib
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 
-from auvbench.config import schema
+from auvbench.config import algorithms, schema
 from auvbench.config.compose import typed
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
-from auvbench.runs import declared, identity, policy_files
+from auvbench.policies import cards, exported
+from auvbench.runs import declared, identity
+from auvbench.runs.atomic_io import sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, freeze, place
+from auvbench.tasks.observation import observation_spec
+from auvbench.untrusted import path_safety
+from auvbench.untrusted.text import short
 from auvbench.vehicles import pace, sheet
 from auvbench.vehicles.inspect import shortest_time_constant
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -59,7 +71,7 @@ def prepare(config: DictConfig, command: str = "") -> RunDirectory:
     """
     plain = _plain(_settled(config))
     # Before the manifest, which says that there is a run.
-    policy_files.keep(place(plain), plain)
+    _keep_policy(place(plain), plain)
     return freeze(plain, command, _declared(config))
 
 
@@ -71,7 +83,7 @@ def _declared(config: DictConfig) -> declared.Declared | None:
 
 def _settled(config: DictConfig) -> DictConfig:
     typed = train_config(config)
-    return policy_files.settled(config, typed, check_vehicle(typed))
+    return _with_policy(config, typed, check_vehicle(typed))
 
 
 def _plain(config: DictConfig) -> dict[str, object]:
@@ -82,3 +94,147 @@ def _plain(config: DictConfig) -> dict[str, object]:
     if found := identity.first_interpolation(plain):  # from a value with \${ in it
         raise ConfigError(f"{found}: a run's configuration holds no ${{ }}")
     return plain
+
+
+# The policy file of `algo=onnx`: read and checked once, named by its content, copied into the run. A run's identity holds
+# its SHA-256 (`algo.sha256`), not its path.
+
+UNNAMED = "onnx"
+"""the name of conf/algo/onnx.yaml, in whose place that of the card or of the file stands"""
+
+LONGEST = 80
+"""characters of a name: it is part of a folder's"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _File:
+    data: bytes
+    card: cards.Card | None
+    card_data: bytes | None
+    digest: str
+
+
+def _with_policy(config: DictConfig, typed: schema.TrainConfig, vehicle: VehicleModel) -> DictConfig:
+    """Return the configuration with digest and name of its policy's file, if it has one.
+
+    Args:
+        config: composed.
+        typed: the same, checked.
+        vehicle: that of the configuration.
+
+    Raises:
+        ConfigError: the file is another than `algo.sha256` says, or its card is of another vehicle, frequency or frame.
+        PolicyError: it cannot be read, is no policy, or not one of this vehicle's size.
+        MissingExtraError: ONNX Runtime is not installed.
+    """
+    algo = typed.algo
+    if not isinstance(algo, algorithms.ONNX):
+        return config
+    if not algo.path:
+        raise ConfigError("algo.path: a value is missing; name the file: algo=onnx algo.path=policy.onnx")
+    path = Path(algo.path)
+    file = _file(path)
+    if algo.sha256 not in ("", file.digest):
+        raise ConfigError(f"algo.sha256={algo.sha256}: algo.path={path} has {file.digest}")
+    if file.card is not None:
+        _compare(file.card, str(path), typed, vehicle)
+    sizes = {
+        "observations": observation_spec(typed.task, vehicle.actuators).size,
+        "actions": len(vehicle.actuators),
+    }
+    exported.Policy(file.data, str(path), card=file.card, **sizes)
+    result = copy.deepcopy(config)
+    with open_dict(result):
+        result.algo.sha256 = file.digest
+        if algo.name == UNNAMED:
+            result.algo.name = _label(file.card.name if file.card is not None else path.stem)
+    return result
+
+
+def _keep_policy(run: RunDirectory, config: dict[str, Any]) -> None:
+    """Copy the file of a settled configuration, and its card, into a run that lacks it.
+
+    Raises:
+        PolicyError: it is not the file that the configuration was settled with.
+        TrainingError: the disk does not take it.
+    """
+    algo = config["algo"]
+    if algo.get("agent") != "onnx":
+        return
+    path_safety.refuse_links(run.path)
+    target = run.model / exported.NETWORK
+    if target.is_file() and _digest_of(target) == algo["sha256"]:
+        return
+    file = _file(Path(algo["path"]))
+    if file.digest != algo["sha256"]:
+        raise cards.PolicyError(f"{algo['path']}: was changed while the run was made; type the command again")
+    with storage(f"cannot write {run.model}"):
+        # The network last: where it is, its card is.
+        if file.card_data is not None:
+            write_atomic(run.model / exported.CARD, file.card_data)
+        else:
+            (run.model / exported.CARD).unlink(missing_ok=True)
+        write_atomic(target, file.data)
+
+
+def _digest_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _file(path: Path) -> _File:
+    """Read a file once, unless it changes: a grid names one file a hundred times."""
+    status = []
+    with contextlib.suppress(OSError, ValueError):  # reading it names the error
+        for one in (path, cards.card_path(path)):
+            found = one.stat()
+            status.append((found.st_mtime_ns, found.st_size))
+    return _read(path.absolute(), str(path), tuple(status))
+
+
+@lru_cache(maxsize=8)
+def _read(path: Path, shown: str, _status: tuple[tuple[int, int], ...]) -> _File:
+    data, card, card_data = exported.read(Path(shown))
+    return _File(data, card, card_data, sha256(data))
+
+
+def _compare(card: cards.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+    """Refuse a file of another vehicle, frame or frequency, which would steer wrongly without an error."""
+    if card.action != vehicle.actuators:
+        raise ConfigError(
+            f"algo.path={where}: its card is of {card.vehicle}, which has the actuators {', '.join(card.action)}; "
+            f"vehicle={vehicle.name} has {', '.join(vehicle.actuators)}"
+        )
+    own = [entry["name"] for entry in observation_spec(config.task, vehicle.actuators).card()]
+    if own != list(card.observation):
+        missing = [name for name in card.observation if name not in own]
+        what = (
+            f"{missing[0]}, which is not observed here"
+            if missing
+            else f"{len(card.observation)} of the {len(own)} numbers"
+        )
+        trained = short(str(card.document["task"].get("name", "waypoint")), 40)
+        raise ConfigError(
+            f"task={config.task.name}: {where} observes {what}, its card says; it was trained with task={trained} "
+            "(task.observation lists what is observed)"
+        )
+    if card.position_frame != config.task.position_frame:
+        raise ConfigError(
+            f"task.position_frame={config.task.position_frame}: {where} observes the position error in the "
+            f"{card.position_frame} frame, its card says; type task.position_frame={card.position_frame}"
+        )
+    if card.frequency != config.step.frequency:
+        raise ConfigError(
+            f"step.frequency={config.step.frequency:g}: {where} acts at {card.frequency:g} Hz, its card says; "
+            f"type step.frequency={card.frequency:g} (a protocol may test it at another)"
+        )
+
+
+def _label(name: str) -> str:
+    """Return the characters of a card's or file's name that the name of a folder can have.
+
+    >>> _label("my policy (3).best")
+    'my-policy-3-.best'
+    """
+    plain = re.sub(r"[^A-Za-z0-9._+-]+", "-", name).lstrip("._+-")[:LONGEST]
+    return plain or UNNAMED

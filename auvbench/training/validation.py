@@ -7,9 +7,6 @@ Nothing here draws from a generator that training uses: the trained weights are 
 
 from __future__ import annotations
 
-import csv
-import io
-import os
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -27,6 +24,7 @@ from auvbench.config.tasks import TASKS
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.evaluation.rollout import roll_out
 from auvbench.record import Record, record_columns
+from auvbench.runs.progress import EpisodeLog
 
 
 def columns(task: str) -> tuple[str, ...]:
@@ -88,13 +86,9 @@ class Validator:
         self._every, self._show = every, show
         self._tested = -1
         self.spent = 0.0
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = open(path, "ab" if keep else "wb")  # noqa: SIM115
-        if keep:
-            self._file.truncate(keep)
-            self._file.seek(0, os.SEEK_END)
-        else:
-            self._append(columns(self._config.task.name))
+        self._columns = columns(self._config.task.name)[1:]
+        self._log = EpisodeLog(self._columns, path, keep or None)
+        self._log.flush()
 
     def is_due(self, steps: int, n: int) -> bool:
         """Whether the last step of n environments, with which `steps` lie behind, passed a multiple of the interval."""
@@ -125,7 +119,6 @@ class Validator:
             for outcome in TASKS[self._config.task.name].outcomes
         }
         row = (
-            steps,
             steps / self._frequency,
             episodes,
             self._fingerprint,
@@ -137,7 +130,8 @@ class Validator:
             ),
             round(elapsed, 3),
         )
-        self._append(row)
+        self._log.append(steps, [dict(zip(self._columns, row, strict=True))])
+        self._log.flush()
         self._show({f"validation/{name}": value for name, value in rates.items()}, steps)
         self._tested = steps
         spent = time.monotonic() - began
@@ -154,12 +148,6 @@ class Validator:
             scenarios=self._protocol.scenarios,
         ).records
 
-    def _append(self, row: tuple[object, ...]) -> None:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerow(row)
-        self._file.write(text.getvalue().encode())
-        self._file.flush()
-
     def close(self) -> None:
         """Closes the file."""
-        self._file.close()
+        self._log.close()

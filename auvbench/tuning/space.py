@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import copy
-import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any
@@ -25,8 +24,6 @@ GROUP = "algo."
 IDENTITY = ("algo.name", "algo.agent", "algo.tuned")
 """Keys that name the algorithm; they are not settings."""
 FORMS = "interval(LOW,HIGH), range(FROM,TO,STEP) or choice(A,B)"
-COMBINATIONS = 128
-"""Check all combinations of choices up to this number before a study starts; above it, check each choice alone."""
 
 Value = float | int | str
 """A parameter in the journal; a choice is its text."""
@@ -168,29 +165,18 @@ def _numbers(
 def validate_space(
     dimensions: Sequence[Dimension], base: schema.TrainConfig, algo: Mapping[str, Any]
 ) -> None:
-    """Check that the algorithm takes the ends of every range, and all choices together.
+    """Check that the algorithm takes the ends of every range, and each choice.
 
     Raises:
-        ConfigError: Names the rejected values.
+        ConfigError: Names the rejected value.
     """
-    for values in _to_check(dimensions):
-        try:
-            with_algorithm(base, with_values(algo, dimensions, values))
-        except ConfigError as error:
-            raise ConfigError(f"the search space contradicts itself: {error}") from error
-
-
-def _to_check(dimensions: Sequence[Dimension]) -> Iterator[dict[str, Value]]:
     first = {dimension.key: dimension.ends()[0] for dimension in dimensions}
-    choices = [dimension for dimension in dimensions if dimension.choices]
-    together = math.prod(len(dimension.choices) for dimension in choices) <= COMBINATIONS
     for dimension in dimensions:
-        if not dimension.choices or not together:
-            for value in dimension.ends():
-                yield {**first, dimension.key: value}
-    if together:
-        for values in itertools.product(*(dimension.choices for dimension in choices)):
-            yield {**first, **{d.key: value for d, value in zip(choices, values, strict=True)}}
+        for value in dimension.ends():
+            try:
+                with_algorithm(base, with_values(algo, dimensions, {**first, dimension.key: value}))
+            except ConfigError as error:
+                raise ConfigError(f"the search space contradicts itself: {error}") from error
 
 
 def with_values(
