@@ -220,7 +220,7 @@ def _study(
         return (), ()
     from auvbench.analysis import claims, thesis
 
-    judged = claims.judge(runs, agents, confidence=options.confidence, seed=options.seed)
+    judged = claims.judge(runs, agents, confidence=options.confidence, seed=0)
     return judged, thesis.compare(agents, options.confidence)
 
 

@@ -1,4 +1,4 @@
-"""The options of `auvbench report`: conf/report.yaml, a preset, the command line."""
+"""The options of `auvbench report`: conf/report.yaml, the declared analysis, the command line."""
 
 from __future__ import annotations
 
@@ -9,44 +9,44 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any, Literal, get_args
 
 from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError, closest
 from auvbench.metrics import METRICS
 from auvbench.record import measure_names
-from auvbench.untrusted import documents, reading
+from auvbench.runs import declared as analyses
+from auvbench.runs.declared import Declared
+from auvbench.untrusted import documents, typed_json
+from auvbench.untrusted.typed_json import Name, Range
 
-if TYPE_CHECKING:
-    from auvbench.runs.declared import Declared
-
-FORMATS = ("terminal", "md", "tex", "csv", "html")
-STUDIES = ("thesis",)
-FAILED_TRAININGS = ("zero", "omit")
+Format = Literal["terminal", "md", "tex", "csv", "html"]
+Study = Literal["thesis"]
+FORMATS, STUDIES = get_args(Format), get_args(Study)
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
     """The keys of conf/report.yaml, which explains them."""
 
-    rank_by: str
-    then: str
-    group_by: tuple[str, ...]
-    columns: tuple[str, ...]
+    rank_by: Name
+    then: Name
+    group_by: tuple[Name, ...]
+    columns: tuple[Name, ...]
     pairs: bool
     all_findings: bool
-    baseline: str | None
-    protocol: str
-    condition: str | None
-    format: tuple[str, ...]
+    baseline: Name | None
+    protocol: Name
+    condition: Name | None
+    format: tuple[Format, ...]
     figures: bool
-    out: Path | None
-    study: str | None
-    confidence: float
-    margin: float | None
-    failed_trainings: str
-    seed: int
+    study: Study | None
+    confidence: Annotated[float, Range(0.5, 0.999)]
+    margin: Annotated[float, Range(analyses.SMALLEST)] | None
+    failed_trainings: Literal["zero", "omit"]
     where: tuple[str, ...]
+    out: Any = None
+    """folder, a Path; None is that of the experiment"""
     declared: Declared | None = None
     """the analysis that was declared for the runs"""
     instead: tuple[str, ...] = ()
@@ -54,6 +54,12 @@ class Options:
     undecided: str = ""
     """why none of several declared analyses is used"""
 
+
+KEYS = tuple(
+    field.name for field in fields(Options) if field.name not in ("declared", "instead", "undecided")
+)
+LISTS = ("group_by", "columns", "format")
+"""options that may be typed with commas"""
 
 DECLARED_AS = {"rank_by": "measure", "baseline": "baseline", "margin": "margin"}
 """options of a report that a declared analysis sets"""
@@ -68,7 +74,6 @@ STORED = (
     "study",
     "confidence",
     "failed_trainings",
-    "seed",
 )
 """other options that a published study stores where they differ from conf/report.yaml"""
 
@@ -79,40 +84,33 @@ def defaults() -> Options:
 
 
 def parse(argv: Sequence[str]) -> tuple[list[Path], Options]:
-    """Return paths and options: conf/report.yaml, the declared analysis, the preset, the command line."""
+    """Return paths and options: conf/report.yaml, the declared analysis, the command line."""
     paths, options, _ = read(parser(), argv)
     return paths, options
 
 
 def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict[str, Any]]:
     """As `parse`, for a command that takes report's flags and more: the values of all flags come third."""
-    values = vars(parser.read(argv))
-    given = dict(values)
-    values["where"] = values["where"] or None
-    paths = values.pop("paths")
-    preset = values.pop("preset")
+    given = vars(parser.read(argv))
     settings = _usual()
-    declared, undecided = _declared(paths)
+    declared, undecided = _declared(given["paths"])
     if declared is not None:
-        settings |= _known(declared.report, "the declared analysis")
+        settings |= _known(declared.report)
         settings |= {key: getattr(declared, name) for key, name in DECLARED_AS.items()}
-    if preset is not None:
-        settings |= _read_preset(preset)
-    settings |= {key: value for key, value in values.items() if value is not None}
+    settings |= {key: given[key] for key in KEYS if given.get(key) is not None}
     options = _options(settings)
     instead = () if declared is None else _differing(options, declared)
-    return paths, replace(options, declared=declared, instead=instead, undecided=undecided), given
+    return given["paths"], replace(options, declared=declared, instead=instead, undecided=undecided), given
 
 
 def _usual() -> dict[str, Any]:
-    return _read_preset(resources.files("auvbench.conf") / "report.yaml")
+    text = (resources.files("auvbench.conf") / "report.yaml").read_bytes()
+    return _known(documents.yaml_value(text))
 
 
 def _declared(paths: Sequence[Path]) -> tuple[Declared | None, str]:
     """Return the analysis declared for the runs, or why several leave none."""
-    from auvbench.runs import declared
-
-    found = declared.find(paths)
+    found = analyses.find(paths)
     if len({analysis.digest for _, analysis in found}) > 1:
         files = ", ".join(os.path.relpath(file) for file, _ in found[:3])
         return None, f"several analyses are declared ({files}): name one's folder, or its options"
@@ -150,13 +148,12 @@ def parser() -> Parser:
         prog="auvbench report",
         where=True,
         description="Ranks runs and writes tables, figures and a page next to them.\n"
-        "Defaults: conf/report.yaml; --preset FILE holds your own.",
+        "Defaults: conf/report.yaml.",
         epilog=f"example:\n  auvbench report outputs/quickstart --baseline pid --format terminal,tex --out paper/\n\n{measures()}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("paths", nargs="+", type=Path, metavar="PATH", help="run directories, or folders above them")
-    add("--preset", type=Path, metavar="FILE", help="a YAML file of these options (rank_by: mean_steps)")
     add("--rank-by", metavar="METRIC", help="primary measure, one of those below")
     add("--then", metavar="METRIC", help="measure that decides between equals")
     add("--group-by", metavar="KEY,...", help="configuration keys whose values make a row: algo,reward.k")
@@ -188,121 +185,39 @@ def parser() -> Parser:
     )
     add("--out", metavar="DIR", help="folder of the report; default <experiment>/report")
     add("--study", metavar="NAME", help=f"answer the claims of a study: {', '.join(STUDIES)}")
-    add("--confidence", metavar="P", help="of every interval, between 0.5 and 0.999")
-    add("--margin", metavar="M", help="smallest difference of interest, in the measure's unit: 2 is 2 points")
-    add("--failed-trainings", metavar="HOW", help="zero: a failed training is a seed without success; omit")
-    add("--seed", metavar="N", help="of the permutation tests of --study")
+    add("--confidence", type=float, metavar="P", help="of every interval, between 0.5 and 0.999")
+    add(
+        "--margin",
+        type=float,
+        metavar="M",
+        help="smallest difference of interest, in the measure's unit: 2 is 2 points",
+    )
+    add(
+        "--failed-trainings",
+        choices=("zero", "omit"),
+        help="zero: a failed training is a seed without success; omit",
+    )
     return parser
 
 
-def _read_preset(path: Any) -> dict[str, Any]:
-    try:
-        settings = documents.yaml_value(
-            reading.content(path) if isinstance(path, Path) else path.read_bytes()
-        )
-    except OSError as error:
-        raise UserError(f"cannot read the preset {path}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise UserError(f"the preset {path} is not valid YAML: {error}") from error
-    if not isinstance(settings, Mapping):
-        raise UserError(f"the preset {path} holds no options")
-    return _known(settings, str(path))
-
-
-def _known(settings: Mapping[str, Any], where: str) -> dict[str, Any]:
+def _known(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return options by their names, all of which a report has."""
-    known = [
-        field.name for field in fields(Options) if field.name not in ("declared", "instead", "undecided")
-    ]
     named = {str(key).replace("-", "_"): value for key, value in settings.items()}
     for key in named:
-        if key not in known:
-            raise UserError(f"unknown option {key!r} in {where}; {closest(key, known)}")
+        if key not in KEYS:
+            raise UserError(f"unknown option {key!r} of a report; {closest(key, KEYS)}")
     return named
 
 
 def _options(settings: Mapping[str, Any]) -> Options:
-    formats = _names(settings["format"])
-    for name in formats:
-        if name not in FORMATS:
-            raise UserError(f"unknown format {name!r}; {closest(name, FORMATS)}")
-    study = settings["study"]
-    if study is not None and study not in STUDIES:
-        raise UserError(f"unknown study {study!r}; {closest(str(study), STUDIES)}")
-    confidence = _number("confidence", settings["confidence"], 0.5, 0.999)
-    for name in ("figures", "pairs", "all_findings"):
-        if not isinstance(settings[name], bool):
-            raise UserError(f"{name}={settings[name]!r} is neither true nor false")
-    return Options(
-        rank_by=str(settings["rank_by"]),
-        then=str(settings["then"]),
-        group_by=_names(settings["group_by"]),
-        columns=() if settings["columns"] is None else _names(settings["columns"]),
-        pairs=settings["pairs"],
-        all_findings=settings["all_findings"],
-        baseline=None if settings["baseline"] is None else str(settings["baseline"]),
-        protocol=str(settings["protocol"]),
-        condition=None if settings["condition"] is None else str(settings["condition"]),
-        format=formats,
-        figures=settings["figures"],
-        out=None if settings["out"] is None else Path(str(settings["out"])),
-        study=study,
-        confidence=confidence,
-        margin=None if settings["margin"] is None else _positive("margin", settings["margin"]),
-        failed_trainings=_choice("failed_trainings", settings["failed_trainings"], FAILED_TRAININGS),
-        seed=_whole("seed", settings["seed"], 0, 2**32 - 1),
-        where=_terms(settings["where"]),
-    )
-
-
-def _terms(value: Any) -> tuple[str, ...]:
-    terms = [value] if isinstance(value, str) else value
-    if not isinstance(terms, list) or not all(isinstance(term, str) for term in terms):
-        raise UserError(f"where: {value!r} is no list of terms such as reward.k=1,40")
-    return tuple(terms)
-
-
-def _names(value: Any) -> tuple[str, ...]:
-    names = value.split(",") if isinstance(value, str) else value
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise UserError(f"{value!r} is not a list of names")
-    cleaned = tuple(dict.fromkeys(name.strip() for name in names if name.strip()))
-    if not cleaned:
-        raise UserError(f"an empty list of names: {value!r}")
-    return cleaned
-
-
-def _number(name: str, value: Any, low: float, high: float) -> float:
+    """Return options of the declared types and ranges."""
+    values = {key: settings[key] for key in KEYS}
+    for key in LISTS:
+        if isinstance(values[key], str):
+            values[key] = [name.strip() for name in values[key].split(",")]
+    values["columns"] = values["columns"] or []
     try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = float("nan")
-    if not low <= number <= high:
-        raise UserError(f"{name}={value!r} is not a number from {low:g} to {high:g}")
-    return number
-
-
-def _choice(name: str, value: Any, valid: Sequence[str]) -> str:
-    if value not in valid:
-        raise UserError(f"{name}={value!r} is unknown; {closest(str(value), valid)}")
-    return str(value)
-
-
-def _positive(name: str, value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = float("nan")
-    if not 0 < number < float("inf"):
-        raise UserError(f"{name}={value!r} is not a positive number, for example 2")
-    return number
-
-
-def _whole(name: str, value: Any, low: int, high: int) -> int:
-    try:
-        number = int(str(value))
-    except ValueError:
-        number = low - 1
-    if not low <= number <= high:
-        raise UserError(f"{name}={value!r} is not a whole number from {low} to {high}")
-    return number
+        found = typed_json.convert(values, Options)
+    except ValueError as error:
+        raise UserError(f"report: {error}") from error
+    return replace(found, out=None if found.out is None else Path(str(found.out)))

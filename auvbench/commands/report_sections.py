@@ -39,7 +39,7 @@ def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
         )
         for subject, report in parts.items()
     ]
-    return score.scores(tested, options.protocol, options.confidence, options.seed)
+    return score.scores(tested, options.protocol, options.confidence)
 
 
 def _task(report: Report) -> str:

@@ -361,25 +361,24 @@ def sheet(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
     judge(["train", "vehicle=fuzzed", f"output={folder}"])
 
 
-def preset(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
+def analysis(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
     from importlib import resources
 
     text = (resources.files("auvbench.conf") / "report.yaml").read_text(encoding="utf-8")
-    path = folder / "preset.yaml"
-    made = yaml.safe_dump(mutated(yaml.safe_load(text), where, value, how)).encode()
-    path.write_bytes(damaged(text.encode(), seed, how) if how % 5 == 4 else made)
-    experiment = folder / "for-presets"
+    experiment = folder / "for-analyses"
     if not experiment.exists():
         shutil.copytree(_original(str(folder)), experiment)
+    whole = {"measure": "success_rate", "report": yaml.safe_load(text)}
+    made = yaml.safe_dump(mutated(whole, where, value, how)).encode()
+    path = experiment / "analysis.yaml"
+    path.write_bytes(damaged(yaml.safe_dump(whole).encode(), seed, how) if how % 5 == 4 else made)
     judge(
         [
             "report",
             str(experiment),
-            "--preset",
-            str(path),
             "--no-figures",
             "--out",
-            str(folder / "presets-out"),
+            str(folder / "analyses-out"),
         ]
     )
 
@@ -392,7 +391,7 @@ FILES: dict[str, Callable[[Path, int, Any, int, int], None]] = {
     "nested configurations": nested,
     "checkpoints": checkpoint,
     "sheets": sheet,
-    "presets": preset,
+    "analyses": analysis,
 }
 
 FLOATS_ONLY = ("sheets",)
