@@ -43,10 +43,6 @@ class TuneConfig(schema.TrainConfig):
     tune: Tune
 
 
-OWN = ("protocol", "search", "tune")
-"""The keys that a run does not have."""
-
-
 def read(config: DictConfig) -> tuple[Tune, schema.Protocol]:
     """The search and the test that decides it, their values checked.
 

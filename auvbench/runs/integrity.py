@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from auvbench.runs import integrity
 from auvbench.runs.atomic_io import sha256
 from auvbench.runs.identity import SCHEMA_VERSION
 from auvbench.untrusted import documents, reading, typed_json
@@ -260,7 +259,7 @@ def read(path: Path, schema: type[Manifest | Summary]) -> dict[str, Any]:
 
     Raises:
         OSError: it is missing or cannot be read.
-        integrity.VersionError: it has another schema version.
+        VersionError: it has another schema version.
         ValueError: it is damaged; the message names the entry.
     """
     return checked(documents.json_value(reading.content(path)), schema)
@@ -270,8 +269,8 @@ def checked(value: Any, schema: type[Manifest | Summary]) -> dict[str, Any]:
     """Return a JSON value as a manifest or summary, checked against its seal and schema.
 
     Raises:
-        integrity.VersionError, ValueError: as `read`.
+        VersionError, ValueError: as `read`.
     """
-    found = integrity.check_sealed(value, SCHEMA_VERSION)
+    found = check_sealed(value, SCHEMA_VERSION)
     typed_json.convert(found, schema)
     return found

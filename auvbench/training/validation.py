@@ -118,7 +118,7 @@ class Validator:
             f"{outcome}_rate": counts[outcome] / len(records)
             for outcome in TASKS[self._config.task.name].outcomes
         }
-        row = (
+        row: tuple[float | int | str, ...] = (
             steps / self._frequency,
             episodes,
             self._fingerprint,

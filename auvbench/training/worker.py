@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib
 import os
 import signal
 import subprocess
@@ -19,14 +18,14 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from auvbench.config import plugins
 from auvbench.errors import AuvbenchError, plain_warnings
 from auvbench.runs import interruption, lock, status
-from auvbench.runs.directory import RunDirectory
+from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.interruption import Interrupted, Request
 from auvbench.runs.pool import ONE_THREAD
 from auvbench.untrusted import path_safety, text
@@ -42,13 +41,6 @@ LOG = Path("train", "log.txt")
 Target = Callable[[RunDirectory], Any]
 
 
-def limit_torch() -> None:
-    """One thread also for a torch that is imported already."""
-    torch = sys.modules.get("torch")
-    if torch is not None:
-        torch.set_num_threads(1)
-
-
 def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
     """Carries out a run in this process and returns the exit code; never raises."""
     plain_warnings()
@@ -59,9 +51,8 @@ def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
         if log:
             redirect(run.path / LOG)
         with interruption.immediate() as request:
-            now = datetime.now(UTC).isoformat(timespec="seconds")
-            print(f"[{now}] worker, pid {os.getpid()} on {os.uname().nodename}", flush=True)
-            carry_out(run, lambda run: load(target)(run), request)
+            print(f"[{now()}] worker, pid {os.getpid()} on {os.uname().nodename}", flush=True)
+            carry_out(run, lambda run: _resolve(target)(run), request)
     except lock.RunHeldError as error:
         print(f"auvbench: {error}", file=sys.stderr)
         return HELD
@@ -94,8 +85,7 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
         try:
             function(run)
         except KeyboardInterrupt:
-            with contextlib.suppress(OSError):
-                settle(run, "interrupted")
+            _interrupted(run)
             raise
         except lock.LockLostError:
             raise  # the manifest belongs to another process by now
@@ -103,48 +93,39 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
             asked = request.signal if request is not None else None
             interrupted = Interrupted(asked) if asked is not None else interruption.behind(error)
             if interrupted is not None:
-                with contextlib.suppress(OSError):
-                    settle(run, "interrupted")
+                _interrupted(run)
                 raise interrupted from error
             with contextlib.suppress(OSError):  # on a full disk the first error is the one to tell
-                record_failure(run, error)
+                if not (
+                    run.manifest()["state"] == "failed" and run.manifest()["error"]
+                ):  # unless the loop said it
+                    name = type(error).__name__
+                    trace = "".join(traceback.format_exception(error))
+                    fail(run, kind=name, message=str(error) or name, trace=trace)
             raise
 
 
-def settle(run: RunDirectory, state: str) -> None:
-    """Leaves the manifest in `state` where the training loop could not do so itself."""
-    if run.manifest()["state"] in ("pending", "running"):
-        run.update_manifest(state=state, ended=datetime.now(UTC).isoformat(timespec="seconds"))
+def _resolve(target: str) -> Target:
+    function: Target = plugins.resolve(target)
+    if (torch := sys.modules.get("torch")) is not None:
+        torch.set_num_threads(1)  # also where it was imported before
+    return function
 
 
-def record_failure(run: RunDirectory, error: BaseException) -> None:
-    """Writes an exception into the manifest unless the training loop has done so."""
-    manifest = run.manifest()
-    if manifest["state"] == "failed" and manifest["error"]:
-        return
-    fail(
-        run,
-        kind=type(error).__name__,
-        message=str(error) or type(error).__name__,
-        trace="".join(traceback.format_exception(error)),
-    )
+def _interrupted(run: RunDirectory) -> None:
+    """Leave the manifest so where the training loop could not do that itself."""
+    with contextlib.suppress(OSError):
+        if run.manifest()["state"] in ("pending", "running"):
+            run.update_manifest(state="interrupted", ended=now())
 
 
 def fail(run: RunDirectory, *, kind: str, message: str, trace: str | None = None) -> None:
     """Marks a run as failed. The caller holds its lock."""
     run.update_manifest(
         state="failed",
-        ended=datetime.now(UTC).isoformat(timespec="seconds"),
+        ended=now(),
         error={"type": kind, "message": message, "step": run.manifest()["steps"], "traceback": trace},
     )
-
-
-def load(target: str) -> Target:
-    """The function that `module:name` names."""
-    module, _, name = target.partition(":")
-    function: Target = getattr(importlib.import_module(module), name)
-    limit_torch()
-    return function
 
 
 def redirect(path: Path) -> None:
