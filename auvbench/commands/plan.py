@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +23,8 @@ examples:
 """
 TARGETS = (0.8, 0.95)
 """power"""
+REPLICATIONS = 200
+"""simulated experiments for each number of seeds"""
 FAILURES = (0.1, 0.05)
 """failure rates of trainings that a plan says how to bound"""
 
@@ -37,9 +38,7 @@ def main(argv: Sequence[str]) -> int:
     _check(options)
     basis, agents, episodes, m = _basis(options)
     found = _needs(options, basis, agents, episodes)
-    print(
-        json.dumps(_plain(found, basis, options)) if options.json else _text(found, basis, agents, m, options)
-    )
+    print(_text(found, basis, agents, m, options))
     return 0
 
 
@@ -94,14 +93,6 @@ def parser() -> Parser:
         help="of the table, as of the report",
     )
     add("--protocol", metavar="NAME", default="test", help="the evaluation of PATH that is looked at")
-    add(
-        "--replications",
-        type=_whole(50, 100_000),
-        metavar="N",
-        default=200,
-        help="simulated experiments for each number of seeds",
-    )
-    add("--json", action="store_true", help="for programs")
     return parser
 
 
@@ -209,28 +200,12 @@ def _needs(options: argparse.Namespace, basis: Basis, agents: int, episodes: Seq
                     agents=agents,
                     targets=TARGETS,
                     alpha=1 - options.confidence,
-                    replications=options.replications,
+                    replications=REPLICATIONS,
                     note=lambda E, S: status.update(f"simulating {E} episodes, {S} seeds"),
                 ),
             )
             for name, model, E in rows
         ]
-
-
-def _plain(found: _Found, basis: Basis, options: argparse.Namespace) -> dict[str, Any]:
-    """Return the plan for programs."""
-    from auvbench.statistics.binomial import trials_that_bound
-
-    typed = basis.agents == 0
-    bounds = {f"{rate:g}": trials_that_bound(rate, options.confidence) for rate in FAILURES}
-    return {
-        "seeds_that_bound_failures": bounds,
-        "values": list(basis.values),
-        "sd": basis.spread.sd,
-        "sd_df": None if typed else basis.spread.df,
-        "sd_upper_90": None if typed else basis.spread.upper(),
-        "needs": [{"trainings": name or "as seen", **asdict(need)} for name, need in found],
-    }
 
 
 def _text(found: _Found, basis: Basis, agents: int, m: Measure, options: argparse.Namespace) -> str:
@@ -277,7 +252,7 @@ def _text(found: _Found, basis: Basis, agents: int, m: Measure, options: argpars
         f"below {100 * rate:g} %: {trials_that_bound(rate, options.confidence)}" for rate in FAILURES
     )
     notes = [
-        f"Simulated with the report's test at {percent:g} % confidence, {options.replications} experiments for each "
+        f"Simulated with the report's test at {percent:g} % confidence, {REPLICATIONS} experiments for each "
         f"number of seeds (± 1 seed or a tenth).{corrected}",
         "Fix the number before you look: who looks after each of 3 to 15 seeds and stops when a difference is resolved "
         "finds one where there is none in 14 % of the cases instead of 5 %.",

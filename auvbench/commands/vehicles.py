@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -69,14 +68,8 @@ def _print_sheet(name: str) -> None:
 
     sheet.load(name)  # an unknown name and a wrong sheet get their message
     path = Path(name)
-    data = (path if path.suffix in (".yaml", ".yml") else sheets()[name]).read_bytes()
-    # As it is: a sheet is UTF-8 on any terminal.
-    buffer = getattr(sys.stdout, "buffer", None)
-    if buffer is None or sys.stdout.isatty():
-        sys.stdout.write(data.decode("utf-8"))
-    else:
-        sys.stdout.flush()
-        buffer.write(data)
+    file = path if path.suffix in (".yaml", ".yml") else sheets()[name]
+    print(file.read_text(encoding="utf-8"), end="")
 
 
 def _step(text: str) -> float:

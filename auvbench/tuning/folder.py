@@ -21,6 +21,7 @@ from auvbench.errors import AuvbenchError, ConfigError, RunError
 from auvbench.runs import identity, lock
 from auvbench.runs.atomic_io import make_folder, storage, write_json
 from auvbench.runs.directory import damaged
+from auvbench.runs.run_filter import flat
 from auvbench.tuning import space
 from auvbench.tuning.space import Dimension
 from auvbench.untrusted import documents, path_safety, reading, typed_json
@@ -215,29 +216,23 @@ def refuse_change(folder: StudyFolder, there: Plan, here: Plan) -> None:
         ConfigError: Names the changed values.
     """
     old, new = (
-        {
+        flat({
             **plan.tune.space,
             "seed": plan.seed,
             "tune": {k: v for k, v in asdict(plan.tune).items() if k not in ("space", *FREE)},
             "protocol": asdict(plan.protocol),
             **identity.relevant(plan.base),
-        }
+        })
         for plan in (there, here)
-    )
-    if found := _differences(old, new):
-        more = f" and {len(found) - 4} more" if len(found) > 4 else ""
+    )  # fmt: skip
+    changed = [key for key in dict.fromkeys([*old, *new]) if old.get(key) != new.get(key)]
+    if changed:
+        shown = [
+            f"{key} {short(old.get(key, 'not searched'), 60)} -> {short(new.get(key, 'not searched'), 60)}"
+            for key in changed[:4]
+        ]
+        more = f" and {len(changed) - 4} more" if len(changed) > 4 else ""
         raise ConfigError(
-            f"{folder.path}: the study has other values: {', '.join(found[:4])}{more}; type the old values to go on, "
+            f"{folder.path}: the study has other values: {', '.join(shown)}{more}; type the old values to go on, "
             "or name=NAME for another study"
         )
-
-
-def _differences(there: Any, here: Any, path: str = "") -> list[str]:
-    if isinstance(there, dict) and isinstance(here, dict):
-        return [
-            line
-            for key in dict.fromkeys([*there, *here])
-            for line in _differences(there.get(key), here.get(key), f"{path}.{key}" if path else key)
-        ]
-    was, now = ("not searched" if value is None else value for value in (there, here))
-    return [] if there == here else [f"{path} {short(was, 60)} -> {short(now, 60)}"]

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 
 from auvbench import cli
+from auvbench.analysis.planning import Basis, Need
+from auvbench.commands import plan
 from tests.synthetic import reconfigure, write_experiment
 
-QUICK = ["--replications", "60", "--json"]
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plan, "REPLICATIONS", 60)
 
 
-def planned(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
-    assert cli.main(["plan", *arguments, *QUICK]) == 0
-    return json.loads(capsys.readouterr().out)
+def planned(*arguments: str) -> tuple[Basis, list[tuple[str, Need]]]:
+    options = plan.parser().read(arguments)
+    basis, agents, episodes, _ = plan._basis(options)
+    return basis, list(plan._needs(options, basis, agents, episodes))
 
 
 @pytest.fixture(scope="module")
@@ -29,33 +34,32 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_a_typed_spread(capsys: pytest.CaptureFixture[str]) -> None:
-    found = planned(capsys, "--sd", "0.5", "--rates", "80,95", "--episodes", "200")
-    (need,) = found["needs"]
-    assert found["values"] == [0.8, 0.95]
-    assert 2 <= need["alone"]["0.8"] <= need["alone"]["0.95"] <= 12
-    assert found["seeds_that_bound_failures"] == {"0.1": 29, "0.05": 59}
-    wide = planned(capsys, "--sd", "1.5", "--rates", "80,95", "--episodes", "200")["needs"][0]
-    assert wide["alone"]["0.8"] > need["alone"]["0.8"]
+    basis, ((_, need),) = planned("--sd", "0.5", "--rates", "80,95", "--episodes", "200")
+    assert basis.values == (0.8, 0.95)
+    assert 2 <= need.alone[0.8] <= need.alone[0.95] <= 12
+    _, ((_, wide),) = planned("--sd", "1.5", "--rates", "80,95", "--episodes", "200")
+    assert wide.alone[0.8] > need.alone[0.8]
+    assert cli.main(["plan", "--sd", "0.5", "--rates", "80,95", "--episodes", "200"]) == 0
+    assert "below 10 %: 29, below 5 %: 59" in capsys.readouterr().out
 
 
 @pytest.mark.slow
-def test_the_spread_of_runs_that_are_there(capsys: pytest.CaptureFixture[str], runs: Path) -> None:
-    found = planned(capsys, "--resolve", "20", str(runs))
-    assert found["sd_df"] == 4
-    assert found["sd_upper_90"] > found["sd"]
-    assert found["values"][1] - found["values"][0] == pytest.approx(0.2)
-    assert [need["trainings"] for need in found["needs"]] == ["as seen", "as seen", "cautious"]
-    assert [need["episodes"] for need in found["needs"]] == [60, 240, 60]
+def test_the_spread_of_runs_that_are_there(runs: Path) -> None:
+    basis, found = planned("--resolve", "20", str(runs))
+    assert basis.spread.df == 4
+    assert basis.spread.upper() > basis.spread.sd
+    assert basis.values[1] - basis.values[0] == pytest.approx(0.2)
+    assert [(kind, need.episodes) for kind, need in found] == [("", 60), ("", 240), ("cautious", 60)]
 
 
-def test_a_mean(capsys: pytest.CaptureFixture[str], runs: Path) -> None:
-    found = planned(capsys, "--resolve", "200", "--metric", "mean_steps", "--episodes", "60", str(runs))
-    assert found["values"][1] - found["values"][0] == pytest.approx(200)
+def test_a_mean(runs: Path) -> None:
+    basis, _ = planned("--resolve", "200", "--metric", "mean_steps", "--episodes", "60", str(runs))
+    assert basis.values[1] - basis.values[0] == pytest.approx(200)
 
 
 @pytest.mark.slow
 def test_what_a_reader_sees(capsys: pytest.CaptureFixture[str], runs: Path) -> None:
-    assert cli.main(["plan", "--resolve", "20", "--agents", "4", "--replications", "60", str(runs)]) == 0
+    assert cli.main(["plan", "--resolve", "20", "--agents", "4", str(runs)]) == 0
     text = capsys.readouterr().out
     assert "Training seeds of each agent that resolve success rate" in text
     assert "table of 4" in text
