@@ -6,10 +6,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rich.progress import Progress as Bar
+    from rich.progress import Progress as Bars
 
     from auvbench.runs.directory import RunDirectory
     from auvbench.runs.progress import Progress, Watch
@@ -17,24 +17,12 @@ if TYPE_CHECKING:
 _PLAIN_INTERVAL = 10.0  # s between lines if the output is no terminal
 
 
-def _bar(title: str, *, transient: bool = False) -> Bar:
+def _bar(title: str, **options: Any) -> Bars:
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-    from rich.table import Column
 
-    # A run's id is no markup, and the text gives way on a narrow terminal.
-    now = Column(ratio=1, no_wrap=True, overflow="ellipsis")
-    return Progress(
-        TextColumn(title, markup=False),
-        BarColumn(bar_width=20),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[now]}", markup=False, table_column=now),
-        console=Console(stderr=True, highlight=False),
-        expand=True,
-        transient=transient,
-        refresh_per_second=2,
-    )
+    from auvbench.runs.progress import bars
+
+    return bars(Console(stderr=True, highlight=False), title, **options)
 
 
 class _Interval:
@@ -57,7 +45,7 @@ def training_bar(total_steps: int, *, shown: bool = True) -> Iterator[Watch | No
     if not shown:
         yield None
     elif sys.stderr.isatty():
-        with _bar("") as bar:
+        with _bar(" ") as bar:
             task = bar.add_task("", total=total_steps, now="compiling, first episodes")
             yield lambda progress: bar.update(task, completed=progress.steps, now=str(progress))
     else:
@@ -79,7 +67,7 @@ class Teller:
         total: runs.
     """
 
-    def __init__(self, parts: int, bar: Bar | None, total: int) -> None:
+    def __init__(self, parts: int, bar: Bars | None, total: int) -> None:
         self._parts, self._bar = parts, bar
         self._runs = self._done = 0  # finished runs, and finished parts of the runs at work
         self._due = _Interval()

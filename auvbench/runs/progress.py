@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,10 @@ from numpy.typing import NDArray
 from auvbench.record import Record
 from auvbench.untrusted import typed_json
 from auvbench.untrusted.typed_json import Count, Share
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress as Bars
 
 
 class EpisodeLog:
@@ -140,6 +144,32 @@ def to_go(seconds: float) -> str:
     end = now + timedelta(seconds=seconds)
     return (
         f"{duration(seconds)} to go, until {end:{'%H:%M' if end.date() == now.date() else '%a %d %b %H:%M'}}"
+    )
+
+
+def bars(console: Console, title: str = "", **options: Any) -> Bars:
+    """Return rich's bars with what each does now in the field `now`.
+
+    Args:
+        console: where they are shown.
+        title: in front of each.
+        options: of `rich.progress.Progress`.
+    """
+    from rich import progress
+    from rich.table import Column
+
+    # A run's id is no markup, and the text gives way on a narrow terminal.
+    now = Column(ratio=1, no_wrap=True, overflow="ellipsis")
+    return progress.Progress(
+        progress.TextColumn(title or "{task.description}", markup=False),
+        progress.BarColumn(bar_width=20),
+        progress.MofNCompleteColumn(),
+        progress.TimeElapsedColumn(),
+        progress.TextColumn("{task.fields[now]}", markup=False, table_column=now),
+        console=console,
+        expand=True,
+        refresh_per_second=2,
+        **options,
     )
 
 

@@ -126,7 +126,7 @@ def sweep(
     todo = [step.run for step in steps if step.action in (Action.RESUME, Action.START, Action.RETRY)]
     result = Result()
     if todo:
-        result = Loop(todo, backend, views.View(console, todo, backend.limit)).drive()
+        result = Loop(todo, backend, views.View(console, todo)).drive()
     else:
         backend.close()
     ends = {Action.SKIP: Outcome.COMPLETE, Action.LEAVE: Outcome.HELD, Action.REFUSE: Outcome.FAILED}

@@ -35,9 +35,9 @@ class StudyView(View):
         self.fresh = 0
 
     def ended(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
-        self.rows.pop(run.path, None)
-        if outcome in (Outcome.FAILED, Outcome.HELD):
-            self.say(f"{run.id}: {outcome} ({message})")
+        if run.path in self.rows:
+            super().ended(run, outcome, message)
+            del self.rows[run.path]
 
     def reported(self, step: Step, score: Score) -> None:
         self.event(
@@ -82,7 +82,7 @@ class StudyView(View):
         at = self._at(len(shown) - 1)
         return f"best so far: trial {best.number}{at}, {worth(shown[-1], self.objective)} on validation scenarios"
 
-    def footer(self) -> list[Text]:
+    def summary(self) -> list[Text]:
         last = f"with fresh seeds: {len(self.rows)} of {self.fresh} to go" if self.fresh else self.counts()
         return [Text(self.best(), "green"), Text(last, "bold")]
 
