@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands import report_terminal
 from auvbench.commands.report_options import Options, parse
 from auvbench.errors import ReportError, UserError, closest
 from auvbench.record import PRIMARY
@@ -36,6 +35,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _report(paths: Sequence[Path], options: Options, command: str) -> None:
+    from auvbench.commands import report_sections as sections
     from auvbench.runs.atomic_io import storage
 
     reports = analysed(paths, options)
@@ -49,18 +49,16 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
             report, written = write(reports[0], options, command, out)
             for name in ("score.tex", "score.csv"):  # of an earlier report of several tasks
                 (out / name).unlink(missing_ok=True)
-        report_terminal.show(report, options)
+        sections.show(report, options)
     else:
-        from auvbench.commands.report_sections import across_tasks, write_sections
-
-        score = across_tasks(reports, options)
+        score = sections.across_tasks(reports, options)
         with storage(f"cannot write the report into {out}"):
-            reports, written = write_sections(reports, options, command, out, score)
+            reports, written = sections.write_sections(reports, options, command, out, score)
         for report in reports:
-            report_terminal.heading(report.section.title)
-            report_terminal.show(report, options)
-        report_terminal.show_score(score, options)
-    report_terminal.say_written(written)
+            sections.heading(report.section.title)
+            sections.show(report, options)
+        sections.show_score(score, options)
+    sections.say_written(written)
 
 
 def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
