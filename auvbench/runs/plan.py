@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import copy
-import hashlib
 import re
-from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +14,7 @@ from auvbench.config.compose import typed
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
 from auvbench.policies import cards, exported
-from auvbench.runs import declared, identity
+from auvbench.runs import declared, identity, integrity
 from auvbench.runs.atomic_io import sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.tasks.observation import observation_spec
@@ -106,14 +102,6 @@ LONGEST = 80
 """characters of a name: it is part of a folder's"""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _File:
-    data: bytes
-    card: cards.Card | None
-    card_data: bytes | None
-    digest: str
-
-
 def _with_policy(config: DictConfig, typed: schema.TrainConfig, vehicle: VehicleModel) -> DictConfig:
     """Return the configuration with digest and name of its policy's file, if it has one.
 
@@ -133,21 +121,22 @@ def _with_policy(config: DictConfig, typed: schema.TrainConfig, vehicle: Vehicle
     if not algo.path:
         raise ConfigError("algo.path: a value is missing; name the file: algo=onnx algo.path=policy.onnx")
     path = Path(algo.path)
-    file = _file(path)
-    if algo.sha256 not in ("", file.digest):
-        raise ConfigError(f"algo.sha256={algo.sha256}: algo.path={path} has {file.digest}")
-    if file.card is not None:
-        _compare(file.card, str(path), typed, vehicle)
+    data, card, _ = exported.read(path)
+    digest = sha256(data)
+    if algo.sha256 not in ("", digest):
+        raise ConfigError(f"algo.sha256={algo.sha256}: algo.path={path} has {digest}")
+    if card is not None:
+        _compare(card, str(path), typed, vehicle)
     sizes = {
         "observations": observation_spec(typed.task, vehicle.actuators).size,
         "actions": len(vehicle.actuators),
     }
-    exported.Policy(file.data, str(path), card=file.card, **sizes)
+    exported.Policy(data, str(path), card=card, **sizes)
     result = copy.deepcopy(config)
     with open_dict(result):
-        result.algo.sha256 = file.digest
+        result.algo.sha256 = digest
         if algo.name == UNNAMED:
-            result.algo.name = _label(file.card.name if file.card is not None else path.stem)
+            result.algo.name = _label(card.name if card is not None else path.stem)
     return result
 
 
@@ -163,39 +152,18 @@ def _keep_policy(run: RunDirectory, config: dict[str, Any]) -> None:
         return
     path_safety.refuse_links(run.path)
     target = run.model / exported.NETWORK
-    if target.is_file() and _digest_of(target) == algo["sha256"]:
+    if target.is_file() and integrity.entry_of(target)["sha256"] == algo["sha256"]:
         return
-    file = _file(Path(algo["path"]))
-    if file.digest != algo["sha256"]:
+    data, _, card_data = exported.read(Path(algo["path"]))
+    if sha256(data) != algo["sha256"]:
         raise cards.PolicyError(f"{algo['path']}: was changed while the run was made; type the command again")
     with storage(f"cannot write {run.model}"):
         # The network last: where it is, its card is.
-        if file.card_data is not None:
-            write_atomic(run.model / exported.CARD, file.card_data)
+        if card_data is not None:
+            write_atomic(run.model / exported.CARD, card_data)
         else:
             (run.model / exported.CARD).unlink(missing_ok=True)
-        write_atomic(target, file.data)
-
-
-def _digest_of(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _file(path: Path) -> _File:
-    """Read a file once, unless it changes: a grid names one file a hundred times."""
-    status = []
-    with contextlib.suppress(OSError, ValueError):  # reading it names the error
-        for one in (path, cards.card_path(path)):
-            found = one.stat()
-            status.append((found.st_mtime_ns, found.st_size))
-    return _read(path.absolute(), str(path), tuple(status))
-
-
-@lru_cache(maxsize=8)
-def _read(path: Path, shown: str, _status: tuple[tuple[int, int], ...]) -> _File:
-    data, card, card_data = exported.read(Path(shown))
-    return _File(data, card, card_data, sha256(data))
+        write_atomic(target, data)
 
 
 def _compare(card: cards.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:

@@ -91,7 +91,7 @@ def _show(steps: Sequence[Step], console: Console) -> None:
         named = [step for step in steps if step.action is action]
         what, done = action.value
         if named:
-            say(f"  {what} {len(named)} {done}")
+            say(f"  {what:<14} {len(named):>5}  {done}")
         limit = None if action is Action.REFUSE else LISTED
         for step in named[:limit]:
             if step.detail:
