@@ -214,7 +214,7 @@ def _options(settings: Mapping[str, Any]) -> Options:
     values = {key: settings[key] for key in KEYS}
     for key in LISTS:
         if isinstance(values[key], str):
-            values[key] = [name.strip() for name in values[key].split(",")]
+            values[key] = list(dict.fromkeys(name.strip() for name in values[key].split(",")))
     values["columns"] = values["columns"] or []
     try:
         found = typed_json.convert(values, Options)

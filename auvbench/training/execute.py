@@ -65,8 +65,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
     begun = time.monotonic()
     before = float(manifest["wall_time_s"])
     used = time.process_time()
-    # None where attempts of an older auvbench did not say: the time of the later ones alone would be no training's.
-    used_before = manifest.get("cpu_time_s", None if manifest["attempts"] else 0.0)
+    used_before = float(manifest.get("cpu_time_s") or 0.0)
     with storage(f"cannot write {run.path}"):
         run.update_manifest(
             state="running",
@@ -81,9 +80,8 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
 
     def note(**changes: Any) -> dict[str, Any]:
         wall = before + time.monotonic() - begun
-        if used_before is not None:
-            changes["cpu_time_s"] = round(used_before + time.process_time() - used, 3)
-        return run.update_manifest(wall_time_s=round(wall, 3), **changes)
+        cpu = used_before + time.process_time() - used
+        return run.update_manifest(wall_time_s=round(wall, 3), cpu_time_s=round(cpu, 3), **changes)
 
     def close(state: str, **changes: Any) -> dict[str, Any]:
         return note(state=state, ended=now(), **changes)

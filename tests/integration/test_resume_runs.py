@@ -16,8 +16,7 @@ import torch
 from auvbench.agents.learned.sb3 import Follower
 from auvbench.cli import main
 from auvbench.errors import ConfigError, RunError, TrainingError
-from auvbench.runs import integrity, lock
-from auvbench.runs.atomic_io import write_json
+from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import Interrupted
 from auvbench.training.checkpoint.extending import prepare
@@ -134,19 +133,6 @@ def test_signals_save_and_leave(
     after = run.manifest()["phases"]  # of both attempts
     assert all(after[name] >= before[name] for name in before)
     assert after["setup_s"] > before["setup_s"]
-
-
-@pytest.mark.slow
-def test_the_processor_time_of_half_a_training_is_not_said(run: RunDirectory, strike: Strike) -> None:
-    """An auvbench of before it was measured began the run."""
-    strike(600, lambda _: os.kill(os.getpid(), signal.SIGTERM))
-    with pytest.raises(Interrupted):
-        execute(run)
-    manifest = run.manifest()
-    del manifest["cpu_time_s"]
-    write_json(run.manifest_path, integrity.sealed(manifest))
-    assert execute(run)["state"] == "complete"
-    assert "cpu_time_s" not in run.manifest()
 
 
 @WITH_RESIDUAL

@@ -143,8 +143,8 @@ class Checkpointer:
     ) -> None:
         self.store = CheckpointStore(run, keep)
         self.parts: Mapping[str, Stateful] = {}
-        self.flush: Callable[[], object] = _nothing
-        self.saved_hook: Callable[[], object] = _nothing
+        self.flush: Callable[[], object] = lambda: None
+        self.saved_hook: Callable[[], object] = lambda: None
         self.resumed: Checkpoint | None = None
         self.spent = 0.0
         self.paused = 0.0
@@ -186,9 +186,7 @@ class Checkpointer:
         if ring is not None:
             self._replay.load(ring, self.resumed.segments, step // ring.n_envs)
         self.saved_step = step
-        # Checkpoints that are older than the clock's own file have the time in what SB3's learners keep.
-        clock = components.values.get(CLOCK) or components.values.get("learner", {})
-        self._earlier = clock.get("elapsed_ns", 0) / 1e9
+        self._earlier = components.values.get(CLOCK, {}).get("elapsed_ns", 0) / 1e9
         return step
 
     @property
@@ -235,7 +233,3 @@ class Checkpointer:
         return 0 < self._every_steps <= steps or (
             0 < self._every_seconds <= time.monotonic() - self._saved_at and steps > 0
         )
-
-
-def _nothing() -> None:
-    """Do nothing."""
