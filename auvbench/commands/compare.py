@@ -98,7 +98,7 @@ def _measures(pair: Sequence[Agent], differences: Sequence[Difference]) -> Table
     for one in differences:
         column = column_of(one.measure.name)
         better = pair[one.better].label if one.better >= 0 else "open"
-        cells = [Cell(column.heading)]
+        cells = [Cell(column.text)]
         cells += [estimate_cell(estimate, column.scale) for estimate in (one.first, one.second)]
         cells += [estimate_cell(one.difference, column.scale, signed=True), Cell(better)]
         lines.append(Line(tuple(cells)))

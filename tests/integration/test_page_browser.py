@@ -176,7 +176,7 @@ def test_click_on_a_heading_sorts(opened: Driver) -> None:
 
 def test_text_sorts_by_its_numbers_and_missing_values_stay_last(opened: Driver) -> None:
     headers = opened.find_elements(By.CSS_SELECTOR, "#runs-table thead th")
-    agent, trained = headers[0], next(h for h in headers if h.text.startswith("Train success"))
+    agent, trained = headers[1], next(h for h in headers if h.text.startswith("train success"))
     place = opened.execute_script("return arguments[0].cellIndex", trained) + 1
     for direction in (1, -1):
         trained.find_element(By.TAG_NAME, "button").click()
@@ -189,7 +189,7 @@ def test_text_sorts_by_its_numbers_and_missing_values_stay_last(opened: Driver) 
         found = [direction * float(value) for value in values[:-1]]
         assert found == sorted(found)
     agent.find_element(By.TAG_NAME, "button").click()
-    names = column(opened, "runs-table", 1)
+    names = column(opened, "runs-table", 2)
     assert names.index("PPO K=1") < names.index("PPO K=40") < names.index("SAC K=1")
 
 
@@ -293,7 +293,7 @@ def test_figures_are_shown_and_lead_to_their_files(
 
 
 def test_numbers_lead_to_their_runs(opened: Driver) -> None:
-    link = find(opened, "#main-table tbody a[href^='#agent-']")
+    link = find(opened, "#main-table tbody a[href^='#run-']")
     link.click()
     target = opened.execute_script("return document.querySelector(':target')?.closest('table').id")
     assert target == "runs-table"
@@ -340,13 +340,15 @@ def unfolded(browser: Driver, page: Path, width: int) -> None:
 
 
 @pytest.mark.parametrize("width", [1400, 1900])
-def test_a_wide_screen_shows_every_table_and_figure_whole(browser: Driver, large: Path, width: int) -> None:
+def test_on_a_wide_screen_only_tables_of_many_columns_are_moved_sideways(
+    browser: Driver, large: Path, width: int
+) -> None:
     unfolded(browser, large, width)
     cut = """
       return [...document.querySelectorAll('.scroll')].filter((part) => part.scrollWidth > part.clientWidth)
-        .map((part) => `${part.querySelector('table')?.id} ${part.scrollWidth} in ${part.clientWidth}`);
+        .map((part) => part.querySelector('table')?.id);
     """
-    assert browser.execute_script(cut) == []
+    assert set(browser.execute_script(cut)) <= {"conditions-table", "further-table"}
 
 
 def test_a_phone_shows_figures_large_enough_to_read_and_says_where_there_is_more(

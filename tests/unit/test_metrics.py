@@ -29,7 +29,7 @@ from auvbench.commands.completion import measure_names
 from auvbench.envs.batch import Batch
 from auvbench.evaluation.protocol import resolve_conditions, fingerprint
 from auvbench.reporting import tables
-from auvbench.reporting.page.table import metrics_table, printed
+from auvbench.reporting.page.parts import metrics_table
 from auvbench.reporting.tables.main import main_table
 from tests import configs
 from tests.unit.analysis.agents import agent
@@ -46,9 +46,9 @@ agents = [replace(a, metrics={**a.metrics, "jerk_m_s3": a.metrics["steps"] / 100
 ranking = rank(agents)
 shown = main_table(replace(ranking, columns=("mean_jerk_m_s3",)))
 assert ("jerk", "m/s³") in [(heading.title, heading.unit) for heading in shown.headings]
-page = printed(metrics_table(ranking))
+page = metrics_table(ranking)
 (heading,) = [heading for heading in page.headings if heading.title == "jerk"]
-assert page.definition(heading) == "change of acceleration, mean over the steps"
+assert heading.hint == "change of acceleration, mean over the steps"
 assert "mean $j$" in tables.latex(replace(ranking, columns=("mean_jerk_m_s3",)))
 assert "mean_jerk_m_s3" in measure_names()
 assert "| `jerk_m_s3` | m/s³ | lower | change of acceleration, mean over the steps |" in metrics.definitions()

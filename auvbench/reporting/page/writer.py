@@ -18,10 +18,8 @@ from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
 from auvbench.analysis.score import Scores
 from auvbench.reporting.figures import MAIN, Figure
-from auvbench.reporting.page import figures as figures_
-from auvbench.reporting.page import sources, table
+from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories as trajectories_
-from auvbench.reporting.page.links import Links
 from auvbench.reporting.tables.appendix import (
     COMPARISON_NOTE,
     comparison_table,
@@ -32,6 +30,7 @@ from auvbench.reporting.tables.appendix import (
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines, notes, of_pairs
 from auvbench.reporting.tables.score import score_notes, score_table
+from auvbench.reporting.tables.table import Table
 from auvbench.reporting.write import Part, overview, text
 
 if TYPE_CHECKING:
@@ -87,40 +86,41 @@ def write(
     agents = sorted(agents, key=lambda agent: order.get(agent.label, len(order)))
     styles = _styles(agents, colours)
     hues = {label: colour for label, (colour, _) in styles.items()}
-    links = Links(path, agents, runs, ranking.protocol)
+    links = of_page.Links(path, runs)
     scenes = trajectories_.read(agents, protocol=ranking.protocol, condition=ranking.condition)
-    embedded, figure_problems = figures_.embed(figures, links)
+    embedded, figure_problems = of_page.embed(figures, links)
     everything = (*ranking.problems, *problems, *figure_problems, *scenes.problems)
-    found = sources.findings(findings, links)
-    pairs = ranking.comparisons
+    found = of_page.findings(findings, links)
+    pairs, further = ranking.comparisons, of_page.metrics_table(ranking)
+
+    def linked(table: Table) -> Table:
+        return of_page.of_agents(table, ranking, hues, links)
+
     html = render(
         runs,
         ranking,
         title=(title or title_of(runs)) + (f", {section}" if section else ""),
-        headline=table.minus(headline(ranking)),
+        headline=headline(ranking),
         above="../index.html" if section else "",
-        table=table.of_agents(
-            main_table(ranking), ranking, {}, links
-        ),  # its colours are those of the verdicts
-        conditions=table.parts(conditions_table(ranking), ranking, hues, links) if ranking.conditions else [],
-        further=table.parts(table.metrics_table(ranking), ranking, hues, links),
-        ranks=table.of_agents(ranks_table(ranking), ranking, hues, links),
-        pairs=table.printed(pairs_table(pairs)) if pairs else None,
-        notes=[table.minus(line) for line in notes(ranking)],
+        table=of_page.of_agents(main_table(ranking), ranking, {}, links),  # its colours are those of verdicts
+        conditions=linked(conditions_table(ranking)) if ranking.conditions else None,
+        further=linked(further) if further else None,
+        ranks=linked(ranks_table(ranking)),
+        pairs=pairs_table(pairs) if pairs else None,
+        notes=notes(ranking),
         findings=found[:SHOWN],
         more_findings=found[SHOWN:],
-        claims=sources.claims(claims, links),
-        comparison=table.printed(comparison_table(comparison)) if comparison else None,
+        claims=of_page.claims(claims, links),
+        comparison=comparison_table(comparison) if comparison else None,
         comparison_note=COMPARISON_NOTE,
         main_figure=next((figure for figure in embedded if figure.name == MAIN), None),
         figures=[figure for figure in embedded if figure.name != MAIN],
         scenes=scenes.scenes,
         left_out=scenes.left_out,
         data=_data(scenes, agents, styles, runs),
-        runs=sources.run_lines(runs, agents, hues, links),
-        run_columns=sources.RUN_COLUMNS,
+        runs=of_page.runs_table(runs, agents, hues, links),
         problems=grouped(tuple(dict.fromkeys(everything))),
-        facts=sources.facts(ranking, agents, runs),
+        facts=of_page.facts(ranking, runs),
         command=command,
         limit=limit_lines(ranking),
     )
@@ -134,7 +134,7 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         SCRIPTS,
         ranking=ranking,
         pairs_note=of_pairs(ranking),
-        vehicles=sources.distinct(run.config.get("vehicle.name") for run in found),
+        vehicles=of_page.distinct(run.config.get("vehicle.name") for run in found),
         runs_found=len(found),
         confidence=f"{100 * ranking.confidence:g}",
         **shown,
@@ -210,14 +210,6 @@ def _length(value: Any, default: float) -> float:
     return float(value) if isinstance(value, int | float) and abs(value) < 1e6 else default
 
 
-def _scored(found: Scores | None) -> dict[str, Any] | None:
-    """Return the score across tasks as the template draws it; without a score its notes say what is missing."""
-    if found is None:
-        return None
-    shown = table.printed(score_table(found)) if found.rows else None
-    return {"table": shown, "notes": [table.minus(line) for line in score_notes(found)]}
-
-
 def write_overview(
     path: Path,
     parts: Sequence[Part],
@@ -232,33 +224,32 @@ def write_overview(
     shown = []
     for part in parts:
         href = f"./{part.folder}/index.html"
-        links = Links(path, part.agents, part.runs, part.ranking.protocol, href)
+        links = of_page.Links(path, part.runs, href)
         shown.append(
             {
                 "title": part.title,
                 "heading": part.title[:1].upper() + part.title[1:],
-                "headline": table.minus(headline(part.ranking)),
+                "headline": headline(part.ranking),
                 "fingerprint": part.ranking.fingerprint,
                 "href": href,
-                "table": table.of_agents(main_table(part.ranking), part.ranking, {}, links),
-                "notes": [table.minus(line) for line in notes(part.ranking)],
-                "findings": sources.findings(part.findings[:SHOWN], links),
+                "table": of_page.of_agents(main_table(part.ranking), part.ranking, {}, links),
+                "notes": notes(part.ranking),
+                "findings": of_page.findings(part.findings[:SHOWN], links),
             }
         )
-    first = parts[0].ranking
     runs = [run for part in parts for run in part.runs]
-    facts = sources.facts(first, [agent for part in parts for agent in part.agents], runs)
+    problems = dict.fromkeys(problem for part in parts for problem in part.ranking.problems)
+    scored = score_table(score) if score is not None and score.rows else None
     html = render(
         runs,
-        first,
+        parts[0].ranking,
         title=title_of(runs),
         headline=overview(len(parts), score),
         parts=shown,
-        problems=grouped(
-            tuple(dict.fromkeys(problem for part in parts for problem in part.ranking.problems))
-        ),
-        facts=[fact for fact in facts if fact[0] != "Scenarios"],  # each section has its own
+        problems=grouped(tuple(problems)),
+        # Each section has its own scenarios.
+        facts=[fact for fact in of_page.facts(parts[0].ranking, runs) if fact[0] != "Scenarios"],
         command=command,
-        score=_scored(score),
+        score=None if score is None else {"table": scored, "notes": score_notes(score)},
     )
     return text(path, html)

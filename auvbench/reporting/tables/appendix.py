@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from auvbench.analysis import thesis
-from auvbench.analysis.conditions import in_words, split
+from auvbench.analysis.conditions import in_words
 from auvbench.analysis.formatting import unit
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Comparison, Ranking, Row
@@ -20,7 +20,6 @@ from auvbench.reporting.tables.table import (
     Table,
     column_of,
     estimate_cell,
-    heading_of,
 )
 
 MOST_LETTERS = 8
@@ -45,7 +44,7 @@ def ranks_table(ranking: Ranking) -> Table:
         )
         for row in ranking.rows
     ]
-    return Table((*headings, heading_of(column)), tuple(lines))
+    return Table((*headings, column), tuple(lines))
 
 
 def ranks_of(row: Row) -> str:
@@ -90,7 +89,7 @@ def conditions_table(ranking: Ranking) -> Table:
     headings = [Heading("agent", words=True)]
     for condition in ranking.conditions:
         title, level = in_words(condition.name)
-        headings.append(Heading(title, level, group=split(condition.name)[0]))
+        headings.append(Heading(title, level, weight=1))
     lines = [
         Line(
             (
@@ -117,7 +116,7 @@ def conditions_note(ranking: Ranking) -> str:
 def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
     """Return the original study's numbers and ours: an agent per line, "theirs / ours [interval]" per measure."""
     measures = [name for name in thesis.TITLES if any(row.measure == name for row in rows)]
-    titles = [Heading(thesis.TITLES[name], weight=i) for i, name in enumerate(measures)]
+    titles = [Heading(thesis.TITLES[name], weight=1) for name in measures]
     lines = []
     for agent in thesis.AGENTS:
         mine = {row.measure: row for row in rows if row.agent == agent}

@@ -20,7 +20,6 @@ from auvbench.reporting.tables.table import (
     Table,
     column_of,
     estimate_cell,
-    heading_of,
 )
 from auvbench.statistics.intervals import wilson
 from auvbench.statistics.power import MOST_SEEDS
@@ -98,8 +97,8 @@ def _trainings(row: Row, confidence: float) -> Cell:
 def _metric(ranking: Ranking, metric: str, weight: int = 0) -> list[_Column]:
     if not any(metric in row.estimates for row in ranking.rows):
         return []
-    column = column_of(metric)
-    return [(heading_of(column, weight), lambda row: estimate_cell(row.estimates.get(metric), column.scale))]
+    column = column_of(metric, weight)
+    return [(column, lambda row: estimate_cell(row.estimates.get(metric), column.scale))]
 
 
 def _against(ranking: Ranking) -> list[_Column]:

@@ -2,59 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import groupby
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 from auvbench.analysis.rounding import NOTHING, rounded
-from auvbench.metrics import METRICS, Metric
+from auvbench.metrics import METRICS
 from auvbench.statistics.intervals import Estimate
 
 DAGGER = "†"
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """One metric as it stands in a table."""
-
-    metric: str
-    """key of `Row.estimates`"""
-    title: str
-    unit: str = ""
-    tex: str = ""
-    """the title in LaTeX where it has a symbol"""
-    scale: float = 1.0
-
-    @property
-    def heading(self) -> str:
-        return f"{self.title} ({self.unit})" if self.unit else self.title
-
-
-def _metric(measure: str) -> Metric | None:
-    return next((metric for metric in METRICS if metric.measure == measure), None)
-
-
-def column_of(metric: str) -> Column:
-    """Return the column of a metric; one that auvbench does not know is named after its key.
-
-    >>> column_of("mean_path_length_m").heading, column_of("success_rate").heading
-    ('path length (m)', 'success (%)')
-    """
-    if known := _metric(metric):
-        return Column(metric, known.title, known.table_unit, known.latex, known.scale)
-    return Column(metric, metric.removeprefix("mean_").replace("_", " "))
-
-
-def definition_of(metric: str) -> str:
-    """Return what a metric is; empty where auvbench does not know it."""
-    known = _metric(metric)
-    return known.definition if known else ""
-
-
-def in_order(metrics: Iterable[str]) -> list[str]:
-    """Return metrics in the order of the registry, unknown ones last."""
-    order = {metric: place for place, metric in enumerate(m.measure for m in METRICS)}
-    return sorted(metrics, key=lambda metric: (order.get(metric, len(order)), metric))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +19,15 @@ class Heading:
     title: str
     unit: str = ""
     tex: str = ""
-    """the title in LaTeX where it is not the text"""
+    """the title in LaTeX where it has a symbol"""
     words: bool = False
     """set to the left, as words are; numbers are set to the right"""
-    group: str = ""
-    """columns of one group stay together where a table is split"""
     metric: str = ""
     """key of `Row.estimates`, where the column is one"""
+    scale: float = 1.0
+    """from the unit of the metric to that of the column"""
+    hint: str = ""
+    """what the column is"""
     weight: int = 0
     """columns of greater weight are left out first where there is no room; 0 stays"""
 
@@ -99,28 +56,39 @@ class Line:
     cells: tuple[Cell, ...]
     verdict: str = ""
     """of the agent against the baseline; '' where it has none"""
+    colour: str = ""
+    """of the agent, on the page"""
+    href: str = ""
+    """where the row's numbers come from, on the page"""
+    anchor: str = ""
+    """id of the row, on the page"""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Headings and rows; the first `lead` columns say what a row is and stand in every part of a split table."""
+    """Headings and rows; the first `lead` columns say what a row is."""
 
     headings: tuple[Heading, ...]
     lines: tuple[Line, ...]
     lead: int = 1
 
-    def part(self, columns: Sequence[int]) -> Table:
-        """Return the table with some of its columns."""
-        return replace(
-            self,
-            headings=tuple(self.headings[i] for i in columns),
-            lines=tuple(replace(line, cells=tuple(line.cells[i] for i in columns)) for line in self.lines),
-        )
+
+def column_of(measure: str, weight: int = 0) -> Heading:
+    """Return the column of a metric; one that auvbench does not know is named after its key.
+
+    >>> column_of("mean_path_length_m").text, column_of("success_rate").text
+    ('path length (m)', 'success (%)')
+    """
+    for m in METRICS:
+        if m.measure == measure:
+            return Heading(m.title, m.table_unit, m.latex, False, measure, m.scale, m.definition, weight)
+    return Heading(measure.removeprefix("mean_").replace("_", " "), metric=measure, weight=weight)
 
 
-def heading_of(column: Column, weight: int = 0) -> Heading:
-    """Return the heading of a metric."""
-    return Heading(column.title, column.unit, column.tex, metric=column.metric, weight=weight)
+def in_order(measures: Iterable[str]) -> list[str]:
+    """Return metrics in the order of the registry, unknown ones last."""
+    order = {metric.measure: place for place, metric in enumerate(METRICS)}
+    return sorted(measures, key=lambda name: (order.get(name, len(order)), name))
 
 
 def estimate_cell(estimate: Estimate | None, scale: float = 1.0, *, signed: bool = False) -> Cell:
@@ -135,29 +103,3 @@ def estimate_cell(estimate: Estimate | None, scale: float = 1.0, *, signed: bool
     sign = "+" if signed and estimate.value > 0 and value != NOTHING else ""
     sort = estimate.value if value != NOTHING else None
     return Cell(f"{sign}{value}", f"[{low}, {high}]" if low else "", sort)
-
-
-def split(table: Table, width: Callable[[int], float], room: float) -> list[list[int]]:
-    """Return the columns of each part of a table, as indices; every part begins with the lead columns.
-
-    Args:
-        table: the columns in their order; neighbours of one `Heading.group` stay together where they can.
-        width: of a column.
-        room: that all columns of a part have together.
-    """
-    lead = list(range(table.lead))
-    whole = room - sum(map(width, lead))
-    parts: list[list[int]] = [list(lead)]
-    left = whole
-    columns = range(table.lead, len(table.headings))
-    for _, members in groupby(columns, key=lambda i: table.headings[i].group or i):
-        found = list(members)
-        needed = sum(map(width, found))
-        for i in found:
-            full = width(i) > left or (i == found[0] and left < needed <= whole)
-            if full and len(parts[-1]) > table.lead:
-                parts.append(list(lead))
-                left = whole
-            parts[-1].append(i)
-            left -= width(i)
-    return parts

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
@@ -26,7 +27,7 @@ from auvbench.reporting.tables.appendix import (
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes, of_pairs
 from auvbench.reporting.tables.score import score_notes, score_table
-from auvbench.reporting.tables.table import Cell, Line, Table, split
+from auvbench.reporting.tables.table import Cell, Line, Table
 
 MOST_PROBLEMS = 6
 """per kind on screen; the files list all"""
@@ -38,28 +39,30 @@ STYLES = {AHEAD: "green", EQUIVALENT: "blue", BEHIND: "red", OPEN: "yellow"}
 
 
 class TableView:
-    """A rich renderable that fits a table to the terminal.
+    """A rich renderable that fits a table to the terminal: columns that do not fit are left out and named."""
 
-    Columns that do not fit continue in further tables, or with `drop` are left out and named.
-    """
-
-    def __init__(self, table: Table, *, drop: bool = False) -> None:
-        self.table, self.drop = table, drop
+    def __init__(self, table: Table) -> None:
+        self.table = table
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         headings = self.table.headings
-        if not self.drop:
-            for part in split(self.table, self._width, options.max_width):
-                yield _rendered(self.table.part(part))
-            return
         kept, room = set[int](), options.max_width
         for i in sorted(range(len(headings)), key=lambda i: headings[i].weight):
             room -= self._width(i)
             if room < 0 and headings[i].weight:
                 break
             kept.add(i)
-        yield _rendered(self.table.part(sorted(kept)))
-        if rest := [heading.title for i, heading in enumerate(headings) if i not in kept]:
+        columns = sorted(kept)
+        yield _rendered(
+            replace(
+                self.table,
+                headings=tuple(headings[i] for i in columns),
+                lines=tuple(
+                    replace(line, cells=tuple(line.cells[i] for i in columns)) for line in self.table.lines
+                ),
+            )
+        )
+        if rest := [heading.text for i, heading in enumerate(headings) if i not in kept]:
             yield Text(f"Not shown for want of width: {', '.join(rest)}.", style="dim")
 
     def _width(self, i: int) -> int:
@@ -104,7 +107,7 @@ def terminal(ranking: Ranking) -> RenderableType:
     """Return the headline, the main table, its notes and the problems, for `rich.console.Console.print`."""
     parts: list[RenderableType] = [Text(headline(ranking), style="bold"), Text()]
     parts += [Text(line, style="yellow") for line in ranking.notices]
-    parts.append(TableView(main_table(ranking), drop=True))
+    parts.append(TableView(main_table(ranking)))
     parts += [Text(line, style="dim") for line in notes(ranking)]
     return Group(*parts, *_problems(ranking))
 
@@ -179,4 +182,4 @@ def score_terminal(found: Scores) -> RenderableType:
 def comparison_terminal(rows: Sequence[ComparisonRow]) -> RenderableType:
     """Return the original study's numbers and ours, as many measures as fit."""
     title = Text("the original study's numbers and ours", style="bold")
-    return Group(title, TableView(comparison_table(rows), drop=True), Text(COMPARISON_NOTE, style="dim"))
+    return Group(title, TableView(comparison_table(rows)), Text(COMPARISON_NOTE, style="dim"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,8 @@ from optuna.trial import FrozenTrial
 
 from auvbench.analysis import rounding
 from auvbench.reporting.figures import Figure
-from auvbench.reporting.page import figures as figures_
 from auvbench.reporting.page import writer
-from auvbench.reporting.page.links import Links
-from auvbench.reporting.page.table import ShownTable, minus, printed
+from auvbench.reporting.page.parts import Links, embed
 from auvbench.reporting.tables.table import Cell, Heading, Line, Table, estimate_cell
 from auvbench.reporting.tuning import figures, sentences
 from auvbench.reporting.write import text
@@ -64,7 +61,7 @@ def _error(trial: FrozenTrial) -> str:
 def page(found: Outcome, drawn: Sequence[Figure], path: Path) -> str:
     """Return the page as HTML; links are relative to its place."""
     plan = found.plan
-    embedded, _ = figures_.embed(drawn, Links(path, [], [], plan.protocol.name))
+    embedded, _ = embed(drawn, Links(path, []))
     return writer.filled(
         "study.html",
         SCRIPTS,
@@ -73,7 +70,7 @@ def page(found: Outcome, drawn: Sequence[Figure], path: Path) -> str:
         vehicle=str(plan.base["vehicle"]["name"]),
         protocol=plan.protocol.name,
         keys=len(plan.dimensions),
-        sentences=[minus(sentence) for sentence in sentences.summary(found)],
+        sentences=sentences.summary(found),
         best=_best(found, found.best) if found.best else None,
         best_number=found.best.number if found.best else None,
         preset_href=os.path.relpath(found.folder.best, path.parent),
@@ -87,7 +84,7 @@ def page(found: Outcome, drawn: Sequence[Figure], path: Path) -> str:
     )
 
 
-def _best(found: Outcome, best: FrozenTrial) -> ShownTable:
+def _best(found: Outcome, best: FrozenTrial) -> Table:
     """Return a row per key: the best value, the untuned one, the range, and the importance."""
     headings = [Heading(title, words=True) for title in ("key", "found", "untuned", "searched")]
     lines = []
@@ -100,7 +97,7 @@ def _best(found: Outcome, best: FrozenTrial) -> ShownTable:
         lines.append(Line(tuple(cells)))
     if found.importances:
         headings.append(Heading("importance", "%"))
-    return printed(Table(tuple(headings), tuple(lines)))
+    return Table(tuple(headings), tuple(lines))
 
 
 def _at(config: Mapping[str, Any], key: str) -> Any:
@@ -116,14 +113,14 @@ def _plain(value: Any) -> str:
     return f"[{','.join(map(str, value))}]" if isinstance(value, list) else str(value)
 
 
-def _trials(found: Outcome, path: Path) -> ShownTable:
+def _trials(found: Outcome, path: Path) -> Table:
     """Return a row per trial, best first, linked to its run."""
     learns = found.plan.learns
     measures = found.objective.measure, found.objective.then
     headings = [Heading("trial"), Heading("state", words=True), *([Heading("steps")] if learns else [])]
     headings += [Heading(measure.name, "%" if measure.rate else "") for measure in measures]
     headings += [Heading(dimension.key.partition(".")[2]) for dimension in found.plan.dimensions]
-    lines, links = [], []
+    lines = []
     for trial in found.ordered:
         shown = found.results(trial)
         cells = [Cell(str(trial.number), sort=trial.number), Cell(state_of(trial))]
@@ -138,11 +135,8 @@ def _trials(found: Outcome, path: Path) -> ShownTable:
         for dimension in found.plan.dimensions:
             value = trial.params.get(dimension.key, "")
             cells.append(Cell(_plain(value), sort=value if isinstance(value, int | float) else None))
-        lines.append(Line(tuple(cells)))
-        links.append(_run(found, trial, path) if shown else "")
-    table = printed(Table(tuple(headings), tuple(lines)))
-    linked = [replace(line, href=href) for line, href in zip(table.lines, links, strict=True)]
-    return replace(table, lines=tuple(linked))
+        lines.append(Line(tuple(cells), href=_run(found, trial, path) if shown else ""))
+    return Table(tuple(headings), tuple(lines))
 
 
 def _run(found: Outcome, trial: FrozenTrial, path: Path) -> str:

@@ -4,14 +4,11 @@ import csv as csv_module
 import doctest
 import io
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from rich.console import Console
 
 from auvbench.analysis import conditions
@@ -20,7 +17,6 @@ from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Ranking
 from auvbench.commands.report import main
 from auvbench.reporting import tables
-from auvbench.reporting.tables.table import Heading, Table, split
 from auvbench.statistics import wilson
 from tests.paper import compile_article, needs_pdflatex
 from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, write_experiment
@@ -154,11 +150,12 @@ def test_an_agent_without_a_condition_has_a_dash(grid: Path) -> None:
 
 
 @pytest.mark.parametrize("width", [60, 80, 200])
-def test_a_screen_shows_every_condition(grid: Path, width: int) -> None:
+def test_a_screen_shows_or_names_every_condition(grid: Path, width: int) -> None:
     console = Console(width=width, file=io.StringIO(), record=True)
     console.print(tables.conditions_terminal(ranked(grid)))
     text = console.export_text()
     assert max(map(len, text.splitlines())) <= width
+    text = " ".join(text.split())
     assert text.count("current") == 4
     assert all(level in text for level in ("0.25 m/s", "× 1.3", "dead-thruster", "severe"))
 
@@ -198,25 +195,5 @@ def test_the_page_shows_them_too(grid: Path, tmp_path: Path) -> None:
     for protocol, shown in (("robustness", True), ("test", False)):
         assert main([str(grid), "--protocol", protocol, *options]) == 0
         html = (tmp_path / "index.html").read_text(encoding="utf-8")
-        assert ('id="conditions-table-1"' in html) == shown
+        assert ('id="conditions-table"' in html) == shown
         assert ('href="#conditions"' in html) == shown
-
-
-def columns(*groups: str) -> Table:
-    headings = [Heading("agent"), *(Heading(group, group=group) for group in groups)]
-    return Table(tuple(headings), ())
-
-
-@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(1, 30)), min_size=1), st.integers(10, 60))
-def test_a_split_table_keeps_the_order_and_fits(found: Sequence[tuple[str, int]], room: int) -> None:
-    widths = [5, *(width for _, width in found)]
-    parts = split(columns(*(group for group, _ in found)), widths.__getitem__, room + 5)
-    assert [i for part in parts for i in part[1:]] == list(range(1, len(widths)))
-    assert all(part[0] == 0 and len(part) > 1 for part in parts)
-    assert all(sum(widths[i] for i in part) <= room + 5 or len(part) == 2 for part in parts)
-
-
-def test_levels_of_a_factor_stay_together() -> None:
-    table = columns("n", "a", "a", "a", "b", "b")
-    assert split(table, lambda _: 1, 4) == [[0, 1], [0, 2, 3, 4], [0, 5, 6]]
-    assert max(len(part) for part in split(table, lambda _: 1, 3)) == 3

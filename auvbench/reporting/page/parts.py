@@ -1,0 +1,269 @@
+"""Parts of the page: tables with links, the table of runs, findings and claims with their runs, methods, figures."""
+
+from __future__ import annotations
+
+import base64
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from PIL import Image  # matplotlib's own
+
+from auvbench.analysis.archive import RUNS
+from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
+from auvbench.analysis.rounding import NOTHING, fixed
+from auvbench.reporting.figures import Figure
+from auvbench.reporting.tables.main import label_of, main_table
+from auvbench.reporting.tables.table import (
+    Cell,
+    Heading,
+    Line,
+    Table,
+    column_of,
+    estimate_cell,
+    in_order,
+)
+from auvbench.runs.progress import duration, telling
+
+VERDICTS = {"holds": "yes", "does not hold": "no", "cannot be said": "open"}
+"""a claim's verdict to the name of its style"""
+LARGEST_SVG = 150_000
+"""bytes; the PNG of a larger SVG is shown, because a browser draws thousands of points slowly"""
+WIDE = 1200
+"""px of a PNG from which a figure takes the whole width of the page"""
+
+
+class Links:
+    """Relative links from the page's folder to the files of runs, and to their rows in the table of runs.
+
+    `elsewhere` is the address of the page that has the table of runs, if it is another one.
+    """
+
+    def __init__(self, page: Path, runs: Sequence[RunRecord], elsewhere: str = "") -> None:
+        self._folder = page.parent.resolve()
+        self._elsewhere = elsewhere
+        self._anchors = {run.id: f"run-{number}" for number, run in enumerate(runs, start=1)}
+
+    def to(self, path: Path) -> str:
+        """Return a relative URL of a file or folder, percent-encoded; a file: URL on another drive."""
+        try:
+            # A leading ./ keeps a name with a colon from being read as a URL's scheme.
+            return "./" + quote(Path(os.path.relpath(path.resolve(), self._folder)).as_posix())
+        except ValueError:  # Windows: no relative path leads to another drive
+            return path.resolve().as_uri()
+
+    def anchor(self, run_id: str) -> str:
+        """Return the id of the run's row, or ''."""
+        return self._anchors.get(run_id, "")
+
+    def row(self, run_id: str) -> str:
+        """Return the link to the run's row, or ''."""
+        return f"{self._elsewhere}#{self._anchors[run_id]}" if run_id in self._anchors else ""
+
+    def files(self, run: RunRecord) -> str:
+        """Return the link to a run's manifest, else to its folder."""
+        folder, name = (run.archive.folder, RUNS) if run.archive else (run.directory, "manifest.json")
+        return self.to(folder / name if (folder / name).is_file() else folder)
+
+
+def of_agents(table: Table, ranking: Ranking, colours: Mapping[str, str], links: Links) -> Table:
+    """Return a table with a row per agent of the ranking, linked to its first run."""
+    lines = [
+        replace(line, colour=colours.get(row.label, ""), href=links.row(row.run_ids[0]))
+        for line, row in zip(table.lines, ranking.rows, strict=True)
+    ]
+    return replace(table, lines=tuple(lines))
+
+
+def metrics_table(ranking: Ranking) -> Table | None:
+    """Return every metric that the main table leaves out; None without any."""
+    there = {heading.metric for heading in main_table(ranking).headings}
+    held = dict.fromkeys(metric for row in ranking.rows for metric in row.estimates)
+    columns = [column_of(metric) for metric in in_order(m for m in held if m not in there)]
+    if not columns:
+        return None
+    lines = [
+        Line((Cell(label_of(row)), *(estimate_cell(row.estimates.get(c.metric), c.scale) for c in columns)))
+        for row in ranking.rows
+    ]
+    return Table((Heading("agent", words=True), *columns), tuple(lines))
+
+
+def runs_table(
+    runs: Sequence[RunRecord], agents: Sequence[Agent], colours: Mapping[str, str], links: Links
+) -> Table:
+    """Return a row per run: the agents' runs in the order of the agents, then every other run that was found."""
+    headings = (
+        Heading("run", words=True),
+        Heading("agent", words=True),
+        Heading("seed"),
+        Heading("state", words=True),
+        *(Heading(name, "%") for name in ("success", "collision", "timeout")),
+        Heading("steps"),
+        Heading("train steps"),
+        Heading("train success", "%"),
+        Heading("time"),
+    )
+    of_agent = {run.id: (run, agent, i) for agent in agents for i, run in enumerate(agent.runs)}
+    others = {run.id: (run, None, 0) for run in runs if run.id not in of_agent}
+    lines = []
+    for run, agent, i in (*of_agent.values(), *others.values()):
+        test: list[float | None] = [None] * 4
+        if agent is not None:
+            steps = agent.metrics.get("steps")
+            test = [100 * float((agent.outcome[i] == code).mean()) for code in range(3)]
+            test.append(None if steps is None else float(steps[i].mean()))
+        label = "" if agent is None else agent.label
+        cells = (
+            *(Cell(run.id), Cell(label or NOTHING), Cell(str(run.seed), sort=run.seed), Cell(run.state)),
+            *(_cell(value, 1) for value in test),
+            *_training(run),
+        )
+        lines.append(Line(cells, "", colours.get(label, ""), links.files(run), anchor=links.anchor(run.id)))
+    return Table(headings, tuple(lines))
+
+
+def _cell(value: float | None, places: int) -> Cell:
+    known = value is not None and math.isfinite(value)
+    return Cell(fixed(value, places), sort=value) if value is not None and known else Cell(NOTHING)
+
+
+def _training(run: RunRecord) -> tuple[Cell, Cell, Cell]:
+    """Return steps, success and wall time of a training."""
+    steps, total, success, seconds, episodes = (
+        _number(run.manifest.get(key))
+        for key in ("steps", "total_steps", "success_rate", "wall_time_s", "episodes")
+    )
+    success = telling(success, int(episodes)) if episodes is not None else success
+    if run.state == "complete" and not steps:
+        steps = total = None  # a controller with nothing to learn
+    taken = _cell(steps, 0)
+    if steps is not None and total is not None and steps < total:
+        taken = replace(taken, value=f"{taken.value} of {fixed(total, 0)}")
+    wall = Cell(NOTHING) if seconds is None else Cell(duration(seconds), sort=seconds)
+    return taken, _cell(None if success is None else 100 * success, 1), wall
+
+
+def _number(value: Any) -> float | None:
+    """Return a finite number of a manifest, or None."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return float(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Sentence:
+    """A finding or a claim as printed."""
+
+    text: str
+    basis: str
+    sources: tuple[tuple[str, str], ...]
+    """(run id, link)"""
+    verdict: str = ""
+    style: str = ""
+    missing: str = ""
+
+
+def findings(found: Iterable[Finding], links: Links) -> list[Sentence]:
+    """Return findings with links to their runs."""
+    return [Sentence(f.text, f.basis, _sources(f.run_ids, links)) for f in found]
+
+
+def claims(found: Iterable[ClaimVerdict], links: Links) -> list[Sentence]:
+    """Return claims with their verdicts and links to their runs."""
+    return [
+        Sentence(
+            claim.text,
+            claim.statistic,
+            _sources(claim.run_ids, links),
+            claim.verdict,
+            VERDICTS.get(claim.verdict, "open"),
+            claim.missing,
+        )
+        for claim in found
+    ]
+
+
+def _sources(run_ids: Iterable[str], links: Links) -> tuple[tuple[str, str], ...]:
+    return tuple((run_id, href) for run_id in run_ids if (href := links.row(run_id)))
+
+
+def facts(ranking: Ranking, runs: Sequence[RunRecord]) -> list[tuple[str, tuple[str, ...]]]:
+    """Return the lines of the methods: what a reader needs to judge and repeat the numbers."""
+    summaries = [e.summary for run in runs if (e := run.evaluations.get(ranking.protocol))]
+    versions, commits, hosts = (
+        [found for run in runs if isinstance(found := run.manifest.get(key), Mapping)]
+        for key in ("versions", "git", "host")
+    )
+    packages = sorted({str(name) for found in versions for name in found})
+    seeds = [f"seed {seed}" for seed in distinct(summary.get("seed") for summary in summaries)]
+    found = [
+        ("Protocol", (f"{ranking.protocol}, condition {ranking.condition}",)),
+        ("Scenarios", (f"fingerprint {ranking.fingerprint}", *seeds)),
+        ("Ranked by", (", then ".join(dict.fromkeys((ranking.rank_by, ranking.then))),)),
+        ("Vehicle", distinct(run.config.get("vehicle.name") for run in runs)),
+        ("Simulator", distinct(run.config.get("simulator.name") for run in runs)),
+        ("Versions", tuple(f"{n} {' and '.join(distinct(v.get(n) for v in versions))}" for n in packages)),
+        (
+            "Source",
+            distinct(
+                f"commit {str(git['commit'])[:12]}{' with local changes' if git.get('dirty') else ''}"
+                for git in commits
+                if git.get("commit")
+            ),
+        ),
+        ("Hosts", distinct(f"{host.get('cpu')}, {host.get('cores')} cores" for host in hosts)),
+    ]
+    return [(name, values) for name, values in found if values]
+
+
+def distinct(values: Iterable[Any]) -> tuple[str, ...]:
+    """Return the different values as sorted text, without missing ones."""
+    return tuple(sorted({str(value) for value in values if value is not None and value != ""}))
+
+
+@dataclass(frozen=True, slots=True)
+class Embedded:
+    """A figure as the template draws it."""
+
+    name: str
+    title: str
+    caption: str
+    data: str
+    """data URI"""
+    href: str
+    """link to the file of the figure"""
+    size: tuple[int, int]
+    """width and height of the PNG, px: the room to keep before the picture is there"""
+
+    @property
+    def wide(self) -> bool:
+        """Whether half the page's width is too little."""
+        return self.size[0] > WIDE
+
+
+def embed(figures: Iterable[Figure], links: Links) -> tuple[list[Embedded], list[Problem]]:
+    """Return the figures in their order, the sharp SVG where it is small and the PNG otherwise.
+
+    A figure whose files are missing becomes a `Problem`.
+    """
+    found: list[Embedded] = []
+    problems: list[Problem] = []
+    for figure in figures:
+        try:
+            with Image.open(figure.png) as image:
+                size = image.size
+            small = figure.svg.stat().st_size <= LARGEST_SVG
+            content = (figure.svg if small else figure.png).read_bytes()
+        except OSError as error:
+            message = f"the figure's files cannot be read: {error.strerror or error}"
+            problems.append(Problem(where=figure.name, kind="missing", message=message))
+            continue
+        kind = "svg+xml" if small else "png"
+        data = f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
+        found.append(Embedded(figure.name, figure.title, figure.caption, data, links.to(figure.svg), size))
+    return found, problems
