@@ -14,9 +14,8 @@ from auvbench.analysis.pairwise import Tests
 from auvbench.analysis.records import Agent, Needed
 from auvbench.errors import ReportError
 from auvbench.statistics import power as st
-from auvbench.statistics.differences import pair_spread
+from auvbench.statistics.differences import pair_spread, seed_variance
 from auvbench.statistics.intervals import quantile
-from auvbench.statistics.moderation import seed_variance
 
 LEAST, MOST = 0.005, 0.995
 """rates that are planned for"""

@@ -211,7 +211,7 @@ def _needs(options: argparse.Namespace, basis: Basis, agents: int, episodes: Seq
 def _text(found: _Found, basis: Basis, agents: int, m: Measure, options: argparse.Namespace) -> str:
     """Return seeds by test episodes and power, and how to read them."""
     from auvbench.analysis.formatting import counted, name, unit
-    from auvbench.statistics.binomial import trials_that_bound
+    from auvbench.statistics.intervals import trials_that_bound
     from auvbench.statistics.power import MOST_SEEDS
 
     titles = ["episodes", *(f"{100 * t:g} % power" for t in TARGETS)]

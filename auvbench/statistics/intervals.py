@@ -1,13 +1,14 @@
-"""The score interval of a rate, and the quantiles that all intervals are built with."""
+"""Intervals of rates, limits from few trials, and the quantiles that all intervals are built with."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri, stdtr, stdtrit
+from scipy.special import bdtr, betaincinv, ndtri, stdtr, stdtrit
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +24,9 @@ class Estimate:
 
 
 FloatArray = NDArray[np.float64]
+
+SUCCEEDED = 0.5
+"""share of the test episodes that a training that succeeded reaches at least"""
 
 
 def quantile(confidence: float, df: ArrayLike = np.inf) -> FloatArray:
@@ -122,3 +126,43 @@ def welch(parts: FloatArray, squares: FloatArray) -> FloatArray:
     """Welch's degrees of freedom of a sum of variances; `squares` is the sum of each squared over its freedom."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(parts > 0, parts**2 / squares, np.inf)
+
+
+def succeeded(success: FloatArray) -> int:
+    """Return how many trainings succeeded, from their test episodes (S, E) of 0 and 1.
+
+    >>> import numpy as np
+    >>> succeeded(np.array([[1, 1, 0], [1, 0, 0], [0, 0, 0]]))
+    1
+    """
+    return int((success.mean(axis=1) >= SUCCEEDED).sum())
+
+
+def limits(successes: float, n: float, alpha: float) -> tuple[float, float]:
+    """Return the one-sided lower and upper limit of a probability, each wrong with at most `alpha`.
+
+    Clopper & Pearson (1934, Biometrika 26:404). Numbers need not be whole: the limits are those of the beta distribution.
+
+    >>> low, high = limits(0, 5, 0.05)
+    >>> f"{low:.3f} {high:.3f}"
+    '0.000 0.451'
+    """
+    low = 0.0 if successes <= 0 else float(betaincinv(successes, n - successes + 1, alpha))
+    high = 1.0 if successes >= n else float(betaincinv(successes + 1, n - successes, 1 - alpha))
+    return low, high
+
+
+def trials_that_bound(rate: float, confidence: float = 0.95) -> int:
+    """Return how many trials without a failure show that less than `rate` of all fail.
+
+    The exact form of the "rule of three", 3 / rate at 95 %.
+
+    >>> trials_that_bound(0.1), trials_that_bound(0.05)
+    (29, 59)
+    """
+    return math.ceil(math.log1p(-confidence) / math.log1p(-rate))
+
+
+def p_more_than_half(successes: int, n: int) -> float:
+    """Return the p-value of "the probability is at most 1/2" for so many successes of n, or more."""
+    return float(1 - bdtr(successes - 1, n, 0.5)) if successes > 0 else 1.0

@@ -15,9 +15,8 @@ import numpy as np
 from scipy.special import expit, logit, ndtr, ndtri
 
 from auvbench.statistics.crossed import crossed
+from auvbench.statistics.differences import freedom, resolution
 from auvbench.statistics.intervals import FloatArray
-from auvbench.statistics.moderation import freedom
-from auvbench.statistics.resolution import resolution
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(60)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()

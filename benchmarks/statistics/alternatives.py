@@ -14,8 +14,7 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from auvbench.statistics.crossed import Crossed
-from auvbench.statistics.differences import pair_spread
-from auvbench.statistics.resolution import log_odds, resolution
+from auvbench.statistics.differences import log_odds, pair_spread, resolution
 from benchmarks.statistics.worlds import FloatArray
 
 Rule = Callable[[Crossed], tuple[FloatArray, FloatArray]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from auvbench.statistics.resolution import resolution
+from auvbench.statistics.differences import resolution
 from benchmarks.statistics.letters import ALPHA, BATCH
 from benchmarks.statistics.tables import crossed
 from benchmarks.statistics.worlds import of_rate, successes

@@ -11,7 +11,7 @@ from auvbench.analysis.records import Primary, Problem, Ranking
 from auvbench.metrics import METRICS
 from auvbench.reporting.tables.appendix import readable_letters
 from auvbench.reporting.tables.table import DAGGER
-from auvbench.statistics.binomial import SUCCEEDED
+from auvbench.statistics.intervals import SUCCEEDED
 
 KINDS = {
     "failed": "failed",

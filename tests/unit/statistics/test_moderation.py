@@ -7,7 +7,7 @@ import pytest
 
 from auvbench.analysis.measures import measure
 from auvbench.statistics import contrast, crossed, pairs, resolution
-from auvbench.statistics.moderation import PRIOR_DF, RATIO_OF_MEANS, RATIO_OF_RATES, freedom, seed_variance
+from auvbench.statistics.differences import PRIOR_DF, RATIO_OF_MEANS, RATIO_OF_RATES, freedom, seed_variance
 from benchmarks.statistics.alternatives import ALTERNATIVES
 from benchmarks.statistics.shipped import shipped
 from benchmarks.statistics.worlds import World

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from auvbench.statistics import crossed, pairs, resolution
-from auvbench.statistics.resolution import bounded, log_odds
+from auvbench.statistics import crossed, resolution
+from auvbench.statistics.differences import bounded, log_odds, pair_spread, t_test
 from benchmarks.statistics import letters, reports, tables
 from benchmarks.statistics.__main__ import replaced
 from benchmarks.statistics.alternatives import ALTERNATIVES, USED
@@ -36,12 +36,12 @@ def test_log_odds_are_the_delta_method():
 
 def test_the_larger_p_of_two_scales_counts():
     table = crossed(data(), rate=True)
-    on_rates = pairs(table).p_value
+    on_rates = t_test(table, pair_spread(table))
     p = resolution(table)
     assert (p >= on_rates - 1e-15).all()
     assert (p > on_rates + 1e-6).any()
     unbounded = crossed([10 * x for x in data()])
-    assert resolution(unbounded) == pytest.approx(pairs(unbounded).p_value)
+    assert resolution(unbounded) == pytest.approx(t_test(unbounded, pair_spread(unbounded)))
 
 
 def test_an_agent_without_limits_leaves_the_scale_of_others_alone():
@@ -50,7 +50,7 @@ def test_an_agent_without_limits_leaves_the_scale_of_others_alone():
     some = crossed(x, bounds=(0.0, np.array([1000.0, 1000.0, 1000.0, np.inf])))
     whole, p = resolution(limited), resolution(some)
     assert p[:3, :3] == pytest.approx(whole[:3, :3])
-    assert p[:3, 3] == pytest.approx(pairs(limited).p_value[:3, 3])
+    assert p[:3, 3] == pytest.approx(t_test(limited, pair_spread(limited))[:3, 3])
 
 
 def test_seeds_near_an_end_count_with_their_own_log_odds():

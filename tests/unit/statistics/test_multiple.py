@@ -12,27 +12,21 @@ from auvbench.statistics import (
     discordant,
     holm,
     mcnemar,
-    probability_of_improvement,
 )
 
 
 def test_mcnemar_of_agrestis_voters():
     # Agresti, Categorical Data Analysis, 1600 voters: 150 approve only first, 86 only then; z = -4.17.
-    exact = mcnemar(150, 86, mid=False)
-    assert exact == pytest.approx(stats.binomtest(86, 236).pvalue)
     assert mcnemar(150, 86) == pytest.approx(2 * stats.norm.sf(64 / np.sqrt(236)), rel=0.1)
 
 
 def test_mcnemar_of_fagerlands_example():
-    # Fagerland et al. (2013), airway hyper-responsiveness before and after: exact 0.070, mid-p 0.039.
-    assert mcnemar(1, 7, mid=False) == pytest.approx(0.070, abs=5e-4)
+    # Fagerland et al. (2013), airway hyper-responsiveness before and after: mid-p 0.039.
     assert mcnemar(1, 7) == pytest.approx(0.039, abs=5e-4)
 
 
 @given(st.integers(0, 60), st.integers(0, 60))
 def test_mcnemar_agrees_with_the_binomial_test(b, c):
-    exact = stats.binomtest(b, b + c).pvalue if b + c else 1.0
-    assert mcnemar(b, c, mid=False) == pytest.approx(exact)
     assert mcnemar(b, c) == mcnemar(c, b)
     n, k = b + c, min(b, c)
     mid = min(1.0, 2 * (stats.binom.cdf(k - 1, n, 0.5) + stats.binom.pmf(k, n, 0.5) / 2))
@@ -57,10 +51,3 @@ def test_holm_leaves_out_what_was_not_tested():
     assert holm([0.03, np.nan, 0.02])[[0, 2]].tolist() == [0.04, 0.04]
     assert np.isnan(holm([0.03, np.nan])[1])
     assert holm([]).shape == (0,)
-
-
-def test_probability_of_improvement_is_mann_whitneys_u():
-    rng = np.random.default_rng(0)
-    x, y = rng.integers(0, 9, 30), rng.integers(2, 11, 40)
-    u = stats.mannwhitneyu(x, y).statistic
-    assert probability_of_improvement(x, y) == pytest.approx(u / (30 * 40))
