@@ -1,4 +1,7 @@
-"""Reads one evaluation of a run, and says what is wrong with it: of a damaged one, no row enters a table."""
+"""Read one evaluation of a run, and check it: no row of a damaged one enters a table.
+
+The files of a run must agree with the digests that vouch for them, with each other, and with the run's id.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis import consistency
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.record import OUTCOMES, measured
-from auvbench.runs import integrity
+from auvbench.runs import identity, integrity
 from auvbench.untrusted import path_safety, reading, tables
 from auvbench.untrusted.text import LONGEST, plain, short
 
@@ -38,6 +40,8 @@ OF_OTHERS = ("position_error_rms_m", "cross_track_rms_m", "final_position_error_
 
 LARGEST = 1e30
 """nothing that is measured comes near; the squares of larger numbers would leave what a float holds"""
+TOLERANCE = 1e-6
+"""relative; the summary's means are those of the very numbers in the rows, up to rounding"""
 
 
 class Damage(Exception):
@@ -49,12 +53,12 @@ class Damage(Exception):
 
 
 def is_name(value: Any) -> bool:
-    """Whether a text can stand in a table and in a figure: one line, not endless, every character visible."""
+    """Return whether a text can stand in a table and in a figure: one line, not endless, every character visible."""
     return isinstance(value, str) and 0 < len(value) <= LONGEST and plain(value) == value
 
 
 def finite(table: np.ndarray[Any, Any]) -> bool:
-    """Whether all of it are numbers that can have been measured."""
+    """Return whether all of it are numbers that can have been measured."""
     # A text anywhere makes a table one of objects; NaN compares as False.
     return table.dtype.kind in "if" and bool((np.abs(table) <= LARGEST).all())
 
@@ -91,6 +95,27 @@ def sealed(path: Path, schema: type[integrity.Manifest | integrity.Summary]) -> 
         raise Damage(f"{path.name}: {short(error)}") from error
 
 
+def check_digest(holder: Mapping[str, Any], name: str, data: bytes) -> None:
+    """Compare a file with what the manifest or summary records of it.
+
+    Raises:
+        Damage: They differ.
+    """
+    # Digests are recorded when a run is complete.
+    if integrity.FILES in holder and (wrong := integrity.difference(holder, name, data)):
+        raise Damage(f"{name} {wrong}")
+
+
+def disagreement(manifest: Mapping[str, Any], config: Mapping[str, Any]) -> str:
+    """Return how a manifest differs from the run that config.yaml describes; empty where it does not."""
+    if wrong := identity.mismatch(config, str(manifest["id"])):
+        return f"config.yaml does not belong to the run {manifest['id']}: {wrong}"
+    for key, meant in (("seed", config["seed"]), ("algo", config["algo"]["name"])):
+        if manifest[key] != meant:
+            return f"manifest.json has the {key} {manifest[key]}, config.yaml {meant}"
+    return ""
+
+
 def protocols_of(run: RunRecord) -> list[str]:
     """Return the names of the protocols by which a run was evaluated."""
     if run.archive is not None:
@@ -102,19 +127,11 @@ def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
     """Read the evaluation of a run by a protocol that it has.
 
     Raises:
-        Damage: It cannot be used.
+        Damage: It cannot be used, was changed, or its files disagree.
     """
     if run.archive is not None:
-        return archived_evaluation(run.archive, run.id, protocol)
-    return read_evaluation(path_safety.child(run.directory / "evaluations", protocol))
-
-
-def read_evaluation(directory: Path) -> Evaluation:
-    """Read summary.json and episodes.csv of one protocol.
-
-    Raises:
-        Damage: One of them cannot be used, was changed, or they disagree.
-    """
+        return _archived(run.archive, run.id, protocol)
+    directory = path_safety.child(run.directory / "evaluations", protocol)
     summary = sealed(directory / "summary.json", integrity.Summary)
     try:
         data = reading.content(directory / "episodes.csv", reading.DATA)
@@ -125,57 +142,50 @@ def read_evaluation(directory: Path) -> Evaluation:
         raise Damage(f"episodes.csv cannot be read ({short(error)})") from error
     if not data.endswith(b"\n") or (len(frame) and frame.iloc[-1:, -1].isna().any()):
         raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows is incomplete")
-    return _checked(directory.name, summary, frame, directory, data)
-
-
-def archived_evaluation(archive: Archive, run: str, protocol: str) -> Evaluation:
-    """Read one evaluation of a run of a published study.
-
-    Raises:
-        Damage: It cannot be used, or its summary and rows disagree.
-    """
-    summary = checked(
-        archive.summaries(run)[protocol], integrity.Summary, f"the summary of {short(protocol, 40)}"
-    )
-    found = _checked(protocol, summary, archive.episodes(run, protocol), archive.folder, None)
-    return replace(found, archive=archive)
-
-
-def _checked(
-    protocol: str, summary: dict[str, Any], frame: pd.DataFrame, directory: Path, data: bytes | None
-) -> Evaluation:
-    """Return the evaluation if summary and rows agree; `data` is episodes.csv, None without that file."""
     _check_episodes(frame, summary)
-    wrong = consistency.of_file(summary, "episodes.csv", data) if data is not None else ""
-    if wrong := wrong or consistency.of_rows(summary, frame):
-        raise Damage(wrong)
+    check_digest(summary, "episodes.csv", data)
+    _check_summary(frame, summary)
     return Evaluation(protocol, summary["fingerprint"], summary, frame, directory)
 
 
-def _conditions(summary: Mapping[str, Any]) -> dict[str, int]:
-    """Return the number of episodes of each condition."""
-    found = {c["name"]: c["episodes"] for c in summary["conditions"]}
-    if len(found) < max(1, len(summary["conditions"])):
-        raise Damage("summary.json has no conditions, or one of them twice")
-    return found
+def _archived(archive: Archive, run: str, protocol: str) -> Evaluation:
+    """Return one evaluation of a run of a published study."""
+    name = f"the summary of {short(protocol, 40)}"
+    summary = checked(archive.summaries(run)[protocol], integrity.Summary, name)
+    frame = archive.episodes(run, protocol)
+    _check_episodes(frame, summary)
+    _check_summary(frame, summary)
+    found = Evaluation(protocol, summary["fingerprint"], summary, frame, archive.folder)
+    return replace(found, archive=archive)
+
+
+def check_belongs(manifest: Mapping[str, Any], evaluation: Evaluation) -> None:
+    """Check that an evaluation is of this run, of its present model, and by the protocol of its folder.
+
+    Raises:
+        Damage: It is not.
+    """
+    summary, wrong = evaluation.summary, ""
+    tested = summary.get("model")
+    if summary.get("run", manifest["id"]) != manifest["id"]:
+        wrong = f"it is of the run {summary['run']}"
+    elif summary.get("protocol", evaluation.protocol) != evaluation.protocol:
+        wrong = f"it is by the protocol {summary['protocol']}"
+    elif tested is not None and tested != integrity.digests(manifest, "model/"):
+        wrong = "another model was tested than the run has now: evaluate again"
+    if wrong:
+        raise Damage(wrong, "foreign")
 
 
 def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
-    """Raise Damage unless all columns and all rows of the summary are there, with possible values."""
-    expected = _conditions(summary)
+    """Raise Damage unless all columns and all rows of the summary are there, each once, with possible values."""
+    expected = {c["name"]: c["episodes"] for c in summary["conditions"]}
+    if len(expected) < max(1, len(summary["conditions"])):
+        raise Damage("summary.json has no conditions, or one of them twice")
     own = () if any(name in frame.columns for name in OF_OTHERS) else OF_WAYPOINTS
     needed = ("condition", "episode", "outcome", *CORE_COLUMNS, *own)
     if missing := [c for c in needed if c not in frame.columns]:
         raise Damage(f"episodes.csv lacks the columns {', '.join(missing)}")
-    rows = sum(expected.values())
-    if len(frame) != rows:
-        raise Damage(f"episodes.csv has {len(frame)} rows, summary.json says {rows}: evaluate again")
-    _check_rows(frame, expected)
-    _check_numbers(frame)
-
-
-def _check_rows(frame: pd.DataFrame, expected: Mapping[str, int]) -> None:
-    """Known outcomes, and of each condition the episodes of the summary, each once."""
     if bad := {str(name) for name in frame["outcome"].to_numpy()} - set(OUTCOMES):
         raise Damage(f"episodes.csv has the outcome {min(bad)!r}, none of {', '.join(OUTCOMES)}")
     conditions = frame["condition"].tolist()
@@ -189,27 +199,40 @@ def _check_rows(frame: pd.DataFrame, expected: Mapping[str, int]) -> None:
     numbers = frame["episode"].to_numpy()
     if numbers.dtype.kind != "i" or numbers.min() < 0:
         raise Damage("episodes.csv: episode is not a whole number from 0 in every row")
-    ids = list(zip(conditions, numbers.tolist(), strict=True))
-    if len(set(ids)) < len(ids):
-        (name, number), times = Counter(ids).most_common(1)[0]
-        raise Damage(f"episodes.csv has episode {number} of condition {name!r} {times} times: evaluate again")
-
-
-def _check_numbers(frame: pd.DataFrame) -> None:
-    """What was measured is a finite number everywhere, and steps are whole and at least one."""
-    columns = [name for name in (*measured(), "environment") if name in frame.columns]
-    if not finite(frame[columns].to_numpy()):
-        for column in columns:
-            numbers = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64)
-            _refuse(frame, ~np.isfinite(numbers), f"{column} is not a finite number")
-            _refuse(frame, np.abs(numbers) > LARGEST, f"{column} is beyond ±{LARGEST:g}")
+    if len(set(zip(conditions, numbers.tolist(), strict=True))) < len(frame):
+        raise Damage("episodes.csv has an episode of a condition twice: evaluate again")
+    for column in (*measured(), "environment"):
+        if column in frame.columns and not finite(frame[column].to_numpy()):
+            raise Damage(f"episodes.csv: {column} is not a finite number up to ±{LARGEST:g} in every row")
     steps = frame["steps"].to_numpy(dtype=np.float64)
-    _refuse(frame, (steps < 1) | (steps != np.rint(steps)), "steps is not a whole number from 1")
+    if ((steps < 1) | (steps != np.rint(steps))).any():
+        raise Damage("episodes.csv: steps is not a whole number from 1 in every row")
 
 
-def _refuse(frame: pd.DataFrame, bad: np.ndarray[Any, np.dtype[np.bool_]], what: str) -> None:
-    if bad.any():
-        first = frame["episode"].iloc[int(bad.argmax())]
-        raise Damage(
-            f"episodes.csv: {what} in {int(bad.sum())} of {len(frame)} episodes (first: episode {first})"
-        )
+def _check_summary(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
+    """Raise Damage unless rates, means and frequencies of a summary are those of the rows, condition by condition."""
+    # Column by column: to bring whole numbers and others into one table takes longer than all the rest.
+    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in measured() if name in frame.columns}
+    outcomes = frame["outcome"].to_numpy(dtype=object)
+    names = frame["condition"].to_numpy(dtype=object)
+    for condition in summary["conditions"]:
+        mine = names == condition["name"]
+        found = {f"{outcome}_rate": float(np.mean(outcomes[mine] == outcome)) for outcome in OUTCOMES}
+        found |= {f"mean_{name}": float(values[mine].mean()) for name, values in columns.items()}
+        for key, value in found.items():
+            if key in condition and not _same(condition[key], value):
+                raise Damage(
+                    f"its rows give {key} {value:.6g} of condition {condition['name']!r}, "
+                    f"summary.json says {condition[key]}: evaluate again"
+                )
+        said = condition.get("frequency_hz")
+        if said is not None and "frequency_hz" in frame.columns:
+            values = frame["frequency_hz"].to_numpy()[mine]
+            if values.dtype.kind not in "if" or type(said) not in (int, float) or (values != said).any():
+                raise Damage(f"its rows of condition {condition['name']!r} are not all of {said} Hz")
+
+
+def _same(said: Any, found: float) -> bool:
+    if type(said) not in (int, float):
+        return False
+    return bool(abs(said - found) <= TOLERANCE * max(1.0, abs(found)))

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.formatting import counted, listed, p_value
+from auvbench.analysis.recorded import training
 from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord
 from auvbench.analysis.thesis import FACTORS, of_family, with_factors
-from auvbench.analysis.training import training
 from auvbench.statistics.intervals import Estimate, FloatArray, quantile
 
 HOLDS, FAILS, OPEN = "holds", "does not hold", "cannot be said"

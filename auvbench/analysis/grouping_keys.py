@@ -11,8 +11,8 @@ from typing import Any
 
 from auvbench.analysis.effects import run_learns
 from auvbench.analysis.labels import is_fixed
+from auvbench.analysis.recorded import has_training
 from auvbench.analysis.records import RunRecord
-from auvbench.analysis.training import has_training
 from auvbench.runs.identity import NEUTRAL
 
 SEEDS = ("seed", "train.evaluate_every", *NEUTRAL)

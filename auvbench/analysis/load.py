@@ -12,12 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from auvbench.analysis import consistency
 from auvbench.analysis.archive import RUNS, Archive, is_archive
 from auvbench.analysis.evaluations import (
     LARGEST,
     Damage,
+    check_belongs,
     checked,
+    disagreement,
     evaluation_of,
     is_name,
     protocols_of,
@@ -208,7 +209,7 @@ def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Arc
             installed.enter_task(str(flat.get("task.name")), str(release))
         except ConfigError as error:
             raise Damage(str(error), "missing") from error
-    if wrong := consistency.of_run(manifest, config):
+    if wrong := disagreement(manifest, config):
         raise Damage(wrong)
     return RunRecord(
         id=manifest["id"],
@@ -330,8 +331,7 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
             continue
         try:
             found = evaluation_of(run, name)
-            if foreign := consistency.of_evaluation(run.manifest, found.summary, name):
-                raise Damage(foreign, "foreign")
+            check_belongs(run.manifest, found)
             evaluations[name] = found
         except Damage as damage:
             problems.append(Problem(run.id, damage.kind, f"evaluation {name}: {damage}"))

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis import archive, consistency
-from auvbench.analysis.evaluations import CORE_COLUMNS, OF_OTHERS, OF_WAYPOINTS, Damage
-from auvbench.analysis.paths import has_paths, paths
+from auvbench.analysis import archive
+from auvbench.analysis.evaluations import CORE_COLUMNS, OF_OTHERS, OF_WAYPOINTS, Damage, disagreement
+from auvbench.analysis.recorded import has_paths, paths, training, validation_rows
 from auvbench.analysis.records import Evaluation, RunRecord
-from auvbench.analysis.training import training, validation_rows
 from auvbench.errors import ReportError
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import write_atomic
@@ -99,7 +98,7 @@ def write(
 
 def _row(run: RunRecord, summaries: Mapping[str, Any]) -> dict[str, Any]:
     manifest, config = _manifest(run), _config(run)
-    if wrong := consistency.of_run(manifest, config):
+    if wrong := disagreement(manifest, config):
         raise ReportError(f"{run.directory}: {wrong}: it was changed meanwhile; publish again")
     return {
         "run": run.id,

@@ -215,8 +215,7 @@ def flip_bits(made: Path, count: int, rng: random.Random) -> Tally:
 def read(made: Path) -> tuple[dict[str, str], list[str]]:
     """Digests of every number that report, evaluate, replay and resume read, and what they said of damage."""
     from auvbench.analysis.load import agents, load
-    from auvbench.analysis.paths import paths
-    from auvbench.analysis.training import training
+    from auvbench.analysis.recorded import paths, training
     from auvbench.errors import AuvbenchError
     from auvbench.evaluation.evaluate import make_agent
     from auvbench.runs.directory import find_runs

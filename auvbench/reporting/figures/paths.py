@@ -10,7 +10,7 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.paths import has_paths, paths
+from auvbench.analysis.recorded import has_paths, paths
 from auvbench.analysis.records import Agent
 from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import style

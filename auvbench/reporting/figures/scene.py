@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from auvbench.analysis.conditions import of_evaluations
 from auvbench.analysis.evaluations import Damage, evaluation_of, protocols_of
+from auvbench.analysis.recorded import has_training, training
 from auvbench.analysis.records import Agent, Condition, Evaluation, Problem, Ranking, RunRecord
-from auvbench.analysis.training import has_training, training
 from auvbench.reporting.figures.style import Look, colour_of
 
 FloatArray = NDArray[np.float64]

@@ -9,8 +9,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.recorded import ValidationCurve, read_validation_curve
 from auvbench.analysis.records import Agent, RunRecord
-from auvbench.analysis.training import ValidationCurve, read_validation_curve
 from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown, wants_symlog, without

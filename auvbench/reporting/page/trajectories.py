@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.paths import StoredPath, has_paths, paths
+from auvbench.analysis.recorded import StoredPath, has_paths, paths
 from auvbench.analysis.records import Agent, Problem, RunRecord
 from auvbench.record import OUTCOMES
 

@@ -150,7 +150,7 @@ def test_nested_columns_are_refused(tmp_path: Path) -> None:
 
 
 def test_trajectories_are_read_back_to_a_millimetre(study: Path) -> None:
-    from auvbench.analysis.paths import paths
+    from auvbench.analysis.recorded import paths
 
     plain, _ = load(["outputs/grid"])
     published, _ = load([study])

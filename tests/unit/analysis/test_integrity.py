@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from auvbench.analysis.load import agents, load
-from auvbench.analysis.paths import paths
-from auvbench.analysis.training import training
+from auvbench.analysis.recorded import paths, training
 from auvbench.runs import integrity
 from tests.synthetic import seal, write_experiment
 

@@ -11,7 +11,7 @@ import pytest
 
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.load import load
-from auvbench.analysis.paths import NAME, paths
+from auvbench.analysis.recorded import NAME, paths
 from tests.synthetic import seal, write_experiment
 
 

@@ -97,7 +97,7 @@ def test_an_empty_folder_beside_a_full_one_is_named(grid: list[Path], tmp_path: 
             "episodes.csv",
             "nan",
             "damaged",
-            r"return is not a finite number in 1 of 12 episodes \(first: episode 6\)",
+            "return is not a finite number",
         ),
         ("summary.json", "schema", "foreign", "schema_version 99, but this auvbench reads 1"),
     ],
@@ -118,7 +118,7 @@ def test_rows_lost_from_the_middle_or_the_end_are_noticed(grid: list[Path]) -> N
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:-3]))
     _, problems = load([grid[0].parent])
-    assert "has 9 rows, summary.json says 12" in problems[0].message
+    assert "has 9 episodes of condition 'nominal', summary.json says 12" in problems[0].message
     path.write_text("")
     _, problems = load([grid[0].parent])
     assert "cannot be read" in problems[0].message
@@ -180,14 +180,14 @@ def test_a_summary_that_no_evaluation_wrote_is_damage(grid: list[Path], text: st
 @pytest.mark.parametrize(
     ("column", "values", "message"),
     [
-        ("return", [1e308] * 12, r"return is beyond ±1e\+30 in 12 of 12 episodes"),
-        ("steps", [-1, *range(1, 12)], r"steps is not a whole number from 1 in 1 of 12 episodes"),
-        ("steps", [1.5, *range(1, 12)], r"steps is not a whole number from 1 in 1 of 12 episodes"),
-        ("episode", [1, *range(1, 12)], r"has episode 1 of condition 'nominal' 2 times"),
+        ("return", [1e308] * 12, "return is not a finite number up to"),
+        ("steps", [-1, *range(1, 12)], "steps is not a whole number from 1"),
+        ("steps", [1.5, *range(1, 12)], "steps is not a whole number from 1"),
+        ("episode", [1, *range(1, 12)], "has an episode of a condition twice"),
         ("episode", ["x", *range(1, 12)], r"episode is not a whole number from 0 in every row"),
-        ("path_efficiency", [np.nan] * 12, r"path_efficiency is not a finite number in 12 of 12 episodes"),
-        ("path_efficiency", ["abc"] * 12, r"path_efficiency is not a finite number in 12 of 12 episodes"),
-        ("environment", ["abc"] * 12, r"environment is not a finite number in 12 of 12 episodes"),
+        ("path_efficiency", [np.nan] * 12, "path_efficiency is not a finite number"),
+        ("path_efficiency", ["abc"] * 12, "path_efficiency is not a finite number"),
+        ("environment", ["abc"] * 12, "environment is not a finite number"),
     ],
 )
 def test_a_value_that_cannot_be_is_damage(grid: list[Path], column: str, values: list, message: str) -> None:
