@@ -120,7 +120,7 @@ def _settings(pair: Sequence[Agent], changed: Sequence[tuple[str, str, str]]) ->
 def _curves(pair: Sequence[Agent], out: Path) -> list[Path]:
     """Draw the success in training over steps; return the pictures, none where neither agent learns."""
     from auvbench.analysis.ranking import rank
-    from auvbench.reporting.figures.draw import draw
+    from auvbench.reporting.figures import draw
 
     drawn = draw(["training_success"], pair, rank(pair), out)
     return [figure.png for figure in drawn]

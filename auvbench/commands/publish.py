@@ -45,7 +45,7 @@ def parser() -> Parser:
         dest="trajectories",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="the paths of the kept test episodes, which the page's 3-D view and claims on the reward collected need",
+        help="the paths of the kept test episodes, which the page's 3-D view shows",
     )
     add("--policies", action="store_true", help="each agent's best run as an ONNX file with its card")
     return parser

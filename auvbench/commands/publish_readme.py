@@ -209,7 +209,7 @@ def _claims(reports: Sequence[Report]) -> str:
 
 def _figures(reports: Sequence[Report], pictures: Sequence[str], folder: Path) -> list[str]:
     """Markdown of the pictures of the first section that has them."""
-    from auvbench.reporting.figures.draw import draw
+    from auvbench.reporting.figures import draw
     from auvbench.reporting.tables.text_formats import escape
 
     first = reports[0]

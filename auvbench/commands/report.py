@@ -128,13 +128,12 @@ def _analyse(
     part: Section, problems: Sequence[Problem], condition: str, options: Options, several: bool
 ) -> Report:
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
-    from auvbench.analysis.declaration import declaration
     from auvbench.analysis.findings import find
     from auvbench.analysis.load import agents
     from auvbench.analysis.measures import in_unit
     from auvbench.analysis.optimality import add_optimality
     from auvbench.analysis.optional_columns import with_columns
-    from auvbench.analysis.primary import find_baseline
+    from auvbench.analysis.primary import declaration, find_baseline
     from auvbench.analysis.ranking import one_run_of_a_controller, rank
     from auvbench.analysis.records import Problem
 

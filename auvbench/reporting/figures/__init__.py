@@ -1,7 +1,57 @@
 """The figures of a report: each is a small function that draws a scene."""
 
-from auvbench.reporting.figures.draw import FIGURES, draw_all
-from auvbench.reporting.figures.scene import MAIN, Figure
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from auvbench.analysis.records import Agent, Problem, Ranking
+from auvbench.reporting.figures import conditions, difference, style, testing, training
+from auvbench.reporting.figures.scene import MAIN, Drawing, Figure, Scene, scene
 from auvbench.reporting.figures.style import colour_of
 
-__all__ = ["FIGURES", "MAIN", "Figure", "colour_of", "draw_all"]
+__all__ = ["FIGURES", "MAIN", "Figure", "colour_of", "draw", "draw_all"]
+
+FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
+    MAIN: difference.difference_from_baseline,
+    "success_over_grid": conditions.success_over_grid,
+    "success_over_time": testing.success_over_time,
+    "steps_deviation": testing.steps_deviation,
+    "failures": testing.failures,
+    "success_over_conditions": conditions.success_over_conditions,
+    "gazebo": conditions.gazebo,
+    "training_success": training.success,
+    "validation_success": training.validation,
+    "training_curves": training.length_and_return,
+}
+"""by file name, in the order in which they are shown; each function returns None where it has nothing to show"""
+
+
+def draw_all(agents: Sequence[Agent], ranking: Ranking, out: Path) -> tuple[list[Figure], list[Problem]]:
+    """Draw every figure that the data allow into `out`/figures; remove stale ones.
+
+    Returns:
+        The figures, PNG and SVG, and the damage found while drawing.
+    """
+    shared = scene(agents, ranking)
+    drawn = _draw(shared, list(FIGURES), out)
+    for name in FIGURES.keys() - {figure.name for figure in drawn}:
+        for suffix in (".png", ".svg"):
+            (out / "figures" / name).with_suffix(suffix).unlink(missing_ok=True)
+    return drawn, list(dict.fromkeys(shared.problems))
+
+
+def draw(names: Sequence[str], agents: Sequence[Agent], ranking: Ranking, out: Path) -> list[Figure]:
+    """Draw the named figures into `out`/figures; leave out those that the data do not allow."""
+    return _draw(scene(agents, ranking), names, out)
+
+
+def _draw(shared: Scene, names: Sequence[str], out: Path) -> list[Figure]:
+    figures = []
+    for name in names:
+        with style.styled():
+            drawing = FIGURES[name](shared)
+            if drawing is not None:
+                png, svg = style.save(drawing.canvas, out / "figures" / name)
+                figures.append(Figure(name, drawing.title, drawing.caption, png, svg))
+    return figures

@@ -10,9 +10,9 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from auvbench.analysis.conditions import UNDISTURBED, in_words, split
+from auvbench.analysis.formatting import rounded
 from auvbench.analysis.labels import part
 from auvbench.analysis.records import Agent, Row
-from auvbench.analysis.rounding import rounded
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
 from auvbench.statistics.intervals import Estimate

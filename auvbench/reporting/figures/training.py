@@ -1,4 +1,4 @@
-"""Figures of training: success, validation, episode length and return over steps; return by outcome."""
+"""Figures of training: success, validation, episode length and return over steps."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.recorded import ValidationCurve, read_validation_curve
 from auvbench.analysis.records import Agent, RunRecord
-from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown, wants_symlog, without
 
@@ -25,10 +24,6 @@ GREY = "#c4c9cc"
 SPANS = 30
 """of steps, at most"""
 FEWEST_SPANS = 2
-WINDOW = 100
-"""episodes of a success share, as in the original study"""
-MOST_POINTS = 1500
-"""of a scatter; every n-th episode beyond"""
 
 Curve = tuple[FloatArray, FloatArray]
 """x (n,) and y by seed (seeds, n), NaN where a seed has no value"""
@@ -227,69 +222,3 @@ def validation(scene: Scene) -> Drawing | None:
         + shown(chosen, wanted)
     )
     return Drawing(figure, "Training: success on validation scenarios", caption)
-
-
-def return_by_outcome(scene: Scene) -> Drawing | None:
-    """Draw the return of training episodes coloured by outcome, with success shares (original study, figure 3.2)."""
-    learners = scene.learners()
-    wanted = scene.top(6, learners)
-    chosen = [a for a in wanted if scene.training(a.runs[0]) is not None]
-    if not chosen:
-        return None
-    columns = min(3, len(chosen))
-    rows = -(-len(chosen) // columns)
-    figure = style.canvas(max(4.6, 3.3 * columns), 3.5 * rows + 0.3)
-    grid = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[3, 1] * rows)
-    for ax in grid.flat:
-        ax.set_visible(False)
-    for i, agent in enumerate(chosen):
-        top, bottom = grid[2 * (i // columns) :, i % columns][:2]
-        top.set_visible(True)
-        bottom.set_visible(True)
-        bottom.sharex(top)
-        top.tick_params(labelbottom=False)
-        frame = scene.training(agent.runs[0])
-        assert frame is not None
-        style.title(top, f"{agent.label}, seed {agent.runs[0].seed}", 32)
-        _scatter_by_outcome(top, frame)
-        _success_share(bottom, frame)
-        if i % columns == 0:
-            top.set_ylabel("episode return")
-            bottom.set_ylabel("success %")
-        bottom.set_xlabel("training episode")
-    style.outcome_legend(figure)
-    caption = (
-        "Return of the training episodes of one seed, coloured by outcome; below, the share of successes in "
-        f"windows of at most {WINDOW} episodes."
-        + shown(wanted, learners)
-        + without(wanted, chosen, "training records")
-    )
-    return Drawing(figure, "Training: return by outcome", caption)
-
-
-def _scatter_by_outcome(ax: Axes, frame: pd.DataFrame) -> None:
-    thin = frame.reset_index(drop=True).iloc[:: max(1, len(frame) // MOST_POINTS)]
-    # Rare outcomes are drawn last, or the frequent ones would bury them.
-    for name in sorted(OUTCOMES, key=lambda o: -int((thin["outcome"] == o).sum())):
-        here = thin[thin["outcome"] == name]
-        colour, marker = style.OUTCOME_LOOK[name]
-        ax.scatter(
-            here.index,
-            here["return"],
-            s=7,
-            color=colour,
-            marker=marker,
-            alpha=0.6,
-            linewidth=0,
-            rasterized=True,
-        )
-
-
-def _success_share(ax: Axes, frame: pd.DataFrame) -> None:
-    won = (frame["outcome"] == "success").to_numpy(np.float64)
-    edges = np.append(np.arange(0, len(won), WINDOW), len(won))
-    share = 100 * np.add.reduceat(won, edges[:-1]) / np.diff(edges)
-    colour = style.OUTCOME_LOOK["success"][0]
-    ax.stairs(share, edges, fill=True, color=colour, alpha=0.35)
-    ax.stairs(share, edges, color=colour, linewidth=1.2)
-    ax.set_ylim(0, 100)

@@ -14,8 +14,8 @@ from urllib.parse import quote
 from PIL import Image  # matplotlib's own
 
 from auvbench.analysis.archive import RUNS
+from auvbench.analysis.formatting import NOTHING, fixed
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
-from auvbench.analysis.rounding import NOTHING, fixed
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.tables.main import label_of, main_table
 from auvbench.reporting.tables.table import (

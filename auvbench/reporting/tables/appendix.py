@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 from auvbench.analysis import thesis
 from auvbench.analysis.conditions import in_words
-from auvbench.analysis.formatting import unit
+from auvbench.analysis.formatting import NOTHING, unit
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Comparison, Ranking, Row
-from auvbench.analysis.rounding import NOTHING
 from auvbench.analysis.thesis import ComparisonRow
 from auvbench.reporting.tables.main import label_of
 from auvbench.reporting.tables.table import (

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isfinite
 
-from auvbench.analysis.formatting import unit
+from auvbench.analysis.formatting import NOTHING, unit
 from auvbench.analysis.labels import in_short
 from auvbench.analysis.measures import measure
 from auvbench.analysis.planning import MOST_EPISODES
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
 from auvbench.analysis.records import Needed, Ranking, Row
-from auvbench.analysis.rounding import NOTHING
 from auvbench.reporting.tables.table import (
     DAGGER,
     Cell,

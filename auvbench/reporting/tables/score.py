@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from auvbench.analysis.formatting import name
-from auvbench.analysis.rounding import NOTHING, fixed
+from auvbench.analysis.formatting import NOTHING, fixed, name
 from auvbench.analysis.score import Scored, Scores
 from auvbench.reporting.tables.table import DAGGER, Cell, Heading, Line, Table
 from auvbench.reporting.tables.text_formats import escape, lines, pipes

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from auvbench.analysis.rounding import NOTHING, rounded
+from auvbench.analysis.formatting import NOTHING, rounded
 from auvbench.metrics import METRICS
 from auvbench.statistics.intervals import Estimate
 

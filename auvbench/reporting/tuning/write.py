@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 from optuna.trial import FrozenTrial
 
-from auvbench.analysis import rounding
+from auvbench.analysis.formatting import NOTHING, fixed
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.page import writer
 from auvbench.reporting.page.parts import Links, embed
@@ -129,9 +129,9 @@ def _trials(found: Outcome, path: Path) -> Table:
         if shown:
             then = (100 if measures[1].rate else 1) * shown[-1].then
             cells.append(estimate_cell(shown[-1].estimate, 100.0 if measures[0].rate else 1.0))
-            cells.append(Cell(rounding.fixed(then, 1), sort=then))
+            cells.append(Cell(fixed(then, 1), sort=then))
         else:
-            cells += [Cell(rounding.NOTHING)] * 2
+            cells += [Cell(NOTHING)] * 2
         for dimension in found.plan.dimensions:
             value = trial.params.get(dimension.key, "")
             cells.append(Cell(_plain(value), sort=value if isinstance(value, int | float) else None))

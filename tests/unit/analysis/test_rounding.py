@@ -3,14 +3,15 @@ import math
 
 import pytest
 
-from auvbench.analysis import labels, rounding
-from auvbench.analysis.rounding import rounded
+from auvbench.analysis import formatting as rounding
+from auvbench.analysis import labels
+from auvbench.analysis.formatting import rounded
 from auvbench.statistics.intervals import Estimate
 
 
 @pytest.mark.parametrize(
     "module",
-    ["analysis.rounding", "analysis.labels", "reporting.tables.latex", "reporting.tables.text_formats"],
+    ["analysis.formatting", "analysis.labels", "reporting.tables.latex", "reporting.tables.text_formats"],
 )
 def test_examples_of_the_docstrings(module: str) -> None:
     import importlib

@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 
 from auvbench.analysis.conditions import successes
+from auvbench.analysis.formatting import rounded
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.ranking import rank
-from auvbench.analysis.rounding import rounded
 from auvbench.reporting.figures import FIGURES, colour_of, draw_all, style, training
 from auvbench.reporting.figures.difference import LOOKS
 from auvbench.reporting.figures.scene import Drawing, Scene, scene, wants_symlog
@@ -88,7 +88,7 @@ def test_a_figure_of_an_earlier_report_goes_when_it_is_not_drawn_again(small: Sc
 
 def test_a_training_of_a_few_episodes_is_not_drawn(tmp_path: Path) -> None:
     drawn_from = build(tmp_path / "grid", algorithms=("ppo",), seeds=(0,), episodes=5, train_episodes=3)
-    for name in ("training_curves", "training_outcomes"):
+    for name in ("training_curves", "training_success"):
         assert draw(name, drawn_from) is None
 
 
@@ -278,7 +278,7 @@ def test_the_heat_map_shows_the_table(small: Scene) -> None:
 def test_a_training_without_one_finished_episode_is_not_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    only(monkeypatch, "training_curves", "training_outcomes", "failures")
+    only(monkeypatch, "training_curves", "failures")
     folder = tmp_path / "short"
     for run in write_experiment(folder, algorithms=("ppo", "pid"), seeds=(0,), episodes=12):
         table = run / "train" / "episodes.csv"
@@ -289,7 +289,7 @@ def test_a_training_without_one_finished_episode_is_not_damaged(
     found, _ = agents(runs)
     drawn, problems = draw_all(found, rank(found), folder / "report")
     assert problems == []
-    assert not {"training_curves", "training_outcomes"} & {figure.name for figure in drawn}
+    assert "training_curves" not in {figure.name for figure in drawn}
 
 
 def test_training_figures_do_without_a_damaged_record(tmp_path: Path) -> None:
@@ -298,18 +298,6 @@ def test_training_figures_do_without_a_damaged_record(tmp_path: Path) -> None:
     canvas = draw("training_curves", drawn_from)
     assert canvas is not None
     assert len(canvas.axes[0].lines) == 1
-
-
-def test_trajectories_need_paths_that_can_be_read(tmp_path: Path) -> None:
-    drawn_from = build(tmp_path / "grid", algorithms=("pid", "random"), episodes=10)
-    canvas = draw("trajectories", drawn_from)
-    assert canvas is not None
-    assert len(canvas.axes) == 3
-    folder = drawn_from.agents[0].runs[0].directory / "evaluations" / "test"
-    (folder / "trajectories.npz").write_bytes(b"PK damaged")
-    assert draw("trajectories", drawn_from) is not None  # the other agent's
-    shutil.copy(folder / "trajectories.npz", drawn_from.agents[1].runs[0].directory / "evaluations" / "test")
-    assert draw("trajectories", drawn_from) is None
 
 
 def test_robustness_never_mixes_scenarios(small: Scene, tmp_path: Path) -> None:
@@ -414,69 +402,38 @@ def test_returns_of_different_k_ask_for_another_axis() -> None:
 
 
 @pytest.mark.parametrize(
-    ("file", "content", "message", "figure", "what"),
+    ("content", "message"),
     [
         (
-            "train/episodes.csv",
             b"a,b\n1,2\n",
             "train/episodes.csv lacks the columns outcome, step, steps",
-            "training_outcomes",
-            "training records",
         ),
         (
-            "train/episodes.csv",
             bytes(range(128, 256)),
             "train/episodes.csv cannot be read",
-            "training_outcomes",
-            "training records",
         ),
         (
-            "train/episodes.csv",
             b"",
             "train/episodes.csv cannot be read",
-            "training_outcomes",
-            "training records",
-        ),
-        (
-            "evaluations/test/trajectories.npz",
-            b"PKxx",
-            "trajectories.npz cannot be read: it is no archive of arrays",
-            "trajectories",
-            "trajectories of this episode",
         ),
     ],
 )
 def test_damage_met_while_drawing_is_named_in_a_problem_and_in_the_caption(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    file: str,
     content: bytes,
     message: str,
-    figure: str,
-    what: str,
 ) -> None:
-    only(monkeypatch, figure)
+    only(monkeypatch, "training_curves")
     written = write_experiment(tmp_path / "grid", algorithms=("ppo", "sac"), seeds=(0,), episodes=8)
-    (written[0] / file).write_bytes(content)
+    (written[0] / "train/episodes.csv").write_bytes(content)
     found, _ = agents(load([tmp_path / "grid"])[0])
     figures, problems = draw_all(found, rank(found), tmp_path)
     assert [(p.where, p.kind) for p in problems] == [(written[0].name, "damaged")]
     assert problems[0].message.startswith(message)
-    caption = next(f.caption for f in figures if f.name == figure)
-    assert f"Without usable {what}: PPO." in caption
+    caption = next(f.caption for f in figures if f.name == "training_curves")
+    assert "Without usable training records: PPO." in caption
     assert "Shown:" not in caption
-
-
-@pytest.mark.slow
-def test_trajectories_of_another_shape_are_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    only(monkeypatch, "trajectories")
-    written = write_experiment(tmp_path / "grid", algorithms=("ppo", "sac"), seeds=(0,), episodes=8)
-    path = written[0] / "evaluations" / "test" / "trajectories.npz"
-    with np.load(path) as arrays:
-        np.savez(path, **{**arrays, "position_nominal_0": np.zeros((5, 2))})
-    found, _ = agents(load([tmp_path / "grid"])[0])
-    _, problems = draw_all(found, rank(found), tmp_path)
-    assert "position_nominal_0 has shape (5, 2), expected (steps + 1, 3)" in problems[0].message
 
 
 def test_gazebo_has_the_changes_of_every_agent_in_both_hydrodynamics(small: Scene) -> None:
