@@ -298,22 +298,11 @@ def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
             )
         )
         *others, (counts, problems) = copies
-        yield counts, [*problems, *(_second(copy, counts, protocol) for copy, _ in others)]
+        yield counts, [*problems, *(_twice(copy, counts) for copy, _ in others)]
 
 
-def _second(copy: RunRecord, counts: RunRecord, protocol: str) -> Problem:
-    """Names both directories of one configuration, and says why this one of them is not the one that counts."""
-    if copy.state != "complete":
-        why = f" ({copy.state})"
-    elif protocol not in copy.evaluations and protocol in counts.evaluations:
-        why = f" (not evaluated by protocol {protocol})"
-    elif len(copy.evaluations) < len(counts.evaluations):
-        why = " (fewer evaluations)"
-    elif copy.archive is not None and counts.archive is None:
-        why = " (published)"
-    else:
-        why = ""
-    message = f"the same configuration twice: {counts.directory} is reported, {copy.directory}{why} is not"
+def _twice(copy: RunRecord, counts: RunRecord) -> Problem:
+    message = f"the same configuration twice: {counts.directory} is reported, {copy.directory} is not"
     return Problem(copy.id, "duplicate", message)
 
 

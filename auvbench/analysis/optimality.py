@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
 from auvbench import statistics as st
-from auvbench.analysis.formatting import counted, listed
 from auvbench.analysis.records import Agent, Limit, Ranking
 from auvbench.evaluation.bounds import files
 from auvbench.statistics import crossed
@@ -25,36 +23,41 @@ COLUMN = "time_over_best_known"
 """name of the estimate, and of the column on request"""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Times:
-    """Of each episode, in the order of the agents' columns; s."""
-
-    computed: FloatArray
-    """(n,) in which the search arrived"""
-    proven: FloatArray
-    """(n,) below which no arrival is noticed"""
-    limit: FloatArray
-    """(n,) the shorter one of `computed` and what the quickest agent of the table took"""
-
-
 def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
-    """The ranking with its limit and each agent's time over it, or with the line that says why there is none."""
-    name = _vehicle(agents)
-    if not name or not files.is_name(name) or not files.is_name(ranking.protocol):
+    """Return the ranking with its limit and each agent's time over it, or with the line that says why there is none."""
+    vehicles = {str(run.config.get("vehicle.name") or "") for agent in agents for run in agent.runs}
+    name = vehicles.pop()
+    if vehicles or not files.is_name(name) or not files.is_name(ranking.protocol):
         return replace(ranking, no_limit="No limit: the runs do not name one vehicle.")
-    limits, said = files.find(ranking.protocol, name, ranking.fingerprint, _roots(agents))
+    # `bounds` in the folder of the runs' experiments, where `auvbench bound` writes.
+    parents = {run.directory.absolute().parent.parent for agent in agents for run in agent.runs}
+    roots = [parent / files.FOLDER for parent in sorted(parents)[:4]]
+    limits, unusable = files.find(ranking.protocol, name, ranking.fingerprint, roots)
     held = [] if limits is None else limits.condition(ranking.condition)
-    if not held:
-        return replace(ranking, no_limit=_none(ranking, name, limits, said))
-    times, beaten = _times(held, agents)
-    if times is None:
-        return replace(ranking, no_limit=f"The limits of protocol {ranking.protocol} are of other episodes.")
+    # Episodes are whole numbers from 0 in the order of the columns; a table refuses others.
+    if [bound.episode for bound in held] != list(range(len(agents[0].outcome[0]))):
+        return replace(ranking, no_limit=_none(ranking, name, limits, unusable))
+    steps, least, frequency = np.array([(b.steps, b.least_steps, b.frequency_hz) for b in held]).T
+    best, proven = steps / frequency, least / frequency
+    for agent in agents:
+        times = agent.metrics.get("time_to_goal_s")
+        if times is not None:
+            quickest = np.min(np.where(np.isfinite(times), times, np.inf), axis=0)
+            # Times are multiples of a step: what is less is rounding.
+            best = np.where(best - quickest > 1e-6, quickest, best)
     by_label = {agent.label: agent for agent in agents}
     rows = []
     for row in ranking.rows:
-        found = over(by_label[row.label], times.limit, ranking.confidence)
+        found = over(by_label[row.label], best, ranking.confidence)
         rows.append(row if found is None else replace(row, estimates={**row.estimates, COLUMN: found}))
-    return replace(ranking, rows=tuple(rows), limit=_limit(held, times, beaten))
+    limit = Limit(
+        seconds=float(best.mean()),
+        steps=float(best.mean() * held[0].frequency_hz),
+        proven_seconds=float(proven.mean()),
+        gap=float(np.median(best / proven)),
+        episodes=len(best),
+    )
+    return replace(ranking, rows=tuple(rows), limit=limit)
 
 
 def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
@@ -73,62 +76,11 @@ def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
     return replace(found, value=math.exp(found.value), low=math.exp(found.low), high=math.exp(found.high))
 
 
-def _times(
-    held: Sequence[files.Bound], agents: Sequence[Agent]
-) -> tuple[Times | None, tuple[tuple[str, int, float], ...]]:
-    """The times of the agents' episodes, and by agent how often and by how many seconds it was quicker at most."""
-    episodes = len(agents[0].outcome[0])
-    # Episodes are whole numbers from 0 in the order of the columns; a table refuses others.
-    if [bound.episode for bound in held] != list(range(episodes)):
-        return None, ()
-    steps, least, frequency = np.array([(b.steps, b.least_steps, b.frequency_hz) for b in held]).T
-    computed = steps / frequency
-    limit = computed.copy()
-    beaten = []
-    for agent in agents:
-        times = agent.metrics.get("time_to_goal_s")
-        if times is None or not np.isfinite(times).any():
-            continue
-        quickest = np.min(np.where(np.isfinite(times), times, np.inf), axis=0)
-        # Times are multiples of a step: what is less is rounding.
-        gained = computed - quickest
-        ahead = gained > 1e-6
-        if ahead.any():
-            beaten.append((agent.label, int(ahead.sum()), float(gained[ahead].max())))
-        limit = np.minimum(limit, np.where(ahead, quickest, np.inf))
-    return Times(computed, least / frequency, limit), tuple(beaten)
-
-
-def _limit(held: Sequence[files.Bound], times: Times, beaten: tuple[tuple[str, int, float], ...]) -> Limit:
-    return Limit(
-        seconds=float(times.limit.mean()),
-        steps=float(times.limit.mean() * held[0].frequency_hz),
-        proven_seconds=float(times.proven.mean()),
-        gap=float(np.median(times.limit / times.proven)),
-        episodes=len(times.limit),
-        beaten=beaten,
-        by_episode=tuple(
-            zip(times.limit.tolist(), times.computed.tolist(), times.proven.tolist(), strict=True)
-        ),
-    )
-
-
-def _vehicle(agents: Sequence[Agent]) -> str:
-    names = {str(run.config.get("vehicle.name") or "") for agent in agents for run in agent.runs}
-    return names.pop() if len(names) == 1 else ""
-
-
-def _roots(agents: Sequence[Agent]) -> list[Path]:
-    """`bounds` in the folder of the runs' experiments, where `auvbench bound` writes."""
-    parents = {run.directory.absolute().parent.parent for agent in agents for run in agent.runs}
-    return [parent / files.FOLDER for parent in sorted(parents)[:4]]
-
-
-def _none(ranking: Ranking, vehicle: str, limits: files.Limits | None, said: Sequence[str]) -> str:
+def _none(ranking: Ranking, vehicle: str, limits: files.Limits | None, unusable: Sequence[str]) -> str:
     if limits is not None:
         why = next((line for line in limits.left_out if line.startswith(f"{ranking.condition}:")), "")
         return f"No limit under condition {why or ranking.condition}."
-    stale = f" What is there cannot be used: {said[0]}." if said else ""
+    stale = f" What is there cannot be used: {unusable[0]}." if unusable else ""
     return (
         f"No limit for protocol {ranking.protocol} and {vehicle}: auvbench bound protocol={ranking.protocol} "
         f"vehicle={vehicle} computes it.{stale}"
@@ -136,27 +88,11 @@ def _none(ranking: Ranking, vehicle: str, limits: files.Limits | None, said: Seq
 
 
 def sentences(limit: Limit) -> list[str]:
-    """What stands below a table: the limit itself, which is no contestant, and what it says and does not say."""
-    found = [
+    """Return what stands below a table: what the column is, and the limit itself, which has no rank."""
+    return [
+        "Time over best known: time to goal over the best known time of the scenario, geometric mean over successes; read "
+        "it with the success rate. The optimum is at most the best known time, so the ratio to it is at least this one.",
         f"Best known: {limit.seconds:.2f} s on average ({limit.steps:.1f} steps) over {limit.episodes} scenarios, by optimal "
         "control that knows the state, without noise, replayed in the simulator; it has no rank. Proven lower bound: "
-        f"{limit.proven_seconds:.2f} s on average; best known is {limit.gap:.2f} times the lower bound (median)."
+        f"{limit.proven_seconds:.2f} s on average; best known is {limit.gap:.2f} times the lower bound (median).",
     ]
-    if limit.beaten:
-        parts = [
-            f"{label} in {counted(count, 'scenario')} (by at most {seconds:.2g} s)"
-            for label, count, seconds in sorted(limit.beaten, key=lambda agent: -agent[1])
-        ]
-        found.append(
-            f"Sooner than the computed trajectory: {listed(parts, len(parts))}; there the best known time is that of the "
-            "quickest agent."
-        )
-    return found
-
-
-def explained() -> str:
-    """What the column is."""
-    return (
-        "Time over best known: time to goal over the best known time of the scenario, geometric mean over successes; read "
-        "it with the success rate. The optimum is at most the best known time, so the ratio to it is at least this one."
-    )

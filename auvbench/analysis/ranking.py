@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -22,8 +20,6 @@ from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row, R
 from auvbench.errors import ReportError
 from auvbench.statistics.intervals import Estimate, FloatArray
 
-ENOUGH_SEEDS = 5
-"""that the hint of one training asks for: what a first table needs (docs/statistics.md, "What few seeds can say")"""
 ALL_PAIRS = 30
 """up to so many agents `Ranking.comparisons` has all pairs"""
 
@@ -113,7 +109,6 @@ def rank(
         conditions=successes(agents, name, confidence),
         notices=tuple(filter(None, (tuned_on_these(agents, name),))),
         task=str(agents[0].runs[0].config.get("task.name", "waypoint")),
-        more_seeds=more_seeds(agents),
     )
 
 
@@ -200,36 +195,6 @@ def one_run_of_a_controller(agent: Agent) -> Agent:
         return agent
     metrics = {column: values[:1] for column, values in agent.metrics.items()}
     return replace(agent, runs=agent.runs[:1], outcome=agent.outcome[:1], metrics=metrics)
-
-
-def more_seeds(agents: Sequence[Agent]) -> str:
-    """The command that trains further seeds of the agents with one; '' where there are none, or where it is unknown.
-
-    It is the command their runs were made by, with seeds: what is complete already is skipped.
-    """
-    single = [agent.runs[0] for agent in agents if one_policy(agent)]
-    commands = dict.fromkeys(filter(None, map(_command, single)))
-    if not commands:
-        return ""
-    others = {run.seed for run in single}
-    wanted = sorted(others | set(range(max(ENOUGH_SEEDS, len(others)))))
-    return " && ".join(_with_seeds(command, wanted) for command in list(commands)[:2])
-
-
-def _command(run: RunRecord) -> str:
-    command = run.manifest.get("command")
-    return command if isinstance(command, str) and command.startswith("auvbench train") else ""
-
-
-def _with_seeds(command: str, seeds: Sequence[int]) -> str:
-    """The command as a grid over seeds.
-
-    >>> _with_seeds("auvbench train algo=ppo seed=3", [0, 1, 3])
-    'auvbench train -m algo=ppo seed=0,1,3'
-    """
-    words = [word for word in shlex.split(command)[2:] if not re.match(r"\+{0,2}seed=", word)]
-    words = [word for word in words if word not in ("-m", "--multirun")]
-    return f"auvbench train -m {shlex.join(words)} seed={','.join(map(str, seeds))}".replace("  ", " ")
 
 
 def tuned_on_these(agents: Sequence[Agent], protocol: str) -> str:

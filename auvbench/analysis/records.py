@@ -226,10 +226,6 @@ class Limit:
     gap: float
     """median of the shortest time known over what is proven"""
     episodes: int
-    beaten: tuple[tuple[str, int, float], ...]
-    """agents that were quicker than what was computed: label, in how many scenarios, by how many s at most"""
-    by_episode: tuple[tuple[float, float, float], ...] = ()
-    """(limit, computed, proven) in s of each scenario"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,13 +260,6 @@ class Ranking:
     """why there is none, with the command that computes it"""
     task: str = "waypoint"
     """of its scenarios"""
-    more_seeds: str = ""
-    """the command that trains further seeds of the rows that are not compared; '' where there are none"""
-
-    @property
-    def order(self) -> str:
-        """By what it is ranked, in words."""
-        return ", then ".join(dict.fromkeys((self.rank_by, self.then)))
 
 
 @dataclass(frozen=True, slots=True)

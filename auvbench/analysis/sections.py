@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from auvbench.analysis.formatting import counted
 from auvbench.analysis.grouping_keys import DESCRIPTIVE
-from auvbench.analysis.labels import FREQUENCY, OWN, is_fixed, part
+from auvbench.analysis.labels import OWN
 from auvbench.analysis.records import Problem, RunRecord
 
 OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
@@ -49,28 +49,7 @@ def sections(runs: Sequence[RunRecord], protocol: str) -> list[Section]:
     for run in runs:
         if protocol not in run.evaluations:
             members[home.get(_subject(run), order[0])].append(run)
-    own = _own_words(found) if protocol == OWN else {}
-    return [
-        _section(cell, home[cell[0]], found, members[cell], protocol, own.get(cell, "")) for cell in order
-    ]
-
-
-def _own_words(found: Mapping[tuple[str, str], Sequence[RunRecord]]) -> dict[tuple[str, str], str]:
-    """Return by section what its runs share and others' have not, of the keys that make a test of their own."""
-    known = {key for runs in found.values() for run in runs for key in run.config}
-    made = sorted(key for key in known if key == FREQUENCY or is_fixed(key, False))
-    values = {
-        cell: {key: {str(run.config.get(key)) for run in runs} for key in made}
-        for cell, runs in found.items()
-    }
-    varied = [key for key in made if len({frozenset(of[key]) for of in values.values()}) > 1]
-    # A folder of choices is told by its name.
-    names = [key for key in varied if key.endswith(".name")]
-    told = names + [key for key in varied if not any(key.startswith(n.removesuffix("name")) for n in names)]
-    return {
-        cell: " ".join(part(key.removesuffix(".name"), runs[0].config.get(key)) for key in told[:3])
-        for cell, runs in found.items()
-    }
+    return [_section(cell, home[cell[0]], found, members[cell], protocol) for cell in order]
 
 
 def _subject(run: RunRecord) -> str:
@@ -98,13 +77,12 @@ def _section(
     found: dict[tuple[str, str], list[RunRecord]],
     members: Sequence[RunRecord],
     protocol: str,
-    own: str,
 ) -> Section:
     subject, fingerprint = cell
     alone = [other for other in found if other[0] == subject] == [cell]
     # Next to other tasks the waypoint task is named, too.
     named = subject if TASK in subject or not any(TASK in s for s, _ in found) else f"{subject}{TASK}waypoint"
-    title = f"vehicle {named}" if alone else f"vehicle {named}, {own or f'scenarios {fingerprint[:8]}'}"
+    title = f"vehicle {named}" if alone else f"vehicle {named}, scenarios {fingerprint[:8]}"
     folder = re.sub(r"[^\w.-]+", "_", subject if alone else f"{subject}-{fingerprint[:8]}").lstrip(".") or "_"
     expected = cell == home or protocol == OWN
     problems = () if expected else (_other_scenarios(cell, home, found, protocol),)
@@ -118,19 +96,14 @@ def _other_scenarios(
     here, there = found[cell], found[home]
     episodes = [len(runs[0].evaluations[protocol].episodes) for runs in (here, there)]
     message = (
-        f"{_counted(here)} of vehicle {cell[0]} met other scenarios (fingerprint {cell[1]}, {episodes[0]} episodes) "
-        f"than {_counted(there)} (fingerprint {home[1]}, {episodes[1]} episodes): no table can hold both"
+        f"{counted(len(here), 'run')} of vehicle {cell[0]} met other scenarios (fingerprint {cell[1]}, {episodes[0]} episodes) "
+        f"than {counted(len(there), 'run')} (fingerprint {home[1]}, {episodes[1]} episodes): no table can hold both"
     )
     if keys := _of_the_test(here[0], there[0]):
         message += f"; they differ in {', '.join(keys[:3])}"
     else:
-        folders = sorted({str(run.directory.parent) for run in (*here, *there)})
-        message += f"; {shlex.join(['auvbench', 'evaluate', *folders, f'protocol={protocol}'])} tests what is stale again"
+        message += f"; auvbench evaluate FOLDER protocol={protocol} tests what is stale again"
     return Problem(f"scenarios {cell[1][:8]}", "foreign", message)
-
-
-def _counted(runs: Sequence[RunRecord]) -> str:
-    return f"{len(runs)} run{'' if len(runs) == 1 else 's'}"
 
 
 def _of_the_test(one: RunRecord, other: RunRecord) -> list[str]:

@@ -272,7 +272,6 @@ def write(
         written += files.if_any(
             out / "verdicts.json", files.verdicts([(title, report.claims, report.findings)])
         )
-        written += files.if_any(out / "limit.csv", tables.limit_csv(ranking))
     return report, written
 
 

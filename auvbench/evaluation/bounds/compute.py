@@ -17,7 +17,7 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
-from auvbench.evaluation.bounds.command_replay import Commands, Scenario, Trial, kept, scenarios, silent
+from auvbench.evaluation.bounds.command_replay import Commands, Scenario, kept, scenarios, silent
 from auvbench.evaluation.bounds.files import (
     Bound,
     Found,
@@ -233,28 +233,6 @@ def commands(
         )
         found[name] = kept(vehicle.action(np.array(rollout.trajectories[episode].command)))
     return found
-
-
-def wrong_bounds(limits: Limits, protocol: schema.Protocol, config: dict[str, Any]) -> list[str]:
-    """Replay the commands of bounds in the simulator; return a line for each that does not arrive in its steps.
-
-    Raises:
-        ConfigError: as `compute`.
-        RunError: commands are damaged.
-    """
-    wrong = []
-    by_name = {condition.name: condition for condition in resolve_conditions(protocol, config)}
-    for name in limits.conditions():
-        trial = Trial(by_name[name].config)
-        there = all_scenarios(by_name[name], protocol)
-        for bound in limits.condition(name):
-            outcome = trial.run(there[bound.episode], bound.found().commands)
-            if not outcome.arrived or outcome.steps != bound.steps:
-                wrong.append(
-                    f"{name}, episode {bound.episode}: {outcome.record['outcome']} after {outcome.steps} steps, not "
-                    f"arrived after {bound.steps}"
-                )
-    return wrong
 
 
 def all_scenarios(condition: ResolvedCondition, protocol: schema.Protocol) -> list[Scenario]:

@@ -4,7 +4,7 @@
                                  /summary.json   fingerprint, versions, digest of the lines
     <folder>/.<protocol>-<vehicle>/*.json        finished searches of a computation under way, a line each
 
-A line holds the commands that arrive, so that `compute.wrong_bounds` can replay them.
+A line holds the commands that arrive, so that they can be replayed.
 """
 
 from __future__ import annotations

@@ -18,7 +18,6 @@ from auvbench.reporting.tables.text_formats import (
     conditions_markdown,
     csv,
     joined,
-    limit_csv,
     markdown,
     ranks_markdown,
 )
@@ -37,7 +36,6 @@ __all__ = [
     "findings_terminal",
     "joined",
     "latex",
-    "limit_csv",
     "markdown",
     "ranks_markdown",
     "score_csv",

@@ -78,7 +78,10 @@ def remarks(ranking: Ranking) -> list[str]:
     """Return what a row stands for, which rows are not compared, which trainings failed, and cautions."""
     found = []
     if not all(row.compared for row in ranking.rows):
-        found.append(one_training(ranking))
+        found.append(
+            f"{DAGGER} one training seed: the row describes this policy and is not compared, because another training may "
+            "end elsewhere. Train more seeds: seed=0,1,2,3,4."
+        )
     if len({row.budget for row in ranking.rows if row.budget}) > 1:
         found.append("Budgets differ: an agent with more steps may be ahead for that alone.")
     if any(row.trained and row.compared for row in ranking.rows):
@@ -122,16 +125,7 @@ def limit_lines(ranking: Ranking) -> list[str]:
     """Return what the shortest known times are, or why there are none."""
     if ranking.limit is None:
         return [ranking.no_limit] if ranking.no_limit else []
-    return [optimality.explained(), *optimality.sentences(ranking.limit)]
-
-
-def one_training(ranking: Ranking) -> str:
-    """Return what the dagger means, with the command that trains more seeds where it is known."""
-    how = ranking.more_seeds or "train more seeds (seed=0,1,2,3,4)"
-    return (
-        f"{DAGGER} one training seed: the row describes this policy and is not compared, because another training may "
-        f"end elsewhere. More seeds: {how}"
-    )
+    return optimality.sentences(ranking.limit)
 
 
 def failed_trainings(ranking: Ranking) -> list[str]:

@@ -106,15 +106,6 @@ def conditions_csv(ranking: Ranking) -> str:
     return lines(header, rows)
 
 
-def limit_csv(ranking: Ranking) -> str:
-    """A row per scenario: the limit, what was computed, and what is proven, in s; an empty string where there is none."""
-    if ranking.limit is None:
-        return ""
-    header = ["episode", "protocol", "condition", "fingerprint", "limit_s", "computed_s", "proven_s"]
-    about = [ranking.protocol, ranking.condition, ranking.fingerprint]
-    return lines(header, [[e, *about, *times] for e, times in enumerate(ranking.limit.by_episode)])
-
-
 def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
     """Return a row per pair of agents; an empty string without any."""
     if not comparisons:

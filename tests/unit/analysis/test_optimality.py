@@ -76,7 +76,6 @@ def test_the_ratio_is_a_geometric_mean_over_successes(tmp_path: Path) -> None:
     assert ranking.limit is not None
     assert ranking.limit.seconds == pytest.approx(best().mean() / FREQUENCY)
     assert ranking.limit.gap == pytest.approx(2.0)
-    assert ranking.limit.beaten == ()
     for one in agents:
         ratios = one.metrics["time_to_goal_s"] * FREQUENCY / best()
         expected = np.exp(np.nanmean(np.log(ratios)))
@@ -110,22 +109,16 @@ def test_a_table_has_the_column_where_it_is_asked_for_and_the_csv_always(tmp_pat
     text = tables.markdown(with_columns(ranking, agents, [optimality.COLUMN]))
     assert "time over best known" in text
     assert "Best known: " in text
-    assert len(tables.limit_csv(ranking).splitlines()) == EPISODES + 1
     assert [row.label for row in ranking.rows] == [agents[0].label], "the limit has no row"
 
 
-def test_who_was_quicker_than_what_was_computed_sets_the_limit_and_is_named(tmp_path: Path) -> None:
+def test_an_agent_that_was_quicker_than_what_was_computed_sets_the_limit(tmp_path: Path) -> None:
     write(tmp_path)
     agents = [timed("sac", tmp_path, 0.9), timed("ppo", tmp_path, 2.0)]
     ranking = ranked(agents)
     assert ranking.limit is not None
-    ((label, count, seconds),) = ranking.limit.beaten
-    quicker = agents[0].metrics["time_to_goal_s"]
-    assert label == agents[0].label
-    assert count == int((np.nanmin(np.where(np.isnan(quicker), np.inf, quicker), axis=0) < best() / 10).sum())
-    assert seconds > 0
+    assert ranking.limit.seconds < best().mean() / FREQUENCY
     assert all(row.estimates[optimality.COLUMN].value >= 1.0 for row in ranking.rows)
-    assert any("quickest agent" in line for line in optimality.sentences(ranking.limit))
 
 
 def test_limits_of_other_scenarios_are_not_used_and_the_command_is_named(tmp_path: Path) -> None:
@@ -156,15 +149,3 @@ def test_an_agent_without_success_has_no_ratio(tmp_path: Path) -> None:
     ranking = ranked([never, timed("sac", tmp_path, 1.5)])
     row = next(row for row in ranking.rows if row.label == never.label)
     assert optimality.COLUMN not in row.estimates
-
-
-def test_agents_that_were_quicker_stand_in_one_sentence_the_most_frequent_first(tmp_path: Path) -> None:
-    write(tmp_path)
-    agents = [timed("sac", tmp_path, 0.95), timed("ppo", tmp_path, 0.9), timed("pid", tmp_path, 2.0)]
-    ranking = ranked(agents)
-    assert ranking.limit is not None
-    counts = {label: count for label, count, _ in ranking.limit.beaten}
-    (said,) = [line for line in optimality.sentences(ranking.limit) if "quickest" in line]
-    places = [said.index(label) for label in sorted(counts, key=lambda label: -counts[label])]
-    assert len(places) == 2
-    assert places == sorted(places)

@@ -109,22 +109,6 @@ def test_one_training_seed_is_one_policy_and_takes_no_part_in_any_test():
     assert any(row.group != "a" for row in ranking.rows if row.compared)
 
 
-def test_the_command_that_adds_seeds():
-    def single(command, seed=0):
-        a = agent("ppo", seeds=1)
-        run = replace(a.runs[0], seed=seed, manifest={**a.runs[0].manifest, "command": command})
-        return replace(a, runs=(run,))
-
-    for command, expected in {
-        "auvbench train -m experiment=quickstart seed=0": "auvbench train -m experiment=quickstart seed=0,1,2,3,4",
-        "auvbench train algo=ppo 'task.start=[0,0,-9]'": "auvbench train -m algo=ppo 'task.start=[0,0,-9]' seed=0,1,2,3,4",
-        "train.py": "",
-    }.items():
-        assert rank([single(command)]).more_seeds == expected
-    assert rank([single("auvbench train seed=7", 7)]).more_seeds == "auvbench train -m seed=0,1,2,3,4,7"
-    assert rank([agent("ppo", seeds=2)]).more_seeds == ""
-
-
 def test_a_controller_given_twice_is_one_controller():
     pid = agent("pid", seeds=1)
     twice = replace(

@@ -12,6 +12,7 @@ import pytest
 from auvbench.config import schema
 from auvbench.errors import ConfigError, RunError
 from auvbench.evaluation.bounds import files
+from auvbench.evaluation.bounds.command_replay import Trial
 from auvbench.evaluation.bounds.compute import (
     PRELOAD,
     all_scenarios,
@@ -19,7 +20,6 @@ from auvbench.evaluation.bounds.compute import (
     compute,
     controllers,
     eligible,
-    wrong_bounds,
 )
 from auvbench.evaluation.bounds.lower_bound import PRICES, Energy
 from auvbench.evaluation.bounds.search import Search
@@ -31,6 +31,22 @@ from tests import configs
 
 NEAR = "task.waypoint_low=[-5,-5,-24]", "task.waypoint_high=[5,5,-16]"
 """waypoints that are a few seconds away"""
+
+
+def wrong_bounds(limits, protocol, config):
+    """Replay the commands of bounds in the simulator; return a line for each that does not arrive in its steps."""
+    wrong = []
+    by_name = {condition.name: condition for condition in resolve_conditions(protocol, config)}
+    for name in limits.conditions():
+        trial = Trial(by_name[name].config)
+        there = all_scenarios(by_name[name], protocol)
+        for bound in limits.condition(name):
+            outcome = trial.run(there[bound.episode], bound.found().commands)
+            if not outcome.arrived or outcome.steps != bound.steps:
+                wrong.append(
+                    f"{name}, episode {bound.episode}: {outcome.record['outcome']} after {outcome.steps} steps"
+                )
+    return wrong
 
 
 def protocol_of(*overrides: str, episodes: int = 3, **changes: Any) -> schema.Protocol:
@@ -150,19 +166,6 @@ def test_what_is_found_arrives_and_is_quicker_than_controllers(
     assert (steps <= quickest).all()
     assert (steps < quickest).any()
     assert all(bound.least_steps <= bound.steps == bound.found().steps for bound in held)
-
-
-def test_commands_that_do_not_arrive_are_named(
-    near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits]
-) -> None:
-    protocol, config = near
-    _, limits = computed
-    far = max(limits.bounds, key=lambda bound: bound.steps)
-    idle = replace(far, commands=files.packed(np.zeros_like(far.found().commands)))
-    bounds = tuple(idle if bound is far else bound for bound in limits.bounds)
-    (line,) = wrong_bounds(replace(limits, bounds=bounds), protocol, config)
-    assert line.startswith(f"nominal, episode {far.episode}: ")
-    assert line.endswith(f"not arrived after {far.steps}")
 
 
 @pytest.mark.slow
