@@ -15,7 +15,7 @@ from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
+from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
@@ -37,7 +37,7 @@ class Case:
     algorithm: type[BaseAlgorithm]
     n: int
     options: dict[str, Any]
-    noise: str = ""
+    noise: bool = False
     steps: int = 600
     network: dict[str, Any] = field(default_factory=dict)
 
@@ -45,8 +45,7 @@ class Case:
         batch = Pendulums(self.n, seed)
         options = dict(self.options)
         if self.noise:
-            kind = {"normal": NormalActionNoise, "ou": OrnsteinUhlenbeckActionNoise}[self.noise]
-            options["action_noise"] = kind(np.zeros(2), 0.2 * np.ones(2))
+            options["action_noise"] = NormalActionNoise(np.zeros(2), 0.2 * np.ones(2))
         env = VecNormalize(batch, gamma=0.99)
         policy = "MlpLstmPolicy" if self.algorithm is RecurrentPPO else "MlpPolicy"
         return self.algorithm(
@@ -58,17 +57,12 @@ OFF = {"batch_size": 16, "learning_starts": 40, "buffer_size": 300}
 CASES = {
     "ppo-1": Case(PPO, 1, {"n_steps": 64, "batch_size": 32, "n_epochs": 2}),
     "ppo-8": Case(PPO, 8, {"n_steps": 16, "batch_size": 32, "n_epochs": 2}, steps=1500),
-    "ppo-gsde": Case(
-        PPO, 4, {"n_steps": 16, "batch_size": 32, "n_epochs": 1, "use_sde": True, "sde_sample_freq": 4}
-    ),
-    "ppo-gsde-rollout": Case(PPO, 4, {"n_steps": 16, "batch_size": 32, "n_epochs": 1, "use_sde": True}),
     "sac-1": Case(SAC, 1, OFF, steps=400),
     "sac-8": Case(SAC, 8, {**OFF, "train_freq": 4, "gradient_steps": 2}),
-    "sac-gsde": Case(SAC, 2, {**OFF, "use_sde": True, "train_freq": 8, "gradient_steps": 2}, steps=400),
-    "ddpg-1": Case(DDPG, 1, OFF, "ou", steps=300),
-    "ddpg-8": Case(DDPG, 8, {**OFF, "gradient_steps": 2}, "normal"),
-    "td3-1": Case(TD3, 1, OFF, "normal", steps=300),
-    "td3-8": Case(TD3, 8, {**OFF, "gradient_steps": -1}, "ou"),
+    "ddpg-1": Case(DDPG, 1, OFF, True, steps=300),
+    "ddpg-8": Case(DDPG, 8, {**OFF, "gradient_steps": 2}, True),
+    "td3-1": Case(TD3, 1, OFF, True, steps=300),
+    "td3-8": Case(TD3, 8, {**OFF, "gradient_steps": -1}, True),
     "tqc-8": Case(TQC, 8, {**OFF, "gradient_steps": 2}, steps=480),
     # Its running statistics normalise from the 20th gradient step on.
     "crossq-8": Case(CrossQ, 8, {**OFF, "gradient_steps": 2}, steps=480, network={"renorm_warmup_steps": 20}),
@@ -104,8 +98,6 @@ class Trained(SB3Learner):
     def __init__(self, model: BaseAlgorithm) -> None:
         self.model = model
         self._environment = None
-        self._drawn = None
-        self._between_rollouts = True
 
 
 @dataclass

@@ -39,8 +39,6 @@ class SB3Learner:
         self.model: BaseAlgorithm | None = None
         self._environment: Environment | None = None
         self._tested: Agent | None = None  # in the tests of now
-        self._drawn: Components | None = None  # a checkpoint whose draws are to be restored once more
-        self._between_rollouts = True
 
     def reset(self, episodes: Integers) -> None:
         """Begin episodes (n,). During training, the policy of this moment acts in them."""
@@ -64,7 +62,7 @@ class SB3Learner:
 
     def _frozen(self, model: BaseAlgorithm) -> Agent:
         """Return the policy that is being trained, frozen for a test."""
-        normaliser = _normaliser(model)
+        normaliser = state.normaliser(model)
         return FrozenPolicy(
             model.policy,
             learners.statistics(normaliser),
@@ -106,7 +104,7 @@ class SB3Learner:
     def save(self, folder: Path) -> None:
         """Write policy.pt, a plain dictionary of tensors, and normalisation.npz."""
         assert self.model is not None, "nothing was trained"
-        for name, data in learners.files(self.model, _normaliser(self.model)).items():
+        for name, data in learners.files(self.model, state.normaliser(self.model)).items():
             (folder / name).write_bytes(data)
 
     def load(self, folder: Path) -> None:
@@ -131,16 +129,14 @@ class SB3Learner:
         """Networks, optimizers, statistics, counters, generators.
 
         Raises:
-            TrainingError: the weights are not finite, or the replay buffer cannot be saved.
+            TrainingError: the weights are not finite, or something else filled the replay buffer.
         """
         model = self.model
         assert model is not None, "nothing is being trained"
         learners.check_parameters(model)
         if self.replay is not None:
             state.check_replay(self.replay, model.num_timesteps)
-        components = state.capture(model)
-        components.values["learner"]["at_rollout_start"] = self._between_rollouts
-        return components
+        return state.capture(model)
 
     def restore(self, components: Components) -> None:
         """Put a checkpoint into the learner, which has begun `learn`.
@@ -150,8 +146,6 @@ class SB3Learner:
         """
         assert self.model is not None, "nothing is being trained"
         state.restore(self.model, components, self._restarted())
-        if components.values["learner"]["at_rollout_start"]:
-            self._drawn = components
 
     def _restarted(self) -> Observations | None:
         """First observations, as the algorithm sees them, of episodes that a resumed run had to begin again."""
@@ -161,27 +155,10 @@ class SB3Learner:
         """Check losses and weights: the last transition is stored and the networks are updated."""
         model = self.model
         assert model is not None
-        if self._drawn is not None:
-            # gSDE draws exploration matrices between the start of training and here; the checkpoint was
-            # taken here, after that draw.
-            state.restore_draws(model, self._drawn)
-            self._drawn = None
         learners.check_losses(model)
         if isinstance(model, OnPolicyAlgorithm):
             # A rollout of many steps follows, so checking every weight costs nothing in comparison.
             learners.check_parameters(model)
-
-    def training_ends(self) -> None:
-        """Note that the budget is used up: no rollout follows the next checkpoint."""
-        assert self.model is not None
-        learners.check_losses(self.model)
-        self._between_rollouts = False
-
-
-def _normaliser(model: BaseAlgorithm) -> VecNormalize:
-    normaliser = model.get_vec_normalize_env()
-    assert isinstance(normaliser, VecNormalize)
-    return normaliser
 
 
 class Follower(BaseCallback):
@@ -210,7 +187,7 @@ class Follower(BaseCallback):
     def _on_training_end(self) -> None:
         # A callback that returned False ended training in the middle of a step, where nothing is whole.
         if self.model.num_timesteps >= self.model._total_timesteps:
-            self._learner.training_ends()
+            learners.check_losses(self.model)
 
 
 class Scalars(KVWriter):

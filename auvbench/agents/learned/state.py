@@ -22,7 +22,6 @@ import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.noise import ActionNoise, OrnsteinUhlenbeckActionNoise, VectorizedActionNoise
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecNormalize
@@ -35,7 +34,6 @@ Arrays = dict[str, NDArray[Any]]
 _COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_num_timesteps_at_start")
 _OBSERVATIONS = ("_last_obs", "_last_original_obs", "_last_episode_starts")
 _GENERATORS = "generators"
-_GSDE = ("exploration_mat", "exploration_matrices")
 
 
 def capture(model: BaseAlgorithm) -> Components:
@@ -43,16 +41,14 @@ def capture(model: BaseAlgorithm) -> Components:
     components = Components()
     components.tensors.update(_networks(model))
     components.arrays["learner"] = _learner_arrays(model)
-    normalize = model.get_vec_normalize_env()
-    if normalize is not None:
-        components.arrays["normalisation"] = _normalisation(normalize)
+    components.arrays["normalisation"] = _normalisation(normaliser(model))
     components.values["learner"] = {
         "class": type(model).__name__,
         "counters": {name: int(getattr(model, name)) for name in _COUNTERS},
         "elapsed_ns": time.time_ns() - int(model.start_time),
         "logger": _pending(model),
     }
-    _capture_generators(components, _numpy_generators(model))
+    _capture_generators(components, model)
     return components
 
 
@@ -77,11 +73,9 @@ def restore(
     except (RuntimeError, ValueError, KeyError) as error:
         raise RunError(f"the checkpoint does not fit the networks of this configuration: {error}") from error
     _restore_learner_arrays(model, components.arrays["learner"])
-    normalize = model.get_vec_normalize_env()
-    if normalize is not None:
-        _restore_normalisation(normalize, components.arrays["normalisation"])
+    _restore_normalisation(normaliser(model), components.arrays["normalisation"])
     if restarted is not None:
-        _begin_episodes(model, normalize, restarted)
+        _begin_episodes(model, restarted)
     for name, value in values["counters"].items():
         setattr(model, name, value)
     if model._total_timesteps:
@@ -89,32 +83,15 @@ def restore(
     # The rate of steps that SB3 logs then goes on as if the process had never stopped.
     model.start_time = time.time_ns() - values["elapsed_ns"]
     _restore_pending(model, values["logger"])
-    restore_draws(model, components)
-
-
-def restore_draws(model: BaseAlgorithm, components: Components) -> None:
-    """Restores only generators and drawn exploration matrices (gSDE)."""
-    tensors = components.tensors["policy"]
-    distribution = _gsde_distribution(model)
-    if distribution is not None:
-        for name in _GSDE:
-            if name in tensors["gsde"]:
-                setattr(distribution, name, tensors["gsde"][name].clone())
-    _restore_generators(components, _numpy_generators(model))
+    _restore_generators(components, model)
 
 
 def check_replay(buffer: ReplayBuffer, num_timesteps: int) -> None:
-    """Check that a buffer can be saved row by row and that only its learner filled it.
+    """Check that only its learner filled a buffer, whose rows are stored by their number.
 
     Raises:
-        TrainingError: the buffer is of a kind that cannot be saved row by row, or was filled by other means.
+        TrainingError: something else filled it, too.
     """
-    if type(buffer) is not ReplayBuffer or buffer.optimize_memory_usage:
-        raise TrainingError(
-            f"a replay buffer of type {type(buffer).__name__}"
-            f"{' with optimize_memory_usage' if getattr(buffer, 'optimize_memory_usage', False) else ''} "
-            "cannot be saved in a checkpoint; use stable_baselines3's ReplayBuffer without memory optimisation"
-        )
     rows = num_timesteps // buffer.n_envs
     if rows % buffer.buffer_size != buffer.pos or (rows >= buffer.buffer_size) != buffer.full:
         raise TrainingError(
@@ -123,23 +100,25 @@ def check_replay(buffer: ReplayBuffer, num_timesteps: int) -> None:
         )
 
 
-def _begin_episodes(
-    model: BaseAlgorithm, normalize: VecNormalize | None, observation: NDArray[np.float32]
-) -> None:
+def normaliser(model: BaseAlgorithm) -> VecNormalize:
+    normalize = model.get_vec_normalize_env()
+    assert isinstance(normalize, VecNormalize)
+    return normalize
+
+
+def _begin_episodes(model: BaseAlgorithm, observation: NDArray[np.float32]) -> None:
     """Let the learner continue from the first observations (n, d) of new episodes."""
-    model._last_obs = observation.copy()
+    normalize = normaliser(model)
     model._last_episode_starts = np.ones(len(observation), dtype=bool)
-    if normalize is not None:
-        model._last_original_obs = observation.copy()
-        model._last_obs = normalize.normalize_obs(observation)
-        normalize.old_obs = observation.copy()
-        normalize.returns[:] = 0.0
+    model._last_original_obs = observation.copy()
+    model._last_obs = normalize.normalize_obs(observation)
+    normalize.old_obs = observation.copy()
+    normalize.returns[:] = 0.0
 
 
 def _networks(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:
     """SB3's own list of what `save` would store: policy with targets, optimizers, entropy coefficient."""
     names, variables = model._get_torch_save_params()
-    distribution = _gsde_distribution(model)
     policy = {
         "modules": {
             name: dict(recursive_getattr(model, name).state_dict())
@@ -147,9 +126,6 @@ def _networks(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:
             if "optimizer" not in name
         },
         "variables": {name: recursive_getattr(model, name).detach() for name in variables},
-        "gsde": {}
-        if distribution is None
-        else {name: getattr(distribution, name).detach() for name in _GSDE if hasattr(distribution, name)},
     }
     optimizers = {name: recursive_getattr(model, name).state_dict() for name in names if "optimizer" in name}
     return {"policy": _plain(policy), "optimizers": _plain(optimizers)}
@@ -179,12 +155,6 @@ def _restore_networks(model: BaseAlgorithm, tensors: dict[str, dict[str, Any]]) 
         recursive_getattr(model, name).load_state_dict(state)
 
 
-def _gsde_distribution(model: BaseAlgorithm) -> Any | None:
-    if not model.use_sde:
-        return None
-    return getattr(model.policy, "action_dist", None) or model.policy.actor.action_dist  # type: ignore[union-attr]
-
-
 def _learner_arrays(model: BaseAlgorithm) -> Arrays:
     arrays: Arrays = {}
     for name in _OBSERVATIONS:
@@ -196,8 +166,6 @@ def _learner_arrays(model: BaseAlgorithm) -> Arrays:
     for key in infos[0] if infos else ():
         arrays[f"ep_info.{key}"] = np.asarray([info[key] for info in infos])
     arrays["ep_success"] = np.asarray(list(model.ep_success_buffer or ()))
-    for index, noise in enumerate(_noises(model.action_noise)):
-        arrays[f"action_noise.{index}"] = np.asarray(noise.noise_prev)
     return arrays | {name: tensor.numpy() for name, tensor in _lstm_states(model).items()}
 
 
@@ -213,12 +181,6 @@ def _lstm_states(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
     }
 
 
-def _restore_lstm_states(model: BaseAlgorithm, arrays: Arrays) -> None:
-    # In place: they are SB3's fresh ones, which nothing else holds.
-    for name, tensor in _lstm_states(model).items():
-        tensor.copy_(torch.from_numpy(arrays[name]))
-
-
 def _restore_learner_arrays(model: BaseAlgorithm, arrays: Arrays) -> None:
     for name in _OBSERVATIONS:
         setattr(model, name, arrays[name].copy() if name in arrays else None)
@@ -227,15 +189,9 @@ def _restore_learner_arrays(model: BaseAlgorithm, arrays: Arrays) -> None:
     size = model._stats_window_size
     model.ep_info_buffer = deque((dict(zip(keys, row, strict=True)) for row in rows), maxlen=size)
     model.ep_success_buffer = deque(arrays["ep_success"], maxlen=size)
-    for index, noise in enumerate(_noises(model.action_noise)):
-        noise.noise_prev = arrays[f"action_noise.{index}"].copy()
-    _restore_lstm_states(model, arrays)
-
-
-def _noises(noise: ActionNoise | None) -> list[OrnsteinUhlenbeckActionNoise]:
-    """Return the noise processes that remember something; Gaussian noise only draws."""
-    every = noise.noises if isinstance(noise, VectorizedActionNoise) else [noise]
-    return [one for one in every if isinstance(one, OrnsteinUhlenbeckActionNoise)]
+    # In place: they are SB3's fresh ones, which nothing else holds.
+    for name, tensor in _lstm_states(model).items():
+        tensor.copy_(torch.from_numpy(arrays[name]))
 
 
 def _normalisation(normalize: VecNormalize) -> Arrays:
@@ -265,11 +221,6 @@ def _statistics(normalize: VecNormalize) -> dict[str, RunningMeanStd]:
     return {name: rms for name, rms in named.items() if isinstance(rms, RunningMeanStd)}
 
 
-def _numpy_generators(model: BaseAlgorithm) -> dict[str, np.random.Generator]:
-    """Return the numpy generators by name: the action space draws the warm-up actions of off-policy learners."""
-    return {"action_space": model.action_space.np_random}
-
-
 def _pending(model: BaseAlgorithm) -> list[list[Any]]:
     """Return what SB3's logger has recorded and not yet written: key, type, value, count, excluded outputs."""
     logger = model.logger
@@ -295,8 +246,8 @@ def _restore_pending(model: BaseAlgorithm, rows: list[list[Any]]) -> None:
         logger.name_to_excluded[key] = tuple(excluded)
 
 
-def _capture_generators(components: Components, generators: dict[str, np.random.Generator]) -> None:
-    """Add Python's, numpy's and torch's global generators, and numpy Generators by name."""
+def _capture_generators(components: Components, model: BaseAlgorithm) -> None:
+    """Add Python's, numpy's and torch's generators, and the action space's, which draws off-policy learners' first actions."""
     version, words, gauss = random.getstate()
     kind, keys, position, has_gauss, cached = np.random.get_state(legacy=True)  # noqa: NPY002
     components.arrays[_GENERATORS] = {
@@ -307,13 +258,11 @@ def _capture_generators(components: Components, generators: dict[str, np.random.
     components.values[_GENERATORS] = {
         "python": {"version": version, "gauss": gauss},
         "numpy": {"kind": kind, "position": position, "has_gauss": has_gauss, "cached": float(cached)},
-        "numpy_generators": {
-            name: _plain_state(item.bit_generator.state) for name, item in generators.items()
-        },
+        "action_space": model.action_space.np_random.bit_generator.state,  # PCG64: whole numbers of up to 128 bits
     }
 
 
-def _restore_generators(components: Components, generators: dict[str, np.random.Generator]) -> None:
+def _restore_generators(components: Components, model: BaseAlgorithm) -> None:
     """Restore the generators; call it last, since building and loading anything may draw."""
     arrays, values = components.arrays[_GENERATORS], components.values[_GENERATORS]
     python, legacy = values["python"], values["numpy"]
@@ -322,14 +271,4 @@ def _restore_generators(components: Components, generators: dict[str, np.random.
         (legacy["kind"], arrays["numpy"], legacy["position"], legacy["has_gauss"], legacy["cached"])
     )
     torch.set_rng_state(torch.from_numpy(arrays["torch"].copy()))
-    for name, state in values["numpy_generators"].items():
-        generators[name].bit_generator.state = state
-
-
-def _plain_state(state: Any) -> Any:
-    """Return a bit generator's state as JSON; its integers have up to 128 bits, which JSON does not mind."""
-    if isinstance(state, dict):
-        return {key: _plain_state(value) for key, value in state.items()}
-    if isinstance(state, np.ndarray):
-        raise TypeError("only bit generators whose state is plain integers, such as PCG64, can be saved")
-    return int(state) if isinstance(state, np.integer) else state
+    model.action_space.np_random.bit_generator.state = values["action_space"]
