@@ -22,12 +22,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.agents.base import Integers
 from auvbench.agents.classical.cascade import Estimator, wrap
 from auvbench.agents.classical.pid import STEEPEST, FinController, PIDController
 from auvbench.config import algorithms, schema
 from auvbench.config.tasks import blocks
 from auvbench.errors import ConfigError
+from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.actuators import Fin
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -60,34 +60,36 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSControl
     return FinALOSController(config, vehicle) if fins else ALOSController(config, vehicle)
 
 
-class Guidance:
-    """The law of N vehicles and what it has learned."""
+class Guidance(Estimator):
+    """The readings of N vehicles, and the law with what it has learned from them."""
 
-    def __init__(self, gains: algorithms.ALOS, dt: float) -> None:
-        self.gains = gains
-        self.dt = dt
-        self.reset(0)
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        assert isinstance(config.algo, algorithms.ALOS)
+        self.gains = config.algo
+        spec = observation_spec(config.task, vehicle.actuators)
+        super().__init__(1.0 / config.step.frequency, config.algo.filter_time, spec)
 
     def reset(self, n: int) -> None:
+        super().reset(n)
         self.crab: Floats = np.zeros(n)
         """(n,) rad, beta_hat"""
         self.attack: Floats = np.zeros(n)
         """(n,) rad, alpha_hat"""
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """Return what it carries from step to step, by name: its own arrays, a row for each vehicle."""
-        return {"crab": self.crab, "attack": self.attack}
+        """As `Estimator.memory`, with what has been learned."""
+        return {**super().memory(), "crab": self.crab, "attack": self.attack}
 
-    def steer(self, now: Estimator) -> tuple[Floats, Floats]:
+    def steer(self) -> tuple[Floats, Floats]:
         """Return yaw error (n,) and flight-path angle (n,) in rad from the readings, and learn from them.
 
         The azimuth of the path less the yaw is the yaw error that the task observes.
         """
-        azimuth = now.yaw_error
-        x, y, z = now.target.T
+        azimuth = self.yaw_error
+        x, y, z = self.target.T
         elevation = np.arctan2(z, np.hypot(x, y))
         # The position error leads from the vehicle to the path.
-        x, y, z = now.error.T
+        x, y, z = self.error.T
         ahead = np.cos(azimuth) * x + np.sin(azimuth) * y
         port = np.sin(azimuth) * x - np.cos(azimuth) * y
         below = np.cos(elevation) * z - np.sin(elevation) * ahead
@@ -128,21 +130,14 @@ def projected(estimate: Floats, error: Floats, limit: float) -> Floats:
 class ALOSController(PIDController):
     """ALOS over the PID autopilot of a vehicle with thrusters: surge, heave and heading."""
 
+    estimate: Guidance
+
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
-        assert isinstance(config.algo, algorithms.ALOS)
-        self.path = Guidance(config.algo, 1.0 / config.step.frequency)
         super().__init__(config, vehicle)
-
-    def reset(self, episodes: Integers) -> None:
-        super().reset(episodes)
-        self.path.reset(len(episodes))
-
-    def memory(self) -> dict[str, NDArray[Any]]:
-        """As `PIDController.memory`, with the estimates of the guidance."""
-        return {**super().memory(), **self.path.memory()}
+        self.estimate = Guidance(config, vehicle)
 
     def guidance(self) -> Floats:
-        self._turn, climb = self.path.steer(self.estimate)
+        self._turn, climb = self.estimate.steer()
         speed = np.linalg.norm(self.estimate.target, axis=1)
         # The vehicle first turns, then goes.
         ahead = speed * np.cos(climb) * np.maximum(np.cos(self._turn), 0.0)
@@ -160,18 +155,11 @@ class ALOSController(PIDController):
 class FinALOSController(FinController):
     """ALOS over the PID autopilot of a vehicle with propeller and fins."""
 
+    estimate: Guidance
+
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
-        assert isinstance(config.algo, algorithms.ALOS)
-        self.path = Guidance(config.algo, 1.0 / config.step.frequency)
         super().__init__(config, vehicle)
-
-    def reset(self, episodes: Integers) -> None:
-        super().reset(episodes)
-        self.path.reset(len(episodes))
-
-    def memory(self) -> dict[str, NDArray[Any]]:
-        """As `FinController.memory`, with the estimates of the guidance."""
-        return {**super().memory(), **self.path.memory()}
+        self.estimate = Guidance(config, vehicle)
 
     def guidance(self) -> tuple[Floats, Floats]:
-        return self.path.steer(self.estimate)
+        return self.estimate.steer()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ SPEED, DT = 0.8, 0.1
 
 def followed(azimuth: float, elevation: float, current: np.ndarray) -> tuple[Guidance, np.ndarray]:
     """Let a vehicle that goes exactly as it is steered follow a straight path for 400 s; return its errors at the end."""
-    guidance = Guidance(configs.training(*PATH).algo, DT)
+    guidance = Guidance(configs.training(*PATH), sheet.load("bluerov2_heavy"))
     guidance.reset(1)
     along = np.array(
         [
@@ -37,12 +36,9 @@ def followed(azimuth: float, elevation: float, current: np.ndarray) -> tuple[Gui
         turn = np.array(
             [[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
         )
-        seen = SimpleNamespace(
-            yaw_error=np.array([(azimuth - yaw + math.pi) % (2 * math.pi) - math.pi]),
-            target=(SPEED * turn @ along)[None],
-            error=(turn @ error)[None],
-        )
-        yaw_error, climb = guidance.steer(seen)
+        guidance.yaw_error = np.array([(azimuth - yaw + math.pi) % (2 * math.pi) - math.pi])
+        guidance.target, guidance.error = (SPEED * turn @ along)[None], (turn @ error)[None]
+        yaw_error, climb = guidance.steer()
         yaw += float(yaw_error[0])
         heading = [
             math.cos(yaw) * math.cos(climb[0]),
@@ -81,7 +77,7 @@ def test_the_projection_keeps_an_estimate_in_its_band() -> None:
     # All of the error inside, half of it half way through the band, none at its end, all of it inwards.
     expected = [3.0, 3.0, 1.5, 0.0, 0.0, -3.0, -1.0]
     np.testing.assert_allclose(projected(estimate, error, limit), expected, atol=1e-9)
-    guidance = Guidance(configs.training(*PATH).algo, DT)
+    guidance = Guidance(configs.training(*PATH), sheet.load("bluerov2_heavy"))
     guidance.reset(1)
     for _ in range(5000):
         guidance.learn(np.array([5.0]), np.array([-5.0]), np.array([True]))
