@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auvbench.config.simulators import Capabilities
 from auvbench.dynamics.waves import Waves
+from auvbench.errors import ConfigError
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -61,6 +62,26 @@ class Simulator(Protocol):
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
         """Restore a state that `state_dict` returned."""
+
+
+def write_current(
+    current: FloatArray, velocity: ArrayLike, bottom: ArrayLike | None, depths: tuple[ArrayLike, ArrayLike]
+) -> None:
+    """Write what `Simulator.set_current` takes to `current` (n, 8).
+
+    Its columns are the velocity at the top (3), the difference to the bottom (3), z of the top, and 1 / thickness.
+
+    Raises:
+        ConfigError: the second depth is not below the first.
+    """
+    top = np.asarray(depths[0], dtype=np.float64)
+    thickness = np.asarray(depths[1], dtype=np.float64) - top
+    if not np.all(thickness > 0.0):
+        raise ConfigError(f"current from depth {depths[0]} to {depths[1]} m: the second must be deeper")
+    current[:, :3] = velocity
+    current[:, 3:6] = 0.0 if bottom is None else np.asarray(bottom) - np.asarray(velocity)
+    current[:, 6] = -top
+    current[:, 7] = 1.0 / thickness
 
 
 class WavySimulator(Simulator, Protocol):

@@ -20,6 +20,7 @@ from auvbench.dynamics.kernel import PARAMETER_ROWS, advance
 from auvbench.dynamics.plugin import GZ_SIM_8_11
 from auvbench.dynamics.waves import Waves, still
 from auvbench.errors import ConfigError
+from auvbench.simulators.base import write_current
 from auvbench.simulators.packing import discretise, geometry_table, parameter_rows, unit_table
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -139,14 +140,7 @@ class FossenSimulator:
         depths: tuple[ArrayLike, ArrayLike] = (0.0, 1.0),
     ) -> None:
         """Set the current of all vehicles; see `Simulator.set_current`."""
-        top = np.asarray(depths[0], dtype=np.float64)
-        thickness = np.asarray(depths[1], dtype=np.float64) - top
-        if not np.all(thickness > 0.0):
-            raise ConfigError(f"current from depth {depths[0]} to {depths[1]} m: the second must be deeper")
-        self.current[:, :3] = velocity
-        self.current[:, 3:6] = 0.0 if bottom is None else np.asarray(bottom) - np.asarray(velocity)
-        self.current[:, 6] = -top
-        self.current[:, 7] = 1.0 / thickness
+        write_current(self.current, velocity, bottom, depths)
 
     def set_waves(self, waves: Waves) -> None:
         """Set the waves of all vehicles; see `WavySimulator.set_waves`."""

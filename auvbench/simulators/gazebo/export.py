@@ -8,7 +8,7 @@ from string import Template
 from typing import Any
 from xml.sax.saxutils import escape
 
-from auvbench.simulators.gazebo import elements, sdf
+from auvbench.simulators.gazebo import parts, sdf
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 WORLD = "ocean"
@@ -32,7 +32,7 @@ def files(vehicle: VehicleModel, sheet: Mapping[str, Any], hydrodynamics: str, s
     Raises:
         VehicleError: as `sdf.check_vehicle`.
     """
-    cite = elements.citations(sheet)
+    cite = parts.citations(sheet)
     name = vehicle.name
     model = sdf.model(vehicle, hydrodynamics, cite=cite)
     header = "\n".join(
@@ -48,7 +48,7 @@ def files(vehicle: VehicleModel, sheet: Mapping[str, Any], hydrodynamics: str, s
         [
             '<?xml version="1.0"?>',
             "<!--",
-            *(f"  {elements.comment(line)}" for line in header.splitlines()),
+            *(f"  {parts.comment(line)}" for line in header.splitlines()),
             "-->",
         ]
     )

@@ -1,15 +1,17 @@
-"""Parts of a vehicle's model: mass, displaced water, propellers, publishers and hydrodynamics."""
+"""Parts of a vehicle's model: mass, displaced water, propellers, publishers and hydrodynamics; and of SDF text in general."""
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.simulators.gazebo import masses
-from auvbench.simulators.gazebo.elements import Cite, number, numbers, plugin
+from auvbench.errors import VehicleError
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -18,11 +20,21 @@ LINK = "base_link"
 _MOTION = "UVWPQR"
 _REACTION = "xyzkmn"
 
+PROPELLER = 0.01
+"""kg of each propeller link, which a Thruster plugin needs and no sheet has; taken off the hull, inertia included."""
+SPIN = 0.4 * PROPELLER * 0.02**2
+"""kg m2, moment of inertia of a propeller link, a sphere of 2 cm radius"""
+
+Cite = Callable[..., str]
+"""Returns the comment with the sources of a number, for its path of keys in a sheet."""
+
 
 def inertial(vehicle: VehicleModel, hydrodynamics: str, cite: Cite, thrusters: bool) -> list[str]:
     """Return mass, centre and inertia of the link, and `corrected` added mass."""
-    mass, r_g, inertia = masses.hull(vehicle) if thrusters else masses.whole(vehicle)
-    note = f"    <!-- The propellers' {len(vehicle.units)} x {masses.PROPELLER:g} kg are taken off. -->"
+    mass, r_g, inertia = vehicle.mass, vehicle.center_of_gravity, vehicle.inertia
+    if thrusters:
+        mass, r_g, inertia = hull(vehicle)
+    note = f"    <!-- The propellers' {len(vehicle.units)} x {PROPELLER:g} kg are taken off. -->"
     lines = [note] if thrusters and vehicle.units else []
     lines += [
         "    <inertial>",
@@ -92,11 +104,11 @@ def propeller(vehicle: VehicleModel, index: int, space: str, cite: Cite) -> list
             "<!-- The command is the force in N; this sets only the visible speed of the propeller. -->",
             "<thrust_coefficient>1</thrust_coefficient>",
         ]
-    spin = number(masses.spin(masses.PROPELLER))
+    spin = number(SPIN)
     return [
         f'  <link name="{unit.name}_propeller">',
         f"    <pose>{numbers(unit.position)} 0 0 0</pose>{_position_source(cite, unit.name)}",
-        f"    <inertial><mass>{masses.PROPELLER}</mass><inertia><ixx>{spin}</ixx><iyy>{spin}</iyy><izz>{spin}</izz></inertia></inertial>",
+        f"    <inertial><mass>{PROPELLER}</mass><inertia><ixx>{spin}</ixx><iyy>{spin}</iyy><izz>{spin}</izz></inertia></inertial>",
         '    <visual name="propeller"><geometry><sphere><radius>0.02</radius></sphere></geometry></visual>',
         "  </link>",
         f'  <joint name="{unit.name}_joint" type="revolute">',
@@ -183,3 +195,79 @@ def hydrodynamics_plugin(
     if current is not None:
         body.append(f"<default_current>{numbers(current)}</default_current>")
     return plugin("hydrodynamics", "Hydrodynamics", *body)
+
+
+def explicit_growth(vehicle: VehicleModel) -> float:
+    """Return the factor by which an error of the acceleration grows per step if added mass is an explicit force.
+
+    With M_RB a[k+1] = tau - M_A a[k] an error grows by the largest eigenvalue of M_RB^-1 M_A, at any step.
+    """
+    return float(np.abs(np.linalg.eigvals(np.linalg.solve(vehicle.M_RB, vehicle.M_A))).max())
+
+
+def hull(vehicle: VehicleModel) -> tuple[float, FloatArray, FloatArray]:
+    """Return mass in kg, centre of gravity (3,) in m and inertia (3, 3) in kg m2 of a vehicle without its propellers."""
+    mass = vehicle.mass - PROPELLER * len(vehicle.units)
+    if mass <= 0.0:
+        raise VehicleError(
+            f"vehicle {vehicle.name}: {len(vehicle.units)} propellers of {PROPELLER:g} kg exceed its"
+            f" {vehicle.mass:g} kg"
+        )
+    moment = vehicle.mass * vehicle.center_of_gravity - PROPELLER * sum(
+        (unit.position for unit in vehicle.units), np.zeros(3)
+    )
+    r_g = moment / mass
+    inertia = vehicle.inertia + _parallel(vehicle.mass, vehicle.center_of_gravity)
+    for unit in vehicle.units:
+        inertia = inertia - _parallel(PROPELLER, unit.position) - SPIN * np.eye(3)
+    return mass, r_g, inertia - _parallel(mass, r_g)
+
+
+def _parallel(mass: float, r: FloatArray) -> FloatArray:
+    """Return the inertia (3, 3) of a point mass at `r` (3,) about the origin."""
+    return np.asarray(mass * (float(r @ r) * np.eye(3) - np.outer(r, r)))
+
+
+def citations(sheet: Mapping[str, Any]) -> Cite:
+    """Return a `Cite` for a sheet."""
+
+    def cite(*path: str) -> str:
+        node: Any = sheet
+        for key in path:
+            node = node.get(key) if isinstance(node, Mapping) else None
+        named = node.get("source") if isinstance(node, Mapping) else None
+        if named is None:
+            return ""
+        text = ", ".join(named) if isinstance(named, list | tuple) else str(named)
+        return f"  <!-- {comment(text)} -->"
+
+    return cite
+
+
+def no_citations(*path: str) -> str:
+    """Return no comment: for models that only the simulator reads."""
+    return ""
+
+
+def comment(text: str) -> str:
+    """Return `text` as an XML comment may hold it."""
+    return re.sub("-{2,}", "-", text)
+
+
+def plugin(library: str, name: str, *body: str) -> str:
+    """Return a `<plugin>` element of one of Gazebo's systems, indented by two blanks."""
+    opening = f'  <plugin filename="gz-sim-{library}-system" name="gz::sim::systems::{name}"'
+    if not body:
+        return f"{opening}/>"
+    return "\n".join([f"{opening}>", *(f"    {line}" for line in body), "  </plugin>"])
+
+
+def number(value: float) -> str:
+    """Return the shortest decimal that reads back as the same double."""
+    value = float(value) + 0.0  # no negative zero
+    return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
+
+
+def numbers(values: Any) -> str:
+    """Return numbers with blanks between them."""
+    return " ".join(number(value) for value in values)

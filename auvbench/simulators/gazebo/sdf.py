@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import VehicleError
-from auvbench.simulators.gazebo import masses, parts
-from auvbench.simulators.gazebo.elements import Cite, comment, no_citations, number, plugin
-from auvbench.simulators.gazebo.parts import LINK
+from auvbench.simulators.gazebo import parts
+from auvbench.simulators.gazebo.parts import LINK, Cite, comment, no_citations, number, plugin
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -60,7 +59,7 @@ def check_vehicle(vehicle: VehicleModel, hydrodynamics: str) -> None:
                 " use hydrodynamics=published"
             )
         return
-    growth = masses.explicit_growth(vehicle)
+    growth = parts.explicit_growth(vehicle)
     if growth >= 1.0:
         raise VehicleError(
             f"vehicle {vehicle.name}: the plugin's explicit added mass diverges, the largest eigenvalue of"

@@ -11,7 +11,7 @@ import yaml
 
 from auvbench.cli import main
 from auvbench.errors import VehicleError
-from auvbench.simulators.gazebo import elements, export, sdf
+from auvbench.simulators.gazebo import export, parts, sdf
 from auvbench.vehicles.reader import read
 from auvbench.vehicles.sheet import load
 
@@ -158,7 +158,7 @@ def test_a_current_and_a_name_are_written_where_they_belong():
 
 @pytest.mark.parametrize("value", [0.1, 1e-300, -0.0, 3.0, 1 / 3, 5.2529371678464365, 1e22])
 def test_numbers_read_back_as_the_same_double(value):
-    assert float(elements.number(value)) == value
+    assert float(parts.number(value)) == value
 
 
 def test_the_files_parse_and_name_their_sources(tmp_path):

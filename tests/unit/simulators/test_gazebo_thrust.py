@@ -10,7 +10,7 @@ from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.simulators.gazebo import bindings
-from auvbench.simulators.gazebo.thrust import Thrust
+from auvbench.simulators.gazebo.simulator import Thrust
 from auvbench.vehicles.sheet import load
 
 
