@@ -14,12 +14,18 @@ from numba import njit
 from numpy.typing import NDArray
 
 from auvbench.dynamics import layout
-from auvbench.dynamics.actuation import advance_actuators, apply_thrust, hold_commands
+from auvbench.dynamics.actuation import (
+    advance_actuators,
+    apply_thrust,
+    hold_commands,
+    report,
+    static_curves,
+)
 from auvbench.dynamics.appendages import add_appendages
 from auvbench.dynamics.compiled import compiled
-from auvbench.dynamics.early_plugin import add_early
 from auvbench.dynamics.equations import off_diagonal, runge_kutta_stage
 from auvbench.dynamics.layout import CURRENT, LANES, PARAMETERS, ROWS, STATE_ROWS, S, X, Y
+from auvbench.dynamics.water import add_early
 from auvbench.dynamics.waves import add_inertia, clear_extra, move_water
 
 FloatArray = NDArray[np.float64]
@@ -166,3 +172,28 @@ def advance(
             for l in range(min(L, pose.shape[0] - block * L)):
                 for j in range(states.shape[1]):
                     states[block * L + l, j] = inner[j, l]
+
+
+@compiled()
+def commanded(
+    command: FloatArray,  # (n, n_u) in [-1, 1], clipped
+    units: FloatArray,  # (n_u, ACTUATOR_COLUMNS)
+    tables: FloatArray,  # (k, points)
+    quantity: FloatArray,  # (n, n_u) out: what the curves make of the commands, N, rad/s, rad, m or m3
+    force: FloatArray,  # (n, n_u) out: N of the thrusters
+    power: FloatArray,  # (n,) out: electrical W
+) -> None:
+    """Write what commands stand for, for simulators that act elsewhere: the bits that `advance` leaves in `force` and `power`."""
+    n, n_u = command.shape
+    value = np.empty((n_u, LANES))
+    for block in range((n + LANES - 1) // LANES):
+        first = block * LANES
+        for lane in range(LANES):
+            i = min(first + lane, n - 1)
+            for a in range(n_u):
+                value[a, lane] = command[i, a]
+        static_curves(units, tables, value)
+        for lane in range(min(LANES, n - first)):
+            for a in range(n_u):
+                quantity[first + lane, a] = value[a, lane]
+        report(first, units, tables, value, force, power)

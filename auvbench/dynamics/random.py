@@ -109,17 +109,3 @@ def uniform(seed: int, stream: int, channel: int, step: int, episode: int, envir
     if entry == 2:
         return u[2]
     return u[3]
-
-
-@njit(nogil=True)
-def normal(seed: int, stream: int, channel: int, step: int, episode: int, environment: int) -> float:
-    """The standard normal draw of one channel; channel c is entry c % 4 of `normal4` at block c // 4."""
-    z = normal4(seed, stream, channel // 4, step, episode, environment)
-    entry = channel % 4
-    if entry == 0:
-        return z[0]
-    if entry == 1:
-        return z[1]
-    if entry == 2:
-        return z[2]
-    return z[3]

@@ -1,5 +1,5 @@
 # ruff: noqa: E741  (l is the lane, as in the layout)
-"""A vehicle's velocity through the water, one of the workspace at a time.
+"""A vehicle's velocity through the water, one of the workspace at a time, and a force that depends on it.
 
 The loops of `equations` have the same inside: with a call in it the one over the off-diagonal added mass takes a third longer.
 """
@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from auvbench.dynamics.layout import CURRENT, LANES, Y
+from auvbench.dynamics.layout import CORIOLIS, CURRENT, EXTRA, LANES, Y
 
 FloatArray = NDArray[np.float64]
 L = LANES
@@ -35,3 +35,15 @@ def relative_velocity(ws: FloatArray, l: int) -> tuple[float, float, float, floa
     v = 2.0 * (qx * qy - qw * qz) * cx + (1.0 - 2.0 * (qx * qx + qz * qz)) * cy + zy * cz
     w = 2.0 * (qx * qz + qw * qy) * cx + 2.0 * (qy * qz - qw * qx) * cy + zz * cz
     return ws[(Y + 7) * L + l] - u, ws[(Y + 8) * L + l] - v, ws[(Y + 9) * L + l] - w, zx, zy, zz
+
+
+@njit(nogil=True)
+def add_early(ws: FloatArray) -> None:
+    """`rigid_body.early` compiled: the wrench on each of 16 vehicles of the workspace, into the terms that `runge_kutta_stage` takes from `EXTRA`."""
+    for l in range(L):
+        u, v, w, _, _, _ = relative_velocity(ws, l)
+        # The rows of C_A hold -M_A here, and what is taken from `EXTRA` is subtracted.
+        ay = ws[(CORIOLIS + 1) * L + l] * v
+        az = ws[(CORIOLIS + 2) * L + l] * w
+        ws[(EXTRA + 6) * L + l] = 2.0 * ay * ws[(Y + 12) * L + l]
+        ws[(EXTRA + 11) * L + l] = -(ay + az) * u

@@ -9,7 +9,7 @@ from auvbench.config.schema import SCALES
 from auvbench.errors import ConfigError, closest
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.vehicles import pace, sheet
+from auvbench.vehicles import sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -45,7 +45,7 @@ def make_simulator(
         stand_in: what is simulated in the vehicle's place, with the vehicle's step: the same, commanded otherwise.
     """
     limit = _shortest_time_constant(vehicle, drawn)
-    pace.refuse_stiff_vehicle(vehicle.name, limit)
+    sheet.refuse_stiff_vehicle(vehicle.name, limit)
     vehicle = stand_in or vehicle
     if isinstance(config, simulators.Fossen):
         return FossenSimulator(vehicle, n, min(config.max_step, limit), config.threads)

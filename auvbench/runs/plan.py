@@ -20,7 +20,7 @@ from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.tasks.observation import observation_spec
 from auvbench.untrusted import path_safety
 from auvbench.untrusted.text import short
-from auvbench.vehicles import pace, sheet
+from auvbench.vehicles import sheet
 from auvbench.vehicles.inspect import shortest_time_constant
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -53,7 +53,7 @@ def check_vehicle(config: schema.TrainConfig) -> VehicleModel:
         ConfigError, VehicleError: it is not.
     """
     vehicle = sheet.load(config.vehicle)
-    pace.refuse_stiff_vehicle(vehicle.name, shortest_time_constant(vehicle))
+    sheet.refuse_stiff_vehicle(vehicle.name, shortest_time_constant(vehicle))
     return vehicle
 
 

@@ -17,7 +17,7 @@ from auvbench.config.schema import SCALES
 from auvbench.config.simulators import CAPABILITIES
 from auvbench.dynamics import layout
 from auvbench.dynamics.kernel import PARAMETER_ROWS, advance
-from auvbench.dynamics.plugin import GZ_SIM_8_11
+from auvbench.dynamics.rigid_body import GZ_SIM_8_11
 from auvbench.dynamics.waves import Waves, still
 from auvbench.errors import ConfigError
 from auvbench.simulators.base import write_current

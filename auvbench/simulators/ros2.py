@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auvbench.config import simulators
 from auvbench.config.schema import SCALES
-from auvbench.dynamics.commands import commanded
+from auvbench.dynamics.kernel import commanded
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.ros2.connection import Connection
 from auvbench.simulators.packing import unit_table

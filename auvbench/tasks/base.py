@@ -28,6 +28,8 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+_STATE = ("F", "C", "previous", "offset", "observation")
+
 
 class Task:
     """State of N episodes of a task.
@@ -284,16 +286,11 @@ class Task:
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Return copies of the state that an exact resume needs."""
-        return {
-            name: np.copy(getattr(self, name)) for name in ("F", "C", "previous", "offset", "observation")
-        }
+        return {name: np.copy(getattr(self, name)) for name in _STATE}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        for name in ("F", "previous", "offset", "observation"):
+        for name in _STATE:
             np.copyto(getattr(self, name), state[name], casting="no")
-        # Older states lack the column of seeds: their rows have the seed of the batch.
-        self.C[:, k.C_SEED] = self.seed
-        np.copyto(self.C[:, : state["C"].shape[1]], state["C"], casting="no")
 
 
 class TrackingTask(Task):

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.dynamics.plugin import GZ_SIM_8_11, early
-from auvbench.dynamics.rigid_body import coriolis
+from auvbench.dynamics.rigid_body import GZ_SIM_8_11, coriolis, early
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.dynamics import plugin
-from auvbench.dynamics.rigid_body import rigid_body_mass
-from auvbench.errors import closest
+from auvbench.dynamics.rigid_body import RELEASES, rigid_body_mass
+from auvbench.errors import VehicleError, closest
 from auvbench.vehicles.actuators import read_actuators
 from auvbench.vehicles.document import Document
 from auvbench.vehicles.reader import read
@@ -25,6 +24,8 @@ _ASYMMETRY = 1e-9
 _MENDABLE = 0.1
 """The largest asymmetry of an added-mass matrix that `symmetrise` averages, as a share of sqrt(M_ii M_jj): what
 identification leaves is far smaller (rexrov: 1e-6), and a typing error far larger."""
+SHORTEST = 1e-5
+"""s of the shortest time constant; those of real vehicles have some milliseconds (docs/physics.md)"""
 
 
 def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
@@ -212,8 +213,8 @@ def _coriolis(document: Document, section: Mapping[str, Any], M_A: FloatArray) -
         value = document.sourced(at, "1")
     if isinstance(value, bool):
         return value, ""
-    if value not in plugin.RELEASES:
-        document.fail(at, f"{value!r} is neither true nor false nor {' nor '.join(plugin.RELEASES)}")
+    if value not in RELEASES:
+        document.fail(at, f"{value!r} is neither true nor false nor {' nor '.join(RELEASES)}")
     if np.any(np.diag(np.diag(M_A)) != M_A):
         document.fail(at, f"{value}: the plugin's term is that of a diagonal added mass")
     return True, str(value)
@@ -250,4 +251,22 @@ def _check_allocation(document: Document, vehicle: VehicleModel) -> None:
             ("controllable",),
             f"rank-deficient allocation: the thrusters span {rank} of the {len(rows)} degrees of freedom declared "
             f"({', '.join(vehicle.controllable)}); move a thruster or declare fewer",
+        )
+
+
+def refuse_stiff_vehicle(name: str, shortest: float) -> None:
+    """Refuse a vehicle whose damping acts so fast that the physics step would have to be next to nothing.
+
+    Args:
+        name: of the vehicle, for the message.
+        shortest: s, its shortest time constant, or that of the fastest vehicle that may be drawn.
+
+    Raises:
+        VehicleError: it is shorter than `SHORTEST`, or no number.
+    """
+    if not shortest >= SHORTEST:
+        raise VehicleError(
+            f"vehicle {name}: its damping acts within {shortest:.3g} s, so that each second would take more than "
+            f"{1 / SHORTEST:,.0f} physics steps: its damping is too large for its mass (auvbench vehicles {name}); "
+            f"the shortest time constant must be at least {SHORTEST:g} s"
         )

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.dynamics.plugin import GZ_SIM_8_11, surge_and_yaw
+from auvbench.dynamics.rigid_body import GZ_SIM_8_11, surge_and_yaw
 from auvbench.errors import ConfigError, MissingExtraError
 from auvbench.vehicles.curves import Lag
 from auvbench.vehicles.inspect import shortest_time_constant

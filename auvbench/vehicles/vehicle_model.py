@@ -39,7 +39,7 @@ class VehicleModel:
     controllable: tuple[str, ...] = ()  # degrees of freedom that the allocation must span
     sources: tuple[tuple[str, str], ...] = ()  # (key, one-line citation)
     remarks: tuple[str, ...] = ()
-    plugin: str = ""  # of `dynamics.plugin.RELEASES` where C_A is not Fossen's but of Gazebo's plugin
+    plugin: str = ""  # of `rigid_body.RELEASES` where C_A is not Fossen's but of Gazebo's plugin
 
     @property
     def coriolis_sign(self) -> float:

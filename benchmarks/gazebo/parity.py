@@ -13,7 +13,7 @@ from pathlib import Path as File
 
 import numpy as np
 
-from auvbench.dynamics.plugin import GZ_SIM_8_11, GZ_SIM_8_12
+from auvbench.dynamics.rigid_body import GZ_SIM_8_11, GZ_SIM_8_12
 from auvbench.runs.provenance import versions
 from auvbench.simulators.gazebo import bindings
 from benchmarks.gazebo.cases import (

@@ -15,8 +15,7 @@ from scipy.linalg import expm, solve_discrete_are
 from auvbench.agents.base import Integers
 from auvbench.agents.classical.cascade import YAW, Cascade
 from auvbench.config import algorithms, schema
-from auvbench.dynamics.plugin import GZ_SIM_8_11, early
-from auvbench.dynamics.rigid_body import coriolis
+from auvbench.dynamics.rigid_body import GZ_SIM_8_11, coriolis, early
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]

@@ -25,7 +25,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.dynamics.plugin import GZ_SIM_8_11
+from auvbench.dynamics.rigid_body import GZ_SIM_8_11
 from auvbench.evaluation.bounds.command_replay import Scenario
 from auvbench.vehicles.actuators import Actuator, Thruster
 from auvbench.vehicles.vehicle_model import VehicleModel

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from auvbench.dynamics.compiled import compiled
@@ -224,27 +223,8 @@ def advance_drift(C: Integers, Q: Floats, test: int, D: Floats) -> None:
             D[i, D_DRIFT + channel] += Q[Q_STEP_DRIFT + channel] * z[channel]
 
 
-@njit(nogil=True)
-def _offset_row(i: int, C: Integers, Q: Floats, test: int, noisy: bool, D: Floats, offset: Floats) -> None:
-    for channel in range(4):
-        offset[i, channel] = D[i, D_BIAS + channel] + D[i, D_DRIFT + channel]
-    if noisy:
-        z = normal4(
-            C[i, C_SEED], SENSOR | test, _GAUSSIAN, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT]
-        )
-        for channel in range(4):
-            offset[i, channel] += Q[Q_GAUSSIAN + channel] * z[channel]
-
-
 @compiled("dynamics", "tasks")
-def offsets(C: Integers, Q: Floats, test: int, noisy: bool, D: Floats, offset: Floats) -> None:
-    """Compute the errors (n, 4) of the position (m) and yaw (rad) readings of all environments."""
-    for i in range(C.shape[0]):
-        _offset_row(i, C, Q, test, noisy, D, offset)
-
-
-@compiled("dynamics", "tasks")
-def offsets_of(
+def offsets(
     indices: Integers,
     C: Integers,
     Q: Floats,
@@ -253,6 +233,14 @@ def offsets_of(
     D: Floats,
     offset: Floats,
 ) -> None:
-    """Compute `offsets` of the environments in `indices`."""
+    """Compute the errors (n, 4) of the position (m) and yaw (rad) readings of the environments in `indices`."""
     for k in range(indices.shape[0]):
-        _offset_row(indices[k], C, Q, test, noisy, D, offset)
+        i = indices[k]
+        for channel in range(4):
+            offset[i, channel] = D[i, D_BIAS + channel] + D[i, D_DRIFT + channel]
+        if noisy:
+            z = normal4(
+                C[i, C_SEED], SENSOR | test, _GAUSSIAN, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT]
+            )
+            for channel in range(4):
+                offset[i, channel] += Q[Q_GAUSSIAN + channel] * z[channel]

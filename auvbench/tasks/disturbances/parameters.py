@@ -106,7 +106,6 @@ class Disturbances:
 
     def begin(self, indices: Integers, simulator: Simulator) -> None:
         """Set current, rings and first readings of new episodes."""
-        task = self.task
         if self.flows:
             self._set_current(simulator)
         self.commands[:, indices] = 0.0
@@ -114,7 +113,7 @@ class Disturbances:
         self.velocities[:, indices] = 0.0
         self.power[indices] = 0.0
         if self.misreads:
-            k.offsets_of(indices, task.C, self.Q, task.stream, self.noisy, self.D, task.offset)
+            self._misread(indices)
 
     def advance(self, simulator: Simulator, command: Floats) -> None:
         """Advance the simulator by one agent step under `command` (n, n_u), with delays and faults."""
@@ -166,7 +165,11 @@ class Disturbances:
         if self.drifts:
             k.advance_drift(task.C, self.Q, task.stream, self.D)
         if self.noisy or self.drifts:
-            k.offsets(task.C, self.Q, task.stream, self.noisy, self.D, task.offset)
+            self._misread(np.arange(task.n))
+
+    def _misread(self, indices: Integers) -> None:
+        task = self.task
+        k.offsets(indices, task.C, self.Q, task.stream, self.noisy, self.D, task.offset)
 
     def measured(self, simulator: Simulator) -> tuple[Floats, Floats]:
         """Return the poses (n, 7) and velocities (n, 6) that arrive now, before errors."""

@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from auvbench.dynamics.plugin import GZ_SIM_8_11, GZ_SIM_8_12, early
-from auvbench.dynamics.rigid_body import coriolis
+from auvbench.dynamics.rigid_body import GZ_SIM_8_11, GZ_SIM_8_12, coriolis, early
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles.sheet import load
 from tests.reference.fossen import plugins_matrix

@@ -6,7 +6,7 @@ import signal
 import numpy as np
 import pytest
 
-from auvbench.dynamics.plugin import GZ_SIM_8_12
+from auvbench.dynamics.rigid_body import GZ_SIM_8_12
 from auvbench.errors import ConfigError
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.simulators.gazebo import bindings

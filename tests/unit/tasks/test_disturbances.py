@@ -456,7 +456,7 @@ def test_errors_of_the_readings(frequency):
         n=n,
     )
     task = d.task
-    k.offsets_of(np.arange(n), task.C, d.Q, task.stream, True, d.D, task.offset)
+    k.offsets(np.arange(n), task.C, d.Q, task.stream, True, d.D, task.offset)
     bias = d.D[:, k.D_BIAS : k.D_BIAS + 4].copy()
     noise = [task.offset - bias]
     for _ in range(int(seconds * frequency)):

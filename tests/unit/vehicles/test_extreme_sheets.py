@@ -11,7 +11,7 @@ import yaml
 
 from auvbench import cli
 from auvbench.errors import VehicleError
-from auvbench.vehicles import pace
+from auvbench.vehicles import sheet
 from auvbench.vehicles.reader import read
 from tests.fuzz.harness import judge
 
@@ -66,11 +66,11 @@ def test_damping_that_no_step_resolves_is_refused_before_a_run_is_made(
 
 
 def test_a_pace_that_is_no_number_is_refused() -> None:
-    pace.refuse_stiff_vehicle("x", 0.004)
-    pace.refuse_stiff_vehicle("x", float("inf"))
+    sheet.refuse_stiff_vehicle("x", 0.004)
+    sheet.refuse_stiff_vehicle("x", float("inf"))
     for wrong in (1e-9, 0.0, float("nan")):
         with pytest.raises(VehicleError):
-            pace.refuse_stiff_vehicle("x", wrong)
+            sheet.refuse_stiff_vehicle("x", wrong)
 
 
 @pytest.mark.parametrize("text", [LAUGHS, "a: " + "[" * 100_000, "- " * 50_000])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from auvbench.dynamics.commands import commanded
+from auvbench.dynamics.kernel import commanded
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.simulators.packing import unit_table
 from auvbench.vehicles.physical import PhysicalCommands
