@@ -146,7 +146,5 @@ def _deliver(trajectory: Trajectory, vehicle: VehicleModel, output: str | None, 
         openloop.write(trajectory, Path(output))
         print(f"{len(trajectory.time)} rows: {output}")
     if plot is not None:
-        from auvbench.simulators.trajectory_plot import draw
-
-        draw(trajectory, Path(plot), title=vehicle.title)
+        openloop.draw(trajectory, Path(plot), title=vehicle.title)
         print(f"plot: {plot}")

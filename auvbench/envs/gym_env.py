@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.config.schema import step_limit
-from auvbench.envs import info, options, rendering, settings
+from auvbench.envs import info, rendering, settings
+from auvbench.envs import options as reset_options
 from auvbench.envs.batch import Batch
 from auvbench.errors import ActionError, AuvbenchWarning
 from auvbench.tasks.kernels import C_STEPS
@@ -78,21 +79,19 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         Raises:
             ConfigError: the seed or an option is wrong.
         """
-        places = self._places(options)
+        places = reset_options.places(
+            reset_options.check_names(options), 1, self.config.task, self.batch.position_bounds
+        )
         number = None if seed is None else settings.folded(seed)
         super().reset(seed=seed)
         self._warn_of_a_limit()
         if number is not None or not self._seeded:
             self.batch.reseed(number if number is not None else int(self.np_random.integers(1 << 32)))
             self._seeded = True
-        observation = self.batch.reset(pose=places.pose, waypoint=places.waypoint, distance=places.distance)
+        observation = self.batch.reset(**places)
         self._under_way = True
         self._renderer.begin(_FIRST)
         return observation[0].copy(), info.single(self.batch.state, 0)
-
-    def _places(self, given: dict[str, Any] | None) -> options.Places:
-        bounds = self.batch.position_bounds
-        return options.places(options.check_names(given), 1, self.config.task, bounds)
 
     def _warn_of_a_limit(self) -> None:
         """Warn of an episode that a limit of Gymnasium cut short."""

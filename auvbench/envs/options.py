@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,17 +29,10 @@ def check_names(options: Mapping[str, Any] | None, *more: str) -> Mapping[str, A
     return given
 
 
-@dataclass(frozen=True, slots=True)
-class Places:
-    """Arguments of `Batch.reset` for k environments; None where it draws."""
-
-    pose: Floats | None = None  # (k, 7)
-    waypoint: Floats | None = None  # (k, 3)
-    distance: Floats | None = None  # (k,)
-
-
-def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Floats) -> Places:
-    """Return where `count` environments start and go.
+def places(
+    options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Floats
+) -> dict[str, Floats | None]:
+    """Return where `count` environments start and go, as arguments of `Batch.reset`: pose, waypoint, distance.
 
     Args:
         options: `pose` (7,) for all or (count, 7): x, y, z in m and a quaternion w, x, y, z, which is normalised; or
@@ -60,7 +52,7 @@ def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Flo
                 raise ConfigError(
                     f"options[{name!r}]: task={task.name} has its own reference; give pose alone"
                 )
-        return Places(pose)
+        return {"pose": pose}
     start = np.asarray([task.start]) if pose is None else pose[:, :3]
     waypoint, distance = options.get("waypoint"), options.get("distance")
     if waypoint is not None and distance is not None:
@@ -79,7 +71,7 @@ def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Flo
                 raise ConfigError(
                     f"options['distance']={value:g}: must be more than 0 and at most {bounds.min():g} m"
                 )
-    return Places(pose, waypoint, distance)
+    return {"pose": pose, "waypoint": waypoint, "distance": distance}
 
 
 def _pose(value: Any, count: int, task: tasks.Task) -> Floats:

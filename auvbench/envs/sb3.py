@@ -90,9 +90,7 @@ class WaypointVecEnv(VecEnv):
             self.batch.reseed(settings.folded(self._seeds[0]))
         self._reset_seeds()
         self._reset_options()
-        observation = self.batch.reset(
-            pose=places.pose, waypoint=places.waypoint, distance=places.distance
-        ).copy()
+        observation = self.batch.reset(**places).copy()
         self._begun = True
         self._renderer.begin(np.arange(self.num_envs))
         if self._detailed:
@@ -100,7 +98,7 @@ class WaypointVecEnv(VecEnv):
             self.reset_infos = [info.single(state, i) for i in range(self.num_envs)]
         return observation
 
-    def _places(self) -> options.Places:
+    def _places(self) -> dict[str, NDArray[np.float64] | None]:
         given = [options.check_names(one) for one in self._options]
         names = given[0].keys()
         if any(one.keys() != names for one in given):

@@ -125,12 +125,9 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         given = reset_options.check_names(options, "reset_mask")
         mask = self._mask(given.get("reset_mask"))
         indices = np.flatnonzero(mask)
-        bounds = self.batch.position_bounds
-        places = reset_options.places(given, len(indices), self.config.task, bounds)
+        places = reset_options.places(given, len(indices), self.config.task, self.batch.position_bounds)
         self._reseed(seed, indices)
-        observation = self.batch.reset(
-            indices, pose=places.pose, waypoint=places.waypoint, distance=places.distance
-        )
+        observation = self.batch.reset(indices, **places)
         self._ended[indices] = False
         self._renderer.begin(indices)
         told = info.batch(self.batch.state, np.zeros(self.num_envs, dtype=np.bool_), mask)

@@ -1,4 +1,4 @@
-"""Integrate one vehicle under constant inputs, in ENU/FLU or in NED/FRD."""
+"""Integrate one vehicle under constant inputs, in ENU/FLU or in NED/FRD; write and draw its trajectory."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,9 @@ from auvbench.errors import AuvbenchError
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles.vehicle_model import VehicleModel
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 FloatArray = NDArray[np.float64]
 
 HEADER = "t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad,u_mps,v_mps,w_mps,p_radps,q_radps,r_radps"
@@ -23,6 +27,9 @@ HEADER = "t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad,u_mps,v_mps,w_mps,p_radps,q_
 
 REST = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 """Pose at the origin, axes aligned."""
+
+# Okabe and Ito's palette, which colour-blind readers can distinguish; line styles are for print.
+_STYLES = (("#0072B2", "-"), ("#D55E00", "--"), ("#009E73", "-."))
 
 
 class IntegrationError(AuvbenchError):
@@ -128,3 +135,40 @@ def write(trajectory: Trajectory, path: Path) -> None:
     """Write `trajectory` as CSV."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(trajectory.csv(), encoding="utf-8")
+
+
+def draw(trajectory: Trajectory, path: Path, title: str = "") -> None:
+    """Write `trajectory` to `path`, a .png, .svg or .pdf file."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    rows = trajectory.rows()
+    time, position, angles, velocity = rows[:, 0], rows[:, 1:4], np.degrees(rows[:, 4:7]), rows[:, 7:]
+    vertical = "down" if trajectory.frame == "ned" else "up"
+    world = "north, east, down" if trajectory.frame == "ned" else "east, north, up"
+    figure, axes = plt.subplots(2, 2, figsize=(10, 7), layout="constrained", sharex=True)
+    _lines(axes[0, 0], time, position, ("x", "y", f"z ({vertical})"), "position, m")
+    _lines(axes[0, 1], time, angles, ("roll", "pitch", "yaw"), "attitude, deg")
+    _lines(axes[1, 0], time, velocity[:, :3], ("u surge", "v sway", "w heave"), "velocity, m/s")
+    _lines(axes[1, 1], time, np.degrees(velocity[:, 3:]), ("p roll", "q pitch", "r yaw"), "rate, deg/s")
+    for ax in axes[1]:
+        ax.set_xlabel("time, s")
+    # A sheet's title with dollar signs is no formula.
+    heading = f"{title}   (world {world}; {len(time)} samples)"
+    figure.suptitle(heading, fontsize=11).set_parse_math(False)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def _lines(ax: Axes, time: FloatArray, values: FloatArray, names: tuple[str, ...], label: str) -> None:
+    for column, (name, (colour, style)) in enumerate(zip(names, _STYLES, strict=True)):
+        ax.plot(time, values[:, column], style, color=colour, label=name, linewidth=1.6)
+    ax.set_ylabel(label)
+    ax.grid(alpha=0.3)
+    ax.spines[["top", "right"]].set_visible(False)
+    # Rounding noise of a quantity that stays at zero should look like zero.
+    if float(np.abs(values).max(initial=0.0)) < 1e-9:
+        ax.set_ylim(-1, 1)
+    ax.legend(frameon=False, fontsize=9)
