@@ -30,6 +30,8 @@ class Agent(Protocol):
     * `row_by_row = True`, of its class: an action takes as long in a batch as alone. Its tests are then shared among
       processes by episodes;
     * `ended(rows)`: called with the rows of the batch that have ended;
+    * `simulator(config, vehicle)`: the simulator of its tests, one vehicle at a time, for an agent whose own loop moves the
+      actuators within an agent step; its actions are then what is recorded, and command nothing;
     * `notes()`: whole numbers by name that it has counted since it was made; a test's summary holds their sums.
     """
 

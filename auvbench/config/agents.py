@@ -58,6 +58,7 @@ AGENTS = _by_name(
     AgentSpec("mpc", "MPC", algorithms.MPC, f"{_CLASSICAL}.mpc:MPCController"),
     AgentSpec("random", "random", algorithms.Random, f"{_CLASSICAL}.random:RandomAgent"),
     AgentSpec("onnx", "ONNX policy", algorithms.ONNX, "auvbench.agents.policy_file:PolicyFile"),
+    AgentSpec("ardusub", "ArduSub", algorithms.ArduSub, "auvbench.agents.ardusub:ArduSubAgent"),
 )
 
 

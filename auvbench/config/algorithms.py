@@ -39,7 +39,7 @@ class Algorithm:
             "ppo_residual",
             "sac_residual",
         ),
-        *("pid", "alos", "lqr", "smc", "mpc", "random", "onnx"),
+        *("pid", "alos", "lqr", "smc", "mpc", "random", "onnx", "ardusub"),
     )
     n_envs: int = number(1, 65_536)
     tuned: Tuned | None = None  # where its values were searched for
@@ -253,3 +253,12 @@ class Random(Algorithm):
 class ONNX(Algorithm):
     path: str
     sha256: str
+
+
+@dataclass(kw_only=True)
+class ArduSub(Algorithm):
+    path: str
+    sha256: str
+    mode: str = choice("guided", "poshold", "alt_hold")
+    stick: float = number(0.0, 1e3, open_low=True)  # 1/m, 1/rad
+    parameters: dict[str, float]

@@ -229,7 +229,9 @@ def _evaluate(run: RunDirectory, protocol: schema.Protocol, report: Report, roll
 def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | None:
     """Time the actions of the run's agent; None, with a warning, where it fails."""
     try:
-        return inference.measure(make_agent(run, config.step.frequency), config)
+        agent = make_agent(run, config.step.frequency)
+        # An agent that moves the vehicle itself computes outside of its actions.
+        return None if hasattr(agent, "simulator") else inference.measure(agent, config)
     except Exception as error:  # an installed agent may raise any of them
         reason = f"{run.id}: the time of an action is missing: {plugins.describe_error(error)}"
         warnings.warn(AuvbenchWarning(reason), stacklevel=2)

@@ -107,11 +107,15 @@ def roll_out(
     duration = 1.0 / config.step.frequency
     actuators: tuple[str, ...] = ()
     before = counted(agent)
-    batch = at_once(config, batch)
+    # An agent with a loop of its own, faster than the agent step, moves the vehicle itself.
+    own = getattr(agent, "simulator", None)
+    batch = at_once(config, batch) if own is None else 1
     for start in range(0, len(episodes), batch):
         numbers = episodes[start : start + batch]
         environments = batch_of(scenarios, config, len(numbers), seed)
         environments.task.assign(numbers)
+        if own is not None:
+            environments.simulator = own(config, environments.vehicle)
         actuators = environments.vehicle.actuators
         followed = numbers[: max(0, trajectories - start)].tolist()
         agent.reset(numbers)

@@ -24,14 +24,17 @@ PACKAGES = (
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python, of the packages that the result depends on, and of Gazebo or a
-    server over ROS 2 where this process uses them.
+    """Versions of Python, of the packages that the result depends on, and of Gazebo, a server over ROS 2 or ArduSub
+    where this process uses them.
     """
     from auvbench.simulators.gazebo import bindings
 
     # Only where this process has a server: nothing of ROS 2 is imported to find that it has none.
-    client = sys.modules.get("auvbench.simulators.ros2")
-    return _packages() | bindings.versions() | (client.used() if client is not None else {})
+    clients = map(sys.modules.get, ("auvbench.simulators.ros2", "auvbench.ardusub.sitl"))
+    used = [client.used() for client in clients if client is not None]
+    return (
+        _packages() | bindings.versions() | {name: version for each in used for name, version in each.items()}
+    )
 
 
 @cache

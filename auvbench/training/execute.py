@@ -134,6 +134,11 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
     """Tries an agent that came from elsewhere and learns nothing here; returns the files that the manifest is to vouch for."""
     if any(isinstance(part, installed.CONFIGS) for part in (config.algo, config.task, config.reward)):
         _try(config)
+    if isinstance(config.algo, algorithms.ArduSub):
+        from auvbench.agents.ardusub import ArduSubAgent
+
+        vehicle = sheet.load(config.vehicle)
+        ArduSubAgent(config, vehicle).check(vehicle)
     if not isinstance(config.algo, algorithms.ONNX):
         return {}
     from auvbench.agents.policy_file import PolicyFile

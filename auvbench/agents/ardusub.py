@@ -1,0 +1,196 @@
+"""`algo=ardusub`: ArduSub's own modes, in lock-step with the embedded physics.
+
+ArduSub changes its PWM hundreds of times in an agent step. The agent therefore brings the simulator of its tests along: the
+embedded one, whose step lasts as long as every agent's, and in which each packet of ArduSub's moves the vehicle on. The
+agent gives orders once per agent step, from the same observation as all agents: a target in mode GUIDED, or a pilot's
+sticks in POSHOLD and ALT_HOLD. Everything else ArduSub knows from its own sensors, which it simulates from the true motion.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auvbench.agents.base import Actions, Integers, Observations
+from auvbench.agents.classical.cascade import Estimator, to_body
+from auvbench.ardusub import program, sitl
+from auvbench.ardusub.frames import HIGH, NEUTRAL, Motors, driven, motors_of
+from auvbench.ardusub.sensors import Sensors
+from auvbench.config import algorithms, schema, simulators
+from auvbench.errors import ConfigError, TrainingError
+from auvbench.simulators.base import IntArray
+from auvbench.simulators.fossen import FossenSimulator
+from auvbench.tasks.observation import observation_spec
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+
+class ArduSubAgent:
+    """ArduSub as a contestant; one episode at a time, each with a process of its own.
+
+    Raises:
+        ConfigError: the vehicle has fins or fits none of ArduSub's frames, the task observes no position or yaw error, or
+            the program is missing or not the one that the run was made with.
+        MissingExtraError: pymavlink is not installed.
+    """
+
+    row_by_row = True
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        algo = config.algo
+        assert isinstance(algo, algorithms.ArduSub)
+        self._algo = algo
+        self._motors = motors_of(vehicle)
+        self._estimate = Estimator(
+            1.0 / config.step.frequency, 1.0, observation_spec(config.task, vehicle.actuators)
+        )
+        self._moves = "velocity_error" in config.task.observation
+        self._vehicle: Piloted | None = None
+        program.check(algo)
+
+    def simulator(self, config: schema.TrainConfig, vehicle: VehicleModel) -> Piloted:
+        """Return the simulator of a test's condition, with this agent's ArduSub at the thrusters.
+
+        Raises:
+            ConfigError: the condition asks for what ArduSub's sensors and outputs cannot have.
+        """
+        refuse(config)
+        self._vehicle = Piloted(vehicle, self._motors, self._algo)
+        return self._vehicle
+
+    def reset(self, episodes: Integers) -> None:
+        self._estimate.reset(len(episodes))
+
+    def act(self, observation: Observations) -> Actions:
+        """Order ArduSub towards the reference; return its outputs (1, n_u) in [-1, 1] as they are now."""
+        vehicle, now = self._vehicle, self._estimate
+        assert vehicle is not None, "simulator comes first"
+        now.update(observation.astype(np.float64))
+        ahead, port, up = to_body(now.error, now.yaw)[0].tolist()
+        turn = float(now.yaw_error[0])
+        pilot = vehicle.running
+        pilot.show_presence()
+        if self._algo.mode == "guided":
+            pilot.listen()
+            u, v, w = to_body(now.target, now.yaw)[0].tolist()
+            pilot.stick(0.0, 0.0, 0.0, 0.0)
+            pilot.fly_to((ahead, -port, -up), pilot.yaw - turn, (u, -v, -w) if self._moves else None)
+        else:
+            sticks = (min(1.0, max(-1.0, self._algo.stick * x)) for x in (ahead, -port, up, -turn))
+            pilot.stick(*sticks)
+        return vehicle.outputs
+
+    def ended(self, rows: Integers) -> None:
+        """End ArduSub with its episode."""
+        if self._vehicle is not None:
+            self._vehicle.stop()
+
+    def check(self, vehicle: VehicleModel) -> None:
+        """Start ArduSub once, so that a run with a program that does not fit fails at its start."""
+        piloted = Piloted(vehicle, self._motors, self._algo)
+        piloted.reset(np.arange(1), np.array([[0.0, 0.0, -5.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6)))
+        piloted.stop()
+
+
+class Piloted(FossenSimulator):
+    """One vehicle of the embedded simulator, driven by ArduSub.
+
+    An episode begins with a new process. The vehicle is held where it starts until ArduSub's estimator has settled and
+    ArduSub has armed; then the clock of the episode starts. PWM becomes a command in proportion, 1100 to 1900 us for -1 to 1,
+    so that the thrusters give ArduSub the forces that they give every agent.
+    """
+
+    def __init__(self, vehicle: VehicleModel, motors: Motors, algo: algorithms.ArduSub) -> None:
+        super().__init__(vehicle, 1)
+        self.outputs = np.zeros((1, len(vehicle.actuators)))
+        """(1, n_u) in [-1, 1], what ArduSub's PWM asks for now"""
+        self.pilot: sitl.Sitl | None = None
+        self.settled = 0.0
+        """s of ArduSub's time before the episode"""
+        self._motors, self._algo = motors, algo
+        self._sensors = Sensors(self)
+
+    def reset(
+        self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike, scales: ArrayLike | None = None
+    ) -> None:
+        """Put the vehicle at `pose` (1, 7) and wait until a new ArduSub is ready to fly; see `Simulator.reset`.
+
+        Raises:
+            TrainingError: ArduSub does not start or arm.
+        """
+        super().reset(indices, pose, velocity, scales)
+        self.stop()
+        frame = self._motors.frame
+        assert frame is not None
+        self.pilot = sitl.Sitl(Path(self._algo.path), {"FRAME_CONFIG": frame.config, **self._algo.parameters})
+        self.settled = self.pilot.settle(self._sensors.reset(), sitl.MODES[self._algo.mode])
+        self._read(self.pilot.packet.pwm)
+
+    @property
+    def running(self) -> sitl.Sitl:
+        """ArduSub in this episode."""
+        assert self.pilot is not None, "reset comes first"
+        return self.pilot
+
+    def stop(self) -> None:
+        """End the process of ArduSub."""
+        if self.pilot is not None:
+            self.pilot.close()
+            self.pilot = None
+
+    def _read(self, pwm: tuple[int, ...]) -> None:
+        pulses = np.array(pwm[: len(self._motors.order)], dtype=np.float64)
+        share = np.where(driven(pulses), (pulses - NEUTRAL) / (HIGH - NEUTRAL), 0.0)
+        self.outputs[0, self._motors.order] = np.clip(share * self._motors.signs, -1.0, 1.0)
+
+    def step(self, command: ArrayLike, duration: float) -> None:
+        """Advance by `duration` s under ArduSub's PWM; a fault has made `command` 0 for a dead thruster.
+
+        Afterwards `command_force` and `power` hold the means of the step.
+
+        Raises:
+            TrainingError: ArduSub disarms, ends or falls silent.
+        """
+        pilot = self.running
+        count = max(1, math.ceil(duration * pilot.packet.frame_rate - 1e-9))
+        force, power = np.zeros_like(self.command_force), np.zeros_like(self.power)
+        for _ in range(count):
+            super().step(self.outputs * (self.effectiveness > 0.0), duration / count)
+            force += self.command_force
+            power += self.power
+            self._read(pilot.exchange(self._sensors.read(duration / count), duration / count).pwm)
+        self.command_force[:], self.power[:] = force / count, power / count
+        pilot.listen()
+        if not pilot.armed:
+            raise TrainingError(f"{pilot.path}: disarmed in the episode; it said: {pilot.said}")
+
+
+def refuse(config: schema.TrainConfig) -> None:
+    """Refuse conditions that reach ArduSub neither through its sensors nor through its thrusters.
+
+    Raises:
+        ConfigError: names the key.
+    """
+    if not isinstance(config.simulator, simulators.Fossen):
+        raise ConfigError(f"simulator={config.simulator.name}: algo=ardusub needs simulator=fossen")
+    noise, disturbance = config.noise, config.disturbance
+    own = "ArduSub has sensors of its own (its SIM_ parameters)"
+    if noise.scale > 0.0 and max(noise.position.high, noise.yaw.high, noise.command.high) > 0.0:
+        raise ConfigError(
+            f"noise={noise.name}: cannot be applied to algo=ardusub, {own}; test it with noise=none"
+        )
+    sensor = disturbance.sensor
+    if any(
+        value > 0.0 for part in (sensor.gaussian, sensor.bias, sensor.drift) for value in vars(part).values()
+    ):
+        raise ConfigError(f"disturbance.sensor: cannot be applied to algo=ardusub, {own}")
+    if disturbance.delay.action > 0.0 or disturbance.delay.observation > 0.0:
+        raise ConfigError("disturbance.delay: cannot be applied to algo=ardusub, whose loop is its own")
+    if disturbance.fault.mode in ("stuck", "any"):
+        raise ConfigError(
+            f"disturbance.fault.mode={disturbance.fault.mode}: cannot be applied to algo=ardusub; use dead or weak"
+        )
