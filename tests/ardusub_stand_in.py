@@ -91,7 +91,10 @@ class StandIn:
     def pwm(self) -> list[int]:
         if not self.armed:
             return [1500] * self.frame.motors
-        roll = pitch = 0.0
+        w, x, y, z = self.state["quaternion"]
+        p, q, _ = self.state["imu"]["gyro"]
+        roll = -0.8 * math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)) - 0.2 * p
+        pitch = -0.8 * math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))) - 0.2 * q
         forward, lateral, throttle, yaw = self.efforts()
         axes = (roll, pitch, yaw, throttle, forward, lateral)
         outputs = (sum(a * b for a, b in zip(factors, axes, strict=True)) for factors in self.frame.factors)
@@ -103,7 +106,7 @@ class StandIn:
         if self.target is None:
             return (0.0,) * 4
         north, east, down = (
-            0.4 * (a - b) + 0.8 * (v - u)
+            a - b + v - u
             for a, b, v, u in zip(
                 self.target, self.state["position"], self.velocity_target, self.state["velocity"], strict=True
             )

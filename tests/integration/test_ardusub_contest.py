@@ -1,0 +1,188 @@
+"""ArduSub as a contestant: against a stand-in that speaks the same bytes, and the real SITL where there is one."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from auvbench.agents.ardusub import ArduSubAgent, Piloted
+from auvbench.ardusub import sitl
+from auvbench.cli import main
+from auvbench.config import schema
+from auvbench.errors import ConfigError, TrainingError
+from auvbench.evaluation.rollout import Rollout, roll_out
+from auvbench.vehicles import sheet
+from tests import configs
+from tests.ardusub_stand_in import installed
+
+pytestmark = pytest.mark.slow
+
+REAL = os.environ.get("AUVBENCH_ARDUSUB", "")
+TASK = (
+    *("task=station_keeping", "vehicle=bluerov2_heavy", "noise=none"),
+    *("task.time_limit=20", "task.settling=10", "task.hold_time=5"),
+)
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return installed(tmp_path_factory.mktemp("ardusub"))
+
+
+def contest(program: Path | str, *overrides: str) -> schema.TrainConfig:
+    return configs.training("algo=ardusub", f"algo.path={program}", *TASK, *overrides)
+
+
+def flown(config: schema.TrainConfig, episodes: int = 1) -> Rollout:
+    agent = ArduSubAgent(config, sheet.load(config.vehicle))
+    return roll_out(config, agent, episodes=np.arange(episodes), seed=7, batch=50)
+
+
+def rows(rollout: Rollout) -> list[dict[str, Any]]:
+    return [dict(record) for record in rollout.records]
+
+
+@pytest.mark.parametrize("mode", ["guided", "poshold", "alt_hold"])
+@pytest.mark.parametrize("vehicle", ["bluerov2_heavy", "bluerov2"])
+def test_each_mode_flies_to_the_station(program: Path, mode: str, vehicle: str) -> None:
+    (record,) = rows(flown(contest(program, f"algo.mode={mode}", f"vehicle={vehicle}", "algo.stick=0.3")))
+    assert record["initial_distance_m"] > 1.0
+    # The stand-in has no integral action: it sinks by the vehicle's own weight, and its sticks have no rate feedback.
+    assert record["final_distance_m"] < 0.5 * record["initial_distance_m"]
+    assert record["energy_J"] > 0.0
+
+
+def test_a_moving_reference_is_followed(program: Path) -> None:
+    overrides = ("task=trajectory_tracking", "task.time_limit=20")
+    config = configs.training(
+        "algo=ardusub", f"algo.path={program}", "vehicle=bluerov2_heavy", "noise=none", *overrides
+    )
+    (record,) = rows(flown(config))
+    assert record["outcome"] == "success"
+    assert record["position_error_rms_m"] < 1.5
+
+
+def test_rows_depend_on_the_episode_alone(program: Path) -> None:
+    config = contest(program, "task.time_limit=10", "task.settling=2")
+    assert rows(flown(config, 3))[2] == rows(flown(config, 3))[2]
+    agent = ArduSubAgent(config, sheet.load(config.vehicle))
+    alone = roll_out(config, agent, episodes=np.array([2]), seed=7, batch=1)
+    assert rows(alone)[0] == rows(flown(config, 3))[2]
+
+
+@pytest.mark.parametrize("quirk", ["REPEATS", "CHANNELS"])
+def test_repeated_packets_and_32_channels_change_nothing(program: Path, quirk: str) -> None:
+    plain = contest(program, "task.time_limit=10", "task.settling=2")
+    other = contest(program, "task.time_limit=10", "task.settling=2", f"+algo.parameters.STAND_IN_{quirk}=1")
+    assert rows(flown(plain)) == rows(flown(other))
+
+
+def test_currents_waves_and_faults_reach_the_vehicle(program: Path) -> None:
+    calm = rows(flown(contest(program)))[0]["position_error_rms_m"]
+    for disturbance in (
+        ("disturbance.current.speed=0.5",),
+        ("disturbance=sea_state_3", "task.station=[0,0,-5]"),
+        ("disturbance.fault.mode=dead",),
+        ("disturbance.randomisation.thrust.low=0.5", "disturbance.randomisation.thrust.high=0.5"),
+    ):
+        assert rows(flown(contest(program, *disturbance)))[0]["position_error_rms_m"] != calm
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key"),
+    [
+        (("noise=thesis",), "noise=thesis"),
+        (("disturbance=delay",), "disturbance.delay"),
+        (("disturbance=sensor",), "disturbance.sensor"),
+        (("disturbance.fault.mode=stuck",), "disturbance.fault.mode=stuck"),
+        (("simulator=gazebo",), "simulator=gazebo"),
+        (("vehicle=lrauv",), "vehicle=lrauv"),
+        (("vehicle=rexrov",), "vehicle=rexrov"),
+        (("algo.path=/nowhere/ardusub",), "algo.path=/nowhere/ardusub"),
+        (("algo.sha256=0123",), "algo.path="),
+    ],
+)
+def test_what_cannot_be_is_refused(program: Path, overrides: tuple[str, ...], key: str) -> None:
+    with pytest.raises(ConfigError, match=key):
+        flown(contest(program, *overrides))
+
+
+@pytest.mark.parametrize(
+    ("quirk", "said"),
+    [
+        ("NEVER_ARMS", "the stand-in was told not to arm"),
+        ("NO_MODE", "take mode 4"),
+        ("ENDS", "exit code 3; it said: PANIC: the stand-in was told to end"),
+        ("COPTER", "is no ArduSub"),
+        ("DISARMS", "disarmed in the episode"),
+    ],
+)
+def test_an_ardusub_that_fails_is_named(
+    program: Path, monkeypatch: pytest.MonkeyPatch, quirk: str, said: str
+) -> None:
+    monkeypatch.setattr(sitl, "SETTLING", 3.0)
+    with pytest.raises(TrainingError, match=said):
+        flown(contest(program, f"+algo.parameters.STAND_IN_{quirk}=4"))
+
+
+def test_a_program_that_is_no_ardusub_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sitl, "PATIENCE", 1.0)
+    with pytest.raises(TrainingError, match="ended with exit code 1"):
+        flown(contest("/bin/false"))
+    with pytest.raises(TrainingError, match="cannot be started"):
+        flown(contest("/etc/passwd"))
+
+
+def test_the_commands_compare_it_with_others_and_name_its_version(
+    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = (
+        "task=station_keeping",
+        "vehicle=bluerov2_heavy",
+        "noise=none",
+        "task.time_limit=5",
+        "task.settling=1",
+    )
+    words = (*words, "task.hold_time=2", "name=a")
+    assert main(["train", "algo=pid", *words]) == 0
+    assert main(["train", "algo=ardusub", f"algo.path={program}", *words]) == 0
+    assert main(["evaluate", "outputs/a", "protocol=own", "protocol.episodes=3", "--workers", "2"]) == 0
+    assert main(["report", "outputs/a", "--protocol", "own", "--format", "csv"]) == 0
+    with open("outputs/a/report/table.csv", newline="") as file:
+        # Both met the same test: one table, one comparison.
+        assert {row["agent"] for row in csv.DictReader(file)} == {"PID", "ArduSub, guided"}
+    (run,) = Path("outputs/a").glob("ardusub*")
+    assert json.loads((run / "manifest.json").read_text())["versions"]["ardusub"] == "4.7.0 (standin!)"
+    program.write_text(program.read_text() + "\n# another program\n")
+    assert main(["evaluate", "outputs/a", "protocol=own", "protocol.episodes=2"]) == 1
+
+
+def test_a_process_ends_with_its_episode(program: Path) -> None:
+    config = contest(program)
+    vehicle = sheet.load(config.vehicle)
+    agent = ArduSubAgent(config, vehicle)
+    piloted = agent.simulator(config, vehicle)
+    assert isinstance(piloted, Piloted)
+    piloted.reset(np.arange(1), np.array([[1.0, 2.0, -5.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6)))
+    process = piloted.running._process
+    assert process.poll() is None
+    agent.ended(np.arange(1))
+    assert process.poll() is not None
+
+
+@pytest.mark.ardusub
+@pytest.mark.skipif(not REAL, reason="AUVBENCH_ARDUSUB names no program of ArduSub's SITL")
+@pytest.mark.parametrize("mode", ["guided", "poshold"])
+def test_the_real_ardusub_holds_a_station(mode: str) -> None:
+    config = contest(REAL, f"algo.mode={mode}", "task.time_limit=40", "task.hold_time=10")
+    first = rows(flown(config))
+    assert first[0]["outcome"] == "success"
+    assert first[0]["position_error_rms_m"] < 0.3
+    assert first == rows(flown(config))
