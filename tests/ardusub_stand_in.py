@@ -125,6 +125,8 @@ class StandIn:
             version = int.from_bytes(bytes(VERSION), "big")
             commit = list(b"standin!")
             self.link.autopilot_version_send(0, version, 0, 0, 0, commit, commit, commit, 0, 0, 0)
+        elif kind == "PARAM_REQUEST_READ" and not (name := message.param_id).startswith("NO_"):
+            self.link.param_value_send(name.encode(), self.parameters[name], 9, 1, 0)
         elif kind == "MANUAL_CONTROL":
             self.sticks = message.x / 1e3, message.y / 1e3, (message.z - 500) / 500, message.r / 1e3
         elif kind == "SET_POSITION_TARGET_LOCAL_NED" and self.mode == GUIDED:

@@ -7,6 +7,7 @@ of its loop each time.
 
 from __future__ import annotations
 
+import math
 import select
 import shutil
 import socket
@@ -24,6 +25,19 @@ from auvbench.errors import MissingExtraError, TrainingError
 
 MODES = {"alt_hold": 2, "guided": 4, "poshold": 16}
 """Mode::Number of ArduSub/mode.h"""
+
+PARAMETERS = {
+    **{
+        f"COMPASS_OFS{n}_{axis}": value
+        for n in ("", 2, 3)
+        for axis, value in (("X", 5), ("Y", 13), ("Z", -18))
+    },
+    "JS_GAIN_DEFAULT": 1,
+    "LOG_BACKEND_TYPE": 0,
+    "SIM_RATE_HZ": 400,
+}
+"""what every ArduSub is started with: the calibration of SITL's compasses, sticks that reach to full thrust, no log on disk,
+and packets at the rate of ArduSub's own loop"""
 
 PATIENCE = 20.0
 """s of wall time without a packet after which ArduSub is given up"""
@@ -59,7 +73,7 @@ class Sitl:
 
     Args:
         path: the program.
-        parameters: of ArduSub, by name, in place of its defaults.
+        parameters: of ArduSub, by name, in place of its defaults and of `PARAMETERS`.
 
     Raises:
         MissingExtraError: pymavlink is not installed.
@@ -80,13 +94,16 @@ class Sitl:
         self._peer: Any = None
         self._link_peer: Any = None
         self._asked = -ASKED
+        self._unconfirmed = dict(parameters)
         self._folder = Path(tempfile.mkdtemp(prefix="auvbench-ardusub-"))
         self._physics, self._radio = _socket(), _socket()
         self._radio.setblocking(False)
         self._link = _dialect().MAVLink(self, srcSystem=_PILOT, srcComponent=190)
         self._link.robust_parsing = True
         defaults = self._folder / "defaults.parm"
-        defaults.write_text("".join(f"{name} {value:.9g}\n" for name, value in parameters.items()))
+        defaults.write_text(
+            "".join(f"{name} {value:.9g}\n" for name, value in (PARAMETERS | dict(parameters)).items())
+        )
         command = [
             *(str(path), "--model", "JSON:127.0.0.1", "--home", _HOME, "--speedup", "1000"),
             *("--sim-port-out", str(self._physics.getsockname()[1]), "--start-time", _EPOCH, "--wipe"),
@@ -154,10 +171,11 @@ class Sitl:
             TrainingError: it did not within `SETTLING`, or is no submarine.
         """
         begun = self.time
-        while not (self.armed and self.mode == mode and _used):
+        while not (self.armed and self.mode == mode and _used and not self._unconfirmed):
             if self.time - begun > SETTLING:
-                lacks = "arm" if self.mode == mode else f"take mode {mode}"
-                raise TrainingError(f"{self.path}: did not {lacks} within {SETTLING:g} s{self._last_line()}")
+                raise TrainingError(
+                    f"{self.path}: did not {self._lacking(mode)} within {SETTLING:g} s{self._last_line()}"
+                )
             for _ in range(20):
                 self.exchange(still, self.packet.duration)
             self.listen()
@@ -166,10 +184,19 @@ class Sitl:
                 self.show_presence()
                 self._command(_REQUEST_MESSAGE, _VERSION)
                 self._command(_MESSAGE_INTERVAL, _ATTITUDE, 20_000)
+                for name in self._unconfirmed:
+                    self._link.param_request_read_send(1, 1, name.encode(), -1)
                 self._command(_SET_MODE, 1, mode)
                 if self.mode == mode:
                     self._command(_ARM, 1)
         return self.time - begun
+
+    def _lacking(self, mode: int) -> str:
+        if self._unconfirmed:
+            return "confirm " + ", ".join(
+                f"algo.parameters.{name}={value:g}" for name, value in self._unconfirmed.items()
+            )
+        return "arm" if self.mode == mode else f"take mode {mode}"
 
     def listen(self) -> None:
         """Take in the telemetry that has arrived."""
@@ -191,6 +218,10 @@ class Sitl:
             self.armed, self.mode = bool(message.base_mode & 128), int(message.custom_mode)
         elif kind == "ATTITUDE":
             self.yaw = float(message.yaw)
+        elif kind == "PARAM_VALUE":
+            wanted = self._unconfirmed.get(message.param_id, math.nan)
+            if math.isclose(message.param_value, wanted, rel_tol=1e-5):
+                del self._unconfirmed[message.param_id]
         elif kind == "STATUSTEXT":
             self.said = str(message.text)
         elif kind == "AUTOPILOT_VERSION":

@@ -131,6 +131,14 @@ def test_an_ardusub_that_fails_is_named(
         flown(contest(program, f"+algo.parameters.STAND_IN_{quirk}=4"))
 
 
+def test_a_parameter_that_ardusub_does_not_have_is_named(
+    program: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sitl, "SETTLING", 3.0)
+    with pytest.raises(TrainingError, match=r"did not confirm algo.parameters.NO_SUCH=2 "):
+        flown(contest(program, "+algo.parameters.NO_SUCH=2"))
+
+
 def test_a_program_that_is_no_ardusub_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sitl, "PATIENCE", 1.0)
     with pytest.raises(TrainingError, match="ended with exit code 1"):
