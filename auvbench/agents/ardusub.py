@@ -48,7 +48,6 @@ class ArduSubAgent:
         self._estimate = Estimator(
             1.0 / config.step.frequency, 1.0, observation_spec(config.task, vehicle.actuators)
         )
-        self._moves = "velocity_error" in config.task.observation
         self._vehicle: Piloted | None = None
         program.check(algo)
 
@@ -78,7 +77,7 @@ class ArduSubAgent:
             pilot.listen()
             u, v, w = to_body(now.target, now.yaw)[0].tolist()
             pilot.stick(0.0, 0.0, 0.0, 0.0)
-            pilot.fly_to((ahead, -port, -up), pilot.yaw - turn, (u, -v, -w) if self._moves else None)
+            pilot.fly_to((ahead, -port, -up), pilot.yaw - turn, (u, -v, -w))
         else:
             sticks = (min(1.0, max(-1.0, self._algo.stick * x)) for x in (ahead, -port, up, -turn))
             pilot.stick(*sticks)

@@ -46,16 +46,17 @@ SETTLING = 120.0
 ASKED = 0.5
 """s of ArduSub's time between two attempts to arm, and between two messages that show that a pilot is there"""
 
-_HOME = "0,0,0,0"
-"""latitude, longitude, altitude, heading: north of the world is north of the map, and the surface is at sea level"""
+_HOME = "55,10,0,0"
+"""latitude, longitude, altitude, heading of the world's origin, which is at sea level; ArduPilot takes 0,0 for no place"""
 _EPOCH = "1700000000"
 """of ArduSub's clock, which sets its GPS's: the same in each run"""
 _PILOT, _SUBMARINE, _AUTOPILOT = 255, 12, 3
 """MAVLink's system number of a ground station, MAV_TYPE_SUBMARINE, MAV_AUTOPILOT_ARDUPILOTMEGA"""
 _SET_MODE, _ARM, _MESSAGE_INTERVAL, _REQUEST_MESSAGE = 176, 400, 511, 512
 _ATTITUDE, _VERSION = 30, 148
-_POSITION_ONLY, _POSITION_AND_VELOCITY = 0b100111111000, 0b100111000000
-"""type masks of SET_POSITION_TARGET_LOCAL_NED: what it ignores; the yaw counts in both"""
+_POSITION_AND_VELOCITY = 0b100111000000
+"""type mask of SET_POSITION_TARGET_LOCAL_NED: what it ignores. A position alone makes ArduSub plan its way anew with each
+message, so that one that is sent at 10 Hz is approached at 0.03 m/s."""
 _BODY_FRD = 12
 """MAV_FRAME: ahead, to starboard and down of where ArduSub takes itself to be, level"""
 _TYPES = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}
@@ -237,23 +238,18 @@ class Sitl:
         self._link.heartbeat_send(6, 8, 0, 0, 0)
 
     def fly_to(
-        self, offset: tuple[float, float, float], yaw: float, velocity: tuple[float, float, float] | None
+        self, offset: tuple[float, float, float], yaw: float, velocity: tuple[float, float, float]
     ) -> None:
         """Give a target of mode GUIDED.
 
         Args:
             offset: m ahead, to starboard and down of the vehicle, level.
             yaw: rad from north to starboard.
-            velocity: m/s of the target, in the same axes; None for a target that stands.
+            velocity: m/s of the target, in the same axes.
         """
-        mask = _POSITION_ONLY if velocity is None else _POSITION_AND_VELOCITY
         self._link.set_position_target_local_ned_send(
-            *(int(1000.0 * self.time), 1, 1, _BODY_FRD, mask, *offset, *(velocity or (0.0,) * 3)),
-            0,
-            0,
-            0,
-            yaw,
-            0,
+            *(int(1000.0 * self.time), 1, 1, _BODY_FRD, _POSITION_AND_VELOCITY),
+            *(*offset, *velocity, 0.0, 0.0, 0.0, yaw, 0.0),
         )
 
     def stick(self, forward: float, starboard: float, up: float, turn: float) -> None:
