@@ -9,6 +9,8 @@ sticks in POSHOLD and ALT_HOLD. Everything else ArduSub knows from its own senso
 from __future__ import annotations
 
 import math
+import os
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +23,7 @@ from auvbench.ardusub.frames import HIGH, NEUTRAL, Motors, driven, motors_of
 from auvbench.ardusub.sensors import Sensors
 from auvbench.config import algorithms, schema, simulators
 from auvbench.errors import ConfigError, TrainingError
+from auvbench.runs import interruption
 from auvbench.simulators.base import IntArray
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks.observation import observation_spec
@@ -65,9 +68,16 @@ class ArduSubAgent:
         self._estimate.reset(len(episodes))
 
     def act(self, observation: Observations) -> Actions:
-        """Order ArduSub towards the reference; return its outputs (1, n_u) in [-1, 1] as they are now."""
+        """Order ArduSub towards the reference; return its outputs (1, n_u) in [-1, 1] as they are now.
+
+        Raises:
+            ConfigError: the environment is not the agent's own.
+        """
         vehicle, now = self._vehicle, self._estimate
-        assert vehicle is not None, "simulator comes first"
+        if vehicle is None:
+            raise ConfigError(
+                "algo=ardusub moves the vehicle itself, in the tests of auvbench evaluate alone"
+            )
         now.update(observation.astype(np.float64))
         ahead, port, up = to_body(now.error, now.yaw)[0].tolist()
         turn = float(now.yaw_error[0])
@@ -125,7 +135,9 @@ class Piloted(FossenSimulator):
         self.stop()
         frame = self._motors.frame
         assert frame is not None
-        self.pilot = sitl.Sitl(Path(self._algo.path), {"FRAME_CONFIG": frame.config, **self._algo.parameters})
+        parameters = {"FRAME_CONFIG": frame.config, **self._algo.parameters}
+        tied = partial(interruption.die_with_parent, os.getpid())
+        self.pilot = sitl.Sitl(Path(self._algo.path), parameters, tied)
         self.settled = self.pilot.settle(self._sensors.reset(), sitl.MODES[self._algo.mode])
         self._read(self.pilot.packet.pwm)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import cast
 
@@ -11,11 +10,11 @@ from numpy.typing import NDArray
 
 from auvbench.ardusub.frames import LONGEST, THRUST, VOLTAGE, Motors, motors_of
 from auvbench.ardusub.protocol import SensorState
+from auvbench.ardusub.sensors import Sensors, to_body
 from auvbench.config import schema, simulators
 from auvbench.config.schema import SCALES
-from auvbench.dynamics import frames
 from auvbench.envs.simulator_factory import make_simulator
-from auvbench.errors import ConfigError, TrainingError, closest
+from auvbench.errors import ConfigError, closest
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks import base as tasks
 from auvbench.tasks.disturbances import Disturbances
@@ -25,10 +24,7 @@ from auvbench.vehicles.curves import t200_table
 from auvbench.vehicles.physical import PhysicalCommands
 
 Floats = NDArray[np.float64]
-Vector = tuple[float, float, float]
 
-GRAVITY = 9.80665
-"""m/s2, to which ArduPilot calibrates accelerometers (GRAVITY_MSS), whatever the sheet's gravity is"""
 NORTH = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
 """attitude at the start: level, bow to the north"""
 
@@ -76,8 +72,6 @@ class Physics:
             raise ConfigError(f"simulator={config.simulator.name}: ArduSub needs simulator=fossen")
         made = make_simulator(config.simulator, self.vehicle, 1, drawn, physical.model)
         self.simulator = cast(FossenSimulator, made)
-        self.time = 0.0
-        """s since the reset"""
         self._start = np.array([[*config.task.start, *NORTH]])
         self._task = tasks.make(config, self.vehicle, 1, config.seed)
         self._task.assign(np.array([1]))  # episode 0
@@ -91,8 +85,7 @@ class Physics:
         self._height = (self.vehicle.buoyancy / (self.vehicle.density * self.vehicle.gravity)) ** (1.0 / 3.0)
         """m, of the cube that displaces as much water: what of the vehicle is above the surface is measured by it"""
         self._center = self.vehicle.center_of_buoyancy.tolist()
-        self._velocity: Vector = (0.0, 0.0, 0.0)
-        """of the last step, m/s in the world"""
+        self._sensors = Sensors(self.simulator, voltage)
         self.reset()
 
     def reset(self) -> None:
@@ -107,8 +100,12 @@ class Physics:
         if disturbances.sea is not None:
             disturbances.sea.waves.time[:] = 0.0
             simulator.set_waves(disturbances.sea.waves)
-        self.time = 0.0
-        self._velocity = (0.0, 0.0, 0.0)
+        self._sensors.reset()
+
+    @property
+    def time(self) -> float:
+        """Return the s since the reset."""
+        return self._sensors.time
 
     def step(self, pwm: Sequence[int], duration: float) -> SensorState:
         """Hold a PWM in us per channel, the motors' first, for `duration` s; return what the sensors read then.
@@ -122,11 +119,11 @@ class Physics:
         disturbances.fail(simulator, self._command)
         self._float()
         simulator.step(self._command, duration)
-        self.time += duration
+        state = self._sensors.read(duration)
         if self.time >= (self._task.C[0, C_STEPS] + 1) * self._task.duration:
             self._task.C[0, C_STEPS] += 1
             disturbances.move_current(simulator)
-        return self._sense(duration)
+        return state
 
     def _float(self) -> None:
         """Take away the buoyancy of what is above the surface."""
@@ -137,55 +134,9 @@ class Physics:
             simulator.external_wrench[0] = 0.0
             return
         buoyancy = above * self.vehicle.buoyancy * float(simulator.scales[0, _BUOYANCY])
-        a, b, c = _to_body(attitude, (0.0, 0.0, -buoyancy))
+        a, b, c = to_body(attitude, (0.0, 0.0, -buoyancy))
         x, y, z = self._center
         simulator.external_wrench[0] = a, b, c, y * c - z * b, z * a - x * c, x * b - y * a
-
-    def _sense(self, duration: float) -> SensorState:
-        pose, motion = self.simulator.pose[0].tolist(), self.simulator.velocity[0].tolist()
-        if not all(map(math.isfinite, pose)):
-            raise TrainingError(f"{self.vehicle.name}: the position is not finite after {self.time:g} s")
-        attitude = pose[3:]
-        velocity = _to_world(attitude, motion[:3])
-        # The mean acceleration of the step: what ArduSub integrates becomes the change of velocity, whatever happened in between.
-        x, y, z = ((now - before) / duration for now, before in zip(velocity, self._velocity, strict=True))
-        force = _to_body(attitude, (x, y, z + GRAVITY))
-        self._velocity = velocity
-        return SensorState(
-            time=self.time,
-            gyro=frd(motion[3:]),
-            specific_force=frd(force),
-            position=frames.ned(pose[:3]),
-            velocity=frames.ned(velocity),
-            quaternion=frames.ned_attitude(attitude),
-            voltage=self.voltage,
-            current=float(self.simulator.power[0]) / self.voltage,
-        )
-
-
-def frd(vector: Sequence[float]) -> Vector:
-    """Return a vector (3,) forward, port, up as forward, starboard, down."""
-    x, y, z = vector
-    return x, -y, -z
-
-
-def _to_world(attitude: Sequence[float], vector: Sequence[float]) -> Vector:
-    """Return R vector; plain floats, because arrays of three cost ten times as much."""
-    w, x, y, z = attitude
-    a, b, c = vector
-    # v + 2 w (q x v) + 2 q x (q x v)
-    s, t, u = y * c - z * b, z * a - x * c, x * b - y * a
-    return (
-        a + 2.0 * (w * s + y * u - z * t),
-        b + 2.0 * (w * t + z * s - x * u),
-        c + 2.0 * (w * u + x * t - y * s),
-    )
-
-
-def _to_body(attitude: Sequence[float], vector: Sequence[float]) -> Vector:
-    """Return R' vector."""
-    w, x, y, z = attitude
-    return _to_world((w, -x, -y, -z), vector)
 
 
 def _check_t200(motors: Motors) -> None:

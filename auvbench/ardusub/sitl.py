@@ -15,14 +15,16 @@ import subprocess
 import tempfile
 import time
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from auvbench.ardusub.protocol import LARGEST, Packet, PacketError, SensorState, parse, reply
+from auvbench.ardusub.sensors import GRAVITY
 from auvbench.errors import MissingExtraError, TrainingError
 
+_MANUAL = 19
 MODES = {"alt_hold": 2, "guided": 4, "poshold": 16}
 """Mode::Number of ArduSub/mode.h"""
 
@@ -43,6 +45,8 @@ PATIENCE = 20.0
 """s of wall time without a packet after which ArduSub is given up"""
 SETTLING = 120.0
 """s of ArduSub's time in which it must take its mode and arm"""
+LOWERING = 1.0
+"""m/s, mean speed at which the vehicle is brought to its depth"""
 ASKED = 0.5
 """s of ArduSub's time between two attempts to arm, and between two messages that show that a pilot is there"""
 
@@ -75,13 +79,16 @@ class Sitl:
     Args:
         path: the program.
         parameters: of ArduSub, by name, in place of its defaults and of `PARAMETERS`.
+        at_birth: called in the new process before the program: what ties it to the life of this one.
 
     Raises:
         MissingExtraError: pymavlink is not installed.
         TrainingError: the program does not start, or ends, or sends nothing.
     """
 
-    def __init__(self, path: Path, parameters: Mapping[str, float]) -> None:
+    def __init__(
+        self, path: Path, parameters: Mapping[str, float], at_birth: Callable[[], None] | None = None
+    ) -> None:
         self.path = path
         self.armed = False
         self.mode = -1
@@ -119,6 +126,8 @@ class Sitl:
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,
+                    preexec_fn=at_birth,
+                    start_new_session=True,  # Ctrl-C is for this process, which then ends ArduSub
                 )
         except OSError as error:
             shutil.rmtree(self._folder, ignore_errors=True)
@@ -166,37 +175,69 @@ class Sitl:
         return f"; it said: {lines[0]}" if lines else ""
 
     def settle(self, still: SensorState, mode: int) -> float:
-        """Hold the vehicle still until ArduSub is in `mode` and armed; return the s of its time that this took.
+        """Bring the vehicle, held by hand, to where it is to start, armed and in `mode`; return the s of ArduSub's time it takes.
+
+        It is held at the surface until ArduSub's estimator has settled, then lowered: ArduSub takes the pressure in which it
+        starts for that of the surface, and a position that jumps for a fault of its sensors.
 
         Raises:
-            TrainingError: it did not within `SETTLING`, or is no submarine.
+            TrainingError: ArduSub was not ready within `SETTLING`, or is no submarine.
         """
         begun = self.time
-        while not (self.armed and self.mode == mode and _used and not self._unconfirmed):
-            if self.time - begun > SETTLING:
-                raise TrainingError(
-                    f"{self.path}: did not {self._lacking(mode)} within {SETTLING:g} s{self._last_line()}"
-                )
-            for _ in range(20):
-                self.exchange(still, self.packet.duration)
-            self.listen()
-            if self.time - self._asked >= ASKED:
-                self._asked = self.time
-                self.show_presence()
-                self._command(_REQUEST_MESSAGE, _VERSION)
-                self._command(_MESSAGE_INTERVAL, _ATTITUDE, 20_000)
-                for name in self._unconfirmed:
-                    self._link.param_request_read_send(1, 1, name.encode(), -1)
-                self._command(_SET_MODE, 1, mode)
-                if self.mode == mode:
-                    self._command(_ARM, 1)
+        x, y, depth = still.position
+        ahead, starboard, down = still.specific_force
+        surface = replace(still, position=(x, y, 0.0))
+        while not (self.mode == mode and _used and not self._unconfirmed):
+            self._wait(surface, mode, begun)
+        self._command(_SET_MODE, 1, _MANUAL)
+        lowering = abs(depth) / LOWERING
+        started = self.time
+        while (t := self.time - started) < lowering:
+            way, speed, acceleration = _eased(t / lowering)
+            force = 1.0 - acceleration * depth / lowering**2 / GRAVITY
+            held = replace(
+                still,
+                position=(x, y, depth * way),
+                velocity=(0.0, 0.0, speed * depth / lowering),
+                specific_force=(force * ahead, force * starboard, force * down),
+            )
+            self.exchange(held, self.packet.duration)
+            self._stay_known()
+        while not (self.armed and self.mode == mode):
+            self._wait(still, mode, begun, arm=True)
         return self.time - begun
+
+    def _wait(self, held: SensorState, mode: int, begun: float, arm: bool = False) -> None:
+        """Let a little time pass with the vehicle held; ask for what lacks."""
+        if self.time - begun > SETTLING:
+            raise TrainingError(
+                f"{self.path}: did not {self._lacking(mode)} within {SETTLING:g} s{self._last_line()}"
+            )
+        for _ in range(20):
+            self.exchange(held, self.packet.duration)
+        if not self._stay_known():
+            return
+        self._command(_REQUEST_MESSAGE, _VERSION)
+        self._command(_MESSAGE_INTERVAL, _ATTITUDE, 20_000)
+        for name in self._unconfirmed:
+            self._link.param_request_read_send(1, 1, name.encode(), -1)
+        self._command(_SET_MODE, 1, mode)
+        if arm and self.mode == mode:
+            self._command(_ARM, 1)
+
+    def _stay_known(self) -> bool:
+        """Listen; every `ASKED` s show that a pilot is there, and return True."""
+        self.listen()
+        if self.time - self._asked < ASKED:
+            return False
+        self._asked = self.time
+        self.show_presence()
+        return True
 
     def _lacking(self, mode: int) -> str:
         if self._unconfirmed:
-            return "confirm " + ", ".join(
-                f"algo.parameters.{name}={value:g}" for name, value in self._unconfirmed.items()
-            )
+            wanted = (f"algo.parameters.{name}={value:g}" for name, value in self._unconfirmed.items())
+            return f"confirm {', '.join(wanted)}"
         return "arm" if self.mode == mode else f"take mode {mode}"
 
     def listen(self) -> None:
@@ -256,6 +297,12 @@ class Sitl:
         """Move a pilot's sticks, each in [-1, 1]; neutral sticks also tell ArduSub that the pilot is there."""
         x, y, z, r = (round(1000.0 * value) for value in (forward, starboard, up, turn))
         self._link.manual_control_send(1, x, y, 500 + z // 2, r, 0)
+
+
+def _eased(share: float) -> tuple[float, float, float]:
+    """Return way, speed and acceleration at a share of the time of a motion of length and time 1, at rest at both ends."""
+    angle = math.pi * share
+    return 0.5 - 0.5 * math.cos(angle), 0.5 * math.pi * math.sin(angle), 0.5 * math.pi**2 * math.cos(angle)
 
 
 def _socket() -> socket.socket:

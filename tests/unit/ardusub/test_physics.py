@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from auvbench.ardusub.physics import GRAVITY, Physics
+from auvbench.ardusub.physics import Physics
+from auvbench.ardusub.sensors import GRAVITY
 from auvbench.dynamics.frames import euler, rotation
 from auvbench.errors import ConfigError
 from auvbench.simulators.fossen import FossenSimulator
