@@ -1,6 +1,6 @@
 """A stand-in for ArduSub's SITL: the same options, packets and messages, and a P controller in place of the autopilot.
 
-A test starts it as a program of its own (`installed`). Parameters named STAND_IN_... make it fail in one way or another.
+A test starts it as a program of its own (`installed`). Parameters named SIM_... make it fail in one way or another.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ class StandIn:
         self.link = mavlink.MAVLink(self, srcSystem=1, srcComponent=1)
         self.link.robust_parsing = True
         self.mode, self.armed, self.count = 0, False, 0
+        self.since = math.inf
         self.sticks = (0.0,) * 4
         self.state: dict[str, Any] = {}
         self.target: tuple[float, float, float] | None = None
@@ -58,7 +59,7 @@ class StandIn:
         self.velocity_target = (0.0, 0.0, 0.0)
 
     def wants(self, name: str) -> float:
-        return self.parameters.get(f"STAND_IN_{name}", 0.0)
+        return self.parameters.get(f"SIM_{name}", 0.0)
 
     def write(self, data: bytes) -> None:
         self.radio.send(data)
@@ -120,7 +121,7 @@ class StandIn:
         if kind == "COMMAND_LONG" and message.command == 176 and not self.wants("NO_MODE"):
             self.mode = int(message.param2)
         elif kind == "COMMAND_LONG" and message.command == 400:
-            self.armed = not self.wants("NEVER_ARMS")
+            self.armed, self.since = not self.wants("NEVER_ARMS"), self.state["timestamp"]
         elif kind == "COMMAND_LONG" and message.command == 512:
             version = int.from_bytes(bytes(VERSION), "big")
             commit = list(b"standin!")
@@ -141,7 +142,7 @@ class StandIn:
             if self.wants("ENDS") and self.armed:
                 print("PANIC: the stand-in was told to end")
                 raise SystemExit(3)
-            if (limit := self.wants("DISARMS")) and self.state["timestamp"] > limit:
+            if (limit := self.wants("DISARMS")) and self.state["timestamp"] > self.since + limit:
                 self.armed = False
             try:
                 while True:

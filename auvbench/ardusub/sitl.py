@@ -44,7 +44,7 @@ and packets at the rate of ArduSub's own loop"""
 PATIENCE = 20.0
 """s of wall time without a packet after which ArduSub is given up"""
 SETTLING = 120.0
-"""s of ArduSub's time in which it must take its mode and arm"""
+"""s of ArduSub's time in which it must take its mode, and then arm"""
 LOWERING = 1.0
 """m/s, mean speed at which the vehicle is brought to its depth"""
 ASKED = 0.5
@@ -203,8 +203,9 @@ class Sitl:
             )
             self.exchange(held, self.packet.duration)
             self._stay_known()
+        lowered = self.time
         while not (self.armed and self.mode == mode):
-            self._wait(still, mode, begun, arm=True)
+            self._wait(still, mode, lowered, arm=True)
         return self.time - begun
 
     def _wait(self, held: SensorState, mode: int, begun: float, arm: bool = False) -> None:

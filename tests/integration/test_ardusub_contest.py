@@ -79,7 +79,7 @@ def test_rows_depend_on_the_episode_alone(program: Path) -> None:
 @pytest.mark.parametrize("quirk", ["REPEATS", "CHANNELS"])
 def test_repeated_packets_and_32_channels_change_nothing(program: Path, quirk: str) -> None:
     plain = contest(program, "task.time_limit=10", "task.settling=2")
-    other = contest(program, "task.time_limit=10", "task.settling=2", f"+algo.parameters.STAND_IN_{quirk}=1")
+    other = contest(program, "task.time_limit=10", "task.settling=2", f"+algo.parameters.SIM_{quirk}=1")
     assert rows(flown(plain)) == rows(flown(other))
 
 
@@ -128,7 +128,7 @@ def test_an_ardusub_that_fails_is_named(
 ) -> None:
     monkeypatch.setattr(sitl, "SETTLING", 3.0)
     with pytest.raises(TrainingError, match=said):
-        flown(contest(program, f"+algo.parameters.STAND_IN_{quirk}=4"))
+        flown(contest(program, f"+algo.parameters.SIM_{quirk}=4"))
 
 
 def test_a_parameter_that_ardusub_does_not_have_is_named(
@@ -165,7 +165,7 @@ def test_the_commands_compare_it_with_others_and_name_its_version(
     assert main(["report", "outputs/a", "--protocol", "own", "--format", "csv"]) == 0
     with open("outputs/a/report/table.csv", newline="") as file:
         # Both met the same test: one table, one comparison.
-        assert {row["agent"] for row in csv.DictReader(file)} == {"PID", "ArduSub, guided"}
+        assert {row["agent"] for row in csv.DictReader(file)} == {"PID", "ArduSub"}
     (run,) = Path("outputs/a").glob("ardusub*")
     assert json.loads((run / "manifest.json").read_text())["versions"]["ardusub"] == "4.7.0 (standin!)"
     program.write_text(program.read_text() + "\n# another program\n")
@@ -192,5 +192,6 @@ def test_the_real_ardusub_holds_a_station(mode: str) -> None:
     config = contest(REAL, f"algo.mode={mode}", "task.time_limit=40", "task.hold_time=10")
     first = rows(flown(config))
     assert first[0]["outcome"] == "success"
-    assert first[0]["position_error_rms_m"] < 0.3
+    # The dead zone of the sticks is a quarter of their way.
+    assert first[0]["position_error_rms_m"] < {"guided": 0.15, "poshold": 0.35}[mode]
     assert first == rows(flown(config))
