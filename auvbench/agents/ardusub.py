@@ -20,6 +20,7 @@ from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.cascade import Estimator, to_body
 from auvbench.ardusub import program, sitl
 from auvbench.ardusub.frames import HIGH, NEUTRAL, Motors, driven, motors_of
+from auvbench.ardusub.radio import MODES, dialect
 from auvbench.ardusub.sensors import Sensors
 from auvbench.config import algorithms, schema, simulators
 from auvbench.errors import ConfigError, TrainingError
@@ -53,6 +54,7 @@ class ArduSubAgent:
         )
         self._vehicle: Piloted | None = None
         program.check(algo)
+        dialect()
 
     def simulator(self, config: schema.TrainConfig, vehicle: VehicleModel) -> Piloted:
         """Return the simulator of a test's condition, with this agent's ArduSub at the thrusters.
@@ -81,16 +83,16 @@ class ArduSubAgent:
         now.update(observation.astype(np.float64))
         ahead, port, up = to_body(now.error, now.yaw)[0].tolist()
         turn = float(now.yaw_error[0])
-        pilot = vehicle.running
-        pilot.show_presence()
+        radio = vehicle.running.radio
+        radio.show_presence()
         if self._algo.mode == "guided":
-            pilot.listen()
+            radio.listen()
             u, v, w = to_body(now.target, now.yaw)[0].tolist()
-            pilot.stick(0.0, 0.0, 0.0, 0.0)
-            pilot.fly_to((ahead, -port, -up), pilot.yaw - turn, (u, -v, -w))
+            radio.stick(0.0, 0.0, 0.0, 0.0)
+            radio.fly_to((ahead, -port, -up), radio.yaw - turn, (u, -v, -w))
         else:
             sticks = (min(1.0, max(-1.0, self._algo.stick * x)) for x in (ahead, -port, up, -turn))
-            pilot.stick(*sticks)
+            radio.stick(*sticks)
         return vehicle.outputs
 
     def ended(self, rows: Integers) -> None:
@@ -138,7 +140,7 @@ class Piloted(FossenSimulator):
         parameters = {"FRAME_CONFIG": frame.config, **self._algo.parameters}
         tied = partial(interruption.die_with_parent, os.getpid())
         self.pilot = sitl.Sitl(Path(self._algo.path), parameters, tied)
-        self.settled = self.pilot.settle(self._sensors.reset(), sitl.MODES[self._algo.mode])
+        self.settled = self.pilot.settle(self._sensors.reset(), MODES[self._algo.mode])
         self._read(self.pilot.packet.pwm)
 
     @property
@@ -175,9 +177,9 @@ class Piloted(FossenSimulator):
             power += self.power
             self._read(pilot.exchange(self._sensors.read(duration / count), duration / count).pwm)
         self.command_force[:], self.power[:] = force / count, power / count
-        pilot.listen()
-        if not pilot.armed:
-            raise TrainingError(f"{pilot.path}: disarmed in the episode; it said: {pilot.said}")
+        pilot.radio.listen()
+        if not pilot.radio.armed:
+            raise TrainingError(f"{pilot.path}: disarmed in the episode; it said: {pilot.radio.said}")
 
 
 def refuse(config: schema.TrainConfig) -> None:

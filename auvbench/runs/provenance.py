@@ -30,7 +30,7 @@ def versions() -> dict[str, str]:
     from auvbench.simulators.gazebo import bindings
 
     # Only where this process has a server: nothing of ROS 2 is imported to find that it has none.
-    clients = map(sys.modules.get, ("auvbench.simulators.ros2", "auvbench.ardusub.sitl"))
+    clients = map(sys.modules.get, ("auvbench.simulators.ros2", "auvbench.ardusub.radio"))
     used = [client.used() for client in clients if client is not None]
     return (
         _packages() | bindings.versions() | {name: version for each in used for name, version in each.items()}

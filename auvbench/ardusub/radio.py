@@ -1,0 +1,159 @@
+"""ArduSub over MAVLink: a ground station's orders, and what ArduSub tells of itself."""
+
+from __future__ import annotations
+
+import math
+import socket
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from auvbench.errors import MissingExtraError, TrainingError
+
+MANUAL = 19
+MODES = {"alt_hold": 2, "guided": 4, "poshold": 16}
+"""Mode::Number of ArduSub/mode.h"""
+
+_PILOT, _SUBMARINE, _AUTOPILOT = 255, 12, 3
+"""MAVLink's system number of a ground station, MAV_TYPE_SUBMARINE, MAV_AUTOPILOT_ARDUPILOTMEGA"""
+_SET_MODE, _ARM, _MESSAGE_INTERVAL, _REQUEST_MESSAGE = 176, 400, 511, 512
+_ATTITUDE, _VERSION = 30, 148
+_POSITION_AND_VELOCITY = 0b100111000000
+"""type mask of SET_POSITION_TARGET_LOCAL_NED: what it ignores. A position alone makes ArduSub plan its way anew with each
+message, so that one that is sent at 10 Hz is approached at 0.03 m/s."""
+_BODY_FRD = 12
+"""MAV_FRAME: ahead, to starboard and down of where ArduSub takes itself to be, level"""
+_TYPES = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}
+
+_used: dict[str, str] = {}
+
+
+def used() -> dict[str, str]:
+    """Return the version of the last ArduSub of this process, for manifests; empty without one."""
+    return dict(_used)
+
+
+class Radio:
+    """One end of a MAVLink connection over UDP; the other is an ArduSub that has been told its port.
+
+    Args:
+        path: of ArduSub's program, for errors.
+        parameters: that ArduSub is to confirm.
+
+    Raises:
+        MissingExtraError: pymavlink is not installed.
+    """
+
+    def __init__(self, path: Path, parameters: Mapping[str, float]) -> None:
+        self.path = path
+        self.armed = False
+        self.mode = -1
+        self.yaw = 0.0
+        """rad, of ArduSub's own estimate, from north to starboard"""
+        self.said = ""
+        """the last text of ArduSub"""
+        self.unconfirmed = dict(parameters)
+        """parameters that ArduSub has not named with their values"""
+        self.socket = loopback_socket()
+        self.socket.setblocking(False)
+        self._peer: Any = None
+        self._link = dialect().MAVLink(self, srcSystem=_PILOT, srcComponent=190)
+        self._link.robust_parsing = True
+
+    def write(self, data: bytes) -> None:
+        """Send the bytes of a message; pymavlink calls it."""
+        if self._peer is not None:
+            self.socket.sendto(data, self._peer)
+
+    def listen(self) -> None:
+        """Take in the telemetry that has arrived."""
+        while True:
+            try:
+                data, self._peer = self.socket.recvfrom(65_536)
+            except BlockingIOError:
+                return
+            for message in self._link.parse_buffer(data) or ():
+                self._take(message)
+
+    def _take(self, message: Any) -> None:
+        kind = message.get_type()
+        if kind == "HEARTBEAT" and message.autopilot != 8:  # 8: not an autopilot
+            if (message.type, message.autopilot) != (_SUBMARINE, _AUTOPILOT):
+                raise TrainingError(
+                    f"{self.path}: is no ArduSub: it calls itself MAV_TYPE {message.type}, MAV_AUTOPILOT {message.autopilot}"
+                )
+            self.armed, self.mode = bool(message.base_mode & 128), int(message.custom_mode)
+        elif kind == "ATTITUDE":
+            self.yaw = float(message.yaw)
+        elif kind == "PARAM_VALUE":
+            wanted = self.unconfirmed.get(message.param_id, math.nan)
+            if math.isclose(message.param_value, wanted, rel_tol=1e-5):
+                del self.unconfirmed[message.param_id]
+        elif kind == "STATUSTEXT":
+            self.said = str(message.text)
+        elif kind == "AUTOPILOT_VERSION":
+            major, minor, patch, type_ = int(message.flight_sw_version).to_bytes(4, "big")
+            commit = bytes(message.flight_custom_version).decode("ascii", "replace").strip("\0")
+            _used["ardusub"] = f"{major}.{minor}.{patch}{_TYPES.get(type_, '')} ({commit})"
+
+    def ask(self) -> None:
+        """Ask for the version, the attitude at 50 Hz, and the parameters that are not confirmed."""
+        self._command(_REQUEST_MESSAGE, _VERSION)
+        self._command(_MESSAGE_INTERVAL, _ATTITUDE, 20_000)
+        for name in self.unconfirmed:
+            self._link.param_request_read_send(1, 1, name.encode(), -1)
+
+    def set_mode(self, mode: int) -> None:
+        """Ask for a mode."""
+        self._command(_SET_MODE, 1, mode)
+
+    def arm(self) -> None:
+        """Ask ArduSub to arm."""
+        self._command(_ARM, 1)
+
+    def _command(self, number: int, *values: float) -> None:
+        self._link.command_long_send(1, 1, number, 0, *values, *(0.0,) * (7 - len(values)))
+
+    def show_presence(self) -> None:
+        """Send a ground station's heartbeat, without which ArduSub's failsafe stops the vehicle."""
+        self._link.heartbeat_send(6, 8, 0, 0, 0)
+
+    def fly_to(
+        self, offset: tuple[float, float, float], yaw: float, velocity: tuple[float, float, float]
+    ) -> None:
+        """Give a target of mode GUIDED.
+
+        Args:
+            offset: m ahead, to starboard and down of the vehicle, level.
+            yaw: rad from north to starboard.
+            velocity: m/s of the target, in the same axes.
+        """
+        self._link.set_position_target_local_ned_send(
+            *(0, 1, 1, _BODY_FRD, _POSITION_AND_VELOCITY),
+            *(*offset, *velocity, 0.0, 0.0, 0.0, yaw, 0.0),
+        )
+
+    def stick(self, forward: float, starboard: float, up: float, turn: float) -> None:
+        """Move a pilot's sticks, each in [-1, 1]; neutral sticks also tell ArduSub that the pilot is there."""
+        x, y, z, r = (round(1000.0 * value) for value in (forward, starboard, up, turn))
+        self._link.manual_control_send(1, x, y, 500 + z // 2, r, 0)
+
+
+def loopback_socket() -> socket.socket:
+    """Return a UDP socket on a free port of this machine alone."""
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    made.bind(("127.0.0.1", 0))
+    return made
+
+
+def dialect() -> Any:
+    """Return ArduPilot's MAVLink messages.
+
+    Raises:
+        MissingExtraError: pymavlink is not installed.
+    """
+    try:
+        from pymavlink.dialects.v20 import ardupilotmega
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("pymavlink", extra="mavlink", purpose="algo=ardusub") from error
+    return ardupilotmega
