@@ -48,7 +48,13 @@ class ArduSubAgent:
         algo = config.algo
         assert isinstance(algo, algorithms.ArduSub)
         self._algo = algo
-        self._motors = motors_of(vehicle)
+        try:
+            self._motors = motors_of(vehicle)
+        except ConfigError as error:
+            reason = str(error).partition(";")[0]
+            raise ConfigError(
+                f"{reason}; algo=ardusub flies bluerov2, bluerov2_heavy and their variants"
+            ) from error
         self._estimate = Estimator(
             1.0 / config.step.frequency, 1.0, observation_spec(config.task, vehicle.actuators)
         )
@@ -194,7 +200,7 @@ def refuse(config: schema.TrainConfig) -> None:
     own = "ArduSub has sensors of its own (its SIM_ parameters)"
     if noise.scale > 0.0 and max(noise.position.high, noise.yaw.high, noise.command.high) > 0.0:
         raise ConfigError(
-            f"noise={noise.name}: cannot be applied to algo=ardusub, {own}; test it with noise=none"
+            f"noise={noise.name}: cannot be applied to algo=ardusub, {own}; use protocol=ardusub, or noise=none"
         )
     sensor = disturbance.sensor
     if any(

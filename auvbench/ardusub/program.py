@@ -25,10 +25,6 @@ def settled(config: DictConfig, typed: schema.TrainConfig) -> DictConfig:
     algo = typed.algo
     if not isinstance(algo, algorithms.ArduSub):
         return config
-    if not algo.path:
-        raise ConfigError(
-            "algo.path: a value is missing; name ArduSub's SITL: algo=ardusub algo.path=.../bin/ardusub"
-        )
     result = copy.deepcopy(config)
     with open_dict(result):
         result.algo.sha256 = check(algo)
@@ -42,6 +38,10 @@ def check(algo: algorithms.ArduSub) -> str:
     Raises:
         ConfigError: it is missing, or another than `algo.sha256` says.
     """
+    if not algo.path:
+        raise ConfigError(
+            "algo.path: a value is missing; name ArduSub's SITL: algo.path=build/sitl/bin/ardusub"
+        )
     try:
         with Path(algo.path).open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()

@@ -178,9 +178,7 @@ class Sitl:
     def _wait(self, held: SensorState, mode: int, begun: float, arm: bool = False) -> None:
         """Let a little time pass with the vehicle held; ask for what lacks."""
         if self.time - begun > SETTLING:
-            raise TrainingError(
-                f"{self.path}: did not {self._lacking(mode)} within {SETTLING:g} s{self._last_line()}"
-            )
+            raise TrainingError(f"{self.path}: did not {self._lacking(mode)}")
         for _ in range(20):
             self.exchange(held, self.packet.duration)
         if not self._stay_known():
@@ -202,8 +200,9 @@ class Sitl:
     def _lacking(self, mode: int) -> str:
         if self.radio.unconfirmed:
             wanted = (f"algo.parameters.{name}={value:g}" for name, value in self.radio.unconfirmed.items())
-            return f"confirm {', '.join(wanted)}"
-        return "arm" if self.radio.mode == mode else f"take mode {mode}"
+            return f"confirm {', '.join(wanted)}: has this version such a parameter?"
+        what = "arm" if self.radio.mode == mode else f"take mode {mode}"
+        return f"{what} within {SETTLING:g} s{self._last_line()}"
 
 
 def _eased(share: float) -> tuple[float, float, float]:
