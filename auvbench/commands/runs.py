@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser
-from auvbench.errors import RunError, UserError, closest
+from auvbench.errors import RunError
 from auvbench.runs import identity, run_filter, status
 from auvbench.runs.directory import RunDirectory, find_runs
 from auvbench.runs.status import State
@@ -54,17 +54,6 @@ class Row:
         return min(1.0, self.steps / self.total_steps) if self.total_steps > 0 else 0.0
 
 
-SORTS: dict[str, Callable[[Row], Any]] = {
-    "name": lambda row: row.name,
-    "state": lambda row: list(State).index(row.state),
-    "progress": lambda row: -row.progress,
-    "success": lambda row: -1.0 if row.success_rate is None else -row.success_rate,
-    "wall": lambda row: -row.wall_time_s,
-    "created": lambda row: row.created or "",
-}
-"""Sort keys; progress, success and wall time begin with the largest."""
-
-
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench runs",
@@ -76,7 +65,6 @@ def parser() -> Parser:
     )
     add = parser.add_argument
     add("paths", nargs="*", default=["outputs"], metavar="PATH", help="runs or folders of runs")
-    add("--sort", default="name", metavar="KEY", help=", ".join(SORTS))
     add("--json", action="store_true", help="print a JSON list instead of a table")
     return parser
 
@@ -84,11 +72,9 @@ def parser() -> Parser:
 def main(argv: Sequence[str]) -> int:
     """Exit code 1 when a run could not be read: the others are listed, and it is named."""
     given = parser().read(argv)
-    if given.sort not in SORTS:
-        raise UserError(f"--sort {given.sort}: unknown; {closest(given.sort, SORTS)}")
     found, problems = rows(find_runs(given.paths))
     chosen = run_filter.select(found, run_filter.parse(given.where), _facts)
-    chosen = sorted(chosen, key=lambda row: (SORTS[given.sort](row), row.id))
+    chosen = sorted(chosen, key=lambda row: (row.name, row.id))
     if given.json:
         print(json.dumps([{**asdict(row), "progress": row.progress} for row in chosen], indent=1))
     else:

@@ -171,7 +171,7 @@ def every_reader(experiment: Path, *, heavy: bool) -> None:
     """All commands that read runs."""
     run = runs_of(experiment)
     judge(["runs", str(experiment)])
-    judge(["runs", str(experiment), "--json", "--sort", "created"])
+    judge(["runs", str(experiment), "--json"])
     judge(
         [
             "report",

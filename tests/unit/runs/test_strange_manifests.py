@@ -38,7 +38,7 @@ FIELDS: list[tuple[str, Any]] = [
 
 
 @pytest.mark.parametrize(("field", "value"), FIELDS)
-@pytest.mark.parametrize("flag", [[], ["--json"], ["--sort", "created"]])
+@pytest.mark.parametrize("flag", [[], ["--json"]])
 def test_a_field_of_another_kind_is_one_line(
     field: str, value: Any, flag: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
