@@ -102,8 +102,7 @@ def nothing_long(folder: Path) -> Iterator[None]:
         refuse()
 
     patches: list[tuple[Any, str, Any]] = [
-        (train, "_carry_out", refuse),
-        (resume, "_one", refuse),
+        (train, "carry_out", refuse),
         (resume, "_several", refuse),
         (grid, "carry_out", checked),
         (evaluate, "_evaluate", refuse),
