@@ -76,13 +76,12 @@ def main(arguments: Sequence[str]) -> int:
 
 def _show(episodes: Sequence[Replay], stem: Path, video: Path | None) -> int:
     """Print the episodes, draw `stem`.png and .svg, and make a film if `video` is given."""
-    from auvbench.reporting import race_pictures, replay_pictures
+    from auvbench.reporting import replay_pictures
     from auvbench.runs.atomic_io import storage
 
     print("\n\n".join(replay_pictures.summary(episode) for episode in episodes))
-    one = len(episodes) == 1
     with storage(f"cannot write into {stem.parent}"):
-        png, svg = replay_pictures.draw(episodes[0], stem) if one else race_pictures.draw(episodes, stem)
+        png, svg = replay_pictures.draw(episodes, stem)
     print(f"\nwrote {png}\nwrote {svg}", flush=True)
     if video is not None:
         target = video if video != Path() else stem.with_name(f"{stem.name}.gif")
@@ -93,11 +92,8 @@ def _show(episodes: Sequence[Replay], stem: Path, video: Path | None) -> int:
 
 def _film(episodes: Sequence[Replay], target: Path) -> None:
     from auvbench.commands.progress import work_bar
-    from auvbench.reporting import race_pictures, replay_pictures
+    from auvbench.reporting import replay_pictures
 
     with work_bar(f"film {target.name}", "pictures") as tell:
-        if len(episodes) == 1:
-            replay_pictures.film(episodes[0], target, tell)
-        else:
-            race_pictures.film(episodes, target, tell)
+        replay_pictures.film(episodes, target, tell)
     print(f"wrote {target}")

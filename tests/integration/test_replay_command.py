@@ -41,7 +41,6 @@ def test_the_episode_is_the_one_of_the_table(run, tmp_path, monkeypatch, capsys)
     printed = capsys.readouterr().out
     assert f"{row['outcome']} after {row['steps']} steps" in printed
     assert f"ended {float(row['final_distance_m']):.2f} m" in printed
-    assert printed.count("thruster") >= 6
     with Image.open(tmp_path / "test-nominal-3.png") as figure:
         assert len(figure.convert("L").getcolors()) > 50, "the figure is blank"
     with Image.open(film) as pictures:
@@ -62,7 +61,7 @@ def test_several_runs_are_in_one_scene(run, tmp_path, monkeypatch, capsys):
         main(["replay", str(run), str(other), "--episode", "3", "--out", str(tmp_path), "--video", str(film)])
         == 0
     )
-    assert capsys.readouterr().out.count("distance") == 2
+    assert capsys.readouterr().out.count("command norm") == 2
     with Image.open(film) as pictures:
         assert pictures.n_frames == 12
         pictures.seek(11)
@@ -139,7 +138,7 @@ def test_a_film_draws_its_axes_once_and_tells_how_far_it_is(tmp_path, monkeypatc
     told, drawn = [], []
     whole = Figure.draw
     monkeypatch.setattr(Figure, "draw", lambda *arguments: (drawn.append(1), whole(*arguments))[1])
-    films.film(an_episode(1000), tmp_path / "film.gif", lambda done, of: told.append((done, of)))
+    films.film([an_episode(1000)], tmp_path / "film.gif", lambda done, of: told.append((done, of)))
     assert told == [(n, 30) for n in range(1, 31)]
     assert len(drawn) == 2, "to settle the layout, and as the background of all pictures"
     with Image.open(tmp_path / "film.gif") as pictures:
@@ -151,8 +150,8 @@ def test_a_film_draws_its_axes_once_and_tells_how_far_it_is(tmp_path, monkeypatc
 def test_a_picture_of_the_film_is_the_scene_drawn_anew():
     """Drawing over a background must not leave traces of the pictures before."""
     episode = an_episode(40)
-    *_, last = films.pictures(episode, [0, 10, 20, 40])
-    (alone,) = films.pictures(episode, [40])
+    *_, last = films.pictures([episode], [0.0, 1.0, 2.0, 4.0])
+    (alone,) = films.pictures([episode], [4.0])
     assert np.array_equal(last, alone)
 
 
@@ -175,7 +174,7 @@ def test_each_task_is_drawn_with_its_reference_or_its_dock(task, tmp_path, monke
     assert (shown.dock_yaw is not None) == (task == "docking")
     target = shown.waypoint if shown.reference is None else shown.reference
     assert shown.distance[-1] == np.float32(np.linalg.norm(shown.position - target, axis=1)[-1])
-    film, plain = films.film(shown, tmp_path / "film.gif"), tmp_path / "plain.gif"
-    films.film(dataclasses.replace(shown, reference=None, dock_yaw=None), plain)
+    film, plain = films.film([shown], tmp_path / "film.gif"), tmp_path / "plain.gif"
+    films.film([dataclasses.replace(shown, reference=None, dock_yaw=None)], plain)
     same = film.read_bytes() == plain.read_bytes()
     assert same == (task == "station_keeping"), "the reference or the dock is not drawn"
