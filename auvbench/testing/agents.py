@@ -20,7 +20,7 @@ from auvbench.config.agents import learns
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
-from auvbench.errors import AgentError, TrainingError
+from auvbench.errors import TrainingError
 from auvbench.evaluation.evaluate import make_agent
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import prepare
@@ -270,7 +270,6 @@ def check_agent(
         ConfigError: the overrides are none.
     """
     config, vehicle = _config_and_vehicle(overrides)
-    name = " ".join(overrides)
     checks: list[Any] = [*AGENT_CHECKS, *(LEARNER_CHECKS if learns(config.algo) else ())]
     with tempfile.TemporaryDirectory(prefix="auvbench-testing-") as folder:
         trainings = Trainings((f"train.total_steps={steps}", *overrides), Path(folder), {})
@@ -282,10 +281,7 @@ def check_agent(
             # What stands between an agent and the vehicle in a run would hide some of its faults here.
             return made.inner if isinstance(made, PluginAgent) else made
 
-        for check in checks:
-            if only is not None and check is not only:
-                continue
-            try:
-                check(trainings) if check in LEARNER_CHECKS else check(config, make)
-            except (ConformanceError, AgentError) as error:
-                raise ConformanceError(f"{name}: {check.__name__.replace('_', ' ')}: {error}") from error
+        def run(check: Any) -> None:
+            check(trainings) if check in LEARNER_CHECKS else check(config, make)
+
+        draws.run_checks(checks, only, overrides, run)

@@ -1,19 +1,45 @@
-"""What the conformance checks share: their error, comparison of bits, the process's generators, and pickles."""
+"""What the conformance checks share: their loop and error, comparison of bits, the process's generators, and pickles."""
 
 from __future__ import annotations
 
 import pickle
 import random
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.errors import AgentError
 
 
 class ConformanceError(AssertionError):
-    """An agent or a simulator breaks its contract; the message names it and says how."""
+    """An agent, a simulator or a task breaks its contract; the message names it and says how."""
+
+
+def run_checks(
+    checks: Sequence[Callable[..., None]],
+    only: Callable[..., None] | None,
+    overrides: Sequence[str],
+    run: Callable[[Callable[..., None]], None],
+) -> None:
+    """Call `run` with each check, or with `only`; name overrides and check in an error."""
+    for check in checks:
+        if only is not None and check is not only:
+            continue
+        try:
+            run(check)
+        except (ConformanceError, AgentError) as error:
+            name = check.__name__.replace("_", " ")
+            raise ConformanceError(f"{' '.join(overrides)}: {name}: {error}") from error
+
+
+def actions(step: int, n: int, n_u: int, first: int = 0) -> NDArray[np.float64]:
+    """Return actions (n, n_u) in [-1, 1] that differ from row to row and from step to step."""
+    rows = first + np.arange(n)[:, None]
+    return np.asarray(np.sin(0.7 * step + 1.3 * rows + 0.9 * np.arange(n_u)))
 
 
 def same(first: Any, second: Any, what: str) -> None:

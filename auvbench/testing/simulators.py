@@ -33,18 +33,11 @@ def start(simulator: Simulator) -> None:
     simulator.reset(np.arange(simulator.n), pose, np.zeros((simulator.n, 6)))
 
 
-def commands(simulator: Simulator, step: int, first: int = 0) -> NDArray[np.float64]:
-    """Return commands (n, n_u) in [-1, 1] that differ from vehicle to vehicle and from step to step."""
-    n_u = len(simulator.vehicle.actuators)
-    vehicles = first + np.arange(simulator.n)[:, None]
-    return np.asarray(np.sin(0.7 * step + 1.3 * vehicles + 0.9 * np.arange(n_u)))
-
-
 def fly(simulator: Simulator, steps: range = range(STEPS), first: int = 0) -> dict[str, NDArray[np.float64]]:
     """Apply commands for some steps; return the states after each, (steps, n, ...)."""
     found: dict[str, list[NDArray[np.float64]]] = {name: [] for name in STATE}
     for step in steps:
-        simulator.step(commands(simulator, step, first), DURATION)
+        simulator.step(draws.actions(step, simulator.n, len(simulator.vehicle.actuators), first), DURATION)
         for name in STATE:
             found[name].append(np.array(getattr(simulator, name), dtype=np.float64))
     return {name: np.asarray(values) for name, values in found.items()}
@@ -222,11 +215,8 @@ def check_simulator(*overrides: str, only: Callable[[Make], None] | None = None)
     """
     config = train_config(compose("train", list(overrides)))
     vehicle = sheet.load(config.vehicle)
-    for check in SIMULATOR_CHECKS:
-        if only is not None and check is not only:
-            continue
-        try:
-            check(lambda n: make_simulator(config.simulator, vehicle, n, config.disturbance.randomisation))
-        except ConformanceError as error:
-            name = " ".join(overrides)
-            raise ConformanceError(f"{name}: {check.__name__.replace('_', ' ')}: {error}") from error
+
+    def make(n: int) -> Simulator:
+        return make_simulator(config.simulator, vehicle, n, config.disturbance.randomisation)
+
+    draws.run_checks(SIMULATOR_CHECKS, only, overrides, lambda check: check(make))

@@ -17,16 +17,10 @@ from auvbench.envs.batch import Batch
 from auvbench.errors import AgentError
 from auvbench.metrics import METRICS
 from auvbench.record import OUTCOMES, record_columns
-from auvbench.testing.draws import ConformanceError, same
+from auvbench.testing.draws import ConformanceError, actions, run_checks, same
 
 N, STEPS = 5, 40
 """episodes side by side, steps of a check"""
-
-
-def actions(step: int, n: int, n_u: int, first: int = 0) -> NDArray[np.float64]:
-    """Return actions (n, n_u) in [-1, 1] that differ from row to row and from step to step."""
-    rows = first + np.arange(n)[:, None]
-    return np.asarray(np.sin(0.7 * step + 1.3 * rows + 0.9 * np.arange(n_u)))
 
 
 def play(batch: Batch, steps: range, first: int = 0) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
@@ -162,11 +156,4 @@ def check_task(*overrides: str, only: Callable[[schema.TrainConfig], None] | Non
         ConfigError: the overrides are none, or the vehicle cannot do the task.
     """
     config = train_config(compose("train", list(overrides)))
-    for check in TASK_CHECKS:
-        if only is not None and check is not only:
-            continue
-        try:
-            check(config)
-        except ConformanceError as error:
-            name = " ".join(overrides)
-            raise ConformanceError(f"{name}: {check.__name__.replace('_', ' ')}: {error}") from error
+    run_checks(TASK_CHECKS, only, overrides, lambda check: check(config))
