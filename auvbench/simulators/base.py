@@ -6,12 +6,15 @@ A simulator knows nothing of tasks and rewards. World ENU with the surface at z 
 
 from __future__ import annotations
 
+import math
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from auvbench.config.schema import SCALES
 from auvbench.config.simulators import Capabilities
+from auvbench.dynamics.layout import CURRENT_COLUMNS
 from auvbench.dynamics.waves import Waves
 from auvbench.errors import ConfigError
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -64,28 +67,77 @@ class Simulator(Protocol):
         """Restore a state that `state_dict` returned."""
 
 
-def write_current(
-    current: FloatArray, velocity: ArrayLike, bottom: ArrayLike | None, depths: tuple[ArrayLike, ArrayLike]
-) -> None:
-    """Write what `Simulator.set_current` takes to `current` (n, 8).
-
-    Its columns are the velocity at the top (3), the difference to the bottom (3), z of the top, and 1 / thickness.
-
-    Raises:
-        ConfigError: the second depth is not below the first.
-    """
-    top = np.asarray(depths[0], dtype=np.float64)
-    thickness = np.asarray(depths[1], dtype=np.float64) - top
-    if not np.all(thickness > 0.0):
-        raise ConfigError(f"current from depth {depths[0]} to {depths[1]} m: the second must be deeper")
-    current[:, :3] = velocity
-    current[:, 3:6] = 0.0 if bottom is None else np.asarray(bottom) - np.asarray(velocity)
-    current[:, 6] = -top
-    current[:, 7] = 1.0 / thickness
-
-
 class WavySimulator(Simulator, Protocol):
     """A simulator with `capabilities.waves`."""
 
     def set_waves(self, waves: Waves) -> None:
         """Put waves on the water. The arrays stay the caller's; a step of T seconds adds T to `waves.time`."""
+
+
+class VehicleBatch:
+    """The arrays that simulators of this process have in common (`Simulator`), and their substeps.
+
+    Attributes beyond `Simulator`'s:
+        current: (n, 8) velocity of the current at the top (3), difference to the bottom (3), z of the top,
+            1 / thickness. `set_current` writes it.
+        external_wrench: (n, 6) N and N m in body axes at the body origin, added to the actuators'; kept until
+            changed.
+        scales: (n, 6) as given to `reset`.
+
+    Raises:
+        ConfigError: a number is out of range.
+    """
+
+    def __init__(self, vehicle: VehicleModel, n: int, max_step: float) -> None:
+        if n < 1:
+            raise ConfigError(f"number of vehicles is {n}: it must be at least 1")
+        if not (max_step > 0.0 and math.isfinite(max_step)):
+            raise ConfigError(f"simulator.max_step is {max_step}: it must be a positive number of seconds")
+        self.vehicle = vehicle
+        self.n = n
+        self.max_step = max_step
+        self.pose = np.zeros((n, 7))
+        self.pose[:, 3] = 1.0
+        self.velocity = np.zeros((n, 6))
+        self.command_force = np.zeros((n, len(vehicle.units)))
+        self.power = np.zeros(n)
+        self.effectiveness = np.ones((n, len(vehicle.units)))
+        self.current = np.zeros((n, CURRENT_COLUMNS))
+        self.external_wrench = np.zeros((n, 6))
+        self.scales = np.ones((n, len(SCALES)))
+        self._rest = np.concatenate([np.zeros(0), *(unit.rest for unit in vehicle.units)])
+        self.actuators = np.tile(self._rest, (n, 1))
+
+    def substeps(self, duration: float) -> int:
+        """Return the number of equal substeps that make up `duration` seconds."""
+        # The margin keeps 1/25 s at four substeps of .01 s despite the rounding of the quotient.
+        return max(1, math.ceil(duration / self.max_step - 1e-9))
+
+    def _place(self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike) -> None:
+        """Put vehicles `indices` (k,) at `pose` (k, 7) with `velocity` (k, 6), actuators at rest."""
+        self.pose[indices] = pose
+        self.velocity[indices] = velocity
+        self.actuators[indices] = self._rest
+        self.command_force[indices] = 0.0
+        self.power[indices] = 0.0
+        self.effectiveness[indices] = 1.0
+
+    def set_current(
+        self,
+        velocity: ArrayLike,
+        bottom: ArrayLike | None = None,
+        depths: tuple[ArrayLike, ArrayLike] = (0.0, 1.0),
+    ) -> None:
+        """Set the current of all vehicles; see `Simulator.set_current`.
+
+        Raises:
+            ConfigError: the second depth is not below the first.
+        """
+        top = np.asarray(depths[0], dtype=np.float64)
+        thickness = np.asarray(depths[1], dtype=np.float64) - top
+        if not np.all(thickness > 0.0):
+            raise ConfigError(f"current from depth {depths[0]} to {depths[1]} m: the second must be deeper")
+        self.current[:, :3] = velocity
+        self.current[:, 3:6] = 0.0 if bottom is None else np.asarray(bottom) - np.asarray(velocity)
+        self.current[:, 6] = -top
+        self.current[:, 7] = 1.0 / thickness

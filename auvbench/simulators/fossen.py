@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -19,8 +18,7 @@ from auvbench.dynamics import layout
 from auvbench.dynamics.kernel import PARAMETER_ROWS, advance
 from auvbench.dynamics.rigid_body import GZ_SIM_8_11
 from auvbench.dynamics.waves import Waves, still
-from auvbench.errors import ConfigError
-from auvbench.simulators.base import write_current
+from auvbench.simulators.base import VehicleBatch
 from auvbench.simulators.packing import discretise, geometry_table, parameter_rows, unit_table
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -54,7 +52,7 @@ def _threads(count: int, _process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(count, thread_name_prefix="simulator")
 
 
-class FossenSimulator:
+class FossenSimulator(VehicleBatch):
     """N copies of a vehicle, integrated with RK4 in substeps no longer than `max_step`.
 
     A vehicle's trajectory is the same to the last bit in a batch of any size, on any number of threads.
@@ -64,30 +62,14 @@ class FossenSimulator:
         n: number of vehicles.
         max_step: longest substep in s; a step of `duration` takes ceil(duration / max_step) equal ones.
         threads: that share the vehicles, if there are at least `THREADED`.
-
-    Attributes beyond `Simulator`'s:
-        current: (n, 8) velocity of the current at the top (3), difference to the bottom (3), z of the top,
-            1 / thickness. `set_current` writes it; writing the first three columns in place is allowed.
-        external_wrench: (n, 6) N and N m in body axes at the body origin, added to the actuators'; kept until
-            changed.
-        scales: (n, 6) as given to `reset`.
-
     """
 
     capabilities = CAPABILITIES["fossen"]
 
     def __init__(self, vehicle: VehicleModel, n: int, max_step: float = 0.01, threads: int = 1) -> None:
-        if n < 1:
-            raise ConfigError(f"number of vehicles is {n}: it must be at least 1")
-        if not (max_step > 0.0 and math.isfinite(max_step)):
-            raise ConfigError(f"simulator.max_step is {max_step}: it must be a positive number of seconds")
-        self.vehicle = vehicle
-        self.n = n
-        self.max_step = max_step
-        n_u = len(vehicle.units)
+        super().__init__(vehicle, n, max_step)
         self._table, self._curves = unit_table(vehicle)
         self._geometry = geometry_table(vehicle)
-        self._rest = np.concatenate([np.zeros(0), *(unit.rest for unit in vehicle.units)])
         self._flags = (
             bool(np.any(np.diag(np.diag(vehicle.M_A)) != vehicle.M_A)),
             any(unit.rest.size > 0 for unit in vehicle.units),
@@ -102,18 +84,7 @@ class FossenSimulator:
             for first, last in pairwise(shares)
             if first < last
         ]
-
-        self.pose = np.zeros((n, 7))
-        self.pose[:, 3] = 1.0
-        self.velocity = np.zeros((n, 6))
-        self.actuators = np.tile(self._rest, (n, 1))
-        self.command_force = np.zeros((n, n_u))
-        self.power = np.zeros(n)
-        self.effectiveness = np.ones((n, n_u))
-        self.current = np.zeros((n, layout.CURRENT_COLUMNS))
-        self.external_wrench = np.zeros((n, 6))
         self.set_waves(still(n))
-        self.scales = np.ones((n, len(SCALES)))
         # One block of parameters serves all vehicles until one of them differs.
         rows = parameter_rows(vehicle, np.ones((1, len(SCALES))))
         self._parameters = np.repeat(rows.T, layout.LANES, axis=1).reshape(1, -1)
@@ -123,34 +94,15 @@ class FossenSimulator:
         self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike, scales: ArrayLike | None = None
     ) -> None:
         """Put vehicles `indices` (k,) at `pose` (k, 7) with `velocity` (k, 6); see `Simulator.reset`."""
-        self.pose[indices] = pose
-        self.velocity[indices] = velocity
-        self.actuators[indices] = self._rest
-        self.command_force[indices] = 0.0
-        self.power[indices] = 0.0
-        self.effectiveness[indices] = 1.0
+        self._place(indices, pose, velocity)
         if scales is not None or self._scaled:
             self.scales[indices] = 1.0 if scales is None else scales
             self._load_parameters(np.asarray(indices))
-
-    def set_current(
-        self,
-        velocity: ArrayLike,
-        bottom: ArrayLike | None = None,
-        depths: tuple[ArrayLike, ArrayLike] = (0.0, 1.0),
-    ) -> None:
-        """Set the current of all vehicles; see `Simulator.set_current`."""
-        write_current(self.current, velocity, bottom, depths)
 
     def set_waves(self, waves: Waves) -> None:
         """Set the waves of all vehicles; see `WavySimulator.set_waves`."""
         self._waves = waves
         self._wave_arguments = waves.components, waves.rays, waves.time
-
-    def substeps(self, duration: float) -> int:
-        """Number of equal substeps that make up `duration` seconds."""
-        # The margin keeps 1/25 s at four substeps of .01 s despite the rounding of the quotient.
-        return max(1, math.ceil(duration / self.max_step - 1e-9))
 
     def step(self, command: ArrayLike, duration: float) -> None:
         """Hold normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds."""

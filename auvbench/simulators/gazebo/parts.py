@@ -42,28 +42,21 @@ def inertial(vehicle: VehicleModel, hydrodynamics: str, cite: Cite, thrusters: b
         f"      <mass>{number(mass)}</mass>{cite('rigid_body', 'mass')}",
         f"      <inertia>{cite('rigid_body', 'inertia')}",
     ]
-    axes = "xyz"
-    for i, row in enumerate(axes):
-        lines.append(
-            "        "
-            + "".join(
-                f"<i{row}{axes[j]}>{number(inertia[i, j])}</i{row}{axes[j]}>" for j in range(i, len(axes))
-            )
-        )
-    lines.append("      </inertia>")
+    lines += [*_entries(inertia, "xyz", "i"), "      </inertia>"]
     if hydrodynamics == "corrected" and np.any(vehicle.M_A):
         lines.append(f"      <fluid_added_mass>{cite('hydrodynamics', 'added_mass')}")
-        axes = "xyzpqr"
-        for i, row in enumerate(axes):
-            lines.append(
-                "        "
-                + "".join(
-                    f"<{row}{axes[j]}>{number(vehicle.M_A[i, j])}</{row}{axes[j]}>"
-                    for j in range(i, len(axes))
-                )
-            )
-        lines.append("      </fluid_added_mass>")
+        lines += [*_entries(vehicle.M_A, "xyzpqr"), "      </fluid_added_mass>"]
     return [*lines, "    </inertial>"]
+
+
+def _entries(matrix: FloatArray, axes: str, prefix: str = "") -> list[str]:
+    """Return the upper triangle of a symmetric matrix as elements, a line for each row."""
+    lines = []
+    for i, row in enumerate(axes):
+        tags = [f"{prefix}{row}{column}" for column in axes[i:]]
+        values = zip(tags, matrix[i, i:], strict=True)
+        lines.append("        " + "".join(f"<{tag}>{number(value)}</{tag}>" for tag, value in values))
+    return lines
 
 
 def displaced(vehicle: VehicleModel, cite: Cite) -> list[str]:

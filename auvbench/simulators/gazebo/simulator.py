@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from auvbench.config.schema import SCALES
 from auvbench.config.simulators import CAPABILITIES
 from auvbench.errors import ConfigError
-from auvbench.simulators.base import write_current
+from auvbench.simulators.base import VehicleBatch
 from auvbench.simulators.gazebo import bindings, sdf
 from auvbench.simulators.gazebo.world import CurrentForce, NewBody, World
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -26,7 +24,7 @@ VEHICLES_PER_WORLD = 25
 """Most vehicles in one world: the time of a step of Gazebo grows faster than their number."""
 
 
-class GazeboSimulator:
+class GazeboSimulator(VehicleBatch):
     """N copies of a vehicle in Gazebo that do not touch each other; up to `VEHICLES_PER_WORLD` share a world.
 
     Gazebo computes the rigid body, added mass, damping, weight and buoyancy. Thrusters are computed here and act as
@@ -41,12 +39,6 @@ class GazeboSimulator:
     Raises:
         ConfigError: Gazebo's bindings are not installed, or a number is out of range.
         VehicleError: Gazebo cannot simulate this vehicle; see `sdf.check_vehicle`.
-
-    Attributes beyond `Simulator`'s:
-        current: (n, 8) velocity of the current at the top (3), difference to the bottom (3), z of the top,
-            1 / thickness, as in the embedded simulator.
-        external_wrench: (n, 6) N and N m in body axes at the body origin, kept until changed.
-
     """
 
     capabilities = CAPABILITIES["gazebo"]
@@ -54,28 +46,11 @@ class GazeboSimulator:
     def __init__(
         self, vehicle: VehicleModel, n: int, max_step: float = 0.01, hydrodynamics: str = "corrected"
     ) -> None:
-        if n < 1:
-            raise ConfigError(f"number of vehicles is {n}: it must be at least 1")
-        if not (max_step > 0.0 and math.isfinite(max_step)):
-            raise ConfigError(f"simulator.max_step is {max_step}: it must be a positive number of seconds")
+        super().__init__(vehicle, n, max_step)
         sdf.check_vehicle(vehicle, hydrodynamics)
         bindings.load()
-        self.vehicle = vehicle
-        self.n = n
-        self.max_step = max_step
         self.hydrodynamics = hydrodynamics
-        n_u = len(vehicle.units)
-        self.pose = np.zeros((n, 7))
-        self.pose[:, 3] = 1.0
-        self.velocity = np.zeros((n, 6))
-        self.command_force = np.zeros((n, n_u))
-        self.power = np.zeros(n)
-        self.effectiveness = np.ones((n, n_u))
-        self.current = np.zeros((n, 8))
-        self.external_wrench = np.zeros((n, 6))
-        self.scales = np.ones((n, len(SCALES)))
-        self._thrust = Thrust(vehicle, n)
-        self.actuators = self._thrust.states
+        self._thrust = Thrust(vehicle, self.actuators)
         self._allocation = vehicle.allocation
         self._worlds: list[World] = []
         self._fresh = set(range(n))  # vehicles that need a new body
@@ -92,13 +67,8 @@ class GazeboSimulator:
         """
         if np.any(velocity):
             raise ConfigError("simulator=gazebo starts vehicles at rest: velocity must be 0")
-        self.pose[indices] = pose
-        self.velocity[indices] = 0.0
-        self.command_force[indices] = 0.0
-        self.power[indices] = 0.0
-        self.effectiveness[indices] = 1.0
+        self._place(indices, pose, velocity)
         self.scales[indices] = 1.0 if scales is None else scales
-        self._thrust.reset(indices)
         self._fresh.update(np.asarray(indices).tolist())
 
     def set_current(
@@ -113,21 +83,16 @@ class GazeboSimulator:
             ConfigError: the second depth is not below the first; or, with the published hydrodynamics, the current
                 changes within an episode or with depth.
         """
-        wanted = np.zeros((self.n, 8))
-        write_current(wanted, velocity, bottom, depths)
+        before = self.current.copy()
+        super().set_current(velocity, bottom, depths)
         if self.hydrodynamics == "published":
-            if wanted[:, 3:6].any():
+            if self.current[:, 3:6].any():
                 raise ConfigError(f"{_PUBLISHED}: the current must be the same at all depths")
-            changed = np.flatnonzero(np.any(wanted[:, :3] != self.current[:, :3], axis=1)).tolist()
+            changed = np.flatnonzero(np.any(before[:, :3] != self.current[:, :3], axis=1)).tolist()
             if not self._fresh.issuperset(changed):
                 raise ConfigError(
                     f"{_PUBLISHED}: the current must be steady in an episode; reset the vehicle to change it"
                 )
-        self.current[...] = wanted
-
-    def substeps(self, duration: float) -> int:
-        """Return the number of equal physics steps in `duration` seconds."""
-        return max(1, math.ceil(duration / self.max_step - 1e-9))
 
     def step(self, command: ArrayLike, duration: float) -> None:
         """Hold normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds."""
@@ -211,19 +176,13 @@ class Thrust:
 
     Args:
         vehicle: whose thrusters.
-        n: how many vehicles.
+        states: (n, n_actuator_states), which `forces` advances.
     """
 
-    def __init__(self, vehicle: VehicleModel, n: int) -> None:
+    def __init__(self, vehicle: VehicleModel, states: FloatArray) -> None:
         self.vehicle = vehicle
-        self._rest = np.concatenate([np.zeros(0), *(unit.rest for unit in vehicle.units)])
-        self.states: FloatArray = np.tile(self._rest, (n, 1))
-        """(n, n_actuator_states)"""
+        self.states = states
         self._exact: dict[float, list[tuple[FloatArray, FloatArray]]] = {}
-
-    def reset(self, indices: NDArray[np.integer]) -> None:
-        """Put the thrusters of vehicles `indices` (k,) at rest."""
-        self.states[indices] = self._rest
 
     def forces(self, command: FloatArray, steps: int, step: float) -> FloatArray:
         """Advance the states; return forces (steps, n, n_u) in N of the next physics steps of `step` seconds.

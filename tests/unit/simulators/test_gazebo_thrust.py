@@ -19,7 +19,8 @@ def test_states_and_forces_are_those_of_the_embedded_simulator(name):
     vehicle = load(name)
     rng = np.random.default_rng(0)
     n = 5
-    thrust, fossen = Thrust(vehicle, n), FossenSimulator(vehicle, n, max_step=0.01)
+    fossen = FossenSimulator(vehicle, n, max_step=0.01)
+    thrust = Thrust(vehicle, fossen.actuators.copy())
     for _ in range(4):
         command = rng.uniform(-1, 1, (n, len(vehicle.units)))
         forces = thrust.forces(command, 10, 0.01)
@@ -32,20 +33,11 @@ def test_states_and_forces_are_those_of_the_embedded_simulator(name):
 
 def test_the_force_of_a_physics_step_is_that_of_its_middle():
     vehicle = load("rexrov")  # first order, then squared
-    fine, coarse = Thrust(vehicle, 1), Thrust(vehicle, 1)
+    fine, coarse = (Thrust(vehicle, FossenSimulator(vehicle, 1).actuators) for _ in range(2))
     command = np.full((1, len(vehicle.units)), 0.7)
     mean = fine.forces(command, 1000, 1e-4).reshape(10, 100, -1).mean(axis=1)
     # The first steps rise as the square of time, where the middle is below the mean.
     np.testing.assert_allclose(coarse.forces(command, 10, 1e-2)[2:, 0], mean[2:], rtol=0.01)
-
-
-def test_reset_brings_thrusters_to_rest_one_by_one():
-    vehicle = load("bluerov2_heavy")
-    thrust = Thrust(vehicle, 2)
-    thrust.forces(np.ones((2, 8)), 5, 0.01)
-    thrust.reset(np.array([1]))
-    assert np.any(thrust.states[0] != 0.0)
-    assert np.array_equal(thrust.states[1], np.zeros(24))
 
 
 @pytest.mark.slow
