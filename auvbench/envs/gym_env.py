@@ -121,7 +121,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._under_way = record is None
         state = self.batch.state
         if self.render_mode is not None:
-            outcome = rendering.outcome_name(int(self.batch.task.outcome[0]))
+            outcome = None if record is None else str(record["outcome"])
             self._renderer.follow(0, state.pose[0], state.distance[0], state.force[0], outcome)
         return (
             result.observation[0].copy(),

@@ -29,9 +29,7 @@ def check_names(options: Mapping[str, Any] | None, *more: str) -> Mapping[str, A
     return given
 
 
-def places(
-    options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Floats
-) -> dict[str, Floats | None]:
+def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Floats) -> dict[str, Any]:
     """Return where `count` environments start and go, as arguments of `Batch.reset`: pose, waypoint, distance.
 
     Args:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import ConfigError, closest
-from auvbench.record import OUTCOMES
 
 if TYPE_CHECKING:
     from auvbench.envs.scene import Scene, Trail
@@ -106,8 +105,3 @@ class Renderer:
             f"{state.key} ({a:.2f}, {b:.2f}, {c:.2f}) m, {state.distance[i]:.2f} m away; "
             f"{self._outcome[i] or 'under way'}"
         )
-
-
-def outcome_name(code: int) -> str | None:
-    """Return the name of an outcome's code; None for an episode that is under way."""
-    return OUTCOMES[code] if code >= 0 else None

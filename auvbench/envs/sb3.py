@@ -17,7 +17,6 @@ from auvbench.config.schema import step_limit
 from auvbench.envs import info, options, rendering, settings
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import ConfigError
-from auvbench.record import Record
 
 
 def make(
@@ -55,12 +54,11 @@ class WaypointVecEnv(VecEnv):
             whose episode ended, which is all that SB3's learners look at.
         render_mode: as of `WaypointEnv`.
 
-    `finished` holds the rows of the episodes that ended in the last step, `transition` all that it gave.
+    `transition` is all that the last step gave.
     """
 
     def __init__(self, batch: Batch, *, detailed: bool = True, render_mode: str | None = None) -> None:
         self.batch = batch
-        self.finished: list[Record] = []
         self.transition: Transition | None = None
         self.render_mode = render_mode
         self.metadata: dict[str, Any] = {
@@ -98,7 +96,7 @@ class WaypointVecEnv(VecEnv):
             self.reset_infos = [info.single(state, i) for i in range(self.num_envs)]
         return observation
 
-    def _places(self) -> dict[str, NDArray[np.float64] | None]:
+    def _places(self) -> dict[str, Any]:
         given = [options.check_names(one) for one in self._options]
         names = given[0].keys()
         if any(one.keys() != names for one in given):
@@ -122,7 +120,7 @@ class WaypointVecEnv(VecEnv):
         if self._actions is None:
             raise ResetNeeded("there are no actions: call step_async() before step_wait()")
         result = self.batch.step(self._actions)
-        self.transition, self.finished = result, result.records
+        self.transition = result
         if self.render_mode is not None:
             self._renderer.follow_step(result, result.ended[:0])
             self._renderer.begin(result.ended)
