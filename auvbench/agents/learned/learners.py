@@ -147,9 +147,17 @@ def check_losses(model: BaseAlgorithm) -> None:
 
 def check_parameters(model: BaseAlgorithm) -> None:
     """Raise `TrainingError` when a weight of the policy or of a target network is not finite."""
-    bad = non_finite_parameter(model)
-    if bad is not None:
-        raise TrainingError(f"step {model.num_timesteps}: the weights {bad} of the policy are not finite")
+    with torch.no_grad():
+        named: dict[str, torch.Tensor] = dict(model.policy.named_parameters())
+        named |= {n: buffer for n, buffer in model.policy.named_buffers() if buffer.is_floating_point()}
+        total = torch.stack([parameter.sum() for parameter in named.values()]).sum()
+        if math.isfinite(float(total)):
+            return
+        for name, parameter in named.items():
+            if not bool(torch.isfinite(parameter).all()):
+                raise TrainingError(
+                    f"step {model.num_timesteps}: the weights {name} of the policy are not finite"
+                )
 
 
 @contextmanager
@@ -169,17 +177,3 @@ def diagnosed(model: BaseAlgorithm) -> Iterator[None]:
         except TrainingError as cause:
             raise cause from error
         raise
-
-
-def non_finite_parameter(model: BaseAlgorithm) -> str | None:
-    """Return the name of the first parameter or running statistic that is not finite; None when all are finite."""
-    with torch.no_grad():
-        named: dict[str, torch.Tensor] = dict(model.policy.named_parameters())
-        named |= {n: buffer for n, buffer in model.policy.named_buffers() if buffer.is_floating_point()}
-        total = torch.stack([parameter.sum() for parameter in named.values()]).sum()
-        if math.isfinite(float(total)):
-            return None
-        for name, parameter in named.items():
-            if not bool(torch.isfinite(parameter).all()):
-                return name
-    return None
