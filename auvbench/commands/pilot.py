@@ -20,7 +20,7 @@ from auvbench.errors import ConfigError, UserError, closest
 if TYPE_CHECKING:
     from auvbench.config import tasks
     from auvbench.observation import ObservationSpec
-    from auvbench.ros2.steering import Controller, Limits
+    from auvbench.pilot.steering import Controller, Limits
     from auvbench.vehicles.vehicle_model import VehicleModel
 
 CONTROLLERS = ("pid", "smc", "lqr")
@@ -116,9 +116,9 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.ros2 import discovery, middleware
 
     middleware.load()
-    from auvbench.ros2.mission import Logbook
+    from auvbench.pilot.mission import Logbook
+    from auvbench.pilot.thrust import SheetThrust
     from auvbench.ros2.pilot import Pilot
-    from auvbench.ros2.thrust import SheetThrust
     from auvbench.runs import interruption
 
     setup = _setup(given)
@@ -156,7 +156,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _setup(given: argparse.Namespace) -> Setup:
-    from auvbench.ros2.steering import Limits
+    from auvbench.pilot.steering import Limits
     from auvbench.vehicles import sheet
 
     word = str(given.controller)

@@ -46,7 +46,7 @@ def task_of_policy(
     Raises:
         UserError: a pilot has no reference for its task, or cannot supply what it observes.
     """
-    from auvbench.ros2.observation import SUPPLIED
+    from auvbench.pilot.observation import SUPPLIED
     from auvbench.tasks.observation import observation_spec
 
     named = card.document["task"]

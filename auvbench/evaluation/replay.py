@@ -16,8 +16,8 @@ from auvbench.errors import RunError, UserError, closest
 from auvbench.evaluation.evaluate import make_agent
 from auvbench.evaluation.protocol import resolve_conditions
 from auvbench.evaluation.rollout import roll_out
+from auvbench.pilot.mission import CONDITION, FORMAT, SCHEMA_VERSION
 from auvbench.record import Record
-from auvbench.ros2.mission import CONDITION, FORMAT, SCHEMA_VERSION
 from auvbench.runs.directory import RunDirectory
 from auvbench.untrusted import archives, documents, reading, tables
 

@@ -9,13 +9,13 @@ import pytest
 from auvbench.cli import main
 from auvbench.commands import pilot as command
 from auvbench.errors import RunError
+from auvbench.pilot.mission import Logbook
+from auvbench.pilot.observation import observe
+from auvbench.pilot.steering import Limits
+from auvbench.pilot.thrust import SheetThrust
 from auvbench.ros2 import discovery, interface, messages
 from auvbench.ros2.middleware import Session
-from auvbench.ros2.mission import Logbook
-from auvbench.ros2.observation import observe
 from auvbench.ros2.pilot import Pilot
-from auvbench.ros2.steering import Limits
-from auvbench.ros2.thrust import SheetThrust
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.sheet import load
 from tests import configs, dds
@@ -175,7 +175,7 @@ def domain():
 @pytest.fixture
 def clock(monkeypatch):
     made = Clock()
-    monkeypatch.setattr("auvbench.ros2.pilot.time", made)
+    monkeypatch.setattr("auvbench.pilot.loop.time", made)
     return made
 
 

@@ -17,11 +17,11 @@ from auvbench.config.tasks import TASKS
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError, RunError, UserError
+from auvbench.pilot.mission import Logbook, Mission
+from auvbench.pilot.observation import SUPPLIED, observe
+from auvbench.pilot.steering import Limits, Steering
+from auvbench.pilot.thrust import SheetThrust
 from auvbench.record import record_columns
-from auvbench.ros2.mission import Logbook, Mission
-from auvbench.ros2.observation import SUPPLIED, observe
-from auvbench.ros2.steering import Limits, Steering
-from auvbench.ros2.thrust import SheetThrust
 from auvbench.tasks.kernels import F_REFERENCE
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.sheet import load
@@ -245,7 +245,7 @@ for words in (*([name] for name in pilot.CONTROLLERS), [sys.argv[2]], ["lqr", *s
     setup = pilot._setup(pilot.parser().read(words))
     setup.controller.reset(numpy.zeros(1, dtype="int64"))
     setup.controller.act(numpy.zeros((1, setup.spec.size), dtype="float32"))
-import auvbench.ros2.pilot, auvbench.ros2.thrust, auvbench.ros2.mission, auvbench.runs.interruption
+import auvbench.ros2.pilot, auvbench.pilot.thrust, auvbench.pilot.mission, auvbench.runs.interruption
 from auvbench.ros2 import middleware
 middleware.load()
 print(sorted({name.partition(".")[0] for name in sys.modules} & set(sys.argv[1].split())))

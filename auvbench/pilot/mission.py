@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from auvbench.errors import RunError
 from auvbench.metrics import Totals
+from auvbench.pilot.observation import yaw_of
 from auvbench.record import Record, record_columns, record_of
-from auvbench.ros2.observation import yaw_of
 
 Floats = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from auvbench.errors import RunError
 from auvbench.observation import ObservationSpec
-from auvbench.ros2.mission import Logbook, Mission
-from auvbench.ros2.observation import observe
-from auvbench.ros2.thrust import SheetThrust
+from auvbench.pilot.mission import Logbook, Mission
+from auvbench.pilot.observation import observe
+from auvbench.pilot.thrust import SheetThrust
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,285 @@
+"""The loop of a pilot: it steers a vehicle by a controller, and commands zero thrust in doubt.
+
+It starts disarmed, and commands nothing while disarmed. Armed, it steers only with a young pose within the depth
+limits, a waypoint and a finite action; otherwise it commands zero thrust. Zero thrust is also its last command.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.errors import AuvbenchError, RunError
+from auvbench.observation import ObservationSpec
+from auvbench.pilot.mission import Logbook
+from auvbench.pilot.steering import Controller, Limits, Steering
+from auvbench.pilot.thrust import SheetThrust
+
+Floats = NDArray[np.float64]
+
+RESTS = 3
+"""zero commands at the end: one may be lost"""
+TURN = 0.02
+"""s, the longest single wait, and so the delay with which an old pose is noticed"""
+
+
+class Pilot(ABC):
+    """One vehicle under one controller. A subclass is the network to the vehicle.
+
+    Args:
+        controller: maps observations to actions.
+        thrust: converts its actions into commands.
+        frequency: Hz of the controller.
+        spec: of its observation.
+        limits: that it keeps.
+        sim_time: step by the vehicle's clock in place of this machine's; ages of poses are by this machine's clock.
+        logbook: records missions.
+        say: called with each change of state.
+
+    """
+
+    source: str
+    """what the pose comes from, for messages"""
+
+    def __init__(
+        self,
+        controller: Controller,
+        thrust: SheetThrust,
+        *,
+        frequency: float,
+        spec: ObservationSpec,
+        limits: Limits,
+        sim_time: bool = False,
+        logbook: Logbook | None = None,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.thrust, self.limits, self._say = thrust, limits, say
+        self.period = 1.0 / frequency  # s
+        self.steering = Steering(
+            controller, thrust, frequency=frequency, spec=spec, limits=limits, logbook=logbook
+        )
+        self.armed = False
+        self.state = ""
+        self.pose: Floats = np.full(7, np.nan)
+        self.velocity: Floats = np.zeros(6)
+        self._received = -math.inf  # when the pose came, by this machine
+        self._stamp = -1
+        self._now = -1.0  # of the vehicle's clock
+        self._sim_time = sim_time
+        self._slow = 0
+        self._due = 0.0
+        self._closed = False
+
+    # The network.
+
+    @abstractmethod
+    def _receive(self, seconds: float) -> None:
+        """Handle messages for at most `seconds`."""
+
+    @abstractmethod
+    def _command(self, quantities: Floats) -> None:
+        """Send commands (n_u,), N of thrusters."""
+
+    @abstractmethod
+    def _take_over(self) -> str:
+        """Make the vehicle take commands; return why it does not, or an empty text."""
+
+    @abstractmethod
+    def _leave(self, was_armed: bool) -> None:
+        """Wait until the last command has arrived, at most a moment, and leave the network."""
+
+    def _rest(self) -> None:
+        """Command zero thrust several times."""
+        for _ in range(RESTS):
+            self._command(self.thrust.neutral)
+
+    def _report(self, text: str) -> None:
+        self._say(text)
+
+    # Incoming messages.
+
+    def _take_pose(self, stamp: int, pose: Floats, velocity: Floats) -> None:
+        """Take a pose (7,) with its velocity (6,) in body axes, and its time in ns by the vehicle's clock."""
+        behind = (self._stamp - stamp) / 1e9  # s
+        if behind > self.limits.pose_timeout:
+            self._clock_went_back()
+        elif behind >= 0.0 and stamp:
+            return  # repeated or overtaken: the pose gets no younger
+        if not np.all(np.isfinite([*pose, *velocity])) or not is_turn(pose):
+            return
+        self._stamp = stamp
+        self.pose, self.velocity = pose, velocity
+        self._received = time.monotonic()
+
+    def _take_time(self, now: float) -> None:
+        """Take the time in s of the vehicle's clock."""
+        if now < self._now - self.limits.pose_timeout:
+            self._clock_went_back()
+        self._now = now
+
+    def _clock_went_back(self) -> None:
+        """Disarm: a clock that goes back is that of a restarted vehicle, which may be elsewhere."""
+        self.disarm("the clock went back (was the vehicle restarted?)")
+
+    def steer_to(self, waypoint: Sequence[float], yaw: float = 0.0) -> bool:
+        """Take a waypoint (3,) in m, and the yaw in rad of a station; return False if it is not allowed."""
+        limits = self.limits
+        if not np.all(np.isfinite(waypoint)):
+            self._report("waypoint ignored: not finite")
+            return False
+        if not limits.within(waypoint[2]):
+            self._report(f"waypoint ignored: z = {waypoint[2]:g} m, must be within {limits.depths}")
+            return False
+        self.steering.end("another waypoint")
+        self.steering.waypoint, self.steering.yaw = np.array(waypoint, dtype=np.float64), yaw
+        return True
+
+    def arm(self) -> str:
+        """Let the controller steer; return why it may not, or an empty text."""
+        if self.armed:
+            return ""
+        age = self.age
+        if age > self.limits.pose_timeout:
+            return f"{self.source} " + ("never came" if math.isinf(age) else f"is {age:.2g} s old")
+        if not self.limits.within(self.pose[2]):
+            return self._depth()
+        if obstacle := self._take_over():
+            return obstacle
+        self.armed = True
+        self._set_state("armed")
+        return ""
+
+    def disarm(self, reason: str) -> None:
+        """Command zero thrust, then nothing until armed again."""
+        was = self.armed
+        self.armed = False
+        self.steering.end(reason)
+        if was:
+            self._rest()
+        self._set_state(f"disarmed: {reason}")
+
+    @property
+    def age(self) -> float:
+        """Seconds since the pose came."""
+        return time.monotonic() - self._received
+
+    def _set_state(self, state: str) -> None:
+        if state != self.state:
+            self.state = state
+            self._report(state)
+
+    # Steering.
+
+    def step(self) -> None:
+        """Make one step of the controller if it may steer.
+
+        Raises:
+            RunError: the controller failed or gave an invalid action; the pilot is then disarmed.
+        """
+        if not self.armed:
+            return
+        if not self.may_steer():
+            return
+        outcome = self.steering.advance(self.pose)
+        if outcome:
+            self.steering.waypoint = None
+            self.steering.end(outcome)
+            self._set_state(f"waypoint {'reached' if outcome == 'success' else 'given up: ' + outcome}")
+        if self.steering.waypoint is None:
+            self._command(self.thrust.neutral)
+            return
+        self._act(self.steering.waypoint)
+
+    def may_steer(self) -> bool:
+        """Check pose and depth; return whether the controller may steer."""
+        if not self.armed:
+            return False
+        age = self.age
+        if age > self.limits.lost_after:
+            self.disarm(f"{self.source} is {age:.1f} s old")
+        elif age > self.limits.pose_timeout:
+            self._hold(f"holding: {self.source} is {age:.1f} s old")
+        elif not self.limits.within(self.pose[2]):
+            self.steering.advance(self.pose)
+            self.disarm(self._depth())
+        else:
+            return True
+        return False
+
+    def _hold(self, state: str) -> None:
+        self.steering.skip_record()
+        self._command(self.thrust.neutral)
+        if not self.state.startswith("holding"):
+            self._set_state(state)
+
+    def _depth(self) -> str:
+        return f"z = {self.pose[2]:.2f} m is not within {self.limits.depths}"
+
+    def _act(self, waypoint: Floats) -> None:
+        try:
+            action = self.steering.act(self.pose, self.velocity)
+        except Exception as error:
+            raise self._failed(error) from error
+        if self.steering.action_time > self.period:
+            self._slow += 1
+            if self._slow in (1, 10, 100):
+                self._report(f"the controller takes longer than its step of {self.period:g} s")
+        self._command(self.thrust.quantities(action))
+        self._set_state(f"steering to ({waypoint[0]:.1f}, {waypoint[1]:.1f}, {waypoint[2]:.1f})")
+
+    def _failed(self, error: Exception) -> AuvbenchError:
+        """Disarm, and return the error with which the command ends."""
+        reason = " ".join(str(error).split()) or type(error).__name__
+        self.disarm(f"the controller failed: {reason}")
+        return error if isinstance(error, AuvbenchError) else RunError(f"the controller failed: {reason}")
+
+    def run(self, go_on: Callable[[], bool]) -> None:
+        """Serve and steer while `go_on()`; the end is always zero thrust.
+
+        Raises:
+            AuvbenchError: the controller failed, or the logbook cannot be written.
+        """
+        try:
+            while go_on():
+                self.spin_once()
+        finally:
+            self.close("the pilot was ended")
+
+    def spin_once(self) -> None:
+        """Serve for a moment, check the pose, and steer when a step is due.
+
+        Raises:
+            AuvbenchError: as `run`.
+        """
+        period = self.period
+        now = self._now if self._sim_time else time.monotonic()
+        if self._sim_time and now < self._due - 2 * period:
+            self._due = now  # the clock of a restarted vehicle
+        if now >= self._due:
+            self.step()
+            self._due = self._due + period if now - self._due < period else now + period
+            return
+        # How long a step of simulated time lasts here is unknown.
+        self._receive(TURN if self._sim_time else min(self._due - now, TURN))
+        self.may_steer()
+
+    def close(self, reason: str) -> None:
+        """Command zero thrust, wait until it arrives, and leave the network."""
+        if self._closed:
+            return
+        self._closed = True
+        was = self.armed
+        try:
+            self.disarm(reason)
+        finally:
+            self._leave(was)
+
+
+def is_turn(pose: Floats) -> bool:
+    """Return whether the orientation of a pose (7,) is a unit quaternion."""
+    return abs(float(np.linalg.norm(pose[3:])) - 1.0) <= 0.01
