@@ -1,13 +1,13 @@
-"""`auvbench pilot`: a ROS 2 node that steers a vehicle by an exported policy or a classical controller.
+"""`auvbench pilot`: steer a vehicle over ROS 2 or MAVLink by an exported policy or a classical controller.
 
-For a vehicle's own computer: NumPy, ONNX Runtime and rclpy, no compiler, no torch, no Hydra (a test asserts it).
+For a vehicle's own computer: NumPy, ONNX Runtime and rclpy or pymavlink, no compiler, no torch, no Hydra (a test asserts it).
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +20,7 @@ from auvbench.errors import ConfigError, UserError, closest
 if TYPE_CHECKING:
     from auvbench.config import tasks
     from auvbench.observation import ObservationSpec
+    from auvbench.pilot.loop import Pilot
     from auvbench.pilot.steering import Controller, Limits
     from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -31,16 +32,18 @@ _EPILOG = """examples:
   auvbench pilot pid --vehicle bluerov2 --depth -30 -2
   auvbench pilot lqr --task station_keeping --goal 0 0 -10 --yaw 90
   ros2 service call /bluerov2/pilot/arm std_srvs/srv/SetBool '{data: true}'
+  auvbench pilot policy.onnx --mavlink udp:127.0.0.1:14550 --goal 5 3 -12 --arm
 
 It starts disarmed, and steers to the waypoint on /goal_pose, or holds the station there. It commands zero thrust while the pose is too old, outside
-the depth limits, without a waypoint, after stop, on any error and on Ctrl-C. docs/ros2.md has topics and rules.
+the depth limits, without a waypoint, after stop, on any error and on Ctrl-C. docs/ros2.md has topics and rules, docs/mavlink.md
+those of ArduSub, which Enter stops and disarms, too.
 """
 
 
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench pilot",
-        description="Steer a vehicle over ROS 2 by an exported policy or a classical controller, until Ctrl-C.",
+        description="Steer a vehicle over ROS 2 or MAVLink by an exported policy or a classical controller, until Ctrl-C.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -81,7 +84,20 @@ def parser() -> Parser:
         "--record", type=Path, default=None, metavar="DIR", help="keep missions in a new folder"
     )
     parser.add_argument(
-        "--sim-time", action="store_true", help="step by /clock instead of this machine's clock"
+        "--sim-time",
+        action="store_true",
+        help="step by /clock, or ArduSub's time, instead of this machine's clock",
+    )
+    parser.add_argument(
+        "--mavlink",
+        default=None,
+        metavar="ADDRESS",
+        help="steer ArduSub in place of ROS 2: udp:HOST:PORT to listen, tcp:HOST:PORT to connect",
+    )
+    parser.add_argument(
+        "--arm",
+        action="store_true",
+        help="with --mavlink: arm at once (default: steer when it is armed elsewhere)",
     )
     return parser
 
@@ -100,6 +116,44 @@ class Setup:
 
 def main(arguments: Sequence[str]) -> int:
     given = parser().read(arguments)
+    _check(given)
+
+    from auvbench.pilot.mission import Logbook
+    from auvbench.runs import interruption
+
+    if given.mavlink is None:
+        from auvbench.ros2 import middleware as network
+    else:
+        from auvbench.mavlink import link as network  # type: ignore[no-redef]
+    network.load()
+    setup = _setup(given)
+    options = {
+        "frequency": setup.frequency,
+        "spec": setup.spec,
+        "limits": setup.limits,
+        "sim_time": given.sim_time,
+        "logbook": None if given.record is None else Logbook(given.record, _about(setup)),
+        "say": lambda text: print(f"pilot: {text}", flush=True),
+    }
+    # Until the vehicle is found, Ctrl-C ends the command at once.
+    pilot, begin, stopped = (_over_ros if given.mavlink is None else _over_mavlink)(given, setup, options)
+    with interruption.deferred() as request:
+        try:
+            if given.goal is not None and not pilot.steer_to(given.goal, yaw=math.radians(given.yaw)):
+                raise UserError(
+                    f"--goal: z={given.goal[2]:g} must be finite and within {setup.limits.depths}"
+                )
+            begin()
+            pilot.run(lambda: request.signal is None and not stopped())
+        finally:
+            pilot.close("the pilot was ended")
+    if given.record is not None:
+        print(f"missions: {given.record} (auvbench replay {given.record})")
+    return 0
+
+
+def _check(given: argparse.Namespace) -> None:
+    """Refuse values and combinations that mean nothing."""
     for flag, value, high in (
         ("--frequency", given.frequency, 1000.0),
         ("--goal-radius", given.goal_radius, 1000.0),
@@ -112,47 +166,55 @@ def main(arguments: Sequence[str]) -> int:
         raise UserError(f"--depth {low:g} {high:g}: must be LOW below HIGH, both from -10000 to 0 (z, up)")
     if not -360.0 <= given.yaw <= 360.0:
         raise UserError(f"--yaw {given.yaw:g}: must be from -360 to 360 degrees")
+    if given.mavlink is None and given.arm:
+        raise UserError("--arm: needs --mavlink; over ROS 2 the service pilot/arm arms")
+    if given.mavlink is not None and given.namespace is not None:
+        raise UserError(f"--namespace {given.namespace}: a namespace of ROS 2, and --mavlink has none")
+    if given.mavlink is not None and given.goal is None:
+        raise UserError("--mavlink: needs --goal X Y Z, the waypoint or station")
 
-    from auvbench.ros2 import discovery, middleware
 
-    middleware.load()
-    from auvbench.pilot.mission import Logbook
+Opened = tuple["Pilot", Callable[[], object], Callable[[], bool]]
+"""a pilot, what it does first, and what ends it"""
+
+
+def _over_ros(given: argparse.Namespace, setup: Setup, options: dict[str, Any]) -> Opened:
     from auvbench.pilot.thrust import SheetThrust
+    from auvbench.ros2 import discovery
     from auvbench.ros2.pilot import Pilot
-    from auvbench.runs import interruption
 
-    setup = _setup(given)
-    logbook = Logbook(given.record, _about(setup)) if given.record is not None else None
-    with interruption.deferred() as request:
-        pilot = Pilot(
-            given.namespace or setup.vehicle.name,
-            setup.controller,
-            SheetThrust(setup.vehicle),
-            frequency=setup.frequency,
-            spec=setup.spec,
-            limits=setup.limits,
-            sim_time=given.sim_time,
-            logbook=logbook,
-            say=lambda text: print(f"pilot: {text}", flush=True),
+    vehicle = setup.vehicle
+    pilot = Pilot(given.namespace or vehicle.name, setup.controller, SheetThrust(vehicle), **options)
+
+    def begin() -> None:
+        names = pilot.names
+        print(
+            f"{setup.name} steers {names.namespace} at {setup.frequency:g} Hz; arm it: "
+            f"ros2 service call {names.of('pilot/arm')} std_srvs/srv/SetBool '{{data: true}}'",
+            flush=True,
         )
-        try:
-            if given.goal is not None and not pilot.steer_to(given.goal, yaw=math.radians(given.yaw)):
-                raise UserError(
-                    f"--goal: z={given.goal[2]:g} must be finite and within {setup.limits.depths}"
-                )
-            names = pilot.names
-            print(
-                f"{setup.name} steers {names.namespace} at {setup.frequency:g} Hz; arm it: "
-                f"ros2 service call {names.of('pilot/arm')} std_srvs/srv/SetBool '{{data: true}}'",
-                flush=True,
-            )
-            pilot.wait_for_odometry(discovery.FOUND)
-            pilot.run(lambda: request.signal is None)
-        finally:
-            pilot.close("the pilot was ended")
-    if given.record is not None:
-        print(f"missions: {given.record} (auvbench replay {given.record})")
-    return 0
+        pilot.wait_for_odometry(discovery.FOUND)
+
+    return pilot, begin, lambda: False
+
+
+def _over_mavlink(given: argparse.Namespace, setup: Setup, options: dict[str, Any]) -> Opened:
+    from auvbench.mavlink.pilot import Pilot
+    from auvbench.pilot.keys import enter
+
+    pilot = Pilot(given.mavlink, setup.vehicle, setup.controller, **options)
+
+    def begin() -> None:
+        print(pilot.about())
+        when = "" if given.arm else " when you arm it in MANUAL"
+        print(
+            f"{setup.name} steers {pilot.vehicle.who} at {setup.frequency:g} Hz{when}; Enter or Ctrl-C disarms",
+            flush=True,
+        )
+        if given.arm and (why := pilot.arm()):
+            raise UserError(f"--arm: {why}")
+
+    return pilot, begin, enter
 
 
 def _setup(given: argparse.Namespace) -> Setup:

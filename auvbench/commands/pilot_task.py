@@ -75,7 +75,7 @@ def task_of_policy(
     if supplied != list(card.observation):
         wrong = next((name for name in card.observation if name not in supplied), card.observation[-1])
         raise UserError(
-            f"{word}: observes {short(wrong, 40)}, which topics do not supply; they supply {', '.join(SUPPLIED)}"
+            f"{word}: observes {short(wrong, 40)}, which a pilot does not have; it has {', '.join(SUPPLIED)}"
         )
     return task, spec
 

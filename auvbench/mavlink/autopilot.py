@@ -1,0 +1,281 @@
+"""ArduSub at the other end of a link: what it tells, and the commands that it takes.
+
+Sources: ArduSub/GCS_MAVLink_Sub.cpp, ArduSub/mode.h, ArduSub/failsafe.cpp, libraries/GCS_MAVLink/GCS_Common.cpp.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.dynamics import frames
+from auvbench.errors import UserError
+from auvbench.mavlink.link import Link, Peer, load
+from auvbench.mavlink.mixer import NEUTRAL, Sticks
+from auvbench.untrusted.text import short
+
+Floats = NDArray[np.float64]
+
+FOUND = 10.0
+"""s in which a vehicle that runs is heard, and answers"""
+AGAIN = 0.5
+"""s until a request without an answer is sent again"""
+SILENT = 5.0
+"""s after which a second vehicle is forgotten"""
+BACK = 500
+"""ms by which a clock that has not been set back may be overtaken"""
+MANUAL = 19
+"""custom mode of ArduSub in which sticks go to the mixer"""
+WARNING = 4
+"""MAV_SEVERITY; what is worse has a lower number"""
+PARAMETERS = {"FRAME_CONFIG": (0.0, 100.0), "JS_THR_GAIN": (0.1, 10.0), "MOT_FV_CPLNG_K": (0.0, 10.0)}
+"""what the mixer depends on, and the values that it may have"""
+
+
+class Autopilot:
+    """The one vehicle on a link.
+
+    Args:
+        link: open.
+        rate: Hz of the telemetry that is asked for.
+        say: called with its warnings.
+
+    Attributes:
+        armed: as its last heartbeat said.
+        mode: likewise.
+        gain: of the joystick, as it tells.
+        parameters: by the names of `PARAMETERS`.
+        warning: its last one.
+
+    Raises:
+        UserError: no vehicle is heard, it is no submarine of ArduPilot, or it does not answer.
+    """
+
+    def __init__(self, link: Link, rate: float, say: Callable[[str], None] = lambda text: None) -> None:
+        self.link, self._say = link, say
+        self._dialect = load()
+        self._interval = 1e6 / rate  # us
+        self.armed, self.mode = False, -1
+        self.gain = math.nan
+        self.parameters: dict[str, float] = {}
+        self.warning = ""
+        self._who: tuple[Peer, int] | None = None
+        self._others: dict[tuple[Peer, int], float] = {}  # when each was heard
+        self._answers: dict[int, int] = {}  # results by command
+        self._told: dict[str, tuple[int, Floats]] = {}  # time in ms and numbers of each message of telemetry
+        self._beat = self._asked = -math.inf
+
+        def heard() -> bool:
+            return self._who is not None
+
+        if not self.until(heard, FOUND):
+            raise UserError(
+                f"--mavlink {link.address}: no vehicle was heard in {FOUND:g} s; check that ArduSub sends there"
+                " (SITL: --serial0 udpclient:HOST:PORT; BlueOS: an endpoint) and that no other program has the port"
+            )
+        for name in PARAMETERS:
+            self._need(lambda name=name: name in self.parameters, name, lambda name=name: self._ask(name))  # type: ignore[misc]
+        self._need(lambda: not math.isnan(self.gain), "NAMED_VALUE_FLOAT PilotGain", self.ask_telemetry)
+
+    def _need(self, condition: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
+        if not self.until(condition, FOUND, ask):
+            raise UserError(
+                f"--mavlink {self.link.address}: the vehicle did not tell {what} in {FOUND:g} s; is it ArduSub?"
+            )
+
+    def until(
+        self, condition: Callable[[], bool], seconds: float, ask: Callable[[], None] = lambda: None
+    ) -> bool:
+        """Handle messages until `condition()`, at most `seconds`; return whether it holds. `ask` is repeated."""
+        end, again = time.monotonic() + seconds, -math.inf
+        while not condition():
+            now = time.monotonic()
+            if now >= end:
+                return False
+            if now >= again:
+                ask()
+                again = now + AGAIN
+            self.receive(min(end, again) - now)
+        return True
+
+    # Incoming messages.
+
+    def receive(self, seconds: float) -> None:
+        """Handle what has come, else wait for a message at most `seconds`.
+
+        Raises:
+            RunError: the link was closed.
+            UserError: the first vehicle that is heard is no submarine of ArduPilot.
+        """
+        if time.monotonic() - self._beat >= 1.0:
+            self._beat = time.monotonic()
+            self._send_heartbeat()
+        for peer, message in self.link.receive(seconds):
+            # 1 is the autopilot; cameras and companion computers of the same vehicle have other numbers.
+            if message.get_srcComponent() != 1:
+                continue
+            who = (peer, message.get_srcSystem())
+            if message.get_type() == "HEARTBEAT":
+                self._heartbeat(who, message)
+            elif who == self._who:
+                self._handle(message)
+
+    def _heartbeat(self, who: tuple[Peer, int], message: Any) -> None:
+        d = self._dialect
+        if message.autopilot == d.MAV_AUTOPILOT_INVALID or message.type == d.MAV_TYPE_GCS:
+            return
+        if self._who is None:
+            if message.type != d.MAV_TYPE_SUBMARINE or message.autopilot != d.MAV_AUTOPILOT_ARDUPILOTMEGA:
+                raise UserError(
+                    f"--mavlink {self.link.address}: system {who[1]} at {_written(who[0])} is no submarine of ArduPilot"
+                    f" (MAV_TYPE {message.type}, must be {d.MAV_TYPE_SUBMARINE}; MAV_AUTOPILOT {message.autopilot}, must be"
+                    f" {d.MAV_AUTOPILOT_ARDUPILOTMEGA})"
+                )
+            self._who = who
+        if who != self._who:
+            self._others[who] = time.monotonic()
+            return
+        self.armed = bool(message.base_mode & d.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.mode = message.custom_mode
+
+    def _handle(self, message: Any) -> None:
+        kind = message.get_type()
+        if kind == "ATTITUDE":
+            numbers = [message.roll, message.pitch, message.yaw]
+            numbers += [message.rollspeed, message.pitchspeed, message.yawspeed]
+            self._tell(kind, message.time_boot_ms, numbers)
+        elif kind == "LOCAL_POSITION_NED":
+            numbers = [message.x, message.y, message.z, message.vx, message.vy, message.vz]
+            self._tell(kind, message.time_boot_ms, numbers)
+        elif kind == "PARAM_VALUE":
+            low, high = PARAMETERS.get(message.param_id, (math.inf, -math.inf))
+            if low <= message.param_value <= high:
+                self.parameters[message.param_id] = message.param_value
+        elif kind == "NAMED_VALUE_FLOAT":
+            if message.name == "PilotGain" and 0.1 <= message.value <= 1.0:
+                self.gain = message.value
+        elif kind == "COMMAND_ACK":
+            self._answers[message.command] = message.result
+        elif kind == "STATUSTEXT" and message.severity <= WARNING:
+            self.warning = short(message.text, 80)
+            self._say(f"ArduSub: {self.warning}")
+
+    def _tell(self, kind: str, stamp: int, numbers: list[float]) -> None:
+        last = self._told.get(kind, (-1, None))[0]
+        if stamp < last - BACK:
+            self._told.clear()  # it restarted: the rest is of another time
+        elif stamp <= last:
+            return
+        self._told[kind] = (stamp, np.array(numbers, dtype=np.float64))
+
+    @property
+    def telemetry(self) -> tuple[int, Floats, Floats] | None:
+        """Its time in ns, pose (7,) in ENU and velocity (6,) in body axes FLU; None until both messages have come.
+
+        The time is that of the older message.
+        """
+        if len(self._told) < 2:
+            return None
+        (turned, attitude), (placed, position) = self._told["ATTITUDE"], self._told["LOCAL_POSITION_NED"]
+        turn = frames.quaternion(attitude[:3])
+        straight = frames.rotation(turn).T @ position[3:]
+        # Both conversions are their own inverses.
+        pose = np.array([*frames.ned(position[:3].tolist()), *frames.ned_attitude(turn.tolist())])
+        return min(turned, placed) * 1_000_000, pose, frames.flip([*straight, *attitude[3:]])
+
+    @property
+    def missing(self) -> str:
+        """The message of telemetry that has not come, for messages."""
+        return next((kind for kind in ("ATTITUDE", "LOCAL_POSITION_NED") if kind not in self._told), "")
+
+    @property
+    def company(self) -> str:
+        """A second vehicle on the link, as text; empty if there is none."""
+        for (peer, system), when in self._others.items():
+            if time.monotonic() - when < SILENT:
+                return f"system {system} at {_written(peer)}"
+        return ""
+
+    @property
+    def who(self) -> str:
+        """The vehicle, as text."""
+        assert self._who is not None
+        return f"system {self._who[1]} at {_written(self._who[0])}"
+
+    # Outgoing messages.
+
+    def ask_telemetry(self) -> None:
+        """Ask for attitude, position and the joystick's gain."""
+        d = self._dialect
+        for message in (d.MAVLINK_MSG_ID_ATTITUDE, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
+            self._command(d.MAV_CMD_SET_MESSAGE_INTERVAL, message, self._interval)
+        # ArduSub sends its named values with this stream alone.
+        self._send("request_data_stream", d.MAV_DATA_STREAM_EXTENDED_STATUS, 2, 1, component=True)
+
+    def manual_control(self, sticks: Sticks) -> None:
+        """Set the sticks."""
+        extensions = 3  # s and t are in the message
+        self._send(
+            "manual_control", sticks.x, sticks.y, sticks.z, sticks.r, 0, 0, extensions, sticks.s, sticks.t
+        )
+
+    def take_over(self) -> str:
+        """Switch to MANUAL and arm; return why the vehicle does not, or an empty text."""
+        d = self._dialect
+        self._answers.clear()
+        self.warning = ""
+        if not self.until(
+            lambda: self.mode == MANUAL, 3.0, lambda: self._command(d.MAV_CMD_DO_SET_MODE, 1, MANUAL)
+        ):
+            return self._refused("the mode MANUAL")
+        self.manual_control(NEUTRAL)
+        arm = d.MAV_CMD_COMPONENT_ARM_DISARM
+
+        def answered() -> bool:
+            return self.armed or self._answers.get(arm, d.MAV_RESULT_ACCEPTED) != d.MAV_RESULT_ACCEPTED
+
+        if not self.until(answered, 5.0, lambda: self._command(arm, 1)) or not self.armed:
+            return self._refused("arming")
+        return ""
+
+    def _refused(self, what: str) -> str:
+        return f"ArduSub refuses {what}" + (f": {self.warning}" if self.warning else "")
+
+    def disarm(self, seconds: float) -> bool:
+        """Ask it to disarm until it has, at most `seconds`; return whether it has."""
+        return self.until(
+            lambda: not self.armed,
+            seconds,
+            lambda: self._command(self._dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0),
+        )
+
+    def _ask(self, name: str) -> None:
+        self._send("param_request_read", name.encode(), -1, component=True)
+
+    def _command(self, command: int, *values: float) -> None:
+        numbers = [*values, *[0.0] * (7 - len(values))]
+        self._send("command_long", command, 0, *numbers, component=True)
+
+    def _send_heartbeat(self) -> None:
+        d = self._dialect
+        if self._who is not None:
+            beat = d.MAVLink_heartbeat_message(
+                d.MAV_TYPE_GCS, d.MAV_AUTOPILOT_INVALID, 0, 0, d.MAV_STATE_ACTIVE, 3
+            )
+            self.link.send(beat, self._who[0])
+
+    def _send(self, name: str, *fields: Any, component: bool = False) -> None:
+        """Send a message to the vehicle; its first fields are system and, if it has one, component."""
+        assert self._who is not None
+        peer, system = self._who
+        target = (system, 1) if component else (system,)
+        self.link.send(getattr(self._dialect, f"MAVLink_{name}_message")(*target, *fields), peer)
+
+
+def _written(peer: Peer) -> str:
+    return f"{peer[0]}:{peer[1]}"

@@ -1,0 +1,126 @@
+"""Messages over UDP or TCP. Bytes that are no message are dropped."""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+from auvbench.errors import MissingExtraError, RunError, UserError
+
+Peer = tuple[str, int]
+"""address and port"""
+
+SYSTEM = 255
+"""our system id: ArduSub takes commands from the one in its parameter MAV_GCS_SYSID (older: SYSID_MYGCS) alone"""
+COMPONENT = 190
+"""MAV_COMP_ID_MISSIONPLANNER, of a ground station"""
+LONGEST = 4096
+"""bytes that are read at once; what is longer is no datagram of messages"""
+TURN = 0.05
+"""s after which the caller goes on, so that a flood does not hold it"""
+
+
+@cache
+def load() -> Any:
+    """Return pymavlink's messages of MAVLink 2 in ArduPilot's dialect.
+
+    Raises:
+        MissingExtraError: pymavlink is not installed.
+    """
+    try:
+        return import_module("pymavlink.dialects.v20.ardupilotmega")
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("pymavlink", extra="mavlink", purpose="auvbench pilot --mavlink") from error
+
+
+class Link:
+    """An open port or connection.
+
+    Args:
+        address: `udp:HOST:PORT` listens there, as a ground station does; `tcp:HOST:PORT` connects.
+
+    Raises:
+        UserError: the address has another form, or cannot be opened.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        kind, peer = _read(address)
+        self._dialect = load()
+        self._out = self._dialect.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
+        try:
+            if kind == "udp":
+                self._stream = None
+                self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                self._socket.bind(peer)
+            else:
+                self._stream = self._parser()
+                self._socket = socket.create_connection(peer, timeout=5.0)
+        except OSError as error:
+            what = "cannot listen" if kind == "udp" else "cannot connect"
+            raise UserError(f"--mavlink {address}: {what}: {error.strerror or error}") from error
+        self._server = peer
+        # A send to a full buffer must not hold the loop.
+        self._socket.settimeout(0.5)
+
+    def receive(self, seconds: float) -> Iterator[tuple[Peer, Any]]:
+        """Yield messages and their senders: those that are here, else the first that comes within `seconds`.
+
+        Raises:
+            RunError: the other end closed the connection.
+        """
+        end = time.monotonic() + seconds + TURN
+        while time.monotonic() < end:
+            if not select.select([self._socket], [], [], seconds)[0]:
+                return
+            seconds = 0.0
+            try:
+                data, peer = self._socket.recvfrom(LONGEST)
+            except OSError:  # of UDP: what was sent before found no listener
+                if self._stream is not None:
+                    raise self._lost() from None
+                continue
+            if self._stream is not None and not data:
+                raise self._lost()
+            # A datagram holds whole messages, so that one sender's garbage cannot swallow another's message.
+            parser = self._stream or self._parser()
+            for message in parser.parse_buffer(data) or ():
+                if not message.get_type().startswith(("BAD_DATA", "UNKNOWN")):
+                    yield peer or self._server, message
+
+    def send(self, message: Any, peer: Peer) -> None:
+        """Send a message; one that the network does not take is lost, as on the way."""
+        data = message.pack(self._out)
+        try:
+            if self._stream is None:
+                self._socket.sendto(data, peer)
+            else:
+                self._socket.sendall(data)
+        except OSError:
+            return
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def _parser(self) -> Any:
+        parser = self._dialect.MAVLink(None)
+        parser.robust_parsing = True
+        return parser
+
+    def _lost(self) -> RunError:
+        return RunError(f"--mavlink {self.address}: the other end closed the connection")
+
+
+def _read(address: str) -> tuple[str, Peer]:
+    kind, _, rest = address.partition(":")
+    host, _, port = rest.rpartition(":")
+    if kind not in ("udp", "tcp") or not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise UserError(
+            f"--mavlink {address}: must be udp:HOST:PORT, where it listens, or tcp:HOST:PORT, e.g. udp:127.0.0.1:14550"
+        )
+    return kind, (host, int(port))

@@ -1,0 +1,145 @@
+"""ArduSub's mixer in the mode MANUAL, and its inverse: from thrusters' forces to the axes of MANUAL_CONTROL.
+
+Sources: the mixing is that of output_armed_stabilizing_vectored and ..._vectored_6dof in libraries/AP_Motors/AP_Motors6DOF.cpp,
+the sticks are those of transform_manual_control_to_rc_override in ArduSub/joystick.cpp and ModeManual::run in
+ArduSub/mode_manual.cpp. The mixer's output is linear in PWM, which a T200 turns into a force by its curve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.ardusub.frames import HIGH, Motors
+from auvbench.ardusub.frames import NEUTRAL as CENTRE
+from auvbench.vehicles.curves import Curve, t200_table
+
+Floats = NDArray[np.float64]
+
+ROLL, PITCH, YAW, THROTTLE, FORWARD, LATERAL = range(6)
+"""axes of the mixer, forward, starboard, down; throttle is up"""
+FULL = 1000
+"""of a stick"""
+RAW = 400
+"""of s and t: they are microseconds of PWM, which the gain does not scale"""
+_ITERATIONS = 6
+_DAMPING = 1e-3
+_STEP = 0.01
+_SPREAD = 0.2
+"""m: a moment counts as a force at this lever"""
+
+
+@dataclass(frozen=True, slots=True)
+class Sticks:
+    """Fields of MANUAL_CONTROL."""
+
+    x: int = 0
+    y: int = 0
+    z: int = 500
+    r: int = 0
+    s: int = 0
+    t: int = 0
+
+
+NEUTRAL = Sticks()
+
+
+class Mixer:
+    """The mixer of one vehicle.
+
+    Args:
+        motors: the vehicle's thrusters, found in one of ArduSub's frames.
+        throttle_gain: ArduSub's parameter JS_THR_GAIN.
+        coupling: ArduSub's parameter MOT_FV_CPLNG_K, by which the frame vectored limits the rear thrusters while it dives or rises.
+    """
+
+    def __init__(self, motors: Motors, *, throttle_gain: float = 1.0, coupling: float = 1.0) -> None:
+        assert motors.frame is not None
+        self.motors, self.frame = motors, motors.frame
+        self.throttle_gain, self.coupling = throttle_gain, coupling
+        self._factors = np.array(self.frame.factors)
+        self._used = np.flatnonzero(np.any(self._factors != 0.0, axis=0))
+        self._B = motors.vehicle.allocation
+        self._weight = np.array([1.0, 1.0, 1.0, *[1.0 / _SPREAD] * 3])
+        self._spread = np.linalg.pinv(self._B) @ self._B
+        self._unmix = np.linalg.pinv(self._factors)
+        force = t200_table()["force_N"]
+        self._curve = Curve("table", (float(force[0]), float(force[-1])), table=force)
+
+    def levels(self, axes: Floats) -> Floats:
+        """Return the motors' outputs (..., motors) in [-1, 1] at axes (..., 6) in [-1, 1]."""
+        factors = self._factors.T
+        if self.frame.name == "vectored_6dof":
+            # Each group is scaled down where one of its motors would saturate.
+            groups = ([ROLL, PITCH, THROTTLE], [YAW, FORWARD, LATERAL])
+            parts = [axes[..., group] @ factors[group] for group in groups]
+            return np.asarray(
+                sum(part / np.maximum(np.max(np.abs(part), axis=-1, keepdims=True), 1.0) for part in parts)
+            )
+        forward = axes[..., FORWARD, None]
+        room = np.maximum(1.0 - self.coupling * np.abs(axes[..., THROTTLE, None]), 0.0)
+        # Those motors are limited that push the way the vehicle goes, and stand behind.
+        limited = factors[FORWARD] * forward > 0.0
+        ahead = np.where(limited, np.clip(forward, -room, room), forward)
+        others = [ROLL, PITCH, YAW, THROTTLE, LATERAL]
+        return np.asarray(np.clip(axes[..., others] @ factors[others] + factors[FORWARD] * ahead, -1.0, 1.0))
+
+    def wrench(self, axes: Floats) -> Floats:
+        """Return the steady wrench (..., 6) in N and N m, body FLU, of axes (..., 6)."""
+        pulses = CENTRE + (HIGH - CENTRE) * self.levels(axes)
+        return np.asarray(self.motors.forces(pulses) @ self._B.T)
+
+    def limits(self, gain: float) -> Floats:
+        """Return the largest magnitude (6,) of each axis at a joystick gain; it does not limit roll and pitch."""
+        return np.minimum([1.0, 1.0, gain, gain * self.throttle_gain, gain, gain], 1.0)
+
+    def reach(self, gain: float) -> Floats:
+        """Return the largest force or moment (6,) along each axis of the body over what the vehicle's thrusters give together."""
+        axes = np.diag(self.limits(gain))[[FORWARD, LATERAL, THROTTLE, ROLL, PITCH, YAW]]
+        both = [np.abs(np.diagonal(self.wrench(sign * axes))) for sign in (1.0, -1.0)]
+        vehicle = self.motors.vehicle
+        most = np.abs(self._B) @ np.abs(vehicle.force(np.ones(len(vehicle.units))))
+        return np.asarray(np.minimum(np.minimum(*both) / most, 1.0))
+
+    def axes(self, force: Floats, limits: Floats) -> Floats:
+        """Return the axes (6,) within `limits` (6,) whose wrench is closest to that of thrusters' forces (n_u,) in N.
+
+        The mixer knows no forces that cancel each other, so the search (Levenberg and Marquardt's) starts from the least forces
+        of the same wrench.
+        """
+        wanted = self._weight * (self._B @ force)
+        used, signs = self._used, np.array(self.motors.signs)
+        least = (self._spread @ force)[list(self.motors.order)]
+        best = np.clip(self._unmix @ self._curve.inverse(signs * least), -limits, limits)
+        error = wanted - self._weight * self.wrench(best)
+        damping = _DAMPING
+        for _ in range(_ITERATIONS):
+            nudged = best + _STEP * np.eye(6)[used]
+            slopes = (wanted - self._weight * self.wrench(nudged) - error) / -_STEP
+            damped = slopes @ slopes.T + damping * np.eye(len(used)) * np.trace(slopes @ slopes.T)
+            trial = best.copy()
+            trial[used] += np.linalg.solve(damped, slopes @ error)
+            trial = np.clip(trial, -limits, limits)
+            trial_error = wanted - self._weight * self.wrench(trial)
+            if trial_error @ trial_error < error @ error:
+                best, error, damping = trial, trial_error, 0.1 * damping
+            else:
+                damping *= 10.0
+        return np.asarray(best)
+
+    def sticks(self, axes: Floats, gain: float) -> Sticks:
+        """Return the fields of MANUAL_CONTROL that set axes (6,) at a joystick gain."""
+        speed = FULL / gain
+        whole = np.rint(
+            [
+                speed * axes[FORWARD],
+                speed * axes[LATERAL],
+                500 + 0.5 * speed / self.throttle_gain * axes[THROTTLE],
+                speed * axes[YAW],
+                RAW * axes[PITCH],
+                RAW * axes[ROLL],
+            ]
+        )
+        return Sticks(*whole.astype(int).tolist())

@@ -1,0 +1,146 @@
+"""A pilot whose vehicle is ArduSub: thrusters' forces go to its mixer by MANUAL_CONTROL."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.ardusub.frames import Motors, motors_of
+from auvbench.errors import UserError
+from auvbench.mavlink.autopilot import MANUAL, Autopilot
+from auvbench.mavlink.link import Link
+from auvbench.mavlink.mixer import NEUTRAL, Mixer
+from auvbench.pilot import loop
+from auvbench.pilot.steering import Controller
+from auvbench.pilot.thrust import SheetThrust
+from auvbench.vehicles.inspect import AXES
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+TELEMETRY = 30.0
+"""s in which attitude and position come: an estimator that has just started needs a while"""
+FASTEST = 200.0
+"""Hz, of telemetry"""
+
+
+class Pilot(loop.Pilot):
+    """A pilot as a ground station.
+
+    Args:
+        address: of the link.
+        vehicle: the model, whose thrusters those of ArduSub's frame are.
+        controller: as `loop.Pilot`.
+        frequency: likewise.
+        options: likewise; `sim_time` steps by the vehicle's time since boot.
+
+    Raises:
+        UserError: no vehicle, another one, or no telemetry; the message says what to check.
+    """
+
+    source = "telemetry"
+
+    def __init__(
+        self, address: str, vehicle: VehicleModel, controller: Controller, *, frequency: float, **options: Any
+    ) -> None:
+        super().__init__(controller, SheetThrust(vehicle), frequency=frequency, **options)
+        motors = motors_of(vehicle)
+        self.link = Link(address)
+        try:
+            # Several messages a step, so that a step's pose is young.
+            self.vehicle = Autopilot(self.link, min(4.0 * frequency, FASTEST), self._say)
+            self._check_frame(motors)
+            if not self.vehicle.until(
+                lambda: not self.vehicle.missing, TELEMETRY, self.vehicle.ask_telemetry
+            ):
+                raise UserError(
+                    f"--mavlink {address}: {self.vehicle.missing} did not come in {TELEMETRY:g} s; a position needs an origin"
+                    " and a sensor that the estimator uses (DVL, GPS, external vision)"
+                )
+        except BaseException:
+            self.link.close()
+            raise
+        parameters = self.vehicle.parameters
+        self.mixer = Mixer(
+            motors, throttle_gain=parameters["JS_THR_GAIN"], coupling=parameters["MOT_FV_CPLNG_K"]
+        )
+        self._was_armed = self.vehicle.armed
+        self._asked = time.monotonic()
+        self._take_telemetry()
+        self._set_state("disarmed")
+
+    def _check_frame(self, motors: Motors) -> None:
+        assert motors.frame is not None
+        config, name = self.vehicle.parameters["FRAME_CONFIG"], motors.vehicle.name
+        if config != motors.frame.config:
+            raise UserError(
+                f"--vehicle {name}: has the frame {motors.frame.name} (FRAME_CONFIG {motors.frame.config}), and ArduSub has"
+                f" FRAME_CONFIG {config:g}"
+            )
+
+    def about(self) -> str:
+        """Return what the mixer can reproduce, as one line."""
+        gain = self.vehicle.gain
+        reach = dict(zip(AXES, self.mixer.reach(gain), strict=True))
+        parts = ", ".join(f"{part:.0%} of {axis}" for axis, part in reach.items() if part > 0.005)
+        none = [axis for axis, part in reach.items() if part <= 0.005]
+        return (
+            f"ArduSub's mixer ({self.mixer.frame.name}) at joystick gain {gain:g} reaches {parts} of the vehicle"
+            + "".join(f"; it does not steer {axis}" for axis in none)
+        )
+
+    # The network of `loop.Pilot`.
+
+    def _receive(self, seconds: float) -> None:
+        vehicle = self.vehicle
+        vehicle.receive(seconds)
+        self._take_telemetry()
+        if self.armed and not vehicle.armed:
+            self.disarm(f"ArduSub disarmed{': ' + vehicle.warning if vehicle.warning else ''}")
+        elif self.armed and vehicle.mode != MANUAL:
+            self.disarm(f"ArduSub left the mode MANUAL for {vehicle.mode}")
+        elif vehicle.armed and not self._was_armed and not self.armed:
+            self._armed_elsewhere()
+        self._was_armed = vehicle.armed
+        now = time.monotonic()
+        if self.age > 1.0 and now - self._asked > 1.0:  # it may have restarted
+            self._asked = now
+            vehicle.ask_telemetry()
+
+    def _armed_elsewhere(self) -> None:
+        mode = self.vehicle.mode
+        why = self.arm() if mode == MANUAL else f"its mode is {mode}, must be MANUAL ({MANUAL})"
+        if why:
+            self._report(f"ArduSub was armed, and is left alone: {why}")
+
+    def _take_telemetry(self) -> None:
+        if (told := self.vehicle.telemetry) is not None:
+            self._take_pose(*told)
+            self._take_time(told[0] / 1e9)
+
+    def _command(self, quantities: Floats) -> None:
+        if not np.any(quantities):
+            self.vehicle.manual_control(NEUTRAL)
+            return
+        gain = self.vehicle.gain
+        axes = self.mixer.axes(quantities, self.mixer.limits(gain))
+        self.vehicle.manual_control(self.mixer.sticks(axes, gain))
+
+    def _take_over(self) -> str:
+        if company := self.vehicle.company:
+            return f"a second vehicle is on {self.link.address}: {company}; give each its own port"
+        why = self.vehicle.take_over()
+        self._take_telemetry()
+        return why
+
+    def _rest(self) -> None:
+        super()._rest()
+        # In another mode a person or a failsafe has the vehicle.
+        if self.vehicle.mode == MANUAL and not self.vehicle.disarm(1.0):
+            self._report("ArduSub has not said that it is disarmed")
+
+    def _leave(self, was_armed: bool) -> None:
+        self.link.close()
