@@ -55,7 +55,7 @@ class ArduSub:
         self.tells, self.positions, self.refuses = True, True, False
         self.sticks: list[tuple[int, ...]] = []
         self.heard: list[str] = []
-        self.boot = 5000  # ms
+        self.boot = 3_600_000  # ms
         self.state = self._advance(STEP)
         self.last_input = 0
         self._streams: set[int] = set()

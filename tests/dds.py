@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pytest
@@ -101,15 +101,15 @@ def command(*arguments: str, before: str = "") -> list[str]:
 
 
 class Process:
-    """`auvbench ...` in a process of its own, in the present domain; its output is kept."""
+    """`auvbench ...` in a process of its own, in the present domain, with open `descriptors`; its output is kept."""
 
-    def __init__(self, *arguments: str, before: str = "") -> None:
+    def __init__(self, *arguments: str, before: str = "", descriptors: Sequence[int] = ()) -> None:
         self.process = subprocess.Popen(
             command(*arguments, before=before),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            pass_fds=[claim.fileno() for claim in _claims],
+            pass_fds=[*(claim.fileno() for claim in _claims), *descriptors],
         )
         self.lines: list[str] = []
         self._news = threading.Condition()

@@ -169,7 +169,7 @@ class Autopilot:
         last = self._told.get(kind, (-1, None))[0]
         if stamp < last - BACK:
             self._told.clear()  # it restarted: the rest is of another time
-        elif stamp <= last:
+        elif stamp <= last or not all(map(math.isfinite, numbers)):
             return
         self._told[kind] = (stamp, np.array(numbers, dtype=np.float64))
 

@@ -27,7 +27,7 @@ RAW = 400
 _ITERATIONS = 6
 _DAMPING = 1e-3
 _STEP = 0.01
-_SPREAD = 0.2
+_SPREAD = 0.1
 """m: a moment counts as a force at this lever"""
 
 
