@@ -132,13 +132,14 @@ def main(arguments: Sequence[str]) -> int:
         "spec": setup.spec,
         "limits": setup.limits,
         "sim_time": given.sim_time,
-        "logbook": None if given.record is None else Logbook(given.record, _about(setup)),
         "say": lambda text: print(f"pilot: {text}", flush=True),
     }
     # Until the vehicle is found, Ctrl-C ends the command at once.
     pilot, begin, stopped = (_over_ros if given.mavlink is None else _over_mavlink)(given, setup, options)
     with interruption.deferred() as request:
         try:
+            if given.record is not None:
+                pilot.steering.logbook = Logbook(given.record, _about(setup))
             if given.goal is not None and not pilot.steer_to(given.goal, yaw=math.radians(given.yaw)):
                 raise UserError(
                     f"--goal: z={given.goal[2]:g} must be finite and within {setup.limits.depths}"
@@ -161,9 +162,10 @@ def _check(given: argparse.Namespace) -> None:
     ):
         if value is not None and not 0.0 < value <= high:
             raise UserError(f"{flag} {value:g}: must be more than 0 and at most {high:g}")
-    if given.depth is not None and not -1e4 <= given.depth[0] < given.depth[1] <= 0.0:
+    # A vehicle at the surface may read a height a little above it.
+    if given.depth is not None and not -1e4 <= given.depth[0] < given.depth[1] <= 1.0:
         low, high = given.depth
-        raise UserError(f"--depth {low:g} {high:g}: must be LOW below HIGH, both from -10000 to 0 (z, up)")
+        raise UserError(f"--depth {low:g} {high:g}: must be LOW below HIGH, both from -10000 to 1 (z, up)")
     if not -360.0 <= given.yaw <= 360.0:
         raise UserError(f"--yaw {given.yaw:g}: must be from -360 to 360 degrees")
     if given.mavlink is None and given.arm:

@@ -21,8 +21,8 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
-TELEMETRY = 30.0
-"""s in which attitude and position come: an estimator that has just started needs a while"""
+TELEMETRY = 90.0
+"""s in which attitude and position come: in SITL the estimator has a position some 50 s after the start"""
 FASTEST = 200.0
 """Hz, of telemetry"""
 
@@ -53,6 +53,7 @@ class Pilot(loop.Pilot):
             # Several messages a step, so that a step's pose is young.
             self.vehicle = Autopilot(self.link, min(4.0 * frequency, FASTEST), self._say)
             self._check_frame(motors)
+            self._say(f"found {self.vehicle.who}; waiting for its attitude and position")
             if not self.vehicle.until(
                 lambda: not self.vehicle.missing, TELEMETRY, self.vehicle.ask_telemetry
             ):
