@@ -35,8 +35,8 @@ _EPILOG = """examples:
   auvbench pilot policy.onnx --mavlink udp:127.0.0.1:14550 --goal 5 3 -12 --arm
 
 It starts disarmed, and steers to the waypoint on /goal_pose, or holds the station there. It commands zero thrust while the pose is too old, outside
-the depth limits, without a waypoint, after stop, on any error and on Ctrl-C. docs/ros2.md has topics and rules, docs/mavlink.md
-those of ArduSub, which Enter stops and disarms, too.
+the depth limits, without a waypoint, after stop, on any error and on Ctrl-C; with --mavlink on Enter, too. Topics and rules:
+docs/ros2.md; ArduSub: docs/mavlink.md.
 """
 
 
@@ -121,12 +121,9 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.pilot.mission import Logbook
     from auvbench.runs import interruption
 
-    if given.mavlink is None:
-        from auvbench.ros2 import middleware as network
-    else:
-        from auvbench.mavlink import link as network  # type: ignore[no-redef]
-    network.load()
     setup = _setup(given)
+    if given.goal is not None and not setup.limits.within(given.goal[2]):
+        raise UserError(f"--goal: z={given.goal[2]:g} must be within {setup.limits.depths}; see --depth")
     options = {
         "frequency": setup.frequency,
         "spec": setup.spec,
@@ -140,10 +137,8 @@ def main(arguments: Sequence[str]) -> int:
         try:
             if given.record is not None:
                 pilot.steering.logbook = Logbook(given.record, _about(setup))
-            if given.goal is not None and not pilot.steer_to(given.goal, yaw=math.radians(given.yaw)):
-                raise UserError(
-                    f"--goal: z={given.goal[2]:g} must be finite and within {setup.limits.depths}"
-                )
+            if given.goal is not None:
+                pilot.steer_to(given.goal, yaw=math.radians(given.yaw))
             begin()
             pilot.run(lambda: request.signal is None and not stopped())
         finally:
@@ -166,6 +161,8 @@ def _check(given: argparse.Namespace) -> None:
     if given.depth is not None and not -1e4 <= given.depth[0] < given.depth[1] <= 1.0:
         low, high = given.depth
         raise UserError(f"--depth {low:g} {high:g}: must be LOW below HIGH, both from -10000 to 1 (z, up)")
+    if given.goal is not None and not all(map(math.isfinite, given.goal)):
+        raise UserError(f"--goal {' '.join(f'{x:g}' for x in given.goal)}: must be finite")
     if not -360.0 <= given.yaw <= 360.0:
         raise UserError(f"--yaw {given.yaw:g}: must be from -360 to 360 degrees")
     if given.mavlink is None and given.arm:

@@ -240,6 +240,7 @@ class Autopilot:
             return self.armed or self._answers.get(arm, d.MAV_RESULT_ACCEPTED) != d.MAV_RESULT_ACCEPTED
 
         if not self.until(answered, 5.0, lambda: self._command(arm, 1)) or not self.armed:
+            self._command(arm, 0)  # an order to arm that is late must not leave it armed
             return self._refused("arming")
         return ""
 
@@ -247,11 +248,14 @@ class Autopilot:
         return f"ArduSub refuses {what}" + (f": {self.warning}" if self.warning else "")
 
     def disarm(self, seconds: float) -> bool:
-        """Ask it to disarm until it has, at most `seconds`; return whether it has."""
+        """Ask it to disarm until it says that it has, at most `seconds`; return whether it has."""
+        d = self._dialect
+        arm = d.MAV_CMD_COMPONENT_ARM_DISARM
+        self._answers.pop(arm, None)
         return self.until(
-            lambda: not self.armed,
+            lambda: not self.armed or self._answers.get(arm) == d.MAV_RESULT_ACCEPTED,
             seconds,
-            lambda: self._command(self._dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0),
+            lambda: self._command(arm, 0),
         )
 
     def _ask(self, name: str) -> None:

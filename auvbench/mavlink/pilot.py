@@ -133,14 +133,18 @@ class Pilot(loop.Pilot):
     def _take_over(self) -> str:
         if company := self.vehicle.company:
             return f"a second vehicle is on {self.link.address}: {company}; give each its own port"
-        why = self.vehicle.take_over()
+        try:
+            why = self.vehicle.take_over()
+        except BaseException:  # such as a second Ctrl-C
+            self.vehicle.disarm(0.5)
+            raise
         self._take_telemetry()
         return why
 
     def _rest(self) -> None:
         super()._rest()
         # In another mode a person or a failsafe has the vehicle.
-        if self.vehicle.mode == MANUAL and not self.vehicle.disarm(1.0):
+        if self.vehicle.mode == MANUAL and not self.vehicle.disarm(1.5):
             self._report("ArduSub has not said that it is disarmed")
 
     def _leave(self, was_armed: bool) -> None:

@@ -5,6 +5,8 @@ import pty
 import random
 import signal
 import socket
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -348,6 +350,13 @@ def test_no_vehicle(impatient, capsys):
     assert "no vehicle was heard in 1 s" in refused(capsys, "--mavlink", f"udp:127.0.0.1:{free_port()}")
 
 
+def test_without_pymavlink_the_extra_is_named(monkeypatch, capsys):
+    link.load.cache_clear()
+    monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20.ardupilotmega", None)
+    assert "pip install 'auvbench[mavlink]'" in refused(capsys, "--mavlink", "udp:127.0.0.1:14550")
+    link.load.cache_clear()
+
+
 def test_a_peer_that_is_no_submarine(capsys):
     port = free_port()
     copter = ArduSub(port)
@@ -453,3 +462,36 @@ def test_the_stop_key_and_sigterm_in_mid_flight(end):
             os.close(follower)
         assert not sub.armed
         assert sub.sticks[-1] == NEUTRAL
+
+
+REAL = os.environ.get("AUVBENCH_ARDUSUB", "")
+
+
+@pytest.mark.ardusub
+@pytest.mark.skipif(not REAL, reason="AUVBENCH_ARDUSUB names no program of ArduSub's SITL")
+def test_the_real_ardusub_is_steered_to_a_waypoint(tmp_path):
+    water, port = free_port(), free_port()
+    parameters = tmp_path / "sub.parm"
+    parameters.write_text(
+        "JS_GAIN_DEFAULT 1\nBTN0_FUNCTION 4\n", encoding="ascii"
+    )  # it arms with a button that disarms
+    flags = ["-w", "--model", "JSON:127.0.0.1", "--sim-port-out", str(water), "--speedup", "5"]
+    flags += ["--base-port", str(free_port()), "--home", "33.810313,-118.393867,0,0"]
+    flags += ["--defaults", str(parameters), "--serial0", f"udpclient:127.0.0.1:{port}"]
+    server = dds.Process("serve", "--face", "ardusub", "--port", str(water))
+    try:
+        server.says("waiting for ArduSub")
+        with subprocess.Popen([REAL, *flags], cwd=tmp_path, stdout=subprocess.DEVNULL) as program:
+            goal = ["--goal", "3", "4", "-8", "--depth", "-60", "1", "--goal-radius", "1"]
+            words = ["pid", "--mavlink", f"udp:127.0.0.1:{port}", *goal, "--arm", "--sim-time"]
+            pilot = dds.Process("pilot", *words, "--pose-timeout", "60")
+            try:
+                pilot.says("waypoint reached")
+                pilot.send(signal.SIGINT)
+                assert pilot.ends() == 0, pilot.output
+                assert "has not said that it is disarmed" not in pilot.output
+            finally:
+                pilot.stop()
+                program.kill()
+    finally:
+        server.stop()

@@ -246,8 +246,15 @@ for words in (*([name] for name in pilot.CONTROLLERS), [sys.argv[2]], ["lqr", *s
     setup.controller.reset(numpy.zeros(1, dtype="int64"))
     setup.controller.act(numpy.zeros((1, setup.spec.size), dtype="float32"))
 import auvbench.ros2.pilot, auvbench.pilot.thrust, auvbench.pilot.mission, auvbench.runs.interruption
+import auvbench.mavlink.pilot
+from auvbench.ardusub.frames import motors_of
+from auvbench.mavlink import link, mixer
 from auvbench.ros2 import middleware
+from auvbench.vehicles import sheet
 middleware.load()
+link.load()
+mixed = mixer.Mixer(motors_of(sheet.load("bluerov2")))
+mixed.sticks(mixed.axes(numpy.ones(6), mixed.limits(0.5)), 0.5)
 print(sorted({name.partition(".")[0] for name in sys.modules} & set(sys.argv[1].split())))
 """
     heavy = "torch stable_baselines3 sb3_contrib numba llvmlite hydra omegaconf gymnasium pandas matplotlib optuna casadi"
