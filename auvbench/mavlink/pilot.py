@@ -23,6 +23,8 @@ Floats = NDArray[np.float64]
 
 TELEMETRY = 90.0
 """s in which attitude and position come: in SITL the estimator has a position some 50 s after the start"""
+SLOWEST = 1.0
+"""Hz, of sticks"""
 FASTEST = 200.0
 """Hz, of telemetry"""
 
@@ -47,6 +49,10 @@ class Pilot(loop.Pilot):
         self, address: str, vehicle: VehicleModel, controller: Controller, *, frequency: float, **options: Any
     ) -> None:
         super().__init__(controller, SheetThrust(vehicle), frequency=frequency, **options)
+        if frequency < SLOWEST:
+            raise UserError(
+                f"--frequency {frequency:g}: must be at least {SLOWEST:g} Hz, because ArduSub disarms 3 s after the last stick"
+            )
         motors = motors_of(vehicle)
         self.link = Link(address)
         try:

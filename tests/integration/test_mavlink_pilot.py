@@ -21,7 +21,7 @@ from auvbench.pilot.steering import Limits
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.sheet import load
 from tests import configs, dds
-from tests.ardusub import MANUAL, ArduSub, free_port
+from tests.mavlink_vehicle import MANUAL, ArduSub, free_port
 from tests.waiting import LIMIT, until
 
 pytestmark = pytest.mark.slow
@@ -402,6 +402,9 @@ def test_a_vehicle_that_refuses_arming(capsys):
         (["--mavlink", "udp:127.0.0.1:70000"], "must be udp:HOST:PORT"),
         (["--mavlink", "udp:127.0.0.1:14550", "--namespace", "alpha"], "--namespace alpha"),
         (["--mavlink", "udp:127.0.0.1:14550", "--vehicle", "lrauv"], "thrusters alone"),
+        (["--mavlink", "udp:127.0.0.1:14550", "--vehicle", "rexrov"], "fit none of ArduSub's frames"),
+        (["--mavlink", "udp:127.0.0.1:14550", "--frequency", "0.5"], "must be at least 1 Hz"),
+        (["--mavlink", "udp:127.0.0.1:14550", "--goal", "0", "0", "-70"], "must be within -60 .. -1 m"),
         (["--arm"], "--arm: needs --mavlink"),
     ],
 )

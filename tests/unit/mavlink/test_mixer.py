@@ -6,7 +6,7 @@ import pytest
 from auvbench.ardusub.frames import motors_of
 from auvbench.mavlink.mixer import FORWARD, LATERAL, NEUTRAL, PITCH, ROLL, THROTTLE, YAW, Mixer, Sticks
 from auvbench.vehicles.sheet import load
-from tests.ardusub import ArduSub, free_port
+from tests.mavlink_vehicle import ArduSub, free_port
 
 VEHICLES = ("bluerov2", "bluerov2_heavy")
 
