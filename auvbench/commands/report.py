@@ -59,6 +59,12 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
             sections.show(report, options)
         sections.show_score(score, options)
     sections.say_written(written)
+    if options.log is not None:
+        from auvbench import tracking
+        from auvbench.reporting import tables
+
+        rows = tables.joined("vehicle", [(r.section.vehicle, tables.csv(r.ranking)) for r in reports])
+        tracking.table(options.log, command, rows, written)
 
 
 def analysed(paths: Sequence[Path], options: Options) -> list[Report]:

@@ -17,6 +17,7 @@ from auvbench.metrics import METRICS
 from auvbench.record import measure_names
 from auvbench.runs import declared as analyses
 from auvbench.runs.declared import Declared
+from auvbench.tracking import SERVICES, Service
 from auvbench.untrusted import documents, typed_json
 from auvbench.untrusted.typed_json import Name, Range
 
@@ -40,6 +41,7 @@ class Options:
     condition: Name | None
     format: tuple[Format, ...]
     figures: bool
+    log: Service | None
     study: Study | None
     confidence: Annotated[float, Range(0.5, 0.999)]
     margin: Annotated[float, Range(analyses.SMALLEST)] | None
@@ -182,6 +184,11 @@ def parser() -> Parser:
         action=argparse.BooleanOptionalAction,
         default=None,
         help="draw the figures; formats md and html show them",
+    )
+    add(
+        "--log",
+        metavar="SERVICE",
+        help=f"log the ranked table and the files there too: {', '.join(SERVICES)}",
     )
     add("--out", metavar="DIR", help="folder of the report; default <experiment>/report")
     add("--study", metavar="NAME", help=f"answer the claims of a study: {', '.join(STUDIES)}")

@@ -227,6 +227,7 @@ class Train:
     clip_rewards: float = number(0.0, 1e6, open_low=True)
     checkpoint: Checkpoint
     progress: bool
+    log: str = later(choice("tensorboard", "wandb", "mlflow"), "tensorboard")
 
 
 @dataclass(kw_only=True)

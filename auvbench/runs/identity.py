@@ -25,6 +25,7 @@ OPERATIONAL = (
     "simulator.timeout",
     "train.checkpoint",
     "train.progress",
+    "train.log",
 )
 """Keys that say how a run is carried out. A run that goes on takes them from the latest command."""
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from auvbench import tracking
 from auvbench.agents import base as agents
 from auvbench.config import algorithms, installed, schema, simulators
 from auvbench.config.agents import AGENTS, learns
@@ -33,8 +34,9 @@ def check_runnable(config: schema.TrainConfig) -> None:
     Raises:
         ConfigError: the vehicle cannot do the task, the controller cannot steer it, or Gazebo is not installed.
         VehicleError: Gazebo cannot simulate the vehicle.
-        MissingExtraError: the controller needs a package that is not installed.
+        MissingExtraError: the controller, or train.log, needs a package that is not installed.
     """
+    tracking.prepare(config.train.log, config.name)
     vehicle = sheet.load(config.vehicle)
     check_vehicle(config.task, vehicle)
     if isinstance(config.simulator, simulators.Gazebo):

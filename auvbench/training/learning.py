@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench import tracking
 from auvbench.agents.base import Environment, Learner, Transition, learner_of
 from auvbench.config import schema, simulators
 from auvbench.envs.batch import Batch
@@ -20,6 +21,7 @@ from auvbench.record import record_columns
 from auvbench.runs import integrity, lock
 from auvbench.runs.atomic_io import fsync_directory, fsync_file, storage
 from auvbench.runs.directory import RunDirectory
+from auvbench.runs.identity import digest_of
 from auvbench.runs.interruption import Interrupted, Request
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.progress import EpisodeLog, Reporter, Watch
@@ -236,10 +238,11 @@ def learn(
         }
         return {name: round(earlier.get(name, 0.0) + seconds, 3) for name, seconds in spent.items()}
 
+    tracker = tracking.start(train.log, _log_key(run), run.config(), run.id)
     with storage(f"cannot write the records of {run.path}"):
         columns = record_columns(config.task.name)
         log = EpisodeLog(columns, run.path / EPISODES, keep=resumed.logs[EPISODES].bytes if resumed else None)
-        writer = logs.EventWriter(run.train)
+        writer = logs.EventWriter(run.train, tracker)
         if train.evaluate_every:
             validator = Validator(
                 run.config(),
@@ -303,6 +306,11 @@ def _tell_what_is_lost(run: RunDirectory, step: int | None, exact: bool, learner
     if not learner.exact_resume and manifest["attempts"] > 1:
         lost = [*manifest.get("started_over", []), manifest["steps"]]
         run.update_manifest(started_over=lost, steps=0, episodes=0, success_rate=None)
+
+
+def _log_key(run: RunDirectory) -> str:
+    """Return what names a run's log in every attempt: a run that is made anew has another log."""
+    return digest_of([run.id, run.manifest()["created"]], 32)
 
 
 def _model(learner: Learner) -> dict[str, bytes]:

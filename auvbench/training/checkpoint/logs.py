@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 
 from auvbench.runs.atomic_io import fsync_directory, sha256_of_prefix
+from auvbench.tracking import Tracker
 from auvbench.untrusted.typed_json import Count
 
 NAME = "events.out.tfevents.auvbench"
@@ -28,13 +30,15 @@ class EventWriter:
 
     Args:
         folder: where TensorBoard looks.
+        tracker: logs the same scalars elsewhere.
 
     Raises:
         OSError: the file cannot be opened.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, tracker: Tracker | None = None) -> None:
         self.path = folder / NAME
+        self._tracker = tracker
         folder.mkdir(parents=True, exist_ok=True)
         self._file = self.path.open("ab")
         self._records = RecordWriter(self._file)
@@ -48,9 +52,14 @@ class EventWriter:
             summary = Summary(value=[Summary.Value(tag=key, simple_value=float(value))])
             self._add(Event(wall_time=time.time(), step=step, summary=summary))
         self._file.flush()
+        if self._tracker is not None:
+            self._tracker.write(scalars, step)
 
     def close(self) -> None:
+        """Close the file, and the tracker with the exception that is being handled."""
         self._file.close()
+        if self._tracker is not None:
+            self._tracker.close(sys.exception())
 
     def _add(self, event: Event) -> None:
         self._records.write(event.SerializeToString())

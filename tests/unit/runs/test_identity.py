@@ -28,6 +28,7 @@ def base() -> str:
         "output=elsewhere",
         "launcher.workers=7",
         "train.progress=false",
+        "train.log=wandb",
         "train.checkpoint.seconds=5",
         "simulator.threads=2",
         "reward.k=1.0",

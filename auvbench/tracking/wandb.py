@@ -1,0 +1,55 @@
+"""Weights & Biases. `WANDB_MODE=offline` needs no account; `WANDB_PROJECT` and `WANDB_DIR` say where the logs go."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import wandb
+
+PROJECT = "auvbench"
+
+
+def start(key: str, config: Mapping[str, Any], name: str) -> Run:
+    """Open the logged run with this key; see `auvbench.tracking.start`."""
+    return Run(_init(id=key, name=name, group=str(config["name"]), config=dict(config), resume="allow"))
+
+
+class Run:
+    """A logged run.
+
+    Args:
+        run: as the client opened it.
+    """
+
+    def __init__(self, run: Any) -> None:
+        self._run = run
+
+    def write(self, scalars: Mapping[str, float], step: int) -> None:
+        """Add scalars. A resumed run repeats steps since its last checkpoint, with the same values: the client skips them."""
+        self._run.log(dict(scalars), step=step)
+
+    def close(self, error: BaseException | None) -> None:
+        self._run.finish(exit_code=0 if error is None else 1)
+
+
+def table(name: str, csv: str, files: list[Path]) -> None:
+    """Log a ranked table and files; see `auvbench.tracking.table`."""
+    import pandas as pd
+
+    run = _init(name=name, job_type="report")
+    run.log({"ranking": wandb.Table(dataframe=pd.read_csv(io.StringIO(csv)))})
+    report = wandb.Artifact("report", "report")
+    for path in files:
+        report.add_file(str(path), name=os.path.relpath(path, os.path.commonpath([p.parent for p in files])))
+    run.log_artifact(report)
+    run.finish()
+
+
+def _init(**arguments: Any) -> Any:
+    # The client would take over the output of this process, which the run's own log has.
+    settings = wandb.Settings(console="off", silent=True, disable_git=True, disable_code=True)
+    return wandb.init(project=os.environ.get("WANDB_PROJECT", PROJECT), settings=settings, **arguments)
