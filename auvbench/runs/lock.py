@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import os
 import shlex
 import sys
@@ -24,6 +23,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from auvbench.errors import RunError, TrainingError
+
+try:
+    import fcntl
+except ModuleNotFoundError as _error:
+    raise RunError("runs need file locks of POSIX (fcntl), which Windows does not have; use WSL") from _error
+
 from auvbench.runs import interruption
 from auvbench.runs.atomic_io import FAULTS, as_json, storage_error, write_atomic
 from auvbench.untrusted import path_safety, typed_json

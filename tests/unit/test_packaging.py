@@ -82,6 +82,48 @@ def test_the_configuration_is_installed():
     assert (conf / "vehicle" / "bluerov2.yaml").is_file()
 
 
+NOT_ON_WINDOWS = """
+import os, signal, sys
+for name in ("fcntl", "grp", "pty", "pwd", "resource", "termios", "tty"):
+    sys.modules[name] = None
+for module, names in (os, ("fork", "forkpty", "killpg", "register_at_fork")), (signal, ("SIGHUP", "SIGKILL", "SIGUSR1")):
+    for name in names:
+        delattr(module, name)
+"""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--help",),
+        ("--version",),
+        pytest.param(("train", "--help"), marks=pytest.mark.slow),
+        pytest.param(("vehicles", "rexrov"), marks=pytest.mark.slow),
+    ],
+)
+def test_nothing_is_imported_at_start_that_windows_lacks(arguments):
+    code = f"{NOT_ON_WINDOWS}\nfrom auvbench.cli import main\nsys.exit(main(sys.argv[1:]))"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.slow
+def test_environments_run_without_what_windows_lacks():
+    code = f"{NOT_ON_WINDOWS}\nimport auvbench, gymnasium\ne = gymnasium.make('auvbench/Waypoint-v0')\ne.reset()\ne.step(e.action_space.sample())"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.slow
+def test_a_run_without_file_locks_is_refused_in_one_line():
+    code = f"{NOT_ON_WINDOWS}\nfrom auvbench.cli import main\nsys.exit(main(['runs', '.']))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "fcntl" in done.stderr
+
+
 def imported(*arguments: str) -> set[str]:
     code = (
         "import sys; sys.argv = ['auvbench', *sys.argv[1:]]\n"
