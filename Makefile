@@ -101,7 +101,7 @@ lock: $(TOOLS) ## the hashes of all files that an installation may take
 	$(PIP) uv
 	$(BIN)/python .ci/lock
 
-release: ## sdist and wheel in dist/: built twice to the same bytes, checked, installed and tried in fresh environments
+release: ## sdist and wheel in dist/: built twice to the same bytes, tried in fresh environments; bill of materials in build/
 	.ci/release
 
 fuzz: $(TOOLS) ## random command lines, files and sheets for a long time (MINUTES=60)

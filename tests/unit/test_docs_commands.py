@@ -11,33 +11,19 @@ import pytest
 
 from auvbench.commands import COMMANDS
 from auvbench.config.compose import compose, run
+from tests.docs_blocks import MISTAKES, PAGES, steps
 
-ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 MADE_BY_THE_READER = re.compile(r"polyu|pursuit|my_agent|circling|mine\.onnx|\.\.\.")
-MISTAKES = (
-    "evaluate outputs --protocol thesis",
-    "report outputs baseline=pid",
-    "train algo.tau=0.01",
-)
-"""shown with their error in docs/grammar.md"""
 COMPOSED = ("train", "tune", "simulate")
 
 
 def commands() -> list[str]:
-    """Return the lines of code blocks that begin with `auvbench COMMAND`, without it and without comments."""
-    found = []
-    for page in PAGES:
-        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
-        blocks = re.findall(r"^```[^\n]*\n(.*?)^```", text, re.M | re.S)
-        lines = [line for block in blocks for line in block.splitlines()]
-        lines += re.findall(r"^    (auvbench .*)$", text, re.M)
-        for line in lines:
-            for part in re.sub(r"^\$ ", "", line.strip()).split(" && "):
-                words = part.split()
-                if words[:1] == ["auvbench"] and words[1:2] and words[1] in COMMANDS:
-                    found.append(re.sub(r"\s+(#|>|&).*", "", part).removeprefix("auvbench "))
-    return sorted({line for line in found if not MADE_BY_THE_READER.search(line)} - set(MISTAKES))
+    """Return the command lines without redirections and without those that need a file of the reader."""
+    lines = {
+        re.sub(r"\s+>.*", "", text) for page in PAGES for kind, text in steps(page) if kind == "auvbench"
+    }
+    known = {line for line in lines if line.split()[0] in COMMANDS}
+    return sorted({line for line in known if not MADE_BY_THE_READER.search(line)} - set(MISTAKES))
 
 
 LINES = commands()

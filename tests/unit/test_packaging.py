@@ -10,6 +10,7 @@ from itertools import takewhile
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 PLACES = {"conf": "auvbench/conf", "examples/auvbench-example": "auvbench/template"}
@@ -74,6 +75,12 @@ def test_a_build_takes_every_file_and_warns_of_none(tmp_path):
     assert "absent from" not in done.stderr
     taken = {Path(line).relative_to("lib") for line in done.stdout.splitlines() if line.startswith("lib")}
     assert not set(kept()) - taken
+
+
+def test_the_citation_has_the_version_of_the_package():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert (citation["version"], citation["license"]) == (project["version"], project["license"])
 
 
 def test_the_configuration_is_installed():

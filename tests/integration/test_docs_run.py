@@ -1,0 +1,169 @@
+"""The code blocks of README.md and docs/ run, page by page in the order of the page, with tiny budgets.
+
+A page begins in a folder with the runs of `prepare`. Trainings have 64 steps, tests 2 episodes, grids 4 runs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shlex
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from omegaconf import DictConfig
+
+from auvbench.cli import main
+from auvbench.config import compose, grids, installed
+from auvbench.metrics import Metric
+from tests import synthetic
+from tests.conftest import Once
+from tests.docs_blocks import MISTAKES, PAGES, ROOT, steps
+
+NOT_RUN = {
+    r"pursuit|circling|outputs/poles": "installs a package: tests/integration/test_example_package.py runs these pages",
+    r"my_agent|^train -m \.\.\.": "the reader's own agent or words",
+    r"simulator=gazebo|protocol=gazebo": "Gazebo",
+    r"^serve|^pilot|protocol=ros2|simulator=ros2|^replay missions": "ROS 2: tests/integration/test_ros2_*.py",
+    r"^bound protocol=test": "hours",
+    r"experiment=tune_all": "hours: a study of every algorithm",
+    r"mine\.onnx": "the reader's own network",
+    r"state=failed,interrupted": "a run that failed",
+}
+"""regular expressions of blocks, and what they need"""
+COUNTS = {"run": 98, "not run": 26}
+
+
+SMALL = {
+    "n_envs": 2,
+    "n_steps": 8,
+    "batch_size": 8,
+    "n_epochs": 1,
+    "net_arch": [8],
+    "learning_starts": 8,
+    "buffer_size": 200,
+    "gradient_steps": 1,
+}
+PREPARED = (
+    "train -m experiment=quickstart",
+    "train -m algo=ppo,sac seed=0,42",
+    "train -m algo=pid vehicle=rexrov reward.k=1,40",
+    "evaluate outputs",
+)
+
+
+def reason(text: str) -> str | None:
+    """Return why a block is not run; None where it is."""
+    return next((why for pattern, why in NOT_RUN.items() if re.search(pattern, text)), None)
+
+
+BLOCKS = [(page, text, reason(text)) for page in PAGES for kind, text in steps(page) if kind != "yaml"]
+
+
+def shrink(config: DictConfig) -> None:
+    """Set tiny budgets in a composed configuration."""
+    if "train" in config:
+        config.train.total_steps = 64
+        for key, value in SMALL.items():
+            if key in config.algo and "tune" not in config:  # whose ranges fit the usual values
+                config.algo[key] = value
+    if "protocol" in config:
+        config.protocol.episodes = 2
+        config.protocol.conditions = config.protocol.conditions[:2]
+    if "tune" in config:
+        config.tune.trials, config.tune.startup = 2, 1
+        config.tune.rungs, config.tune.fresh_seeds = [64], [1000]
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    complete, grid = installed.complete, grids.compose
+
+    def completed(config: DictConfig, **words: Any) -> DictConfig:
+        found = complete(config, **words)
+        if not words.get("frozen"):
+            shrink(found)
+        return found
+
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    monkeypatch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
+    monkeypatch.setattr(installed, "complete", completed)
+    monkeypatch.setattr(grids, "compose", lambda *words: grid(*words)[:4])
+    assert compose.installed is installed
+    assert compose.grids is grids
+
+
+def with_ids(text: str) -> str:
+    """Return a text with the ids of the runs that are here: an id ends in a hash of the configuration."""
+    return re.sub(
+        r"\b([a-z]+-k\d+-f\d+-s\d+)-[0-9a-f]{8}",
+        lambda id: next(Path("outputs").rglob(f"{id[1]}-*")).name,
+        text,
+    )
+
+
+def run(line: str) -> None:
+    """Run a line of `auvbench` here, in the current folder."""
+    text = re.sub(r"train\.total_steps=\d+$", "train.total_steps=128", line)
+    text = re.sub(r"--episode \d+", "--episode 1", text)
+    text, _, target = text.partition(" > ")
+    text = with_ids(text)
+    words = [
+        path
+        for word in shlex.split(text)
+        for path in (
+            sorted(map(str, Path().glob(word))) if word.endswith("*") and "=" not in word else [word]
+        )
+    ]
+    if words[0] == "report" and words[1] != "--help":
+        words += ["--no-figures", "--format", "terminal,md,csv"]
+    with contextlib.ExitStack() as stack:
+        if target:
+            Path(target).parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(contextlib.redirect_stdout(stack.enter_context(open(target, "w"))))
+        code = main(words)
+    assert code == (2 if line in MISTAKES else 0), line
+
+
+def prepare(folder: Path) -> None:
+    with contextlib.chdir(folder):
+        for line in PREPARED:
+            run(line)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_blocks_of_a_page_run(
+    page: Path, once: Once, small: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blocks = [(kind, text) for kind, text in steps(page) if reason(text) is None]
+    if not {kind for kind, _ in blocks} & {"auvbench", "python"}:
+        pytest.skip("no block to run")
+    shutil.copytree(once("docs", prepare), tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    protocols = {"test": ("nominal",), "robustness": synthetic.ROBUSTNESS[:6]}
+    for name in ("thesis", "grid", "a", "b"):
+        if any(re.search(rf"outputs/{name}\b", text) for _, text in blocks):
+            synthetic.write_experiment(Path("outputs") / name, protocols=protocols)
+    Path("results").mkdir()
+    Path("results/leaderboard").symlink_to(ROOT / "results/leaderboard")
+    Path("paper.yaml").write_text("format: md\n")
+    names: dict[str, Any] = {"Metric": Metric, "observation": np.zeros((1, 10), np.float32)}
+    sheet = Path("conf/vehicle/polyu.yaml")
+    for kind, text in blocks:
+        if kind == "python":
+            exec(compile(with_ids(text), page.name, "exec"), names)
+        elif kind == "auvbench":
+            run(text)
+        elif sheet.exists() and text.lstrip("# ").startswith("What your vehicle is called"):
+            sheet.write_text(text, encoding="utf-8")  # as the page asks the reader to
+
+
+def test_what_is_not_run_is_named_and_counted() -> None:
+    unused = [pattern for pattern in NOT_RUN if not any(re.search(pattern, text) for _, text, _ in BLOCKS)]
+    assert unused == []
+    not_run = sum(why is not None for *_, why in BLOCKS)
+    assert {"run": len(BLOCKS) - not_run, "not run": not_run} == COUNTS
