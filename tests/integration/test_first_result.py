@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -104,7 +105,8 @@ def test_from_nothing_to_a_ranked_table(folder, capsys):
     for algo in ("ppo", "pid", "random"):
         assert auvbench("train", f"algo={algo}", *SMALL[algo], *SHORT) == 0
     assert auvbench("evaluate", "outputs", "protocol.episodes=20", "--workers", "1") == 0
-    assert capsys.readouterr().out.count(": success ") == 3
+    tested = capsys.readouterr().out
+    assert tested.count(": success ") == 3
     assert auvbench("evaluate", "outputs", "protocol.episodes=20", "--workers", "1") == 0
     assert ": success " not in capsys.readouterr().out
     assert auvbench("report", "outputs", "--no-figures") == 0
@@ -112,6 +114,9 @@ def test_from_nothing_to_a_ranked_table(folder, capsys):
     assert printed.lower().index("pid") < printed.lower().index("random"), "PID ranks before random"
     for suffix in ("md", "tex", "csv"):
         assert list(folder.glob(f"outputs/**/report/*.{suffix}")), suffix
+    table = rows(folder / "outputs/default/report/table.csv")
+    steps = sorted(f"{float(row['par1_steps']):.0f}" for row in table)
+    assert sorted(re.findall(r"PAR-1 steps (\d+)", tested)) == steps, "evaluate and report print the same"
 
 
 @pytest.mark.slow
