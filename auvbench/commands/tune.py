@@ -192,6 +192,7 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
     from omegaconf import OmegaConf
     from rich.console import Console
 
+    from auvbench.analysis.formatting import counted
     from auvbench.config.compose import typed
     from auvbench.scheduling.grid import backend
     from auvbench.tuning import runs
@@ -204,8 +205,9 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
     objective = objective_of(plan.tune.objective, plan.tune.then)
     shown = StudyView(found, objective, Console())
     rungs = " / ".join(f"{budget:,}" for budget in plan.budgets)
-    what = f"{found.limit} trials of {plan.base['algo']['name']}, {len(plan.dimensions)} keys, {rungs} steps"
-    print(f"{study.path}: {len(found.trials)} of {what} begun", flush=True)
+    trials, keys = counted(found.limit, "trial"), counted(len(plan.dimensions), "key")
+    what = f"{trials} of {plan.base['algo']['name']} begun, {keys}, {rungs} steps"
+    print(f"{study.path}: {len(found.trials)} of {what}", flush=True)
     made = backend(config.launcher, target=runs.TARGET, learning=plan.learns)
     result = Controller(study, found, made, shown).carry_out()
     if result.signal is not None and (best := shown.best()):

@@ -14,6 +14,7 @@ from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from optuna.trial import FrozenTrial, TrialState
 
 from auvbench import __version__
+from auvbench.analysis.formatting import counted
 from auvbench.analysis.measures import Measure
 from auvbench.config.tuning import STREAM
 from auvbench.errors import UserError
@@ -148,7 +149,7 @@ def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps
     searched = [dimension.key.partition(".")[2] for dimension in plan.dimensions]
     head = [
         f"{name}: found by {plan.command or 'auvbench tune'}",
-        f"on {today} with auvbench {__version__}{commit}: {trials} trials, {steps:,} environment steps of training, scenarios of",
+        f"on {today} with auvbench {__version__}{commit}: {counted(trials, 'trial')}, {steps:,} environment steps of training, scenarios of",
         f"protocol={plan.protocol.name} (seed {plan.protocol.seed}, {plan.protocol.episodes} episodes), none of a test.",
         evidence,
         f"Searched: {', '.join(searched)}.",

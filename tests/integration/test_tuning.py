@@ -212,7 +212,7 @@ def test_no_scenarios_of_a_test_are_accepted(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_nothing_of_tuning_ever_draws_a_test_scenario(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The one door to scenarios is the roll-out: whoever comes through it from here asks for validation."""
     from auvbench.evaluation import evaluate as module
@@ -227,6 +227,7 @@ def test_nothing_of_tuning_ever_draws_a_test_scenario(
     monkeypatch.setattr(module, "roll_out", watched)
     words = [*PID, "tune.trials=1"]
     assert tune(tmp_path, *words) == 0
+    assert "0 of 1 trial of pid begun" in capsys.readouterr().out
     study = StudyFolder(tmp_path / "tune" / "pid")
     plan = study.read()
     for run in [*study.runs.iterdir(), *study.fresh.iterdir()]:

@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 from optuna.trial import TrialState
 from rich.console import Console
 
-from auvbench.commands.tune import begin, plan_of, split
+from auvbench.commands.tune import plan_of, split
 from auvbench.config.compose import compose, typed
 from auvbench.errors import TrainingError
 from auvbench.runs import lock
@@ -102,7 +102,7 @@ def carry_out(
     search = Search(plan, open_study(plan, study.journal), base)
     objective = objective_of("success_rate", "par1_steps")
     text = io.StringIO()
-    shown = controller.view(search, objective, Console(file=text, width=200))
+    shown = controller.StudyView(search, objective, Console(file=text, width=200))
     try:
         Controller(study, search, backend, shown).carry_out()
     finally:
@@ -126,10 +126,8 @@ def test_every_trial_is_carried_out_and_the_best_reach_the_top(tmp_path, monkeyp
 
 @pytest.mark.slow
 def test_one_trial_is_counted_as_one(tmp_path, monkeypatch):
-    search, text = carry_out(tmp_path, Backend(), monkeypatch, "tune.trials=1")
+    _, text = carry_out(tmp_path, Backend(), monkeypatch, "tune.trials=1")
     assert "1 of 1 trial begun" in text
-    assert begin(search).startswith("goes on: 1 trial of ppo, ")
-    assert begin(search).endswith("; 1 trial begun")
 
 
 @pytest.mark.slow
