@@ -20,6 +20,7 @@ from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
 from auvbench.vehicles.reader import sheet_names
 from benchmarks import tuning
+from benchmarks.offpolicy import offpolicy
 from benchmarks.ros2 import ros2
 from benchmarks.timing import best, command, loop_rate
 
@@ -273,6 +274,7 @@ SECTIONS = {
     "vehicles": vehicles,
     "reference": reference,
     "learners": learners,
+    "offpolicy": offpolicy,
     "record": record,
     "evaluation": evaluation,
     "ros2": ros2,

@@ -245,6 +245,9 @@ def _algorithm(algo: algorithms.Algorithm) -> None:
         every = "be at least 1, or -1 for as many as environment steps"
         require(steps != 0, "algo.gradient_steps", steps, every)
         require(size >= n, "algo.buffer_size", size, f"be at least algo.n_envs={n}")
+        fits = algo.updates == "sb3" or algo.activation == "relu"
+        what = f"be relu with algo.updates={algo.updates}; algo.updates=sb3 takes every activation"
+        require(fits, "algo.activation", algo.activation, what)
     if isinstance(algo, algorithms.Entropy):
         for key in ("ent_coef", "target_entropy"):
             value = getattr(algo, key)

@@ -20,15 +20,16 @@ from numba import njit
 PACKAGE = Path(__file__).parent.parent
 
 
-def compiled(*rooms: str) -> Callable[[Callable[..., Any]], Any]:
+def compiled(*rooms: str, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """`njit`, without the interpreter's lock and cached until a source changes that the function came from.
 
     Args:
         rooms: the folders of the package, besides the function's own, whose functions or constants it uses.
+        options: more of `njit`'s.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher: Any = njit(cache=True, nogil=True)(function)
+        dispatcher: Any = njit(cache=True, nogil=True, **options)(function)
         if dispatcher is function:  # NUMBA_DISABLE_JIT: a debugger wants to see the Python
             return function
         folders = (Path(function.__code__.co_filename).parent, *(PACKAGE / room for room in rooms))
@@ -59,7 +60,7 @@ def _tell_of_compiling(dispatcher: Any) -> None:
 def announce() -> None:
     """Says on standard error what takes so long."""
     print(
-        "auvbench: compiling the simulator for this machine; the first use takes up to half a minute, later ones do not",
+        "auvbench: compiling for this machine; the first use takes up to half a minute, later ones do not",
         file=sys.stderr,
         flush=True,
     )

@@ -47,6 +47,7 @@ LATER: dict[str, Any] = {
     "task.history": 1,
     "algo.horizon_s": None,
     "algo.tuned": None,
+    "algo.updates": "sb3",
     "train.evaluate_every": 0,
     "disturbance.waves": {
         "height": 0.0,

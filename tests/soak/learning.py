@@ -19,7 +19,7 @@ from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from auvbench.agents.learned import state
+from auvbench.agents.learned import compiled, state
 from auvbench.agents.learned.sb3 import Follower, SB3Learner, Scalars
 from auvbench.training.checkpoint.logs import NAME, EventWriter
 from auvbench.training.checkpoint.saver import Checkpointer
@@ -66,6 +66,12 @@ CASES = {
     "tqc-8": Case(TQC, 8, {**OFF, "gradient_steps": 2}, steps=480),
     # Its running statistics normalise from the 20th gradient step on.
     "crossq-8": Case(CrossQ, 8, {**OFF, "gradient_steps": 2}, steps=480, network={"renorm_warmup_steps": 20}),
+    "compiled-sac-8": Case(compiled.SAC, 8, {**OFF, "train_freq": 4, "gradient_steps": 2}),
+    "compiled-td3-8": Case(compiled.TD3, 8, {**OFF, "gradient_steps": 3}, "normal"),
+    "compiled-tqc-8": Case(compiled.TQC, 8, {**OFF, "gradient_steps": 2}, steps=480),
+    "compiled-crossq-8": Case(
+        compiled.CrossQ, 8, {**OFF, "gradient_steps": 2}, steps=480, network={"renorm_warmup_steps": 20}
+    ),
     "trpo-8": Case(TRPO, 8, {"n_steps": 16, "batch_size": 32, "n_critic_updates": 2}, steps=1200),
     # Rollouts end in the midst of episodes, of which the LSTM remembers the beginning.
     "recurrent_ppo-4": Case(

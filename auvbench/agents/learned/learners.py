@@ -43,8 +43,17 @@ ACTIVATIONS = {
 def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
     """Return the SB3 learner that `config.algo` describes, on an environment. One torch thread."""
     torch.set_num_threads(1)
-    learner: BaseAlgorithm = resolve(AGENTS[config.algo.agent].algorithm)(**arguments(config, environment))
+    learner: BaseAlgorithm = algorithm(config.algo)(**arguments(config, environment))
     return learner
+
+
+def algorithm(algo: Any) -> type[BaseAlgorithm]:
+    """Return the class of SB3 that learns, or the one with its updates compiled."""
+    module, _, name = AGENTS[algo.agent].algorithm.partition(":")
+    if getattr(algo, "updates", "sb3") == "compiled":
+        module = "auvbench.agents.learned.compiled"
+    found: type[BaseAlgorithm] = resolve(f"{module}:{name}")
+    return found
 
 
 def arguments(config: schema.TrainConfig, environment: VecEnv) -> dict[str, Any]:
@@ -113,7 +122,8 @@ def policy_arguments(algo: algorithms.Network) -> dict[str, Any]:
 def files(model: BaseAlgorithm, normaliser: VecNormalize) -> dict[str, bytes]:
     """Return a trained model as files by name: a plain dictionary of tensors, and the statistics."""
     weights, arrays = io.BytesIO(), io.BytesIO()
-    torch.save(dict(model.policy.state_dict()), weights)
+    # Copies: the tensors may be parts of larger ones, all of which would be written.
+    torch.save({name: tensor.clone() for name, tensor in model.policy.state_dict().items()}, weights)
     np.savez(arrays, **statistics(normaliser))  # type: ignore[arg-type]
     return {WEIGHTS: weights.getvalue(), STATISTICS: arrays.getvalue()}
 

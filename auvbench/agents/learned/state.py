@@ -141,6 +141,8 @@ def _plain(node: Any) -> Any:
         return {_plain(key): _plain(value) for key, value in node.items()}
     if isinstance(node, (list, tuple)):
         return type(node)([_plain(value) for value in node])
+    if isinstance(node, torch.Tensor):
+        return node.detach().clone()  # it may be a part of a larger one, all of which would be written
     return sys.intern(node) if isinstance(node, str) else node
 
 

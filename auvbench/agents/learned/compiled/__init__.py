@@ -1,0 +1,12 @@
+"""Off-policy algorithms of Stable-Baselines3 with the same updates, compiled: `algo.updates=compiled`.
+
+Each class replaces `train` of its base by hand-written gradients on flat float32 arrays, which are the memory of SB3's own
+parameters and optimizer states. Draws, logs, checkpoints and saved files are those of the base class, and so are all numbers
+up to rounding (tests/unit/agents/test_compiled.py).
+"""
+
+from auvbench.agents.learned.compiled.crossq import CrossQ
+from auvbench.agents.learned.compiled.soft import SAC, TQC
+from auvbench.agents.learned.compiled.td3 import DDPG, TD3
+
+__all__ = ["DDPG", "SAC", "TD3", "TQC", "CrossQ"]

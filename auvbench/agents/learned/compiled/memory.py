@@ -1,0 +1,123 @@
+"""Parameters of SB3's networks and states of its optimizers in flat arrays, and batches of a replay buffer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+from auvbench.agents.learned.compiled.arithmetic import adam
+
+Floats = NDArray[np.float32]
+
+
+def rows(networks: Sequence[Sequence[torch.Tensor]]) -> torch.Tensor:
+    """Move parameters of K networks of one shape into an array (K, P), which is their memory from now on; return it."""
+    none = torch.empty(0)  # there may be no parameter
+    flat = torch.stack(
+        [torch.cat([none, *(tensor.detach().reshape(-1) for tensor in one)]) for one in networks]
+    )
+    for k, one in enumerate(networks):
+        for tensor, view in zip(one, _views(flat[k], one), strict=True):
+            tensor.data = view
+    return flat
+
+
+def _views(flat: torch.Tensor, like: Sequence[torch.Tensor]) -> list[torch.Tensor]:
+    parts = flat.split([tensor.numel() for tensor in like])
+    return [part.view(tensor.shape) for part, tensor in zip(parts, like, strict=True)]
+
+
+def layers(modules: Iterable[torch.nn.Module]) -> list[torch.nn.Linear]:
+    """Return the linear layers of a network."""
+    return [module for module in modules if isinstance(module, torch.nn.Linear)]
+
+
+def parameters(modules: Iterable[torch.nn.Module]) -> list[torch.Tensor]:
+    """Return weights and biases of the linear layers of a network."""
+    return [tensor for layer in layers(modules) for tensor in (layer.weight, layer.bias)]
+
+
+def sizes(linear: Sequence[torch.nn.Linear]) -> NDArray[np.int64]:
+    """Return the widths of a network: inputs, and outputs of each layer."""
+    return np.array([linear[0].in_features, *(layer.out_features for layer in linear)])
+
+
+class Trained:
+    """Parameters of K networks with their gradient and an optimizer of SB3, whose state lies in the same kind of array.
+
+    Attributes:
+        values, gradient: (K, P).
+    """
+
+    def __init__(self, networks: Sequence[Sequence[torch.Tensor]], optimizer: Any) -> None:
+        self._networks, self._optimizer = networks, optimizer
+        flat = rows(networks)
+        self.values: Floats = flat.numpy()
+        self.gradient: Floats = np.zeros_like(self.values)
+        self._step = torch.tensor(0.0)
+        self._moments = torch.zeros(2, *flat.shape)
+        self._mean, self._square = self._moments.numpy()
+        optimizer.register_load_state_dict_post_hook(self._adopt)
+        self._adopt()
+
+    def _adopt(self, *_: Any) -> None:
+        """Take over the state that the optimizer has: none at first, copies after `load_state_dict`."""
+        state = self._optimizer.state
+        self._step.zero_()
+        self._moments.zero_()
+        for k, network in enumerate(self._networks):
+            views = [_views(moment[k], network) for moment in self._moments]
+            for tensor, mean, square in zip(network, *views, strict=True):
+                if known := state.get(tensor):
+                    self._step.copy_(known["step"])
+                    mean.copy_(known["exp_avg"])
+                    square.copy_(known["exp_avg_sq"])
+                state[tensor] = {"step": self._step, "exp_avg": mean, "exp_avg_sq": square}
+
+    def update(self) -> None:
+        """Take one step of Adam along `gradient`."""
+        (group,) = self._optimizer.param_groups
+        self._step += 1
+        step, (beta1, beta2) = int(self._step), group["betas"]
+        arrays = (array.reshape(-1) for array in (self.values, self.gradient, self._mean, self._square))
+        adam(*arrays, step, group["lr"], beta1, beta2, group["eps"])
+
+
+class Batches:
+    """Transitions for several updates, drawn and scaled at once with the numbers that SB3 draws.
+
+    Attributes:
+        observation, following: (m, d), of before and after the step.
+        action: (m, n_u).
+        reward, discount: (m, 1); the discount is 0 where the episode ended otherwise than by its time limit.
+    """
+
+    def __init__(self, model: OffPolicyAlgorithm, updates: int, batch: int) -> None:
+        buffer, scale = model.replay_buffer, model.get_vec_normalize_env()
+        assert buffer is not None
+        end = buffer.buffer_size if buffer.full else buffer.pos
+        drawn = [
+            [np.random.randint(0, high, size=batch) for high in (end, buffer.n_envs)]  # noqa: NPY002
+            for _ in range(updates)
+        ]
+        row, column = (np.concatenate(part) for part in zip(*drawn, strict=True))
+        self.observation = buffer._normalize_obs(buffer.observations[row, column], scale)
+        self.following = buffer._normalize_obs(buffer.next_observations[row, column], scale)
+        self.action = buffer.actions[row, column]
+        self.reward = buffer._normalize_reward(buffer.rewards[row, column, None], scale)
+        going = 1.0 - buffer.dones[row, column] * (1.0 - buffer.timeouts[row, column])
+        self.discount = going[:, None] * np.float32(model.gamma)
+        self._batch = batch
+
+    def __getitem__(self, update: int) -> tuple[Floats, ...]:
+        """Return observation, action, following observation, reward and discount of one update."""
+        part = slice(update * self._batch, (update + 1) * self._batch)
+        return tuple(
+            array[part]
+            for array in (self.observation, self.action, self.following, self.reward, self.discount)
+        )
