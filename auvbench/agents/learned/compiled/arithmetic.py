@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,7 @@ def squash_gradient(
 
 
 @compiled(error_model="numpy")
-def quantile_loss(quantiles: Floats, targets: Floats) -> tuple[float, Floats]:
+def quantile_loss(quantiles: Floats, targets: Floats) -> tuple[Any, Floats]:
     """Return the quantile Huber loss (Kuznetsov et al. 2020, eq. 10), as a mean over all pairs, and its gradient.
 
     Args:
@@ -111,7 +112,8 @@ def quantile_loss(quantiles: Floats, targets: Floats) -> tuple[float, Floats]:
     critics, n, q = quantiles.shape
     t = targets.shape[1]
     gradient = np.empty_like(quantiles)
-    loss, share = 0.0, np.float32(1.0 / (critics * n * q * t))
+    loss: Any = 0.0
+    share = np.float32(1.0 / (critics * n * q * t))
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     for k in range(critics):
         for i in range(n):

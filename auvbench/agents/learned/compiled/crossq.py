@@ -34,9 +34,11 @@ class Renormalised:
         widths: NDArray[np.int64],
         optimizer: Any,
     ) -> None:
-        self._renorms = [[one for one in network if isinstance(one, BatchRenorm1d)] for network in networks]
+        self._renorms: list[list[Any]] = [
+            [one for one in network if isinstance(one, BatchRenorm1d)] for network in networks
+        ]
         # A stand-in where no layer normalises.
-        self._first = next(iter(self._renorms[0]), BatchRenorm1d(1))
+        self._first: Any = next(iter(self._renorms[0]), BatchRenorm1d(1))
         self._sizes = widths
         self._normalised = np.arange(len(widths) - 1) < len(self._renorms[0])
         self.trained = memory.Trained([[*_parameters(network), *head] for network in networks], optimizer)
@@ -84,7 +86,8 @@ class CrossQ(sb3_contrib.CrossQ):
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        actor, critic = self.policy.actor, self.policy.critic
+        actor: Any = self.policy.actor
+        critic: Any = self.policy.critic
         self._actor = Renormalised(
             [list(actor.latent_pi)], soft.actor_head(actor), soft.actor_sizes(actor), actor.optimizer
         )
@@ -93,6 +96,7 @@ class CrossQ(sb3_contrib.CrossQ):
             [list(network) for network in critic.q_networks], [], widths, critic.optimizer
         )
         self._temperature = soft.Temperature(self)
+        self._n_u: int = actor.mu.out_features
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Update the critics `gradient_steps` times, actor and temperature every `policy_delay`-th time."""
@@ -135,7 +139,7 @@ class CrossQ(sb3_contrib.CrossQ):
 
     def _update_actor(self, observation: Floats, temperature: float) -> dict[str, float]:
         """Update actor and temperature once; return their losses."""
-        n_u = self.actor.mu.out_features
+        n_u = self._n_u
         noise = soft.normal(len(observation), n_u)
         actor_gradient, out = self._actor.forward(observation, True)
         action, density = squash(out[0], noise)

@@ -28,7 +28,7 @@ def rows(networks: Sequence[Sequence[torch.Tensor]]) -> torch.Tensor:
 
 
 def _views(flat: torch.Tensor, like: Sequence[torch.Tensor]) -> list[torch.Tensor]:
-    parts = flat.split([tensor.numel() for tensor in like])
+    parts = torch.split(flat, [tensor.numel() for tensor in like])
     return [part.view(tensor.shape) for part, tensor in zip(parts, like, strict=True)]
 
 
@@ -106,8 +106,8 @@ class Batches:
             for _ in range(updates)
         ]
         row, column = (np.concatenate(part) for part in zip(*drawn, strict=True))
-        self.observation = buffer._normalize_obs(buffer.observations[row, column], scale)
-        self.following = buffer._normalize_obs(buffer.next_observations[row, column], scale)
+        self.observation: Any = buffer._normalize_obs(buffer.observations[row, column], scale)
+        self.following: Any = buffer._normalize_obs(buffer.next_observations[row, column], scale)
         self.action = buffer.actions[row, column]
         self.reward = buffer._normalize_reward(buffer.rewards[row, column, None], scale)
         going = 1.0 - buffer.dones[row, column] * (1.0 - buffer.timeouts[row, column])

@@ -35,7 +35,7 @@ def _tile(rows: int, vectors: int) -> Any:
     result, place of the tile, stride of rows. Matrices are flat arrays.
     """
 
-    @intrinsic  # type: ignore[untyped-decorator]
+    @intrinsic
     def tile(
         context: Any,
         left: Any,
@@ -74,7 +74,8 @@ def _generate(rows: int, vectors: int, context: Any, builder: Any, signature: An
         pointer(6, result, place),
     )
     zero = ir.Constant(_VECTOR, [0.0] * WIDTH)
-    sums = [[cgutils.alloca_once(builder, _VECTOR) for _ in range(vectors)] for _ in range(rows)]
+    allocate: Any = cgutils.alloca_once
+    sums = [[allocate(builder, _VECTOR) for _ in range(vectors)] for _ in range(rows)]
     for one in (one for line in sums for one in line):
         builder.store(zero, one)
     with cgutils.for_range(builder, length) as loop:
