@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from auvbench.scheduling.estimate import remaining
 
 from auvbench.runs import progress
-from auvbench.scheduling.estimate import remaining
 
 
 def test_the_pace_is_that_since_the_first_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
