@@ -2,11 +2,10 @@
 # a fresh virtual environment.
 #
 #   docker build -t auvbench --build-arg TORCH_INDEX=URL .
-#   docker run --rm -v "$PWD:/study" -v auvbench-state:/state --user "$(id -u):$(id -g)" auvbench train -m algo=pid,ppo seed=0,1,2
+#   docker run --rm -v "$PWD:/study" --user "$(id -u):$(id -g)" auvbench train -m algo=pid,ppo seed=0,1,2
 #
 # URL is PyTorch's index of CPU builds, which its page "Get started" names (Linux, pip, CPU). Without it pip takes the build
-# for CUDA: it runs on CPUs too and is some 4 GB larger. Runs lie in ./outputs and belong to the user that --user names; the volume
-# auvbench-state keeps the key that shows which runs are yours.
+# for CUDA: it runs on CPUs too and is some 4 GB larger. Runs lie in ./outputs and belong to the user that --user names.
 FROM python:3.11-slim AS build
 WORKDIR /source
 COPY . .
@@ -18,8 +17,8 @@ RUN python -m venv /opt/auvbench \
 FROM python:3.11-slim
 COPY --from=build /opt/auvbench /opt/auvbench
 # Folders that any user may write: --user names one that the image does not know.
-ENV PATH=/opt/auvbench/bin:$PATH HOME=/tmp XDG_STATE_HOME=/state NUMBA_CACHE_DIR=/tmp/numba MPLCONFIGDIR=/tmp/matplotlib OMP_NUM_THREADS=1
-RUN useradd --uid 1000 auv && mkdir -m 1777 /study /state
+ENV PATH=/opt/auvbench/bin:$PATH HOME=/tmp NUMBA_CACHE_DIR=/tmp/numba MPLCONFIGDIR=/tmp/matplotlib OMP_NUM_THREADS=1
+RUN useradd --uid 1000 auv && mkdir -m 1777 /study
 USER auv
 WORKDIR /study
 ENTRYPOINT ["auvbench"]

@@ -27,6 +27,7 @@ NOT_RUN = {
     r"pursuit|circling|outputs/poles": "installs a package: tests/integration/test_example_package.py runs these pages",
     r"my_agent|^train -m \.\.\.": "the reader's own agent or words",
     r"simulator=gazebo|protocol=gazebo": "Gazebo",
+    r"--face ardusub|--mavlink": "ArduSub: tests/unit/ardusub and tests/unit/mavlink",
     r"^serve|^pilot|protocol=ros2|simulator=ros2|^replay missions": "ROS 2: tests/integration/test_ros2_*.py",
     r"^bound protocol=test": "hours",
     r"experiment=tune_all": "hours: a study of every algorithm",
@@ -47,6 +48,7 @@ SMALL = {
     "learning_starts": 8,
     "buffer_size": 200,
     "gradient_steps": 1,
+    "updates": "sb3",  # nothing to compile
 }
 PREPARED = (
     "train -m experiment=quickstart",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from auvbench.scheduling.estimate import remaining
 
 from auvbench.runs import progress
 
@@ -19,4 +18,4 @@ def test_the_pace_is_that_since_the_first_step(tmp_path: Path, monkeypatch: pyte
     reporter.step(100)
     reporter.step(200)
     assert [at.steps_per_s for at in told] == [0.0, 100.0]
-    assert [remaining(at) for at in told] == [None, 9.0]
+    assert [at.remaining for at in told] == [None, 9.0]
