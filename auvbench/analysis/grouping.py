@@ -10,8 +10,7 @@ import numpy as np
 import pandas as pd
 
 from auvbench.analysis.effects import run_learns
-from auvbench.analysis.formatting import listed
-from auvbench.analysis.grouping_keys import differing, level, matters, only_fixed, refined, trained
+from auvbench.analysis.grouping_keys import differing, level, matters, refined, trained
 from auvbench.analysis.labels import labels, sort_key
 from auvbench.analysis.measures import of_the_scenario
 from auvbench.analysis.records import NO_POLICY, Agent, Evaluation, Problem, RunRecord
@@ -65,7 +64,7 @@ def agents(
     result = []
     for label, group in zip(names, groups, strict=True):
         group.sort(key=lambda run: (run.seed, run.id))
-        problems += [*_pooled(label, group, set(finer.values()), fixed), *_same_in_test(label, group, fixed)]
+        problems += _pooled(label, group, set(finer.values()), fixed)
         result.append(_agent(label, _key(group[0], finer), group, rows, fingerprint, protocol, condition))
     return result, problems
 
@@ -218,20 +217,6 @@ def _step_limit(evaluation: Evaluation, condition: str) -> float | None:
         if isinstance(limit, int | float) and entry.get("name") == condition:
             return float(limit)
     return None
-
-
-def _same_in_test(label: str, group: Sequence[RunRecord], fixed: bool) -> list[Problem]:
-    """Name the keys in which runs of a controller differ and that the test fixes: they are one row."""
-    found = differing(group, (), fixed, only_fixed)
-    if not found:
-        return []
-    groups = [key.removesuffix(".name") for key in found if key.endswith(".name")]
-    names = [*groups, *(key for key in found if key.partition(".")[0] not in groups)]
-    message = (
-        f"{len(group)} runs differ only in {listed(names, 3)}, which the test fixes: they are one row; auvbench evaluate "
-        "protocol=own tests each in its own"
-    )
-    return [Problem(label, "alike", message)]
 
 
 def _pooled(label: str, group: Sequence[RunRecord], grouped: set[str], fixed: bool) -> list[Problem]:

@@ -6,7 +6,7 @@ trained with. A controller that learns nothing has no use for them: its runs tha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from auvbench.analysis.effects import run_learns
@@ -56,7 +56,6 @@ def differing(
     group: Sequence[RunRecord],
     excused: Iterable[str] = (),
     frequency_fixed: bool = True,
-    matter: Callable[[str, RunRecord, bool], bool] | None = None,
 ) -> dict[str, list[str]]:
     """Return the values by key of everything in which runs of a group differ and that matters to them.
 
@@ -64,9 +63,7 @@ def differing(
         group: the runs.
         excused: keys that may differ.
         frequency_fixed: whether the test has one step frequency for all.
-        matter: another judgement of a key; by default `matters`.
     """
-    matter = matter or matters
     if len(group) < 2:
         return {}
     first, excused = group[0].config, set(excused)
@@ -78,7 +75,7 @@ def differing(
     }
     found = {}
     for key in sorted(suspects):
-        values = {str(run.config.get(key)) for run in group if matter(key, run, frequency_fixed)}
+        values = {str(run.config.get(key)) for run in group if matters(key, run, frequency_fixed)}
         if len(values) > 1:
             found[key] = sorted(values)
     return found
@@ -109,11 +106,6 @@ def matters(key: str, run: RunRecord, frequency_fixed: bool = True) -> bool:
     if not trained(run) and (key.startswith(OF_LEARNING) or is_fixed(key, frequency_fixed)):
         return False
     return not (key.startswith("vehicle.") and key.rpartition(".")[2] in DESCRIPTIVE)
-
-
-def only_fixed(key: str, run: RunRecord, frequency_fixed: bool = True) -> bool:
-    """Return whether a key of a controller is one that the test fixes."""
-    return not trained(run) and is_fixed(key, frequency_fixed)
 
 
 def trained(run: RunRecord) -> bool:

@@ -66,7 +66,7 @@ class Problem:
     where: str
     """run id or path"""
     kind: str
-    """missing | failed | unfinished | damaged | foreign | duplicate | mixed | alike (in the tables all the same)"""
+    """missing | failed | unfinished | damaged | foreign | duplicate | mixed (in the tables all the same)"""
     message: str
 
     def __post_init__(self) -> None:

@@ -34,7 +34,7 @@ class Options:
     then: Name
     group_by: tuple[Name, ...]
     columns: tuple[Name, ...]
-    pairs: bool
+    ranks: bool
     all_findings: bool
     baseline: Name | None
     protocol: Name
@@ -164,7 +164,7 @@ def parser() -> Parser:
         metavar="NAME,...",
         help="further columns: time_over_best_known, training_cpu_s, or any measure",
     )
-    add("--pairs", action=argparse.BooleanOptionalAction, default=None, help="show ranks and all pairs")
+    add("--ranks", action=argparse.BooleanOptionalAction, default=None, help="show ranks and group letters")
     add(
         "--all-findings",
         action=argparse.BooleanOptionalAction,

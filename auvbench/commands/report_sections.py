@@ -140,9 +140,9 @@ def show(report: Report, options: Options) -> None:
     if report.comparison:
         console.print()
         console.print(tables.comparison_terminal(report.comparison))
-    if options.pairs:
+    if options.ranks:
         console.print()
-        console.print(tables.appendix_terminal(report.ranking))
+        console.print(tables.ranks_terminal(report.ranking))
 
 
 def show_score(score: Scores | None, options: Options) -> None:

@@ -24,12 +24,12 @@ from auvbench.reporting.tables.appendix import (
     COMPARISON_NOTE,
     comparison_table,
     conditions_table,
-    pairs_table,
     ranks_table,
+    score_notes,
+    score_table,
 )
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines, notes, of_pairs
-from auvbench.reporting.tables.score import score_notes, score_table
 from auvbench.reporting.tables.table import Table
 from auvbench.reporting.write import Part, overview, text
 
@@ -91,7 +91,7 @@ def write(
     embedded, figure_problems = of_page.embed(figures, links)
     everything = (*ranking.problems, *problems, *figure_problems, *scenes.problems)
     found = of_page.findings(findings, links)
-    pairs, further = ranking.comparisons, of_page.metrics_table(ranking)
+    further = of_page.metrics_table(ranking)
 
     def linked(table: Table) -> Table:
         return of_page.of_agents(table, ranking, hues, links)
@@ -106,7 +106,6 @@ def write(
         conditions=linked(conditions_table(ranking)) if ranking.conditions else None,
         further=linked(further) if further else None,
         ranks=linked(ranks_table(ranking)),
-        pairs=pairs_table(pairs) if pairs else None,
         notes=notes(ranking),
         findings=found[:SHOWN],
         more_findings=found[SHOWN:],

@@ -1,13 +1,12 @@
 """The tables of a report in every format. Each function draws what a `Ranking` holds and computes nothing."""
 
 from auvbench.reporting.tables.latex import conditions_latex, latex, score_latex
-from auvbench.reporting.tables.score import score_csv, score_markdown
 from auvbench.reporting.tables.terminal import (
-    appendix_terminal,
     claims_terminal,
     comparison_terminal,
     conditions_terminal,
     findings_terminal,
+    ranks_terminal,
     score_terminal,
     terminal,
 )
@@ -20,10 +19,11 @@ from auvbench.reporting.tables.text_formats import (
     joined,
     markdown,
     ranks_markdown,
+    score_csv,
+    score_markdown,
 )
 
 __all__ = [
-    "appendix_terminal",
     "claims_terminal",
     "comparison_markdown",
     "comparison_terminal",
@@ -38,6 +38,7 @@ __all__ = [
     "latex",
     "markdown",
     "ranks_markdown",
+    "ranks_terminal",
     "score_csv",
     "score_latex",
     "score_markdown",

@@ -1,14 +1,15 @@
-"""The tables next to the main one: ranks, pairs, conditions, and the original study's numbers."""
+"""The tables next to the main one: ranks, conditions, the original study's numbers, and scores across tasks."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from auvbench.analysis import thesis
 from auvbench.analysis.conditions import in_words
-from auvbench.analysis.formatting import NOTHING, unit
-from auvbench.analysis.measures import measure
-from auvbench.analysis.records import Comparison, Ranking, Row
+from auvbench.analysis.formatting import NOTHING, fixed, name
+from auvbench.analysis.records import Ranking, Row
+from auvbench.analysis.score import Scored, Scores
 from auvbench.analysis.thesis import ComparisonRow
 from auvbench.reporting.tables.main import label_of
 from auvbench.reporting.tables.table import (
@@ -20,6 +21,7 @@ from auvbench.reporting.tables.table import (
     column_of,
     estimate_cell,
 )
+from auvbench.statistics.intervals import Estimate
 
 MOST_LETTERS = 8
 """of an agent's group; longer ones cannot be read, and the rank intervals say the same"""
@@ -55,32 +57,6 @@ def ranks_of(row: Row) -> str:
 def readable_letters(ranking: Ranking) -> bool:
     """Return whether the group letters are short enough to read. The CSV has them always."""
     return all(len(row.group) <= MOST_LETTERS for row in ranking.rows)
-
-
-def pairs_table(comparisons: Sequence[Comparison]) -> Table:
-    """Return pairs of agents with their differences, corrected over all pairs."""
-    m = measure(comparisons[0].metric)
-    points = "points" if m.rate else unit(m).strip()
-    headings = (
-        Heading("agent", words=True),
-        Heading("against", words=True),
-        Heading("difference", points),
-        Heading("p", "Holm"),
-        Heading("verdict", words=True),
-    )
-    lines = [
-        Line(
-            (
-                Cell(c.first),
-                Cell(c.second),
-                estimate_cell(c.difference, 100.0 if m.rate else 1.0, signed=True),
-                Cell("< 0.001" if c.p_adjusted < 0.001 else f"{c.p_adjusted:.3f}", sort=c.p_adjusted),
-                Cell(c.verdict),
-            )
-        )
-        for c in comparisons
-    ]
-    return Table(headings, tuple(lines), lead=2)
 
 
 def conditions_table(ranking: Ranking) -> Table:
@@ -137,3 +113,48 @@ def _theirs_and_ours(row: ComparisonRow | None) -> Cell:
         return Cell(f"{theirs} / {NOTHING}")
     ours = estimate_cell(row.ours)
     return Cell(f"{theirs} / {ours.value}", ours.more)
+
+
+def score_table(found: Scores) -> Table:
+    """Return the score of each agent over all tasks, then that of each task."""
+    headings = [Heading("agent", words=True), Heading("seeds"), Heading("score")]
+    headings += [Heading(title) for title in found.titles]
+    return Table(tuple(headings), tuple(Line(_scores_of(row)) for row in found.rows))
+
+
+def _scores_of(row: Scored) -> tuple[Cell, ...]:
+    one_seed = row.trained and 1 in row.trainings
+    seeds = ", ".join(map(str, dict.fromkeys(n for n in row.trainings if n))) if row.trained else NOTHING
+    return (
+        Cell(f"{row.label} {DAGGER}" if one_seed else row.label),
+        Cell(seeds),
+        _score(row.score),
+        *(_score(Estimate(x, math.nan, math.nan)) for x in row.tasks),
+    )
+
+
+def _score(score: Estimate) -> Cell:
+    if math.isnan(score.value):
+        return Cell(NOTHING)
+    interval = "" if math.isnan(score.low) else f"[{fixed(score.low, 2)}, {fixed(score.high, 2)}]"
+    return Cell(fixed(score.value, 2), interval, score.value)
+
+
+def score_notes(found: Scores) -> list[str]:
+    """Return what the table shows, in sentences without markup."""
+    if not found.rows:
+        return list(found.notes)
+    by = "; ".join(f"{title}: {name(m)}" for title, m in zip(found.titles, found.measures, strict=True))
+    several = found.cells > len(found.titles)
+    over = "seeds, tasks and conditions" if several else "seeds and tasks"
+    notes = [
+        f"Score: random is 0, PID is 1, linear between them in the measure of each task ({by}), on protocol "
+        f"{found.protocol}. The first column is the interquartile mean over {over}, which leaves out the lowest and the highest "
+        "quarter: an agent that fails at one task of five may still score 1. The others are means. It is a description: agents "
+        "are tested against PID in the section of each task.",
+        f"Brackets: {100 * found.confidence:g} % bootstrap intervals over training seeds, drawn task by task; with few seeds "
+        "they hold less often than they say. Controllers have none: nothing is trained.",
+    ]
+    if any(row.trained and 1 in row.trainings for row in found.rows):
+        notes.append(f"{DAGGER} one training seed on a task: no interval.")
+    return [*notes, *found.notes]

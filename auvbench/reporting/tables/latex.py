@@ -6,10 +6,9 @@ from auvbench.analysis.formatting import name
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Ranking
 from auvbench.analysis.score import Scores
-from auvbench.reporting.tables.appendix import conditions_note, conditions_table
+from auvbench.reporting.tables.appendix import conditions_note, conditions_table, score_notes, score_table
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes
-from auvbench.reporting.tables.score import score_notes, score_table
 from auvbench.reporting.tables.table import Cell, Heading, Table
 
 HEAD = r"% \usepackage{booktabs} \usepackage{graphicx} \usepackage{amssymb} \usepackage[T1]{fontenc}"

@@ -21,7 +21,6 @@ KINDS = {
     "foreign": "not comparable",
     "duplicate": "given twice",
     "mixed": "pooled although different",
-    "alike": "the same in this test",
 }
 """titles of the kinds of problems, in the order of a list"""
 
@@ -112,13 +111,13 @@ def of_columns(ranking: Ranking) -> list[str]:
 
 
 def of_pairs(ranking: Ranking) -> str:
-    """Return how to read the pairs of agents."""
+    """Return how to read ranks and letters."""
     groups = (
         "Agents that share a group letter are not resolved from each other."
         if readable_letters(ranking)
         else "Agents whose ranks do not overlap are resolved from each other."
     )
-    return f"Each interval holds for its pair alone; p and the verdict are corrected over all pairs (Holm). {groups}"
+    return f"Corrected over all pairs of agents (Holm), which are in comparisons.csv. {groups}"
 
 
 def limit_lines(ranking: Ranking) -> list[str]:

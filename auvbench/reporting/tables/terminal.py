@@ -21,12 +21,12 @@ from auvbench.reporting.tables.appendix import (
     comparison_table,
     conditions_note,
     conditions_table,
-    pairs_table,
     ranks_table,
+    score_notes,
+    score_table,
 )
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes, of_pairs
-from auvbench.reporting.tables.score import score_notes, score_table
 from auvbench.reporting.tables.table import Cell, Line, Table
 
 MOST_PROBLEMS = 6
@@ -112,15 +112,10 @@ def terminal(ranking: Ranking) -> RenderableType:
     return Group(*parts, *_problems(ranking))
 
 
-def appendix_terminal(ranking: Ranking) -> RenderableType:
-    """Return rank intervals, group letters and all pairs: the exploratory part, behind --pairs."""
-    parts: list[RenderableType] = [
-        Text("ranks (exploratory: all pairs)", style="bold"),
-        TableView(ranks_table(ranking)),
-    ]
-    if ranking.comparisons:
-        parts += [Text(), TableView(pairs_table(ranking.comparisons)), Text(of_pairs(ranking), style="dim")]
-    return Group(*parts)
+def ranks_terminal(ranking: Ranking) -> RenderableType:
+    """Return rank intervals and group letters: the exploratory part, behind --ranks."""
+    title = Text("ranks (exploratory: all pairs)", style="bold")
+    return Group(title, TableView(ranks_table(ranking)), Text(of_pairs(ranking), style="dim"))
 
 
 def conditions_terminal(ranking: Ranking) -> RenderableType:

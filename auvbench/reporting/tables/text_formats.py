@@ -9,6 +9,7 @@ from typing import Any
 
 from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Comparison, Ranking, Row
+from auvbench.analysis.score import Scores
 from auvbench.analysis.thesis import ComparisonRow
 from auvbench.reporting.tables.appendix import (
     COMPARISON_NOTE,
@@ -16,6 +17,8 @@ from auvbench.reporting.tables.appendix import (
     conditions_note,
     conditions_table,
     ranks_table,
+    score_notes,
+    score_table,
 )
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes
@@ -204,3 +207,25 @@ def ranks_markdown(ranking: Ranking) -> str:
 def comparison_markdown(rows: Sequence[ComparisonRow]) -> str:
     """Return the original study's numbers and ours."""
     return f"{pipes(comparison_table(rows))}\n\n{COMPARISON_NOTE}\n"
+
+
+def score_csv(found: Scores) -> str:
+    """Return a row per agent in full precision; an empty string without a score."""
+    if not found.rows:
+        return ""
+    keys = list(dict.fromkeys(key for row in found.rows for key in row.key))
+    header = ["agent", *keys, "protocol", "confidence", "score", "score_low", "score_high"]
+    header += [f"{what}: {title}" for what in ("score", "measure", "seeds") for title in found.titles]
+    measures = [m.name for m in found.measures]
+    rows = []
+    for row in found.rows:
+        line = [row.label, *(row.key.get(key) for key in keys), found.protocol, found.confidence]
+        line += [row.score.value, row.score.low, row.score.high, *row.tasks, *measures, *row.trainings]
+        rows.append(line)
+    return lines(header, rows)
+
+
+def score_markdown(found: Scores) -> str:
+    """Return the table and its notes."""
+    table = [pipes(score_table(found))] if found.rows else []
+    return "\n\n".join([*table, "\n".join(f"* {escape(line)}" for line in score_notes(found))]) + "\n"

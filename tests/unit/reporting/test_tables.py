@@ -14,10 +14,9 @@ from auvbench.analysis.load import agents, load
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, Finding, Needed, Problem, Ranking, Row
 from auvbench.reporting import tables
-from auvbench.reporting.tables.appendix import pairs_table, ranks_table
+from auvbench.reporting.tables.appendix import ranks_table
 from auvbench.reporting.tables.main import main_table, needed_text
 from auvbench.reporting.tables.notes import cautions, notes
-from auvbench.reporting.tables.text_formats import pipes
 from auvbench.reporting.write import findings_in_markdown
 from auvbench.statistics.intervals import Estimate
 from tests.paper import compile_article, needs_pdflatex
@@ -264,16 +263,12 @@ def test_columns_on_request_stand_in_every_format(ranking: Ranking) -> None:
     assert "path efficiency" in tables.latex(other)
 
 
-def test_pairs(ranking: Ranking) -> None:
-    table = pairs_table(ranking.comparisons)
-    assert len(table.lines) == 6
-    text = pipes(table)
-    assert "| agent | against | difference (points) |" in text
+def test_ranks_on_a_screen(ranking: Ranking) -> None:
     console = Console(width=70, file=io.StringIO(), record=True)
-    console.print(tables.appendix_terminal(ranking))
+    console.print(tables.ranks_terminal(ranking))
     shown = console.export_text()
     assert max(map(len, shown.splitlines())) <= 70
-    assert "verdict" in shown
+    assert all(row.label in shown for row in ranking.rows)
 
 
 def test_five_findings_are_shown_unless_all_are_asked_for() -> None:
