@@ -21,7 +21,6 @@ from auvbench.config.schema import step_limit
 from auvbench.config.tasks import TASKS
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import AgentError, AuvbenchError, AuvbenchWarning, RunError
-from auvbench.evaluation import inference
 from auvbench.evaluation.protocol import (
     ResolvedCondition,
     as_played,
@@ -29,7 +28,7 @@ from auvbench.evaluation.protocol import (
     fingerprint_parts,
     resolve_conditions,
 )
-from auvbench.evaluation.rollout import Rollout, roll_out
+from auvbench.evaluation.rollout import Rollout, roll_out, time_actions
 from auvbench.record import columns, record_columns
 from auvbench.runs import identity, integrity, lock, provenance
 from auvbench.runs.atomic_io import as_json, make_folder, replace_folder, storage, write_atomic
@@ -37,8 +36,6 @@ from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.plan import load_config
 from auvbench.untrusted import path_safety
 from auvbench.vehicles import sheet
-
-"""The columns of a record that are averaged in summary.json."""
 
 
 def read_summary(run: RunDirectory, protocol: str) -> dict[str, Any] | None:
@@ -80,11 +77,7 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
         return "its fingerprint does not cover what computes outcomes"
     if there.get("scenarios") != here["scenarios"]:
         return "its scenarios differ: the protocol, the vehicle or their draw has changed since"
-    # Evaluations of earlier versions have no `ends`.
-    if any(
-        there.get(part, "" if part == "outcomes" else here[part]) != here[part]
-        for part in ("outcomes", "ends")
-    ):
+    if there.get("outcomes") != here["outcomes"]:
         return "the same commands have other outcomes now: the simulator or the task has changed since"
     return ""
 
@@ -231,7 +224,7 @@ def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | Non
     try:
         agent = make_agent(run, config.step.frequency)
         # An agent that moves the vehicle itself computes outside of its actions.
-        return None if hasattr(agent, "simulator") else inference.measure(agent, config)
+        return None if hasattr(agent, "simulator") else time_actions(agent, config)
     except Exception as error:  # an installed agent may raise any of them
         reason = f"{run.id}: the time of an action is missing: {plugins.describe_error(error)}"
         warnings.warn(AuvbenchWarning(reason), stacklevel=2)

@@ -123,21 +123,14 @@ def fingerprint(protocol: schema.Protocol, conditions: list[ResolvedCondition]) 
     frequency), and what the code makes of it (`reference`). Rewards and names do not enter. The first 200 episodes of
     `test` are the 200 of `thesis`, but 500 and 200 episodes are different tests.
     """
-    parts = fingerprint_parts(protocol, conditions)
-    return digest_of({name: parts[name] for name in ("scenarios", "outcomes")}, 16)
+    return digest_of(fingerprint_parts(protocol, conditions), 16)
 
 
 def fingerprint_parts(protocol: schema.Protocol, conditions: list[ResolvedCondition]) -> dict[str, str]:
-    """Return the parts of a fingerprint, 16 digits each: the scenarios, and their outcomes by today's code.
-
-    `ends`, how episodes end, is compared before an evaluation is reused. It is no part of the fingerprint: published
-    results have none.
-    """
-    played = [_played(c) for c in conditions]
+    """Return the parts of a fingerprint, 16 digits each: the scenarios, and their outcomes by today's code."""
     return {
         "scenarios": digest_of([_drawn(protocol, c) for c in conditions], 16),
-        "outcomes": digest_of([outcomes for outcomes, _ in played], 16),
-        "ends": digest_of([ends for _, ends in played], 16),
+        "outcomes": digest_of([_played(c) for c in conditions], 16),
     }
 
 
@@ -156,7 +149,7 @@ _NO_ROWS = ("threads", "namespace", "timeout")
 
 # The runs of a grid meet the same scenarios: each is drawn and played once.
 _draws: dict[str, str] = {}
-_plays: dict[str, tuple[str, str]] = {}
+_plays: dict[str, str] = {}
 
 
 def _physics(condition: ResolvedCondition) -> dict[str, Any]:
@@ -177,15 +170,12 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
     }
 
 
-def _played(condition: ResolvedCondition) -> tuple[str, str]:
-    """Return both digests of the reference play."""
+def _played(condition: ResolvedCondition) -> str:
+    """Return the digest of the reference play."""
     key = digest_of(_physics(condition), 64)
     if key not in _plays:
         frequency = condition.config.step.frequency if condition.fixed_frequency else None
-        _plays[key] = (
-            reference.digest(condition.config, frequency),
-            reference.ends(condition.config, frequency),
-        )
+        _plays[key] = reference.digest(condition.config, frequency)
     return _plays[key]
 
 

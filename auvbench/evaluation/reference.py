@@ -6,7 +6,7 @@ reward or another precedence of outcomes does not.
 
 Two machines may differ in the last bits of a sine. Numbers are therefore rounded to `DIGITS` digits of the largest of
 their kind, and the play is too short for such differences to grow. Smaller changes, and later ones than `STEPS` steps, go
-unnoticed. A second digest, `ends`, covers the ends of longer episodes.
+unnoticed.
 """
 
 from __future__ import annotations
@@ -41,15 +41,6 @@ PLACES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.5])
 VELOCITY = np.array([0.5, -0.25, 0.125, 0.125, -0.25, 0.25])
 """m/s and rad/s: damping and Coriolis forces act from the first step on"""
 
-ENDS_AT = (2, 36)
-"""steps of the second play at which vehicles are put near a limit: early, and later than `STEPS`"""
-
-ENDS_STEPS = 40
-"""steps of the second play, and its step limit"""
-
-MARGIN = 0.125
-"""m from a limit, to either side"""
-
 _REWARD = rewards.Thesis(name="thesis", k=40.0, length=20.0, success=500.0, collision=-550.0, regress=-10.0)
 """fixed: rewards belong to the agent, but their code computes a column of every row"""
 
@@ -69,46 +60,6 @@ def digest(config: schema.TrainConfig, frequency: float | None) -> str:
         sha.update(name.encode())
         sha.update(rounded(values).tobytes())
     return sha.hexdigest()[:16]
-
-
-def ends(config: schema.TrainConfig, frequency: float | None) -> str:
-    """Return 16 hexadecimal digits of how and when episodes end at both depth limits, the goal and the step limit.
-
-    Vehicles without thrust are put to either side of each, early and late in an episode. Only whole numbers enter.
-
-    Raises:
-        TrainingError: the simulation leaves the finite numbers.
-    """
-    places = [(step, place) for step in ENDS_AT for place in range(6)]
-    n = len(places)
-    batch = Batch(_standard(config, frequency, ENDS_STEPS), n, seed=0, test=True, autoreset=False)
-    batch.task.assign(np.arange(n))
-    batch.reset()
-    found = np.full((n, 2), -1, dtype=np.int64)
-    idle = np.zeros((n, len(batch.vehicle.actuators)))
-    for step in range(ENDS_STEPS):
-        for row, (when, place) in enumerate(places):
-            if step == when:
-                _put_near_an_end(batch, row, place)
-        result = batch.step(idle)
-        for row, record in zip(result.ended.tolist(), result.records, strict=True):
-            if found[row, 0] < 0:
-                found[row] = OUTCOMES.index(str(record["outcome"])), int(record["steps"])
-    return hashlib.sha256(found.tobytes()).hexdigest()[:16]
-
-
-def _put_near_an_end(batch: Batch, row: int, place: int) -> None:
-    """Put a vehicle just inside or outside the upper depth limit, the lower one, or the goal (the bounds of other tasks)."""
-    pose, task = batch.simulator.pose, batch.config.task
-    side = MARGIN if place % 2 else -MARGIN
-    batch.simulator.velocity[row] = 0.0
-    if place < 4:
-        pose[row, 2] = (task.depth_high if place < 2 else task.depth_low) + side
-        return
-    waypoint = batch.task.reference[row]
-    back = pose[row, :3] - waypoint
-    radius = task.goal_radius if isinstance(task, tasks.Waypoint) else task.bounds
-    pose[row, :3] = waypoint + back / np.linalg.norm(back) * (radius + side)
 
 
 def rounded(values: Floats) -> NDArray[np.int64]:
@@ -154,11 +105,9 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
         yield column, np.array(numbers, dtype=np.float64)
 
 
-def _standard(
-    config: schema.TrainConfig, frequency: float | None, steps: int = STEPS // 2
-) -> schema.TrainConfig:
-    """Return the condition without the agent's own keys, with episodes of at most `steps`."""
-    task = replace(config.task, time_limit=None, max_steps=steps, **_observed(config.task))
+def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.TrainConfig:
+    """Return the condition without the agent's own keys, with short episodes."""
+    task = replace(config.task, time_limit=None, max_steps=STEPS // 2, **_observed(config.task))
     simulator = config.simulator
     if not isinstance(simulator, Fossen):
         simulator = Fossen(name="fossen", max_step=0.01, threads=1)

@@ -11,7 +11,7 @@ from auvbench import cli
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.errors import AuvbenchWarning
-from auvbench.evaluation import inference
+from auvbench.evaluation import evaluate, rollout
 from auvbench.evaluation.evaluate import read_summary
 from tests.unit.runs.test_damage import frozen
 
@@ -38,8 +38,8 @@ class Slow:
 @pytest.mark.slow
 @pytest.mark.parametrize("computes", [False, True])
 def test_what_an_action_waits_for_does_not_count(computes, monkeypatch):
-    monkeypatch.setattr(inference, "ACTIONS", 30)
-    found = inference.measure(Slow(0.02, computes), train_config(compose("train", ["algo=pid"])))
+    monkeypatch.setattr(rollout, "ACTIONS", 30)
+    found = rollout.time_actions(Slow(0.02, computes), train_config(compose("train", ["algo=pid"])))
     assert found["clock"] == "processor"
     if computes:
         assert found["median_ms"] >= 20.0
@@ -49,8 +49,8 @@ def test_what_an_action_waits_for_does_not_count(computes, monkeypatch):
 
 @pytest.mark.slow
 def test_an_action_longer_than_the_limit_is_timed(monkeypatch):
-    monkeypatch.setattr(inference, "SECONDS", 0.05)
-    found = inference.measure(Slow(0.1, computes=True), train_config(compose("train", ["algo=pid"])))
+    monkeypatch.setattr(rollout, "SECONDS", 0.05)
+    found = rollout.time_actions(Slow(0.1, computes=True), train_config(compose("train", ["algo=pid"])))
     assert found["actions"] == 1
     assert found["median_ms"] >= 100.0
 
@@ -60,7 +60,7 @@ def test_a_failed_measurement_is_null_and_keeps_the_rows(tmp_path, monkeypatch, 
     def fail(*_):
         raise IndexError("no time")
 
-    monkeypatch.setattr(inference, "measure", fail)
+    monkeypatch.setattr(evaluate, "time_actions", fail)
     runs = [frozen(tmp_path, "algo=pid", f"seed={seed}") for seed in range(2)]
     with pytest.warns(AuvbenchWarning, match="no time"):
         assert cli.main(["evaluate", str(tmp_path), "protocol.episodes=2", "--workers", "1"]) == 0
@@ -76,7 +76,7 @@ def test_a_failed_measurement_is_null_and_keeps_the_rows(tmp_path, monkeypatch, 
 def test_the_rows_are_there_before_the_measurement(tmp_path, monkeypatch):
     run = frozen(tmp_path, "algo=pid")
     there = []
-    monkeypatch.setattr(inference, "measure", lambda *_: there.append(is_there(run)))
+    monkeypatch.setattr(evaluate, "time_actions", lambda *_: there.append(is_there(run)))
     assert cli.main(["evaluate", str(run.path), "protocol.episodes=2", "--workers", "1"]) == 0
     assert there == [True]
 

@@ -27,7 +27,7 @@ from omegaconf import OmegaConf
 from auvbench.config.compose import compose, typed
 from auvbench.evaluation import reference
 config = OmegaConf.create(OmegaConf.to_container(compose("train", ["disturbance=severe"]), resolve=True))
-print(reference.digest(typed(config), None), reference.ends(typed(config), None))
+print(reference.digest(typed(config), None))
 """
 
 
@@ -40,12 +40,8 @@ def digest(*overrides: str) -> str:
     return reference.digest(config(*overrides), None)
 
 
-def ends(*overrides: str) -> str:
-    return reference.ends(config(*overrides), None)
-
-
-def played_elsewhere(folder: Path, file: str = "", old: str = "", new: str = "") -> tuple[str, str]:
-    """Return both digests of a copy of the package in which one file was changed, interpreted instead of compiled."""
+def played_elsewhere(folder: Path, file: str = "", old: str = "", new: str = "") -> str:
+    """Return the digest of a copy of the package in which one file was changed, interpreted instead of compiled."""
     shutil.copytree(PACKAGE, folder / "auvbench", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(PACKAGE.parent / "conf", folder / "auvbench" / "conf", dirs_exist_ok=True)
     if file:
@@ -58,13 +54,12 @@ def played_elsewhere(folder: Path, file: str = "", old: str = "", new: str = "")
         [sys.executable, "-c", PLAY], capture_output=True, text=True, cwd=folder, env=environment, check=False
     )
     assert done.returncode == 0, done.stderr
-    outcomes, ending = done.stdout.split()[-2:]
-    return outcomes, ending
+    return done.stdout.split()[-1]
 
 
 @pytest.mark.slow
 def test_it_is_the_same_interpreted_and_compiled(tmp_path: Path) -> None:
-    assert played_elsewhere(tmp_path) == (digest("disturbance=severe"), ends("disturbance=severe"))
+    assert played_elsewhere(tmp_path) == digest("disturbance=severe")
 
 
 @pytest.mark.slow
@@ -76,25 +71,7 @@ def test_it_is_the_same_interpreted_and_compiled(tmp_path: Path) -> None:
     ],
 )
 def test_changed_sources_change_it(tmp_path: Path, file: str, old: str, new: str) -> None:
-    assert played_elsewhere(tmp_path, file, old, new)[0] != digest("disturbance=severe")
-
-
-OUTSIDE = "if leaves_water(i, pose, P)"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "new",
-    [
-        "if leaves_water(i, pose, P) and not -61.0 < pose[i, 2] < -60.0",
-        "if leaves_water(i, pose, P) and C[i, C_STEPS] <= 24",
-    ],
-    ids=["lower limit 1 m deeper", "no collisions after step 24"],
-)
-def test_changed_ends_change_the_digest_of_ends_and_not_the_fingerprint(tmp_path: Path, new: str) -> None:
-    outcomes, ending = played_elsewhere(tmp_path, "tasks/waypoint.py", OUTSIDE, new)
-    assert outcomes == digest("disturbance=severe"), "published fingerprints would change"
-    assert ending != ends("disturbance=severe")
+    assert played_elsewhere(tmp_path, file, old, new) != digest("disturbance=severe")
 
 
 @pytest.mark.slow
