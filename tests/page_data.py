@@ -11,27 +11,28 @@ import numpy as np
 
 from auvbench.analysis import grouping, load, thesis
 from auvbench.analysis.ranking import rank
-from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, RunRecord
+from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Report, RunRecord
+from auvbench.analysis.sections import Section
+from auvbench.reporting import page
 from auvbench.reporting.figures import Figure
 from tests.synthetic import write_experiment
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
-LINES = ("-", "--", "-.", ":")
 EVIL = '</script><script>window.broken=1</script><img src=x onerror="window.broken=1">'
 
 
 def parts(folder: Path, **grid: Any) -> dict[str, Any]:
-    """Keyword arguments of `page.write` for a synthetic experiment under `folder`."""
+    """Arguments of `write` for a synthetic experiment under `folder`."""
     write_experiment(folder / "grid", **grid)
     runs, problems = load.load([folder / "grid"])
     agents, more = grouping.agents(runs)
+    ranking = rank(agents, problems=[*problems, *more])
+    by_label = {agent.label: agent for agent in agents}
     return {
-        "ranking": rank(agents),
-        "agents": agents,
+        "ranking": ranking,
+        "agents": [by_label[row.label] for row in ranking.rows],
         "runs": runs,
-        "problems": [*problems, *more],
         "figures": figures(folder / "report" / "figures"),
-        "colours": colours(agents),
         "findings": findings(agents),
         "claims": claims(runs),
         "comparison": thesis.compare(agents),
@@ -39,11 +40,10 @@ def parts(folder: Path, **grid: Any) -> dict[str, Any]:
     }
 
 
-def colours(agents: Sequence[Agent]) -> dict[str, tuple[str, str, str]]:
-    return {
-        agent.label: (PALETTE[i % len(PALETTE)], "o", LINES[(i // len(PALETTE)) % len(LINES)])
-        for i, agent in enumerate(agents)
-    }
+def write(path: Path, *, command: str = "", figures: Sequence[Figure] = (), **given: Any) -> Path:
+    """Write the page of runs; `given` are fields of the report."""
+    section = Section("vehicle bluerov2", "bluerov2", "bluerov2", "", tuple(given.pop("runs")))
+    return page.write(path, Report(section=section, **given), figures, command=command)
 
 
 def figures(folder: Path, count: int = 2) -> list[Figure]:

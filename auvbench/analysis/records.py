@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,8 @@ from auvbench.untrusted.text import short
 
 if TYPE_CHECKING:
     from auvbench.analysis.archive import Archive
+    from auvbench.analysis.sections import Section
+    from auvbench.analysis.thesis import ComparisonRow
 
 NO_POLICY = -1
 """outcome of every test episode of a training that failed: there is no policy, so no success"""
@@ -288,3 +290,24 @@ class ClaimVerdict:
     statistic: str = ""
     missing: str = ""
     run_ids: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """Everything that the formats show of one section."""
+
+    section: Section
+    agents: Sequence[Agent]
+    """in the order of the ranking"""
+    ranking: Ranking
+    findings: Sequence[Finding] = ()
+    claims: Sequence[ClaimVerdict] = ()
+    comparison: Sequence[ComparisonRow] = ()
+    """the study's own numbers next to ours"""
+    without_baseline: bool = False
+    """the baseline that was named is not in this section"""
+
+    @property
+    def runs(self) -> Sequence[RunRecord]:
+        """Every run that was found, with or without an evaluation."""
+        return self.section.runs

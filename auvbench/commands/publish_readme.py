@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from auvbench.commands.report_options import STORED, Options, defaults
 
 if TYPE_CHECKING:
-    from auvbench.analysis.records import Ranking, RunRecord
-    from auvbench.commands.report import Report
+    from auvbench.analysis.records import Ranking, Report, RunRecord
     from auvbench.runs.declared import Declared
 
 
@@ -125,8 +124,7 @@ def _tables(protocols: Sequence[tuple[str, Sequence[Report]]], folder: Path) -> 
 
     reports = protocols[0][1]
     files.text(folder / "table.csv", of_sections(reports, tables.csv))
-    parts = [(r.section.title, r.claims, r.findings) for r in reports]
-    files.if_any(folder / "verdicts.json", files.verdicts(parts))
+    files.if_any(folder / "verdicts.json", files.verdicts(reports))
     conditions = [(name, of_sections(found, tables.conditions_csv)) for name, found in protocols]
     files.if_any(folder / "conditions.csv", tables.joined("protocol", conditions))
 

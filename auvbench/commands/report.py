@@ -6,7 +6,7 @@ import gc
 import os
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from auvbench.record import PRIMARY
 from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
-    from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
+    from auvbench.analysis.records import Agent, ClaimVerdict, Problem, Report, RunRecord
     from auvbench.analysis.sections import Section
     from auvbench.analysis.thesis import ComparisonRow
     from auvbench.reporting.figures import Figure
@@ -141,7 +141,7 @@ def _analyse(
     from auvbench.analysis.optional_columns import with_columns
     from auvbench.analysis.primary import declaration, find_baseline
     from auvbench.analysis.ranking import one_run_of_a_controller, rank
-    from auvbench.analysis.records import Problem
+    from auvbench.analysis.records import Problem, Report
 
     grouped, more = agents(part.runs, options.group_by, options.protocol, condition, options.failed_trainings)
     grouped = [one_run_of_a_controller(agent) for agent in grouped]
@@ -174,7 +174,7 @@ def _analyse(
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
     claims, numbers = _study(part.runs, ordered, options)
     missing = options.baseline is not None and baseline is None and not declared
-    return Report(part, part.runs, ordered, ranking, find(ranking, ordered), claims, numbers, missing)
+    return Report(part, ordered, ranking, find(ranking, ordered), claims, numbers, missing)
 
 
 def _check_margin(parts: Sequence[Section], options: Options) -> None:
@@ -199,23 +199,6 @@ def _measure(part: Section, options: Options) -> str:
     return primary_of(str(part.runs[0].config.get("task.name")))
 
 
-@dataclass(frozen=True, slots=True)
-class Report:
-    """Everything that the formats show of one section."""
-
-    section: Section
-    runs: Sequence[RunRecord]
-    agents: Sequence[Agent]
-    """in the order of the ranking"""
-    ranking: Ranking
-    findings: Sequence[Finding]
-    claims: Sequence[ClaimVerdict]
-    comparison: Sequence[ComparisonRow]
-    """the study's own numbers next to ours"""
-    without_baseline: bool = False
-    """the baseline that was named is not in this section"""
-
-
 def _study(
     runs: Sequence[RunRecord], agents: Sequence[Agent], options: Options
 ) -> tuple[Sequence[ClaimVerdict], Sequence[ComparisonRow]]:
@@ -228,11 +211,7 @@ def _study(
 
 
 def write(
-    report: Report,
-    options: Options,
-    command: str,
-    out: Path,
-    title: str = "",
+    report: Report, options: Options, command: str, out: Path, several: bool = False
 ) -> tuple[Report, list[Path]]:
     """Writes the formats asked for; returns the report, with what drawing found damaged, and the files.
 
@@ -241,13 +220,15 @@ def write(
         options: what is written.
         command: the command line, for the page.
         out: the folder.
-        title: of the section, where the report has several.
+        several: whether the report has several sections.
     """
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
     from auvbench.runs.atomic_io import make_folder
 
-    if options.out is None or title:  # a folder that was typed may be a link; one that exists may be foreign
+    if (
+        options.out is None or several
+    ):  # a folder that was typed may be a link; one that exists may be foreign
         path_safety.check_output(out)
     path_safety.check_output(out / "figures")
     try:
@@ -264,10 +245,11 @@ def write(
         ranking = replace(ranking, problems=(*ranking.problems, *problems))
         report = replace(report, ranking=ranking)
     if "html" in options.format:
-        written.append(_page(out / "index.html", report, figures, command, title))
+        from auvbench.reporting import page
+
+        written.append(page.write(out / "index.html", report, figures, command=command, several=several))
     if "md" in options.format:
-        text = files.markdown(ranking, report.findings, report.claims, report.comparison, figures, out)
-        written.append(files.text(out / "report.md", text))
+        written.append(files.text(out / "report.md", files.markdown(report, figures, out)))
     if "tex" in options.format:
         written.append(files.text(out / "table.tex", tables.latex(ranking)))
         written += files.if_any(out / "conditions.tex", tables.conditions_latex(ranking))
@@ -275,29 +257,8 @@ def write(
         written.append(files.text(out / "table.csv", tables.csv(ranking)))
         written += files.if_any(out / "comparisons.csv", tables.comparisons_csv(ranking.comparisons))
         written += files.if_any(out / "conditions.csv", tables.conditions_csv(ranking))
-        written += files.if_any(
-            out / "verdicts.json", files.verdicts([(title, report.claims, report.findings)])
-        )
+        written += files.if_any(out / "verdicts.json", files.verdicts([report]))
     return report, written
-
-
-def _page(path: Path, report: Report, figures: Sequence[Figure], command: str, title: str) -> Path:
-    from auvbench.reporting import page
-    from auvbench.reporting.figures import colour_of
-
-    return page.write(
-        path,
-        ranking=report.ranking,
-        agents=report.agents,
-        runs=report.runs,
-        figures=figures,
-        findings=report.findings,
-        claims=report.claims,
-        comparison=report.comparison,
-        colours=colour_of(report.agents),
-        command=command,
-        section=title,
-    )
 
 
 def report_folder(runs: Sequence[RunRecord]) -> Path:

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.report import Report, write
+from auvbench.commands.report import write
 from auvbench.commands.report_options import Options
 
 if TYPE_CHECKING:
-    from auvbench.analysis.records import Agent
+    from auvbench.analysis.records import Agent, Report
     from auvbench.analysis.score import Scores
 
 
@@ -91,20 +91,19 @@ def write_sections(
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
     from auvbench.reporting.page.writer import write_overview
-    from auvbench.reporting.write import Part, text
+    from auvbench.reporting.write import text
 
     whole, below = [], []
     for report in reports:
         folder = out / report.section.folder
-        found, written = write(report, options, command, folder, report.section.title)
+        found, written = write(report, options, command, folder, several=True)
         whole.append(found)
         below += written
-    parts = [Part(r.section.title, r.section.folder, r.ranking, r.agents, r.runs, r.findings) for r in whole]
     above = []
     if "html" in options.format:
-        above.append(write_overview(out / "index.html", parts, command, score))
+        above.append(write_overview(out / "index.html", whole, command, score))
     if "md" in options.format:
-        above.append(files.sections_markdown(out / "report.md", parts, score))
+        above.append(text(out / "report.md", files.sections_markdown(whole, score)))
     if "csv" in options.format:
         rows = tables.joined("vehicle", [(r.section.vehicle, tables.csv(r.ranking)) for r in whole])
         above.append(text(out / "table.csv", rows))

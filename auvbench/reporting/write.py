@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from auvbench.analysis.findings import SHOWN
-from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
+from auvbench.analysis.records import ClaimVerdict, Finding, Report
 from auvbench.analysis.score import Scores
-from auvbench.analysis.thesis import ComparisonRow
 from auvbench.reporting import tables
 from auvbench.reporting.figures import FIGURES, MAIN, Figure
 from auvbench.reporting.tables.notes import of_pairs
@@ -38,34 +37,19 @@ def if_any(path: Path, content: str) -> list[Path]:
     return []
 
 
-def markdown(
-    ranking: Ranking,
-    findings: Sequence[Finding],
-    claims: Sequence[ClaimVerdict],
-    comparison: Sequence[ComparisonRow],
-    figures: Sequence[Figure],
-    folder: Path,
-) -> str:
-    """Return report.md; its links are relative to `folder`.
-
-    Args:
-        ranking: the table.
-        findings: what the data show in addition to the primary analysis.
-        claims: claims of a study with their verdicts.
-        comparison: the study's own numbers next to ours.
-        figures: drawn already, the main one first.
-        folder: where report.md will lie.
-    """
+def markdown(report: Report, figures: Sequence[Figure], folder: Path) -> str:
+    """Return report.md of one section; its links are relative to `folder`, where it will lie."""
+    ranking = report.ranking
     main = next((figure for figure in figures if figure.name == MAIN), None)
     parts = ["# Report", tables.markdown(ranking, figure_in_markdown(main, folder) if main else "").rstrip()]
-    if findings:
-        parts += ["## Findings", findings_in_markdown(findings)]
+    if report.findings:
+        parts += ["## Findings", findings_in_markdown(report.findings)]
     if ranking.conditions:
         parts += ["## Conditions", tables.conditions_markdown(ranking).rstrip()]
-    if claims:
-        parts += ["## Claims of the study", claims_in_markdown(claims)]
-    if comparison:
-        parts += ["## The study's table and ours", tables.comparison_markdown(comparison).rstrip()]
+    if report.claims:
+        parts += ["## Claims of the study", claims_in_markdown(report.claims)]
+    if report.comparison:
+        parts += ["## The study's table and ours", tables.comparison_markdown(report.comparison).rstrip()]
     others = [figure for figure in figures if figure is not main]
     if others:
         parts.append("## Figures")
@@ -80,26 +64,17 @@ def figure_in_markdown(figure: Figure, folder: Path) -> str:
     return f"![{escape(figure.title)}](<{link}>)\n\n{escape(figure.caption)}"
 
 
-def verdicts(parts: Sequence[tuple[str, Sequence[ClaimVerdict], Sequence[Finding]]]) -> str:
-    """Return verdicts.json: each claim, then each finding, as data; empty without any.
-
-    Args:
-        parts: title, claims and findings of each section; the title is written where there are several.
-    """
-    rows = []
-    for title, claims, findings in parts:
-        section = {"section": title} if len(parts) > 1 else {}
-        rows += [{**section, "claim": i, **asdict(claim)} for i, claim in enumerate(claims, 1)]
-        rows += [{**section, "finding": i, **_plain(finding)} for i, finding in enumerate(findings, 1)]
+def verdicts(reports: Sequence[Report]) -> str:
+    """Return verdicts.json: each claim, then each finding, as data, with its section if there are several; empty without any."""
+    rows: list[dict[str, Any]] = []
+    for report in reports:
+        section = {"section": report.section.title} if len(reports) > 1 else {}
+        rows += [{**section, "claim": i, **asdict(claim)} for i, claim in enumerate(report.claims, 1)]
+        for i, finding in enumerate(report.findings, 1):
+            rows.append({**section, "finding": i, **asdict(finding)})
+            if finding.estimate is not None:
+                rows[-1]["estimate"] = _numbers(finding.estimate)
     return as_json(rows).decode() if rows else ""
-
-
-def _plain(finding: Finding) -> dict[str, Any]:
-    """Return a finding as JSON takes it: no number is null."""
-    found = asdict(finding)
-    if finding.estimate is not None:
-        found["estimate"] = _numbers(finding.estimate)
-    return found
 
 
 def _numbers(estimate: Estimate) -> dict[str, Any]:
@@ -164,22 +139,20 @@ def overview(sections: int, score: Scores | None) -> str:
     return f"{len(score.titles)} tasks: agents are compared within each task, and a score describes them across tasks."
 
 
-def sections_markdown(path: Path, parts: Sequence[Part], score: Scores | None = None) -> Path:
-    """Write report.md with the table and the findings of each section, and a link to its own report."""
-    pieces = [
-        "# Report",
-        overview(len(parts), score),
-    ]
+def sections_markdown(reports: Sequence[Report], score: Scores | None = None) -> str:
+    """Return report.md with the table and the findings of each section, and a link to its own report."""
+    pieces = ["# Report", overview(len(reports), score)]
     if score is not None:
         pieces += ["## Score across tasks", tables.score_markdown(score).rstrip()]
-    for part in parts:
+    for report in reports:
+        title = report.section.title
         pieces += [
-            f"## {escape(part.title[:1].upper() + part.title[1:])}",
-            tables.markdown(part.ranking).rstrip(),
-            findings_in_markdown(part.findings),
-            f"[All of {escape(part.title)}](<{part.folder}/report.md>)",
+            f"## {escape(title[:1].upper() + title[1:])}",
+            tables.markdown(report.ranking).rstrip(),
+            findings_in_markdown(report.findings),
+            f"[All of {escape(title)}](<{report.section.folder}/report.md>)",
         ]
-    return text(path, "\n\n".join(filter(None, pieces)) + "\n")
+    return "\n\n".join(filter(None, pieces)) + "\n"
 
 
 def clear(out: Path) -> None:
@@ -188,16 +161,3 @@ def clear(out: Path) -> None:
     stale += [out / "figures" / f"{name}{suffix}" for name in FIGURES for suffix in (".png", ".svg")]
     for path in stale:
         path.unlink(missing_ok=True)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """One section of the report."""
-
-    title: str
-    folder: str
-    """of its own report, below the folder of the overview"""
-    ranking: Ranking
-    agents: Sequence[Agent]
-    runs: Sequence[RunRecord]
-    findings: Sequence[Finding]

@@ -7,13 +7,14 @@ import itertools
 import json
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from auvbench.commands.report import main
-from auvbench.reporting import page
+from auvbench.reporting.figures import colour_of
 from tests import page_data
 from tests.synthetic import ROBUSTNESS, reconfigure, write_experiment
 
@@ -45,8 +46,9 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, An
     folder = tmp_path_factory.mktemp("browser")
     grid = {"reward_k": (1.0, 40.0), "seeds": (0, 1, 2, 3, 4, 5), "episodes": 40, "train_episodes": 60}
     parts = page_data.parts(folder, **grid)
-    parts["problems"] = [page_data.hostile_problem()]
-    return page.write(folder / "report" / "index.html", **parts), parts
+    parts["ranking"] = replace(parts["ranking"], problems=(page_data.hostile_problem(),))
+    path = page_data.write(folder / "report" / "index.html", **parts)
+    return path, {**parts, "colours": colour_of(parts["agents"])}
 
 
 @pytest.fixture(scope="module")

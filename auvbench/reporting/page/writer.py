@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import re
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jinja2
 from markupsafe import Markup
 
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.primary import headline
-from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
+from auvbench.analysis.records import Ranking, Report, RunRecord
 from auvbench.analysis.score import Scores
-from auvbench.reporting.figures import MAIN, Figure
+from auvbench.reporting.figures import MAIN, Figure, colour_of
+from auvbench.reporting.figures.style import Look
 from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories as trajectories_
 from auvbench.reporting.tables.appendix import (
@@ -31,66 +31,39 @@ from auvbench.reporting.tables.appendix import (
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines, notes, of_pairs
 from auvbench.reporting.tables.table import Table
-from auvbench.reporting.write import Part, overview, text
-
-if TYPE_CHECKING:
-    from auvbench.analysis.thesis import ComparisonRow
+from auvbench.reporting.write import overview, text
 
 SCRIPTS = ("tables.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
 """Joined in this order into the page's one script."""
-_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
-_GREY = "#7f7f7f"
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 
 
 def write(
-    path: Path,
-    *,
-    ranking: Ranking,
-    agents: Sequence[Agent],
-    runs: Sequence[RunRecord],
-    figures: Sequence[Figure] = (),
-    findings: Sequence[Finding] = (),
-    claims: Sequence[ClaimVerdict] = (),
-    comparison: Sequence[ComparisonRow] = (),
-    problems: Sequence[Problem] = (),
-    colours: Mapping[str, tuple[str, Any, Any]],
-    command: str = "",
-    title: str = "",
-    section: str = "",
+    path: Path, report: Report, figures: Sequence[Figure] = (), *, command: str = "", several: bool = False
 ) -> Path:
-    """Write the report as one HTML file that needs nothing but a browser; return its path.
+    """Write the report of a section as one HTML file that needs nothing but a browser; return its path.
 
     Everything is inside the file: style, script, figures, trajectories. Links lead by relative paths to the
     files of the runs, so the page and the runs move together. The same arguments give the same bytes.
 
     Args:
         path: the file to write, usually `report/index.html`; folders are made.
-        ranking: the ranked table.
-        agents: the agents of the ranking, in any order.
-        runs: every run that was found, with or without an evaluation.
+        report: of the section.
         figures: in the order to show.
-        findings: what the data show in addition to the primary analysis.
-        claims: the claims of a study with their verdicts.
-        comparison: the numbers of a study's own table with ours.
-        problems: what was found while loading; those of the ranking are added.
-        colours: by label (colour as #rrggbb, marker, line style), as in the figures.
         command: the command line that made the report.
-        title: the page's title; by default it names the experiments that the runs belong to.
-        section: the section of a report that has several; `../index.html` then shows all.
+        several: whether the report has several sections; `../index.html` then shows all.
 
     Raises:
         OSError: the file cannot be written.
     """
-    order = {row.label: place for place, row in enumerate(ranking.rows)}
-    agents = sorted(agents, key=lambda agent: order.get(agent.label, len(order)))
-    styles = _styles(agents, colours)
-    hues = {label: colour for label, (colour, _) in styles.items()}
+    ranking, agents, runs = report.ranking, report.agents, report.runs
+    looks = colour_of(agents)
+    hues = {label: look.colour for label, look in looks.items()}
     links = of_page.Links(path, runs)
     scenes = trajectories_.read(agents, protocol=ranking.protocol, condition=ranking.condition)
     embedded, figure_problems = of_page.embed(figures, links)
-    everything = (*ranking.problems, *problems, *figure_problems, *scenes.problems)
-    found = of_page.findings(findings, links)
+    everything = (*ranking.problems, *figure_problems, *scenes.problems)
+    found = of_page.findings(report.findings, links)
     further = of_page.metrics_table(ranking)
 
     def linked(table: Table) -> Table:
@@ -99,9 +72,9 @@ def write(
     html = render(
         runs,
         ranking,
-        title=(title or title_of(runs)) + (f", {section}" if section else ""),
+        title=title_of(runs) + (f", {report.section.title}" if several else ""),
         headline=headline(ranking),
-        above="../index.html" if section else "",
+        above="../index.html" if several else "",
         table=of_page.of_agents(main_table(ranking), ranking, {}, links),  # its colours are those of verdicts
         conditions=linked(conditions_table(ranking)) if ranking.conditions else None,
         further=linked(further) if further else None,
@@ -109,14 +82,14 @@ def write(
         notes=notes(ranking),
         findings=found[:SHOWN],
         more_findings=found[SHOWN:],
-        claims=of_page.claims(claims, links),
-        comparison=comparison_table(comparison) if comparison else None,
+        claims=of_page.claims(report.claims, links),
+        comparison=comparison_table(report.comparison) if report.comparison else None,
         comparison_note=COMPARISON_NOTE,
         main_figure=next((figure for figure in embedded if figure.name == MAIN), None),
         figures=[figure for figure in embedded if figure.name != MAIN],
         scenes=scenes.scenes,
         left_out=scenes.left_out,
-        data=_data(scenes, agents, styles, runs),
+        data=_data(scenes, looks, runs),
         runs=of_page.runs_table(runs, agents, hues, links),
         problems=grouped(tuple(dict.fromkeys(everything))),
         facts=of_page.facts(ranking, runs),
@@ -170,21 +143,9 @@ def _asset(name: str) -> str:
     return files("auvbench.reporting.page").joinpath("assets", name).read_text(encoding="utf-8")
 
 
-def _styles(
-    agents: Sequence[Agent], colours: Mapping[str, tuple[str, Any, Any]]
-) -> dict[str, tuple[str, str]]:
-    """Return (colour, dash) by label; any other text becomes grey, so that it cannot enter a style."""
-    found = {}
-    for agent in agents:
-        colour, _, line = colours.get(agent.label, (_GREY, "", "-"))
-        found[agent.label] = (colour if _COLOUR.fullmatch(colour) else _GREY, _DASHES.get(line, "dashed"))
-    return found
-
-
 def _data(
     scenes: trajectories_.Scenes,
-    agents: Sequence[Agent],
-    styles: Mapping[str, tuple[str, str]],
+    looks: Mapping[str, Look],
     runs: Sequence[RunRecord],
 ) -> dict[str, Any]:
     """Return what the 3-D view reads; the template's tojson filter escapes it for a script element."""
@@ -192,8 +153,8 @@ def _data(
     waypoint = config.get("task.name", "waypoint") == "waypoint"
     return {
         "agents": [
-            {"label": agent.label, "colour": styles[agent.label][0], "dash": styles[agent.label][1]}
-            for agent in agents
+            {"label": label, "colour": look.colour, "dash": _DASHES[look.linestyle]}
+            for label, look in looks.items()
         ],
         # The original task has the whole water in its box; other tasks have what their paths need.
         "goal": "waypoint" if waypoint else "goal",
@@ -210,10 +171,7 @@ def _length(value: Any, default: float) -> float:
 
 
 def write_overview(
-    path: Path,
-    parts: Sequence[Part],
-    command: str = "",
-    score: Scores | None = None,
+    path: Path, reports: Sequence[Report], command: str = "", score: Scores | None = None
 ) -> Path:
     """Write the page of all sections; each has its own page at `<folder>/index.html`.
 
@@ -221,33 +179,34 @@ def write_overview(
         OSError: the file cannot be written.
     """
     shown = []
-    for part in parts:
-        href = f"./{part.folder}/index.html"
-        links = of_page.Links(path, part.runs, href)
+    for report in reports:
+        title, ranking = report.section.title, report.ranking
+        href = f"./{report.section.folder}/index.html"
+        links = of_page.Links(path, report.runs, href)
         shown.append(
             {
-                "title": part.title,
-                "heading": part.title[:1].upper() + part.title[1:],
-                "headline": headline(part.ranking),
-                "fingerprint": part.ranking.fingerprint,
+                "title": title,
+                "heading": title[:1].upper() + title[1:],
+                "headline": headline(ranking),
+                "fingerprint": ranking.fingerprint,
                 "href": href,
-                "table": of_page.of_agents(main_table(part.ranking), part.ranking, {}, links),
-                "notes": notes(part.ranking),
-                "findings": of_page.findings(part.findings[:SHOWN], links),
+                "table": of_page.of_agents(main_table(ranking), ranking, {}, links),
+                "notes": notes(ranking),
+                "findings": of_page.findings(report.findings[:SHOWN], links),
             }
         )
-    runs = [run for part in parts for run in part.runs]
-    problems = dict.fromkeys(problem for part in parts for problem in part.ranking.problems)
+    runs = [run for report in reports for run in report.runs]
+    problems = dict.fromkeys(problem for report in reports for problem in report.ranking.problems)
     scored = score_table(score) if score is not None and score.rows else None
     html = render(
         runs,
-        parts[0].ranking,
+        reports[0].ranking,
         title=title_of(runs),
-        headline=overview(len(parts), score),
+        headline=overview(len(reports), score),
         parts=shown,
         problems=grouped(tuple(problems)),
         # Each section has its own scenarios.
-        facts=[fact for fact in of_page.facts(parts[0].ranking, runs) if fact[0] != "Scenarios"],
+        facts=[fact for fact in of_page.facts(reports[0].ranking, runs) if fact[0] != "Scenarios"],
         command=command,
         score=None if score is None else {"table": scored, "notes": score_notes(score)},
     )

@@ -18,7 +18,6 @@ import pytest
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
-from auvbench.reporting import page
 from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories
 from auvbench.reporting.page.parts import Links
@@ -63,7 +62,7 @@ def grid(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 def written(grid: dict[str, Any], **changes: Any) -> str:
     given = {key: value for key, value in grid.items() if key != "folder"} | changes
     path = grid["folder"] / "report" / ("changed.html" if changes else "index.html")
-    return page.write(path, **given).read_text(encoding="utf-8")
+    return page_data.write(path, **given).read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +120,7 @@ def test_one_training_seed_is_marked(tmp_path: Path) -> None:
     links = Links(tmp_path / "index.html", parts["runs"])
     shown = of_page.of_agents(main_table(parts["ranking"]), parts["ranking"], {}, links)
     assert {line.cells[0].value for line in shown.lines} == {"SAC †", "PID"}
-    html = page.write(tmp_path / "index.html", **parts).read_text(encoding="utf-8")
+    html = page_data.write(tmp_path / "index.html", **parts).read_text(encoding="utf-8")
     assert "† one training seed: the row describes this policy" in html
 
 
@@ -153,14 +152,11 @@ def test_hostile_names_stay_text(grid: dict[str, Any]) -> None:
     html = written(
         grid,
         agents=agents,
-        ranking=rank(agents),
+        ranking=rank(agents, problems=[page_data.hostile_problem()]),
         runs=[run, *grid["runs"][1:]],
-        problems=[page_data.hostile_problem()],
         findings=[Finding("effect", evil, basis=evil)],
         claims=[ClaimVerdict(evil, evil, evil, evil)],
-        colours={agent.label: ('red;background:url("http://x")', "o", evil) for agent in agents},
         command=evil,
-        title=evil,
     )
     elements = Elements(html)
     assert evil not in html
@@ -169,7 +165,6 @@ def test_hostile_names_stay_text(grid: dict[str, Any]) -> None:
     assert "url(" not in " ".join(elements.all("style"))
     data = json.loads(next(script for script in elements.scripts if script.startswith("{")))
     assert evil in {agent["label"] for agent in data["agents"]}
-    assert {agent["colour"] for agent in data["agents"]} == {"#7f7f7f"}
 
 
 def test_links_of_strange_folders_are_quoted(tmp_path: Path) -> None:
@@ -187,10 +182,7 @@ def test_page_without_anything_to_rank(tmp_path: Path) -> None:
         (), "success_rate", "mean_steps", "test", "nominal", "", 0.95, None, (), np.zeros((0, 0))
     )
     run = RunRecord("pid-1", tmp_path, "pending", 0, {}, {})
-    problems = [page_data.hostile_problem()]
-    path = page.write(
-        tmp_path / "r" / "index.html", ranking=ranking, agents=[], runs=[run], problems=problems, colours={}
-    )
+    path = page_data.write(tmp_path / "r" / "index.html", ranking=ranking, agents=[], runs=[run])
     assert "No agent could be ranked" in path.read_text()
     assert "pid-1" in path.read_text()
 
@@ -199,7 +191,7 @@ def test_failed_write_keeps_the_old_page(grid: dict[str, Any], html: str) -> Non
     path = grid["folder"] / "report" / "index.html"
     given = {key: value for key, value in grid.items() if key != "folder"} | {"findings": [None]}
     with pytest.raises(AttributeError):
-        page.write(path, **given)
+        page_data.write(path, **given)
     assert path.read_text(encoding="utf-8") == html
     assert [child.name for child in path.parent.iterdir() if child.name.startswith(".")] == []
 
@@ -320,7 +312,7 @@ def test_damaged_trajectories_are_named(tmp_path: Path, harm: str) -> None:
     scenes = trajectories.read(parts["agents"], protocol="test", condition="nominal")
     assert [(p.where, p.kind) for p in scenes.problems] == [(agent.runs[0].id, "damaged")]
     assert all(track.agent == 1 for s in scenes.scenes for track in s.tracks)
-    assert "trajectories.npz cannot be read" in page.write(tmp_path / "index.html", **parts).read_text()
+    assert "trajectories.npz cannot be read" in page_data.write(tmp_path / "index.html", **parts).read_text()
 
 
 # Figures
@@ -358,7 +350,7 @@ def test_200_runs_and_large_figures_stay_under_10_megabytes(tmp_path: Path) -> N
     for figure in drawn:
         figure.svg.write_bytes(figure.svg.read_bytes() + b" " * of_page.LARGEST_SVG)
         figure.png.write_bytes(figure.png.read_bytes() + noise.bytes(250_000))
-    path = page.write(tmp_path / "report" / "index.html", **(parts | {"figures": drawn}))
+    path = page_data.write(tmp_path / "report" / "index.html", **(parts | {"figures": drawn}))
     assert 4e6 < path.stat().st_size < 10e6
 
 
