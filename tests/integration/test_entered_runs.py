@@ -247,7 +247,7 @@ def test_a_simulator_of_a_package(site: Site, capsys: pytest.CaptureFixture[str]
     assert config == {"name": "tank", "largest_step": 0.01, "package": "tank-package==1.0"}
     capsys.readouterr()
     assert cli.main(["train", "algo=pid", "simulator=tank", "disturbance=current"]) == 2
-    assert "simulator=tank has no current" in capsys.readouterr().err
+    assert "a steady current, which simulator=tank does not have" in capsys.readouterr().err
     site.uninstall("tank-package")
     assert cli.main(["evaluate", "outputs", *BRIEF, "--force"]) == 2
     assert "pip install 'tank-package==1.0'" in capsys.readouterr().err
