@@ -6,7 +6,6 @@ import dataclasses
 
 from auvbench.config import installed, plugins, schema, simulators
 from auvbench.config.schema import SCALES
-from auvbench.errors import ConfigError, closest
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
@@ -58,13 +57,10 @@ def make_simulator(
         from auvbench.simulators.ros2 import Ros2Simulator
 
         return Ros2Simulator(vehicle, n, config)
-    if isinstance(config, simulators.InstalledSimulator):
-        factory = installed.thing_of(plugins.SIMULATORS, config.name, config.package)
-        found: Simulator = factory(config, vehicle, n, limit)
-        return found
-    raise ConfigError(
-        f"simulator.name={config.name}: unknown; {closest(config.name, simulators.CAPABILITIES)}"
-    )
+    assert isinstance(config, simulators.InstalledSimulator)
+    factory = installed.thing_of(plugins.SIMULATORS, config.name, config.package)
+    found: Simulator = factory(config, vehicle, n, limit)
+    return found
 
 
 def _shortest_time_constant(vehicle: VehicleModel, drawn: schema.Randomisation | None) -> float:

@@ -13,12 +13,12 @@ from auvbench.dynamics.rigid_body import RELEASES, rigid_body_mass
 from auvbench.errors import VehicleError, closest
 from auvbench.vehicles.actuators import read_actuators
 from auvbench.vehicles.document import Document
+from auvbench.vehicles.inspect import AXES
 from auvbench.vehicles.reader import read
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 
-DEGREES_OF_FREEDOM = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _BUOYANCY = ("volume", "force", "net")
 _ASYMMETRY = 1e-9
 _MENDABLE = 0.1
@@ -197,7 +197,7 @@ def _hydrodynamics(
             index = int(np.argmax(values < 0.0))
             document.fail(
                 (*at, key, "value"),
-                f"negative damping {values[index]:g} in {DEGREES_OF_FREEDOM[index]}: entries are those of the matrix "
+                f"negative damping {values[index]:g} in {AXES[index]}: entries are those of the matrix "
                 "D, which takes energy out; Fossen's derivatives have the opposite sign",
             )
         damping.append(values)
@@ -231,20 +231,18 @@ def _check_mass(document: Document, M_RB: FloatArray, M_A: FloatArray) -> None:
 def _controllable(document: Document) -> tuple[str, ...]:
     declared = document.get(("controllable",))
     if not isinstance(declared, list) or not declared:
-        document.fail(
-            ("controllable",), f"expected a list of {', '.join(DEGREES_OF_FREEDOM)}, got {declared!r}"
-        )
+        document.fail(("controllable",), f"expected a list of {', '.join(AXES)}, got {declared!r}")
     for name in declared:
-        if name not in DEGREES_OF_FREEDOM:
+        if name not in AXES:
             document.fail(
                 ("controllable",),
-                f"{name!r} is no degree of freedom; {closest(str(name), DEGREES_OF_FREEDOM)}",
+                f"{name!r} is no degree of freedom; {closest(str(name), AXES)}",
             )
     return tuple(declared)
 
 
 def _check_allocation(document: Document, vehicle: VehicleModel) -> None:
-    rows = [DEGREES_OF_FREEDOM.index(name) for name in vehicle.controllable]
+    rows = [AXES.index(name) for name in vehicle.controllable]
     rank = int(np.linalg.matrix_rank(vehicle.allocation[rows]))
     if rank < len(rows):
         document.fail(
