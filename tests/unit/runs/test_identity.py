@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from omegaconf import OmegaConf
 
-from auvbench.errors import RunError
+from auvbench.config.compose import typed
+from auvbench.errors import ConfigError, RunError
 from auvbench.runs import identity
 from auvbench.runs.directory import RunDirectory, find_runs, freeze, place
 from auvbench.runs.plan import prepare
@@ -89,6 +90,15 @@ def test_the_id_is_the_one_of_older_runs():
     assert identity.digest(minimal) == "777dc6c1"
 
 
+def test_runs_older_than_compiled_updates_keep_id_and_updates():
+    older = plain("algo=sac", "algo.updates=sb3")
+    assert identity.run_id(plain("algo=sac")) != identity.run_id(older)
+    of_sb3 = identity.run_id(older)
+    del older["algo"]["updates"]
+    assert identity.run_id(older) == of_sb3
+    assert typed(OmegaConf.create(older)).algo.updates == "sb3"
+
+
 def test_controllers_have_no_budget():
     assert identity.run_id(plain("algo=pid", "train.total_steps=5")) == identity.run_id(plain("algo=pid"))
 
@@ -165,3 +175,9 @@ def test_a_run_that_goes_on_takes_what_is_typed_beyond_its_identity(override, ke
     first.update_manifest(state="failed")
     assert freeze(plain(*words, override)).path == first.path
     assert OmegaConf.select(OmegaConf.create(first.check()), key) == value
+
+
+def test_compiled_updates_take_relu_alone():
+    with pytest.raises(ConfigError, match=r"algo.activation=tanh: must be relu with algo.updates=compiled"):
+        typed(OmegaConf.create(plain("algo=td3", "algo.activation=tanh")))
+    typed(OmegaConf.create(plain("algo=td3", "algo.activation=tanh", "algo.updates=sb3")))
