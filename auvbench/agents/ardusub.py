@@ -59,7 +59,7 @@ class ArduSubAgent:
             1.0 / config.step.frequency, 1.0, observation_spec(config.task, vehicle.actuators)
         )
         self._vehicle: Piloted | None = None
-        program.check(algo)
+        self._program = program.find(algo.sha256)[0]
         dialect()
 
     def simulator(self, config: schema.TrainConfig, vehicle: VehicleModel) -> Piloted:
@@ -69,7 +69,7 @@ class ArduSubAgent:
             ConfigError: the condition asks for what ArduSub's sensors and outputs cannot have.
         """
         refuse(config)
-        self._vehicle = Piloted(vehicle, self._motors, self._algo)
+        self._vehicle = Piloted(vehicle, self._motors, self._algo, self._program)
         return self._vehicle
 
     def reset(self, episodes: Integers) -> None:
@@ -108,7 +108,7 @@ class ArduSubAgent:
 
     def check(self, vehicle: VehicleModel) -> None:
         """Start ArduSub once, so that a run with a program that does not fit fails at its start."""
-        piloted = Piloted(vehicle, self._motors, self._algo)
+        piloted = Piloted(vehicle, self._motors, self._algo, self._program)
         piloted.reset(np.arange(1), np.array([[0.0, 0.0, -5.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6)))
         piloted.stop()
 
@@ -121,14 +121,14 @@ class Piloted(FossenSimulator):
     so that the thrusters give ArduSub the forces that they give every agent.
     """
 
-    def __init__(self, vehicle: VehicleModel, motors: Motors, algo: algorithms.ArduSub) -> None:
+    def __init__(self, vehicle: VehicleModel, motors: Motors, algo: algorithms.ArduSub, path: Path) -> None:
         super().__init__(vehicle, 1)
         self.outputs = np.zeros((1, len(vehicle.actuators)))
         """(1, n_u) in [-1, 1], what ArduSub's PWM asks for now"""
         self.pilot: sitl.Sitl | None = None
         self.settled = 0.0
         """s of ArduSub's time before the episode"""
-        self._motors, self._algo = motors, algo
+        self._motors, self._algo, self._path = motors, algo, path
         self._sensors = Sensors(self)
 
     def reset(
@@ -145,7 +145,7 @@ class Piloted(FossenSimulator):
         assert frame is not None
         parameters = {"FRAME_CONFIG": frame.config, **self._algo.parameters}
         tied = partial(interruption.die_with_parent, os.getpid())
-        self.pilot = sitl.Sitl(Path(self._algo.path), parameters, tied)
+        self.pilot = sitl.Sitl(self._path, parameters, tied)
         self.settled = self.pilot.settle(self._sensors.reset(), MODES[self._algo.mode])
         self._read(self.pilot.packet.pwm)
 

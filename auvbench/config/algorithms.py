@@ -258,7 +258,6 @@ class ONNX(Algorithm):
 
 @dataclass(kw_only=True)
 class ArduSub(Algorithm):
-    path: str
     sha256: str
     mode: str = choice("guided", "poshold", "alt_hold")
     stick: float = number(0.0, 1e3, open_low=True)  # 1/m, 1/rad

@@ -13,6 +13,7 @@ import pytest
 
 from auvbench.agents.ardusub import ArduSubAgent, Piloted
 from auvbench.ardusub import sitl
+from auvbench.ardusub.program import VARIABLE
 from auvbench.cli import main
 from auvbench.config import schema
 from auvbench.errors import ConfigError, TrainingError
@@ -23,7 +24,7 @@ from tests.ardusub_stand_in import installed
 
 pytestmark = pytest.mark.slow
 
-REAL = os.environ.get("AUVBENCH_ARDUSUB", "")
+REAL = os.environ.get(VARIABLE, "")
 TASK = (
     *("task=station_keeping", "vehicle=bluerov2_heavy", "noise=none"),
     # Lowering to 5 m takes a quarter of the time of that to 20 m.
@@ -36,8 +37,13 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return installed(tmp_path_factory.mktemp("ardusub"))
 
 
-def contest(program: Path | str, *overrides: str) -> schema.TrainConfig:
-    return configs.training("algo=ardusub", f"algo.path={program}", *TASK, *overrides)
+@pytest.fixture(autouse=True)
+def named(program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, str(program))
+
+
+def contest(*overrides: str) -> schema.TrainConfig:
+    return configs.training("algo=ardusub", *TASK, *overrides)
 
 
 def flown(config: schema.TrainConfig, episodes: int = 1) -> Rollout:
@@ -52,7 +58,7 @@ def rows(rollout: Rollout) -> list[dict[str, Any]]:
 @pytest.mark.parametrize("mode", ["guided", "poshold", "alt_hold"])
 @pytest.mark.parametrize("vehicle", ["bluerov2_heavy", "bluerov2"])
 def test_each_mode_flies_to_the_station(program: Path, mode: str, vehicle: str) -> None:
-    (record,) = rows(flown(contest(program, f"algo.mode={mode}", f"vehicle={vehicle}", "algo.stick=0.3")))
+    (record,) = rows(flown(contest(f"algo.mode={mode}", f"vehicle={vehicle}", "algo.stick=0.3")))
     assert record["initial_distance_m"] > 1.0
     # The stand-in has no integral action: it sinks by the vehicle's own weight, and its sticks have no rate feedback.
     assert record["final_distance_m"] < 0.5 * record["initial_distance_m"]
@@ -61,16 +67,14 @@ def test_each_mode_flies_to_the_station(program: Path, mode: str, vehicle: str) 
 
 def test_a_moving_reference_is_followed(program: Path) -> None:
     overrides = ("task=trajectory_tracking", "task.centre=[0,0,-12]", "task.time_limit=20")
-    config = configs.training(
-        "algo=ardusub", f"algo.path={program}", "vehicle=bluerov2_heavy", "noise=none", *overrides
-    )
+    config = configs.training("algo=ardusub", "vehicle=bluerov2_heavy", "noise=none", *overrides)
     (record,) = rows(flown(config))
     assert record["outcome"] == "success"
     assert record["position_error_rms_m"] < 1.5
 
 
 def test_rows_depend_on_the_episode_alone(program: Path) -> None:
-    config = contest(program, "task.time_limit=10", "task.settling=2")
+    config = contest("task.time_limit=10", "task.settling=2")
     assert rows(flown(config, 3))[2] == rows(flown(config, 3))[2]
     agent = ArduSubAgent(config, sheet.load(config.vehicle))
     alone = roll_out(config, agent, episodes=np.array([2]), seed=7, batch=1)
@@ -79,20 +83,20 @@ def test_rows_depend_on_the_episode_alone(program: Path) -> None:
 
 @pytest.mark.parametrize("quirk", ["REPEATS", "CHANNELS"])
 def test_repeated_packets_and_32_channels_change_nothing(program: Path, quirk: str) -> None:
-    plain = contest(program, "task.time_limit=10", "task.settling=2")
-    other = contest(program, "task.time_limit=10", "task.settling=2", f"+algo.parameters.SIM_{quirk}=1")
+    plain = contest("task.time_limit=10", "task.settling=2")
+    other = contest("task.time_limit=10", "task.settling=2", f"+algo.parameters.SIM_{quirk}=1")
     assert rows(flown(plain)) == rows(flown(other))
 
 
 def test_currents_waves_and_faults_reach_the_vehicle(program: Path) -> None:
-    calm = rows(flown(contest(program)))[0]["position_error_rms_m"]
+    calm = rows(flown(contest()))[0]["position_error_rms_m"]
     for disturbance in (
         ("disturbance.current.speed=0.5",),
         ("disturbance=sea_state_3", "task.station=[0,0,-5]"),
         ("disturbance.fault.mode=dead",),
         ("disturbance.randomisation.thrust.low=0.5", "disturbance.randomisation.thrust.high=0.5"),
     ):
-        assert rows(flown(contest(program, *disturbance)))[0]["position_error_rms_m"] != calm
+        assert rows(flown(contest(*disturbance)))[0]["position_error_rms_m"] != calm
 
 
 @pytest.mark.parametrize(
@@ -105,13 +109,19 @@ def test_currents_waves_and_faults_reach_the_vehicle(program: Path) -> None:
         (("simulator=gazebo",), "simulator=gazebo"),
         (("vehicle=lrauv",), "vehicle=lrauv"),
         (("vehicle=rexrov",), "vehicle=rexrov"),
-        (("algo.path=/nowhere/ardusub",), "algo.path=/nowhere/ardusub"),
-        (("algo.sha256=0123",), "algo.path="),
+        (("algo.sha256=0123",), "algo.sha256="),
     ],
 )
 def test_what_cannot_be_is_refused(program: Path, overrides: tuple[str, ...], key: str) -> None:
     with pytest.raises(ConfigError, match=key):
-        flown(contest(program, *overrides))
+        flown(contest(*overrides))
+
+
+@pytest.mark.parametrize("name", ["", "/nowhere/ardusub"])
+def test_a_program_that_is_not_there_is_named(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, name)
+    with pytest.raises(ConfigError, match=VARIABLE):
+        flown(contest())
 
 
 @pytest.mark.parametrize(
@@ -129,23 +139,25 @@ def test_an_ardusub_that_fails_is_named(
 ) -> None:
     monkeypatch.setattr(sitl, "SETTLING", 3.0)
     with pytest.raises(TrainingError, match=said):
-        flown(contest(program, f"+algo.parameters.SIM_{quirk}=4"))
+        flown(contest(f"+algo.parameters.SIM_{quirk}=4"))
 
 
 def test_a_parameter_that_ardusub_does_not_have_is_named(
     program: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sitl, "SETTLING", 3.0)
-    with pytest.raises(TrainingError, match=r"did not confirm algo.parameters.NO_SUCH=2 "):
-        flown(contest(program, "+algo.parameters.NO_SUCH=2"))
+    with pytest.raises(TrainingError, match=r"did not confirm algo.parameters.NO_SUCH=2"):
+        flown(contest("+algo.parameters.NO_SUCH=2"))
 
 
 def test_a_program_that_is_no_ardusub_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sitl, "PATIENCE", 1.0)
+    monkeypatch.setenv(VARIABLE, "/bin/false")
     with pytest.raises(TrainingError, match="ended with exit code 1"):
-        flown(contest("/bin/false"))
+        flown(contest())
+    monkeypatch.setenv(VARIABLE, "/etc/passwd")
     with pytest.raises(TrainingError, match="cannot be started"):
-        flown(contest("/etc/passwd"))
+        flown(contest())
 
 
 def test_the_commands_compare_it_with_others_and_name_its_version(
@@ -161,7 +173,7 @@ def test_the_commands_compare_it_with_others_and_name_its_version(
     )
     words = (*words, "task.hold_time=2", "name=a")
     assert main(["train", "algo=pid", *words]) == 0
-    assert main(["train", "algo=ardusub", f"algo.path={program}", *words]) == 0
+    assert main(["train", "algo=ardusub", *words]) == 0
     assert main(["evaluate", "outputs/a", "protocol=own", "protocol.episodes=3", "--workers", "2"]) == 0
     assert main(["report", "outputs/a", "--protocol", "own", "--format", "csv"]) == 0
     with open("outputs/a/report/table.csv", newline="") as file:
@@ -174,7 +186,7 @@ def test_the_commands_compare_it_with_others_and_name_its_version(
 
 
 def test_a_process_ends_with_its_episode(program: Path) -> None:
-    config = contest(program)
+    config = contest()
     vehicle = sheet.load(config.vehicle)
     agent = ArduSubAgent(config, vehicle)
     piloted = agent.simulator(config, vehicle)
@@ -189,8 +201,9 @@ def test_a_process_ends_with_its_episode(program: Path) -> None:
 @pytest.mark.ardusub
 @pytest.mark.skipif(not REAL, reason="AUVBENCH_ARDUSUB names no program of ArduSub's SITL")
 @pytest.mark.parametrize("mode", ["guided", "poshold"])
-def test_the_real_ardusub_holds_a_station(mode: str) -> None:
-    config = contest(REAL, f"algo.mode={mode}", "task.time_limit=40", "task.hold_time=10")
+def test_the_real_ardusub_holds_a_station(mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, REAL)
+    config = contest(f"algo.mode={mode}", "task.time_limit=40", "task.hold_time=10")
     first = rows(flown(config))
     assert first[0]["outcome"] == "success"
     # The dead zone of the sticks is a quarter of their way.
