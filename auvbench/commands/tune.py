@@ -220,7 +220,7 @@ def _conclude(plan: Plan, study: StudyFolder) -> int:
 
     A failed trial is a result.
     """
-    from auvbench.reporting.tuning import sentences, write
+    from auvbench.reporting.tuning import write
     from auvbench.tuning import outcome
 
     found = outcome.read(study)
@@ -234,10 +234,10 @@ def _conclude(plan: Plan, study: StudyFolder) -> int:
             found.algo(best),
             trials=len(found.trials),
             steps=found.steps,
-            evidence=sentences.evidence(found),
+            evidence=write.evidence(found),
         )
     page = write.report(found)
-    for sentence in sentences.summary(found):
+    for sentence in write.summary(found):
         print(sentence)
     if best is not None:
         print(

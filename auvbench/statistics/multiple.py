@@ -68,22 +68,20 @@ def letters(resolved: NDArray[np.bool_]) -> list[str]:
     needless are dropped. Few letters, though not always the fewest: that problem is NP-hard.
     """
     n = len(resolved)
-    # Sets of agents are bits of an integer: growing a group is a few machine words per step.
     together = ~resolved & ~np.eye(n, dtype=bool)
-    near = [int.from_bytes(np.packbits(row, bitorder="little").tobytes(), "little") for row in together]
     covered = np.zeros((n, n), dtype=bool)
     groups: list[tuple[int, ...]] = []
     for i in range(n):
-        for j in (*_members(near[i]), i):
-            # The pair (i, i) comes last: only an agent without any company needs a group of its own.
-            if covered[i, j] or (i == j and near[i]):
+        # Only an agent without any company needs a group of its own.
+        for j in np.flatnonzero(together[i]).tolist() or [i]:
+            if covered[i, j]:
                 continue
-            group = {i, j}
-            common = near[i] & near[j] if i != j else 0
-            while common:
-                agent = _nearest(common, i)
+            group, common = {i, j}, together[i] & together[j]
+            while common.any():
+                # The one closest to i in the ranking, the better one of two.
+                agent = int(min(np.flatnonzero(common), key=lambda k: abs(k - i)))
                 group.add(agent)
-                common &= near[agent]
+                common &= together[agent]
             members = tuple(sorted(group))
             covered[np.ix_(members, members)] = True
             groups.append(members)
@@ -94,19 +92,6 @@ def letters(resolved: NDArray[np.bool_]) -> list[str]:
         for agent in members:
             names[agent] += name
     return names
-
-
-def _members(bits: int) -> list[int]:
-    return [i for i in range(bits.bit_length()) if bits >> i & 1]
-
-
-def _nearest(bits: int, i: int) -> int:
-    """The member closest to i in the ranking, the better one of two; `bits` is not empty and lacks i."""
-    above, below = bits >> i, (bits & ((1 << i) - 1)).bit_length() - 1
-    next_above = i + (above & -above).bit_length() - 1 if above else None
-    if next_above is None or (below >= 0 and i - below <= next_above - i):
-        return below
-    return next_above
 
 
 def _without_needless(groups: list[tuple[int, ...]], n: int) -> list[tuple[int, ...]]:

@@ -1,9 +1,10 @@
-"""The report of a study: a page, its figures, and all trials as CSV."""
+"""The report of a study: a page, its figures, all trials as CSV, and the findings in sentences."""
 
 from __future__ import annotations
 
 import os
 import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,17 @@ from typing import Any
 import pandas as pd
 from optuna.trial import FrozenTrial
 
-from auvbench.analysis.formatting import NOTHING, fixed
+from auvbench.analysis.formatting import NOTHING, amount, counted, difference, fixed, listed, named
+from auvbench.analysis.measures import Measure
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.page import writer
 from auvbench.reporting.page.parts import Links, embed
 from auvbench.reporting.tables.table import Cell, Heading, Line, Table, estimate_cell
-from auvbench.reporting.tuning import figures, sentences
+from auvbench.reporting.tuning import figures
 from auvbench.reporting.write import text
+from auvbench.statistics.intervals import Estimate
 from auvbench.tuning import outcome, runs
+from auvbench.tuning.controller import worth
 from auvbench.tuning.outcome import Outcome, state_of
 from auvbench.tuning.search import ERROR
 from auvbench.untrusted import path_safety
@@ -70,7 +74,7 @@ def page(found: Outcome, drawn: Sequence[Figure], path: Path) -> str:
         vehicle=str(plan.base["vehicle"]["name"]),
         protocol=plan.protocol.name,
         keys=len(plan.dimensions),
-        sentences=sentences.summary(found),
+        sentences=summary(found),
         best=_best(found, found.best) if found.best else None,
         best_number=found.best.number if found.best else None,
         preset_href=os.path.relpath(found.folder.best, path.parent),
@@ -160,3 +164,68 @@ def _facts(found: Outcome) -> list[tuple[str, list[str]]]:
         facts["Training seeds"] = f"{', '.join(map(str, tune.seeds))} for every trial"
         facts["Budget"] = f"{budgets} steps, pruner {tune.pruner}, reduction {tune.reduction}"
     return [(name, [value]) for name, value in facts.items()]
+
+
+def summary(found: Outcome) -> list[str]:
+    """Return the findings, the most important first."""
+    lines = [gain(found)] if found.gains else []
+    if found.broken:
+        lines.append(broken(found))
+    if found.best is not None:
+        lines.append(
+            f"Best in the search: trial {found.best.number}, {worth(found.results(found.best)[-1], found.objective)}, on the "
+            "validation scenarios that chose it. The best of many trials is partly lucky."
+        )
+    counts = Counter(state_of(trial) for trial in found.trials)
+    states = [f"{count} {state}" for state, count in sorted(counts.items())]
+    trained = f" Trained: {found.steps:,} environment steps." if found.steps else ""
+    lines.append(f"{counted(len(found.trials), 'trial')}: {', '.join(states) or 'none'}.{trained}")
+    if edges := at_the_edge(found):
+        lines.append(edges)
+    return lines
+
+
+def at_the_edge(found: Outcome) -> str:
+    """Name the best values at an end of their range; return '' for none."""
+    if found.best is None:
+        return ""
+    params = found.best.params
+    near = [f"{d.key} ({d.text})" for d in found.plan.dimensions if d.at_end(params[d.key])]
+    if not near:
+        return ""
+    return f"At an end of the range: {listed(near, 4)}. A wider range may hold better settings."
+
+
+def gain(found: Outcome) -> str:
+    """Compare the best and the untuned settings on what the search has not seen."""
+    seeds = len(found.plan.tune.fresh_seeds)
+    on = f"{seeds} fresh training seeds and " if found.plan.learns and seeds > 1 else ""
+    parts = [
+        f"{named(of.tuned, of.measure)} tuned, {amount(of.untuned, of.measure)} untuned, "
+        f"difference {difference(of.difference, of.measure)}, {verdict(of.difference, of.measure)}"
+        for of in found.gains
+    ]
+    return f"On {on}fresh validation scenarios: {'; '.join(parts)}."
+
+
+def verdict(of: Estimate, measure: Measure) -> str:
+    """Return better, worse or not resolved: whether the interval of tuned less untuned excludes zero."""
+    if of.low > 0 or of.high < 0:
+        return "better" if of.value * measure.sign > 0 else "worse"
+    return "not resolved"
+
+
+def broken(found: Outcome) -> str:
+    """Name the trainings with fresh seeds that failed."""
+    return f"With fresh seeds {counted(len(found.broken), 'training')} failed, so no gain is shown: {listed(found.broken, 3)}."
+
+
+def evidence(found: Outcome) -> str:
+    """Return the sentence for the header of the preset."""
+    if found.broken:
+        return broken(found)
+    return (
+        gain(found)
+        if found.gains
+        else "Not compared with fresh seeds: its result in the search is partly lucky."
+    )

@@ -13,7 +13,7 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from auvbench.commands.tune import plan_of, split
 from auvbench.config.compose import compose
-from auvbench.reporting.tuning import figures, sentences, write
+from auvbench.reporting.tuning import figures, write
 from auvbench.statistics.intervals import Estimate
 from auvbench.tuning import search
 from auvbench.tuning.folder import Plan, StudyFolder
@@ -69,7 +69,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 @pytest.mark.slow
 def test_the_gain_with_fresh_seeds_comes_before_the_winner_of_the_search(found: Outcome) -> None:
-    said = sentences.summary(found)
+    said = write.summary(found)
     assert said[0].count(", better") == 2
     assert "[2, 28]" in said[0]
     assert "PAR-1 steps 250 [200, 300] tuned, 400 steps [350, 450] untuned" in said[0]
@@ -87,13 +87,13 @@ def test_a_gain_is_one_where_its_interval_leaves_out_zero(
     found: Outcome, low: float, high: float, verdict: str
 ) -> None:
     difference = Estimate((low + high) / 2, low, high)
-    assert sentences.verdict(difference, found.objective.measure) == verdict
+    assert write.verdict(difference, found.objective.measure) == verdict
 
 
 def test_without_fresh_seeds_nothing_is_called_a_gain(found: Outcome) -> None:
-    said = " ".join(sentences.summary(replace(found, gains=())))
+    said = " ".join(write.summary(replace(found, gains=())))
     assert "better" not in said.replace("better settings", "")
-    assert "Not compared with fresh seeds" in sentences.evidence(replace(found, gains=()))
+    assert "Not compared with fresh seeds" in write.evidence(replace(found, gains=()))
 
 
 @pytest.mark.slow
