@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import unicodedata
 from collections.abc import Sequence
 from functools import cache
 
@@ -28,7 +29,7 @@ def read(overrides: Sequence[str]) -> list[str]:
     """Return the overrides in Hydra's grammar.
 
     Raises:
-        ConfigError: one sets a key of Hydra's own that has no effect.
+        ConfigError: one sets a key of Hydra's own that has no effect, or has an invisible character.
 
     >>> read(["train.total_steps=1e6", "output=Größe", "algo.gamma=0.9"])
     ['train.total_steps=1000000', "output='Größe'", 'algo.gamma=0.9']
@@ -40,6 +41,9 @@ def read(overrides: Sequence[str]) -> list[str]:
                 f"{override}: has no effect here; output=FOLDER and name=NAME choose where runs lie, launcher=NAME where "
                 "they are carried out"
             )
+        hidden = next((character for character in override if unicodedata.category(character) == "Cf"), None)
+        if hidden is not None:
+            raise ConfigError(f"{override}: contains U+{ord(hidden):04X}, a character that is not shown")
     return [_read(override) for override in overrides]
 
 

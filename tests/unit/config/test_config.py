@@ -98,6 +98,7 @@ def test_every_file_begins_with_a_comment_that_says_what_it_is(path):
         ("name=a/b", "name='a/b': must be a plain name"),
         ("train.total_steps=0", "train.total_steps=0: must be at least 1"),
         ("reward.k=1,2", r"reward.k=1,2: several values make a grid: auvbench train -m reward.k=1,2"),
+        ("reward.name=\u00ad3", r"reward.name=.*: contains U\+00AD"),
         ("nonsense", "'nonsense': an override is written key=value"),
         ("train.progress=maybe", "train.progress: .*'maybe'"),
         ("algo.gamma=(1", r"algo.gamma=\(1: the value cannot be read"),
