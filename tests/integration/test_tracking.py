@@ -139,6 +139,8 @@ def test_a_report_is_logged_with_its_table(service: str, tmp_path: Path) -> None
 @pytest.mark.parametrize("service", tracking.SERVICES)
 def test_a_missing_client_is_named(service: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, f"auvbench.tracking.{service}", raising=False)
+    for name in [name for name in sys.modules if name.startswith(f"{service}.")]:
+        monkeypatch.delitem(sys.modules, name)  # of a test before
     monkeypatch.setitem(sys.modules, service, None)
     with pytest.raises(MissingExtraError, match=rf"pip install 'auvbench\[{service}\]'"):
         tracking.prepare(service, "study")
