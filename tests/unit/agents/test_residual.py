@@ -190,8 +190,10 @@ def test_a_grid_takes_several_bases() -> None:
 @pytest.mark.parametrize("learner", ["ppo", "sac"])
 def test_ids_of_runs_with_pid_stay(learner: str) -> None:
     """A configuration of before there were other bases."""
-    plain = configs.plain(f"algo={learner}_residual")
+    updates = ("algo.updates=sb3",) if learner == "sac" else ()
+    plain = configs.plain(f"algo={learner}_residual", *updates)
     before = copy.deepcopy(plain)
+    before["algo"].pop("updates", None)
     for name in ("lqr", "smc", "mpc", "alos"):
         del before["algo"]["residual"][name]
     known = {"ppo": "ppo_residual-k1-f10-s42-f88b5426", "sac": "sac_residual-k1-f10-s42-2cee29a6"}

@@ -45,6 +45,7 @@ KNOWN = {
     ("evaluation/bounds/files.py", "root / f'{protocol}-{vehicle}'"): TYPED,
     ("reporting/archive.py", "folder / name"): OWN,
     ("runs/directory.py", "Path(config['output']) / config['name']"): TYPED,
+    ("runs/directory.py", "Path(config['output']) / config['name'] / identity.run_id(config)"): TYPED,
     ("runs/directory.py", "folder / name"): TYPED,
     ("runs/directory.py", "self.model / name"): OWN,
     ("runs/directory.py", "self.path / 'evaluations' / protocol"): TYPED,

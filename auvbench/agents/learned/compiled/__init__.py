@@ -2,7 +2,7 @@
 
 Each class replaces `train` of its base by hand-written gradients on flat float32 arrays, which are the memory of SB3's own
 parameters and optimizer states. Draws, logs, checkpoints and saved files are those of the base class, and so are all numbers
-up to rounding (tests/unit/agents/test_compiled.py).
+up to rounding (tests/unit/agents/test_compiled_updates.py).
 """
 
 from auvbench.agents.learned.compiled.crossq import CrossQ
