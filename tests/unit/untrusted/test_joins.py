@@ -34,7 +34,6 @@ PATH = re.compile(
 TYPED = "typed by the user, and checked by the schema of the configuration"
 OWN = "written in the code, or a number"
 CHECKED = "checked by path_safety.is_plain, or by a pattern, where it is read"
-LISTED = "found in the folder itself"
 
 KNOWN = {
     ("analysis/archive.py", "self.folder / name"): OWN,
@@ -46,10 +45,8 @@ KNOWN = {
     ("reporting/archive.py", "folder / name"): OWN,
     ("runs/directory.py", "Path(config['output']) / config['name']"): TYPED,
     ("runs/directory.py", "Path(config['output']) / config['name'] / identity.run_id(config)"): TYPED,
-    ("runs/directory.py", "folder / name"): TYPED,
     ("runs/directory.py", "self.model / name"): OWN,
     ("runs/directory.py", "self.path / 'evaluations' / protocol"): TYPED,
-    ("scheduling/slurm.py", "run / SCRIPTS / script.name"): LISTED,
     ("training/checkpoint/store.py", "folder / self.name"): OWN,
     ("training/checkpoint/saver.py", "self.folder / segment.name"): OWN,
     ("training/checkpoint/saver.py", "run / name"): OWN,
