@@ -83,7 +83,7 @@ def test_every_file_begins_with_a_comment_that_says_what_it_is(path):
         ("reward.kk=1", r"reward.kk: unknown key; did you mean reward.k\?"),
         ("+reward.kk=1", r"reward.kk: unknown key; did you mean 'k'\?"),
         ("rewards=thesis", r"rewards: unknown key; did you mean reward\?"),
-        ("algo=dqn", "algo=dqn: no such option; .*valid: alos, crossq, .*ddpg, .*pid, .*ppo"),
+        ("algo=dqn", "algo=dqn: no such option; .*valid: alos, ardusub, crossq, .*ddpg, .*pid, .*ppo"),
         ("reward=thesiss", "reward=thesiss: no such option; did you mean 'thesis'"),
         ("step.frequency=0", "step.frequency=0: must be more than 0 and at most 1000"),
         ("seed=abc", "seed: 'abc' is not a whole number"),

@@ -65,7 +65,7 @@ LEARNERS = [
     ("algo=ppo",),
     ("algo=ppo", "algo.activation=elu", "algo.net_arch=[32]"),
     ("algo=ppo", "train.normalise_observations=false"),
-    ("algo=sac", "algo.activation=silu"),
+    ("algo=sac", "algo.updates=sb3", "algo.activation=silu"),
     ("algo=td3",),
     ("algo=crossq",),
     ("algo=tqc",),
