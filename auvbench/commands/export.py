@@ -66,7 +66,7 @@ def main(arguments: Sequence[str]) -> int:
         print(f"left out, for they have no trained network: {', '.join(without[:3])}{more}")
     if done is None:
         raise RunError(f"none of the {len(runs)} runs was exported")
-    print(f"next: auvbench train algo=onnx algo.path={shlex.quote(str(done.path))}")
+    print(f"next: auvbench train algo=onnx algo.path={shlex.quote(str(done.path))}{_clock(done.card_path)}")
     return 1 if failed else 0
 
 
@@ -83,3 +83,16 @@ def require() -> None:
     for package in ("onnx", "onnxruntime", "onnxscript"):
         if find_spec(package) is None:
             raise MissingExtraError(package, extra="onnx", purpose="exported policies")
+
+
+def _clock(path: Path) -> str:
+    """What of the card differs from the defaults and has to be typed."""
+    from auvbench.policies.cards import read_card
+
+    card = read_card(path)
+    typed = "" if card.vehicle == "bluerov2" else f" vehicle={card.vehicle}"
+    typed += "" if card.frequency == 10.0 else f" step.frequency={card.frequency:g}"
+    task = str(card.document["task"].get("name", "waypoint"))
+    if task != "waypoint":
+        return f"{typed} task={task}"
+    return typed + ("" if card.position_frame == "world" else f" task.position_frame={card.position_frame}")

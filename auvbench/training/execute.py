@@ -91,9 +91,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
     with interruption.deferred() as stop:
         try:
             if learns(config.algo):
-                from auvbench.training.learning import learn  # torch, which controllers do not need
-
-                result = learn(run, config, watch, stop, note)
+                result = _learn(run, config, watch, stop, note)
             else:
                 result = {"files": _admit(run, config)}
             with storage(f"cannot write {run.path}"):
@@ -164,3 +162,9 @@ def _try(config: schema.TrainConfig) -> None:
     agent = make(config, batch.vehicle)
     agent.reset(np.zeros(1, dtype=np.int64))
     batch.step(np.asarray(agent.act(batch.reset())))
+
+
+def _learn(run: RunDirectory, config: schema.TrainConfig, *arguments: Any) -> dict[str, Any]:
+    from auvbench.training.learning import learn
+
+    return learn(run, config, *arguments)
