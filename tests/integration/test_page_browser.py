@@ -210,7 +210,7 @@ def test_3d_view_draws_every_chosen_agent_in_its_colour(
     picture(opened)
     found = colours(opened)
     for colour, _, _ in report[1]["colours"].values():
-        assert found.get(colour, 0) > 20, colour
+        assert found.get(colour.lower(), 0) > 20, colour
     opened.find_elements(By.CSS_SELECTOR, "#tracks input")[0].click()
     picture(opened)
     first = opened.execute_script(
@@ -360,7 +360,7 @@ def test_a_phone_shows_figures_large_enough_to_read_and_says_where_there_is_more
     scale = "return [...document.querySelectorAll('figure img')].map((i) => i.clientWidth / i.width)"
     assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
     scales = browser.execute_script(scale.replace("i.width", "i.getAttribute('width')"))
-    assert len(scales) >= 9
+    assert len(scales) >= 8
     assert min(scales) >= 0.49  # nine-point text is then nine pixels high
     clipped = "return document.getElementById('main-table').closest('.scroll').classList.contains('clipped')"
     assert browser.execute_script(clipped)
