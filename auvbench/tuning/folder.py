@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -215,16 +216,8 @@ def refuse_change(folder: StudyFolder, there: Plan, here: Plan) -> None:
     Raises:
         ConfigError: Names the changed values.
     """
-    old, new = (
-        flat({
-            **plan.tune.space,
-            "seed": plan.seed,
-            "tune": {k: v for k, v in asdict(plan.tune).items() if k not in ("space", *FREE)},
-            "protocol": asdict(plan.protocol),
-            **identity.relevant(plan.base),
-        })
-        for plan in (there, here)
-    )  # fmt: skip
+    searched = {**there.tune.space, **here.tune.space}
+    old, new = (_values(plan, searched) for plan in (there, here))
     changed = [key for key in dict.fromkeys([*old, *new]) if old.get(key) != new.get(key)]
     if changed:
         shown = [
@@ -236,3 +229,16 @@ def refuse_change(folder: StudyFolder, there: Plan, here: Plan) -> None:
             f"{folder.path}: the study has other values: {', '.join(shown)}{more}; type the old values to go on, "
             "or name=NAME for another study"
         )
+
+
+def _values(plan: Plan, searched: Mapping[str, str]) -> dict[str, Any]:
+    """Return what makes a study by key; a searched key has its range, in place of the base's value."""
+    values = flat(
+        {
+            "seed": plan.seed,
+            "tune": {k: v for k, v in asdict(plan.tune).items() if k not in ("space", *FREE)},
+            "protocol": asdict(plan.protocol),
+            **identity.relevant(plan.base),
+        }
+    )
+    return {**{key: value for key, value in values.items() if key not in searched}, **plan.tune.space}
