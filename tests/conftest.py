@@ -54,6 +54,7 @@ def one_fork_server() -> Iterator[dict[str, Any]]:
         if running() is None or here != ground or not modules.issuperset(preload):
             modules.update(preload)
             ground[:] = here
+            stop()  # `start` calls the function that keeps it
             start(sorted(modules))
 
     def stop_server() -> None:
