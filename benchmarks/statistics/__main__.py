@@ -14,7 +14,7 @@ from auvbench.analysis.measures import measure
 from benchmarks.statistics import aggregates, letters, reports, stopping
 from benchmarks.statistics.alternatives import ALTERNATIVES, USED
 from benchmarks.statistics.coverage import WORLDS, coverage, of_pairs
-from benchmarks.statistics.shipped import MEASURES, PROTOCOLS, shipped, spread_of_trainings
+from benchmarks.statistics.shipped import MEASURES, shipped, spread_of_trainings
 from benchmarks.statistics.worlds import of_rate, shifted
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -101,16 +101,6 @@ def power(n: int) -> str:
     )
 
 
-def without_a_row(n: int) -> str:
-    """Of the shipped tables, verdicts in PAR-1 that are lost when any row is dropped."""
-    del n  # nothing is simulated
-    rows = [
-        (table.name, len(table.agents), *table.lost(measure(PAR1), ALTERNATIVES[USED]))
-        for table in shipped(PROTOCOLS[:2])
-    ]
-    return _table(("study, protocol, vehicle", "agents", "resolved pairs", "lost"), rows)
-
-
 def prior(n: int) -> str:
     """How trainings of one configuration differ, over all shipped studies."""
     del n  # nothing is simulated
@@ -177,7 +167,6 @@ SECTIONS: dict[str, Callable[[int], str]] = {
     "false letters": false_letters,
     "failing": failing,
     "power": power,
-    "without a row": without_a_row,
     "prior": prior,
     "baseline": baseline,
     "intervals": intervals,
