@@ -126,7 +126,7 @@ def test_what_differs_from_the_thesis_is_quoted_rightly():
     tested = pd.read_parquet(study / "episodes.parquet").query("protocol == 'test'")
     success = (tested["outcome"] == "success").groupby(tested["run"]).mean()
     lines = (study / "README.md").read_text(encoding="utf-8").splitlines()
-    start = next(i for i, line in enumerate(lines) if line.startswith("| what is as in the thesis |"))
+    start = next(i for i, line in enumerate(lines) if line.startswith("| as in the original study |"))
     quoted = lines[start + 2 : lines.index("", start)]
     for line, key in zip(quoted, AS_IN_THE_THESIS, strict=True):
         _, _, trainings, cell, _ = (part.strip() for part in line.split("|"))
