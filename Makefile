@@ -14,7 +14,8 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of test processes import the same modules: keep their bytecode.
 unexport PYTHONDONTWRITEBYTECODE
 # Without the theme's announcement of its successor.
-MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+# Not --quiet, which hides warnings from --strict too.
+MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 # SIGKILLs per case of `make soak`, power cuts of a training, flipped bits.
 KILLS ?= 100
 CUTS ?= 200
