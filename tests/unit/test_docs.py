@@ -7,11 +7,19 @@ from pathlib import Path
 
 import pytest
 
+from auvbench import metrics
 from tests import readme_table
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 INCLUDE = re.compile(r'--8<-- "([^"]+)"')
+GENERATED = {"configuration.md", "verification.md"}
+"""pages that a program writes"""
+NOT_BY_HAND = re.compile(
+    r"<!-- (?:begin|measured): .*?<!-- end|<!-- (\S+): begin -->.*?<!-- \1: end|^```.*?^```|^    [^\n]*",
+    re.DOTALL | re.MULTILINE,
+)
+"""tables and blocks that a program writes between markers, and code"""
 LOOKS_LIKE_AN_INCLUDE = re.compile(r"[-–—]\s*8\s*<|8\s*<\s*[-–—]")
 
 
@@ -68,6 +76,12 @@ def test_a_table_from_results_is_that_of_the_files(name: str) -> None:
     assert (ROOT / name).read_text(encoding="utf-8") == readme_table.page(name), (
         "python -m tests.readme_table"
     )
+
+
+def test_the_pages_are_short() -> None:
+    texts = [page.read_text(encoding="utf-8") for page in PAGES if page.name not in GENERATED]
+    words = NOT_BY_HAND.sub("", "\n".join(texts).replace(metrics.definitions(), ""))
+    assert sum(any(map(str.isalnum, word)) for word in words.split()) <= 20_000
 
 
 def test_the_readme_is_short() -> None:
