@@ -18,6 +18,7 @@ import pytest
 from omegaconf import DictConfig
 
 from auvbench.cli import main
+from auvbench.commands import plan
 from auvbench.config import compose, grids, installed
 from auvbench.metrics import Metric
 from tests import synthetic
@@ -106,6 +107,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("WANDB_MODE", "offline")
     monkeypatch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
     monkeypatch.setattr(installed, "complete", completed)
+    monkeypatch.setattr(plan, "REPLICATIONS", 10)
     monkeypatch.setattr(grids, "compose", lambda *words: two_of_each(grid(*words)))
     assert compose.installed is installed
     assert compose.grids is grids
