@@ -10,53 +10,48 @@ import numpy as np
 import pandas as pd
 
 from auvbench.analysis.effects import run_learns
-from auvbench.analysis.grouping_keys import differing, level, matters, refined, trained
+from auvbench.analysis.grouping_keys import level, matters, refined, trained
 from auvbench.analysis.labels import labels, sort_key
 from auvbench.analysis.measures import of_the_scenario
 from auvbench.analysis.records import NO_POLICY, Agent, Evaluation, Problem, RunRecord
 from auvbench.errors import ReportError, closest
 from auvbench.record import OUTCOMES
 
-DEFAULT_GROUPING = ("algo.name", "reward.k", "step.frequency")
+GROUPING = ("algo.name", "reward.k", "step.frequency")
 
 NOT_METRICS = ("condition", "outcome", "episode", "environment")
 
 
 def agents(
     runs: Sequence[RunRecord],
-    by: Sequence[str] = DEFAULT_GROUPING,
     protocol: str = "test",
     condition: str = "nominal",
-    failed_trainings: str = "zero",
 ) -> tuple[list[Agent], list[Problem]]:
-    """Groups evaluated runs by the values of some configuration keys, and of all other keys that vary among them.
+    """Group evaluated runs by the values of `GROUPING` and of all other keys that vary among them.
+
+    A training that failed is a seed without a success (`NO_POLICY`): a user may draw one that fails.
 
     Args:
         runs: as `load` returns them, of one vehicle and one set of scenarios (see `sections`).
-        by: configuration keys; a group's short name stands for its choice (`algo` for `algo.name`). Keys of
-            `DEFAULT_GROUPING` that are left out are pooled over; all others that varied become part of the agent.
         protocol: name of the protocol.
         condition: name of the condition within it.
-        failed_trainings: "zero": a training that failed is a seed without a success (`NO_POLICY`); "omit": it is
-            left out, as if a seed that fails were not one that a user may draw.
 
     Returns:
-        the agents in the order of their keys, and what is missing, foreign or pooled. `Agent.metrics` has
-        every numeric column of episodes.csv and `time_to_goal_s` (NaN where the episode was no success).
+        the agents in the order of their keys, and what is missing or foreign. `Agent.metrics` has every numeric column of
+        episodes.csv and `time_to_goal_s` (NaN where the episode was no success).
 
     Raises:
-        ReportError: an unknown key, protocol or condition, or no run that can be reported.
+        ReportError: an unknown protocol or condition, or no run that can be reported.
     """
-    keys = {_short(name): _resolve(name, runs) for name in by}
+    known = set[str]().union(*(run.config.keys() for run in runs))
+    keys = {key.removesuffix(".name"): key for key in GROUPING if key in known}
     rows, problems = _rows(runs, protocol, condition)
-    failed = {run.id for run in runs if failed_training(run)} if failed_trainings == "zero" else set()
-    counted = [run for run in runs if run.id in rows or run.id in failed]
+    counted = [run for run in runs if run.id in rows or failed_training(run)]
     fingerprint = next(run.evaluations[protocol].fingerprint for run in counted if run.id in rows)
-    pooled = {_resolve(name, runs) for name in DEFAULT_GROUPING if name in _known(runs)} - set(keys.values())
     fixed = frequency_fixed(
         frame["frequency_hz"].to_numpy() for frame in rows.values() if "frequency_hz" in frame
     )
-    finer = refined(_cells(counted, keys, fixed), keys, pooled, fixed)
+    finer = refined(_cells(counted, keys, fixed), keys, fixed)
     groups = sorted(_cells(counted, finer, fixed), key=lambda group: sort_key(_key(group[0], finer)))
     names = labels(
         [_key(group[0], finer) for group in groups], [trained(group[0]) for group in groups], fixed
@@ -64,7 +59,6 @@ def agents(
     result = []
     for label, group in zip(names, groups, strict=True):
         group.sort(key=lambda run: (run.seed, run.id))
-        problems += _pooled(label, group, set(finer.values()), fixed)
         result.append(_agent(label, _key(group[0], finer), group, rows, fingerprint, protocol, condition))
     return result, problems
 
@@ -77,7 +71,7 @@ def frequency_fixed(tested: Iterable[np.ndarray[Any, Any]]) -> bool:
     )
 
 
-def _cells(runs: Iterable[RunRecord], keys: Mapping[str, str], fixed: bool = False) -> list[list[RunRecord]]:
+def _cells(runs: Iterable[RunRecord], keys: Mapping[str, str], fixed: bool) -> list[list[RunRecord]]:
     """Return the runs put together by the values of the keys that matter to them."""
     cells: dict[tuple[str, ...], list[RunRecord]] = {}
     for run in runs:
@@ -86,23 +80,6 @@ def _cells(runs: Iterable[RunRecord], keys: Mapping[str, str], fixed: bool = Fal
         )
         cells.setdefault(tuple(values), []).append(run)
     return list(cells.values())
-
-
-def _known(runs: Iterable[RunRecord]) -> set[str]:
-    return set().union(*(run.config.keys() for run in runs))
-
-
-def _short(name: str) -> str:
-    return name.removesuffix(".name")
-
-
-def _resolve(name: str, runs: Sequence[RunRecord]) -> str:
-    """The configuration key that a name of --group-by stands for."""
-    known = _known(runs)
-    for candidate in (name, f"{name}.name"):
-        if candidate in known:
-            return candidate
-    raise ReportError(f"no run has the configuration key {name!r}; {closest(name, known | {'algo'})}")
 
 
 def _key(run: RunRecord, keys: Mapping[str, str]) -> dict[str, Any]:
@@ -217,15 +194,3 @@ def _step_limit(evaluation: Evaluation, condition: str) -> float | None:
         if isinstance(limit, int | float) and entry.get("name") == condition:
             return float(limit)
     return None
-
-
-def _pooled(label: str, group: Sequence[RunRecord], grouped: set[str], fixed: bool) -> list[Problem]:
-    """Name the keys in which runs of one row differ because pooling over them was asked for."""
-    found = differing(group, grouped, fixed)
-    if not found:
-        return []
-    shown = [f"{key} ({', '.join(values)})" for key, values in found.items()]
-    more = f" and {len(shown) - 3} more" if len(shown) > 3 else ""
-    hint = f"its interval takes them for seeds of one training; --group-by ...,{min(found)} separates them"
-    message = f"pools {len(group)} runs that differ in {', '.join(shown[:3])}{more}: {hint}"
-    return [Problem(label, "mixed", message)]

@@ -6,6 +6,7 @@ trained with. A controller that learns nothing has no use for them: its runs tha
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -28,7 +29,6 @@ OF_LEARNING = ("train.", "reward.")
 def refined(
     groups: Iterable[Sequence[RunRecord]],
     keys: Mapping[str, str],
-    pooled: Iterable[str] = (),
     frequency_fixed: bool = True,
 ) -> dict[str, str]:
     """Return the keys of a grouping, and as many more as tell apart what varied within its groups, by short name.
@@ -38,10 +38,9 @@ def refined(
     Args:
         groups: the runs that `keys` put together.
         keys: configuration keys by short name.
-        pooled: keys that may differ because pooling over them was asked for.
         frequency_fixed: whether the test has one step frequency for all.
     """
-    excused = {*keys.values(), *pooled}
+    excused = set(keys.values())
     found = dict(keys)
     parts = [list(group) for group in groups]
     while varying := _varying(parts, excused, frequency_fixed):
@@ -52,44 +51,21 @@ def refined(
     return found
 
 
-def differing(
-    group: Sequence[RunRecord],
-    excused: Iterable[str] = (),
-    frequency_fixed: bool = True,
-) -> dict[str, list[str]]:
-    """Return the values by key of everything in which runs of a group differ and that matters to them.
-
-    Args:
-        group: the runs.
-        excused: keys that may differ.
-        frequency_fixed: whether the test has one step frequency for all.
-    """
-    if len(group) < 2:
-        return {}
-    first, excused = group[0].config, set(excused)
-    suspects = {
-        key
-        for run in group[1:]
-        for key in first.keys() | run.config.keys()
-        if key not in excused and run.config.get(key) != first.get(key)
-    }
-    found = {}
-    for key in sorted(suspects):
-        values = {str(run.config.get(key)) for run in group if matters(key, run, frequency_fixed)}
-        if len(values) > 1:
-            found[key] = sorted(values)
-    return found
-
-
-def _varying(
-    groups: Iterable[Sequence[RunRecord]], excused: set[str], frequency_fixed: bool
-) -> dict[str, int]:
+def _varying(groups: Iterable[Sequence[RunRecord]], excused: set[str], frequency_fixed: bool) -> Counter[str]:
     """Return in how many of the groups each key varies."""
-    found: dict[str, int] = {}
+    found = Counter[str]()
     for group in groups:
-        for key in differing(group, excused, frequency_fixed):
-            found[key] = found.get(key, 0) + 1
-    return found
+        first = group[0].config
+        suspects = {
+            key
+            for run in group[1:]
+            for key in first.keys() | run.config.keys()
+            if key not in excused and run.config.get(key) != first.get(key)
+        }
+        for key in suspects:
+            values = {str(run.config.get(key)) for run in group if matters(key, run, frequency_fixed)}
+            found[key] += len(values) > 1
+    return +found
 
 
 def _split(group: Sequence[RunRecord], key: str) -> list[list[RunRecord]]:

@@ -13,13 +13,15 @@ from auvbench import statistics as st
 from auvbench.analysis.conditions import successes
 from auvbench.analysis.effects import budget_of, learns
 from auvbench.analysis.formatting import listed
-from auvbench.analysis.measures import Measure, all_measures, to_rank_by
+from auvbench.analysis.measures import Measure, all_measures, measure, to_rank_by
 from auvbench.analysis.pairwise import BoolArray, all_pairs, letters, rank_intervals
 from auvbench.analysis.primary import find_baseline, primary_analysis
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row, RunRecord
 from auvbench.errors import ReportError
 from auvbench.statistics.intervals import Estimate, FloatArray
 
+FINER = "par1_steps"
+"""orders agents that are exactly equal in the measure that ranks"""
 ALL_PAIRS = 30
 """up to so many agents `Ranking.comparisons` has all pairs"""
 
@@ -28,11 +30,10 @@ def rank(
     agents: Sequence[Agent],
     *,
     rank_by: str = "success_rate",
-    then: str = "mean_steps",
     baseline: str | None = None,
     confidence: float = 0.95,
     margin: float | None = None,
-    protocol: str | None = None,
+    protocol: str = "test",
     condition: str = "nominal",
     problems: Sequence[Problem] = (),
 ) -> Ranking:
@@ -45,18 +46,17 @@ def rank(
         agents: of one protocol and condition, with the same scenarios.
         rank_by: the primary measure, a name of `measures.MEASURES`; means of steps and times rank by their penalised
             mean (`measures.RANKED_AS`), so that a failure counts.
-        then: decides between agents that are exactly equal in `rank_by`.
         baseline: label of an agent, or its algorithm where that is one agent; None chooses one.
         confidence: of all intervals.
         margin: smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1); None takes the default.
-        protocol: named in the table; by default that of the agents' runs.
+        protocol: by which the agents were tested.
         condition: named in the table.
         problems: named in the table.
 
     Raises:
         ReportError: no agents, unknown measure or baseline, equal labels, or scenarios that differ.
     """
-    by, finer = to_rank_by(rank_by), to_rank_by(then, "--then")
+    by, finer = to_rank_by(rank_by), measure(FINER)
     _check(agents, confidence, margin)
     agents = sorted(map(one_run_of_a_controller, agents), key=lambda agent: agent.label)
     reference = None if baseline is None else find_baseline(agents, baseline)
@@ -94,20 +94,18 @@ def rank(
         )
         for i, agent in enumerate(agents)
     )
-    name = _protocol(agents) if protocol is None else protocol
     return Ranking(
         rows=rows,
         rank_by=by.name,
-        then=finer.name,
-        protocol=name,
+        protocol=protocol,
         condition=condition,
         fingerprint=agents[0].fingerprint,
         confidence=confidence,
         primary=primary_analysis(agents, tests, compared, reference, margin),
         comparisons=tests.comparisons(agents, _listed(compared)),
         problems=(*problems, *_without_values(agents, (by, finer))),
-        conditions=successes(agents, name, confidence),
-        notices=tuple(filter(None, (tuned_on_these(agents, name),))),
+        conditions=successes(agents, protocol, confidence),
+        notices=tuple(filter(None, (tuned_on_these(agents, protocol),))),
         task=str(agents[0].runs[0].config.get("task.name", "waypoint")),
     )
 
@@ -121,7 +119,7 @@ def _check(agents: Sequence[Agent], confidence: float, margin: float | None) -> 
         raise ReportError(f"confidence {confidence} is not in [0.5, 1), for example 0.95")
     labels = [agent.label for agent in agents]
     if twice := sorted({label for label in labels if labels.count(label) > 1}):
-        raise ReportError(f"two agents have the label {twice[0]!r}: group by one more key")
+        raise ReportError(f"two agents have the label {twice[0]!r}")
     scenarios = {(agent.fingerprint, agent.outcome.shape[1]) for agent in agents}
     if len(scenarios) > 1:
         found = ", ".join(f"{fingerprint} ({n} episodes)" for fingerprint, n in sorted(scenarios))
@@ -163,16 +161,6 @@ def _listed(compared: BoolArray) -> list[tuple[int, int]]:
     if len(here) <= ALL_PAIRS:
         return list(combinations(here, 2))
     return [(i, j) for i, j in combinations(here, 2) if i == here[0] or here.index(j) == here.index(i) + 1]
-
-
-def _protocol(agents: Sequence[Agent]) -> str:
-    """Name of the protocol whose scenarios the agents met, as their runs have it."""
-    for agent in agents:
-        for run in agent.runs:
-            for name, evaluation in run.evaluations.items():
-                if evaluation.fingerprint == agent.fingerprint:
-                    return name
-    return "test"
 
 
 def _without_values(agents: Sequence[Agent], measures: Sequence[Measure]) -> list[Problem]:

@@ -68,7 +68,7 @@ class Problem:
     where: str
     """run id or path"""
     kind: str
-    """missing | failed | unfinished | damaged | foreign | duplicate | mixed (in the tables all the same)"""
+    """missing | failed | unfinished | damaged | foreign | duplicate"""
     message: str
 
     def __post_init__(self) -> None:
@@ -88,7 +88,7 @@ class Agent:
     label: str
     """'PPO K=1 25 Hz', as short as the grouping allows"""
     key: Mapping[str, Any]
-    """the values of --group-by, e.g. {"algo": "ppo", "reward.k": 1.0, "step.frequency": 25.0}"""
+    """the values of the keys that tell agents apart: {"algo": "ppo", "reward.k": 1.0, "step.frequency": 25.0}"""
     runs: tuple[RunRecord, ...]
     """one per training seed, in the order of the rows of the metrics"""
     fingerprint: str
@@ -132,11 +132,6 @@ class Row:
     """how many of its trainings reach at least half of the test goals"""
     failed_seeds: tuple[int, ...] = ()
     """those of `seeds` whose training failed and counts as success 0"""
-
-    @property
-    def pooled(self) -> bool:
-        """Whether its runs are no seeds of one configuration: some differ in what --group-by left out."""
-        return len(set(self.seeds)) < len(self.seeds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +231,6 @@ class Ranking:
 
     rows: tuple[Row, ...]
     rank_by: str
-    then: str
     protocol: str
     condition: str
     fingerprint: str

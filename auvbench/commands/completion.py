@@ -72,7 +72,7 @@ KEYS = {
 """Keys of commands that take some `key=value`, and of `--where`"""
 
 VALUES: Mapping[str, Sequence[str]] = {
-    **dict.fromkeys(("--rank-by", "--then", "--metric"), measure_names()),
+    **dict.fromkeys(("--rank-by", "--metric"), measure_names()),
     "state": ("pending", "running", "interrupted", "failed", "complete"),
     "--format": FORMATS,
     "--study": STUDIES,

@@ -81,7 +81,6 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
 
     if options.rank_by != PRIMARY:
         to_rank_by(options.rank_by)  # a wrong name is said before anything is read
-    to_rank_by(options.then, "--then")
     check_columns(options.columns)
     runs, problems = load(paths, options.protocol, options.where)
     require(runs, problems, options.protocol)
@@ -143,7 +142,7 @@ def _analyse(
     from auvbench.analysis.ranking import one_run_of_a_controller, rank
     from auvbench.analysis.records import Problem, Report
 
-    grouped, more = agents(part.runs, options.group_by, options.protocol, condition, options.failed_trainings)
+    grouped, more = agents(part.runs, options.protocol, condition)
     grouped = [one_run_of_a_controller(agent) for agent in grouped]
     rank_by = _measure(part, options)
     baseline = options.baseline
@@ -157,7 +156,6 @@ def _analyse(
     ranking = rank(
         grouped,
         rank_by=rank_by,
-        then=options.then,
         baseline=baseline,
         confidence=options.confidence,
         margin=in_unit(options.margin, rank_by),

@@ -31,11 +31,7 @@ class Options:
     """The keys of conf/report.yaml, which explains them."""
 
     rank_by: Name
-    then: Name
-    group_by: tuple[Name, ...]
     columns: tuple[Name, ...]
-    ranks: bool
-    all_findings: bool
     baseline: Name | None
     protocol: Name
     condition: Name | None
@@ -45,7 +41,6 @@ class Options:
     study: Study | None
     confidence: Annotated[float, Range(0.5, 0.999)]
     margin: Annotated[float, Range(analyses.SMALLEST)] | None
-    failed_trainings: Literal["zero", "omit"]
     where: tuple[str, ...]
     out: Any = None
     """folder, a Path; None is that of the experiment"""
@@ -60,7 +55,7 @@ class Options:
 KEYS = tuple(
     field.name for field in fields(Options) if field.name not in ("declared", "instead", "undecided")
 )
-LISTS = ("group_by", "columns", "format")
+LISTS = ("columns", "format")
 """options that may be typed with commas"""
 
 DECLARED_AS = {"rank_by": "measure", "baseline": "baseline", "margin": "margin"}
@@ -68,14 +63,11 @@ DECLARED_AS = {"rank_by": "measure", "baseline": "baseline", "margin": "margin"}
 
 
 STORED = (
-    "then",
-    "group_by",
     "columns",
     "protocol",
     "condition",
     "study",
     "confidence",
-    "failed_trainings",
 )
 """other options that a published study stores where they differ from conf/report.yaml"""
 
@@ -157,19 +149,10 @@ def parser() -> Parser:
     add = parser.add_argument
     add("paths", nargs="+", type=Path, metavar="PATH", help="run directories, or folders above them")
     add("--rank-by", metavar="METRIC", help="primary measure, one of those below")
-    add("--then", metavar="METRIC", help="measure that decides between equals")
-    add("--group-by", metavar="KEY,...", help="configuration keys whose values make a row: algo,reward.k")
     add(
         "--columns",
         metavar="NAME,...",
         help="further columns: time_over_best_known, training_cpu_s, or any measure",
-    )
-    add("--ranks", action=argparse.BooleanOptionalAction, default=None, help="show ranks and group letters")
-    add(
-        "--all-findings",
-        action=argparse.BooleanOptionalAction,
-        default=None,
-        help="show all findings, not the first five",
     )
     add(
         "--baseline",
@@ -198,11 +181,6 @@ def parser() -> Parser:
         type=float,
         metavar="M",
         help="smallest difference of interest, in the measure's unit: 2 is 2 points",
-    )
-    add(
-        "--failed-trainings",
-        choices=("zero", "omit"),
-        help="zero: a failed training is a seed without success; omit",
     )
     return parser
 

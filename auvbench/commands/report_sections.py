@@ -56,7 +56,7 @@ def _by_condition(report: Report, options: Options) -> dict[str, Sequence[Agent]
         return {report.ranking.condition: report.agents}
     found: dict[str, Sequence[Agent]] = {}
     for name in names:
-        met, _ = agents(report.runs, options.group_by, options.protocol, name, options.failed_trainings)
+        met, _ = agents(report.runs, options.protocol, name)
         found[name] = [one_run_of_a_controller(agent) for agent in met]
     return found
 
@@ -132,16 +132,13 @@ def show(report: Report, options: Options) -> None:
         console.print(tables.conditions_terminal(report.ranking))
     if report.findings:
         console.print(Text("\nfindings", style="bold"))
-        console.print(tables.findings_terminal(report.findings, all_of_them=options.all_findings))
+        console.print(tables.findings_terminal(report.findings))
     if report.claims:
         console.print(Text("\nclaims of the study", style="bold"))
         console.print(tables.claims_terminal(report.claims))
     if report.comparison:
         console.print()
         console.print(tables.comparison_terminal(report.comparison))
-    if options.ranks:
-        console.print()
-        console.print(tables.ranks_terminal(report.ranking))
 
 
 def show_score(score: Scores | None, options: Options) -> None:

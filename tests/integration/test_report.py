@@ -113,9 +113,7 @@ def test_what_can_be_reported_is_and_the_rest_is_named(
     ("arguments", "message"),
     [
         (("--rank-by", "succes_rate"), "did you mean 'success_rate'?"),
-        (("--then", "mean_stps"), "did you mean 'mean_steps'?"),
         (("--rankby", "x"), "unknown option '--rankby' of report; did you mean '--rank-by'?"),
-        (("--group-by", "algo,reward.kk"), "did you mean 'reward.k'?"),
         (("--baseline", "pit"), "is not among the agents; did you mean 'PID'? valid: PID"),
         (("--baseline", "ppo"), "PPO K=1"),
         (("--protocol", "robust"), "robust"),
@@ -170,5 +168,5 @@ def test_the_thesis_is_answered_and_stands_beside_our_table(
 def test_help_lists_the_options(capsys: pytest.CaptureFixture[str]) -> None:
     assert report("--help") == 0
     text = capsys.readouterr().out
-    for option in ("--rank-by", "--then", "--group-by", "--baseline", "--study", "--out"):
+    for option in ("--rank-by", "--columns", "--baseline", "--study", "--out"):
         assert option in text

@@ -15,6 +15,7 @@ from PIL import Image  # matplotlib's own
 
 from auvbench.analysis.archive import RUNS
 from auvbench.analysis.formatting import NOTHING, fixed
+from auvbench.analysis.ranking import FINER
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.tables.main import label_of, main_table
@@ -204,7 +205,7 @@ def facts(ranking: Ranking, runs: Sequence[RunRecord]) -> list[tuple[str, tuple[
     found = [
         ("Protocol", (f"{ranking.protocol}, condition {ranking.condition}",)),
         ("Scenarios", (f"fingerprint {ranking.fingerprint}", *seeds)),
-        ("Ranked by", (", then ".join(dict.fromkeys((ranking.rank_by, ranking.then))),)),
+        ("Ranked by", (", then ".join(dict.fromkeys((ranking.rank_by, FINER))),)),
         ("Vehicle", distinct(run.config.get("vehicle.name") for run in runs)),
         ("Simulator", distinct(run.config.get("simulator.name") for run in runs)),
         ("Versions", tuple(f"{n} {' and '.join(distinct(v.get(n) for v in versions))}" for n in packages)),

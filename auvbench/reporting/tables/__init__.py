@@ -6,7 +6,6 @@ from auvbench.reporting.tables.terminal import (
     comparison_terminal,
     conditions_terminal,
     findings_terminal,
-    ranks_terminal,
     score_terminal,
     terminal,
 )
@@ -38,7 +37,6 @@ __all__ = [
     "latex",
     "markdown",
     "ranks_markdown",
-    "ranks_terminal",
     "score_csv",
     "score_latex",
     "score_markdown",

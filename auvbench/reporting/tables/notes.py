@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from auvbench.analysis import optimality
-from auvbench.analysis.formatting import listed, name, size
+from auvbench.analysis.formatting import name, size
 from auvbench.analysis.labels import OWN
 from auvbench.analysis.measures import measure
 from auvbench.analysis.primary import OPEN
@@ -20,7 +20,6 @@ KINDS = {
     "damaged": "damaged",
     "foreign": "not comparable",
     "duplicate": "given twice",
-    "mixed": "pooled although different",
 }
 """titles of the kinds of problems, in the order of a list"""
 
@@ -131,7 +130,7 @@ def failed_trainings(ranking: Ranking) -> list[str]:
     """Return a sentence per agent some of whose trainings failed."""
     return [
         f"{row.label}: {len(row.failed_seeds)} of {len(row.seeds)} trainings failed (seed "
-        f"{', '.join(map(str, row.failed_seeds))}) and count as success 0; --failed-trainings omit leaves them out."
+        f"{', '.join(map(str, row.failed_seeds))}) and count as success 0; --where state=complete leaves them out."
         for row in ranking.rows
         if row.failed_seeds
     ]
@@ -158,9 +157,6 @@ def cautions(ranking: Ranking) -> list[str]:
 
 
 def _seeds(ranking: Ranking) -> str:
-    pooled = [row.label for row in ranking.rows if row.trained and row.pooled]
-    if pooled:
-        return f"see the table; {listed(pooled, 4)} pool what --group-by left out"
     sets = {row.seeds for row in ranking.rows if row.trained and row.compared} or {
         row.seeds for row in ranking.rows if row.trained
     }

@@ -21,12 +21,11 @@ from auvbench.reporting.tables.appendix import (
     comparison_table,
     conditions_note,
     conditions_table,
-    ranks_table,
     score_notes,
     score_table,
 )
 from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.notes import grouped, notes, of_pairs
+from auvbench.reporting.tables.notes import grouped, notes
 from auvbench.reporting.tables.table import Cell, Line, Table
 
 MOST_PROBLEMS = 6
@@ -112,12 +111,6 @@ def terminal(ranking: Ranking) -> RenderableType:
     return Group(*parts, *_problems(ranking))
 
 
-def ranks_terminal(ranking: Ranking) -> RenderableType:
-    """Return rank intervals and group letters: the exploratory part, behind --ranks."""
-    title = Text("ranks (exploratory: all pairs)", style="bold")
-    return Group(title, TableView(ranks_table(ranking)), Text(of_pairs(ranking), style="dim"))
-
-
 def conditions_terminal(ranking: Ranking) -> RenderableType:
     """Return success under each condition of the protocol; nothing where it has only one."""
     if not ranking.conditions:
@@ -130,15 +123,15 @@ def conditions_terminal(ranking: Ranking) -> RenderableType:
     return Group(TableView(few), Text(conditions_note(ranking) + more, style="dim"))
 
 
-def findings_terminal(findings: Sequence[Finding], *, all_of_them: bool = False) -> RenderableType:
-    """Return the first findings, or all, as a list."""
-    shown = findings if all_of_them else findings[:SHOWN]
+def findings_terminal(findings: Sequence[Finding]) -> RenderableType:
+    """Return the first findings as a list."""
+    shown = findings[:SHOWN]
     table = RichTable.grid(padding=(0, 1))
     for finding in shown:
         basis = f" ({finding.basis})" if finding.basis else ""
         table.add_row("•", Text.assemble(finding.text, (basis, "dim")))
     if len(shown) < len(findings):
-        table.add_row("", Text(f"{len(findings) - len(shown)} more: --all-findings", style="dim"))
+        table.add_row("", Text(f"{len(findings) - len(shown)} more in the written report", style="dim"))
     return table
 
 

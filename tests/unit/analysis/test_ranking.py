@@ -264,7 +264,6 @@ def test_one_agent():
     ("change", "message"),
     [
         ({"rank_by": "sucess_rate"}, "--rank-by 'sucess_rate' .* did you mean 'success_rate'"),
-        ({"then": "mean_step"}, "--then 'mean_step' .* did you mean 'mean_steps'"),
         ({"baseline": "lqr"}, "--baseline 'lqr' is not among the agents.*PID K=1 10 Hz, PPO K=1 25 Hz"),
         ({"baseline": "sac"}, "--baseline 'sac' is 2 agents.*SAC K=1 25 Hz, SAC K=40 25 Hz"),
         ({"confidence": 95}, "confidence 95 is not in"),
@@ -286,8 +285,8 @@ def test_agents_that_cannot_share_a_table():
 
 def test_measure_names_its_option():
     assert measure("mean_return").higher_is_better
-    with pytest.raises(ReportError, match="--then"):
-        measure("x", "--then")
+    with pytest.raises(ReportError, match="--metric"):
+        measure("x", "--metric")
 
 
 @pytest.mark.slow

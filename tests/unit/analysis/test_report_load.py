@@ -14,7 +14,7 @@ from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import NO_POLICY, Problem
 from auvbench.errors import ReportError
 from auvbench.reporting.tables.notes import remarks
-from tests.synthetic import damage, seal, set_state, write_evaluation, write_experiment
+from tests.synthetic import damage, reconfigure, seal, set_state, write_evaluation, write_experiment
 
 
 @pytest.fixture
@@ -234,21 +234,18 @@ def test_a_manifest_whose_steps_are_no_number_is_damage(grid: list[Path]) -> Non
 
 
 def test_a_list_of_the_configuration_groups_as_its_text(grid: list[Path]) -> None:
+    reconfigure(grid[0], noise__sensor=[0.1, 0.2])
     runs, _ = load([grid[0].parent])
-    found, _ = agents(runs, ("algo", "noise.sensor"))
-    assert found[0].key["noise.sensor"] == "[0.05, 0.1]"
-    hash(tuple(found[0].key.values()))
+    found, _ = agents(runs)
+    assert {agent.key["noise.sensor"] for agent in found} >= {"[0.05, 0.1]", "[0.1, 0.2]"}
 
 
-def test_failed_and_unfinished_runs_are_named_and_leave_the_table(grid: list[Path]) -> None:
+def test_failed_and_unfinished_runs_are_named(grid: list[Path]) -> None:
     set_state([grid[0]], "failed", "loss is nan")
     set_state([grid[1]], "interrupted")
-    runs, problems = load([grid[0].parent])
+    _, problems = load([grid[0].parent])
     assert kinds(problems) == {grid[0].name: "failed", grid[1].name: "unfinished"}
     assert "failed at step 1,000: loss is nan" in problems[0].message
-    found, more = agents(runs, failed_trainings="omit")
-    assert "PPO K=1, trained at 10 Hz" not in [a.label for a in found]
-    assert more == []  # the cells are there, they are not missing
 
 
 def test_a_failed_training_is_a_seed_without_success(grid: list[Path]) -> None:
@@ -336,23 +333,6 @@ def test_fingerprints_are_never_mixed(grid: list[Path]) -> None:
     assert kinds(problems) == {grid[0].name: "foreign"}
     assert "met other scenarios" in problems[0].message
     assert len({a.fingerprint for a in found}) == 1
-
-
-def test_grouping_by_less_pools_and_by_nonsense_is_refused(grid: list[Path]) -> None:
-    runs, _ = load([grid[0].parent])
-    found, problems = agents(runs, ("algo",))
-    assert [(a.label, a.outcome.shape) for a in found] == [
-        ("PID", (1, 12)),
-        ("PPO", (8, 12)),
-        ("SAC", (8, 12)),
-    ]
-    assert kinds(problems) == {"PPO": "mixed", "SAC": "mixed"}
-    assert (
-        "pools 8 runs that differ in reward.k (1.0, 100.0), step.frequency (10.0, 25.0)"
-        in problems[0].message
-    )
-    with pytest.raises(ReportError, match=r"'reward.kk'; did you mean 'reward.k'\?"):
-        agents(runs, ("algo", "reward.kk"))
 
 
 @pytest.mark.slow

@@ -178,9 +178,7 @@ def test_links_of_strange_folders_are_quoted(tmp_path: Path) -> None:
 
 
 def test_page_without_anything_to_rank(tmp_path: Path) -> None:
-    ranking = Ranking(
-        (), "success_rate", "mean_steps", "test", "nominal", "", 0.95, None, (), np.zeros((0, 0))
-    )
+    ranking = Ranking((), "success_rate", "test", "nominal", "", 0.95, None, ())
     run = RunRecord("pid-1", tmp_path, "pending", 0, {}, {})
     path = page_data.write(tmp_path / "r" / "index.html", ranking=ranking, agents=[], runs=[run])
     assert "No agent could be ranked" in path.read_text()

@@ -217,11 +217,6 @@ def test_cautions_stand_where_the_numbers_do(ranking: Ranking) -> None:
     assert told(rows=rated(0.5), rank_by="par1_steps") == ""
 
 
-def test_runs_that_are_pooled_are_named(ranking: Ranking) -> None:
-    rows = tuple(replace(row, seeds=(0, 0, 1, 1)) if row.label == "PPO" else row for row in ranking.rows)
-    assert "PPO pool what --group-by left out" in " ".join(notes(replace(ranking, rows=rows)))
-
-
 def test_letters_too_many_to_read_give_way_to_the_ranks(ranking: Ranking) -> None:
     rows = tuple(replace(row, group="abcdefghi"[i:]) for i, row in enumerate(ranking.rows))
     many = replace(ranking, rows=rows)
@@ -263,25 +258,16 @@ def test_columns_on_request_stand_in_every_format(ranking: Ranking) -> None:
     assert "path efficiency" in tables.latex(other)
 
 
-def test_ranks_on_a_screen(ranking: Ranking) -> None:
-    console = Console(width=70, file=io.StringIO(), record=True)
-    console.print(tables.ranks_terminal(ranking))
-    shown = console.export_text()
-    assert max(map(len, shown.splitlines())) <= 70
-    assert all(row.label in shown for row in ranking.rows)
-
-
-def test_five_findings_are_shown_unless_all_are_asked_for() -> None:
+def test_five_findings_are_shown() -> None:
     found = [Finding("effect", f"Finding {i}.", basis="a test") for i in range(7)]
 
-    def shown(**options: bool) -> str:
+    def shown() -> str:
         console = Console(width=100, file=io.StringIO(), record=True)
-        console.print(tables.findings_terminal(found, **options))
+        console.print(tables.findings_terminal(found))
         return console.export_text()
 
     assert [f"Finding {i}." in shown() for i in range(7)] == [True] * 5 + [False] * 2
-    assert "2 more: --all-findings" in shown()
-    assert all(f"Finding {i}." in shown(all_of_them=True) for i in range(7))
+    assert "2 more in the written report" in shown()
     head, _, folded = findings_in_markdown(found).partition("<details><summary>2 more</summary>")
     assert (head.count("* Finding"), folded.count("* Finding")) == (5, 2)
 
