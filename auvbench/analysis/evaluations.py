@@ -40,8 +40,6 @@ OF_OTHERS = ("position_error_rms_m", "cross_track_rms_m", "final_position_error_
 
 LARGEST = 1e30
 """nothing that is measured comes near; the squares of larger numbers would leave what a float holds"""
-TOLERANCE = 1e-6
-"""relative; the summary's means are those of the very numbers in the rows, up to rounding"""
 
 
 class Damage(Exception):
@@ -144,7 +142,6 @@ def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
         raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows is incomplete")
     _check_episodes(frame, summary)
     check_digest(summary, "episodes.csv", data)
-    _check_summary(frame, summary)
     return Evaluation(protocol, summary["fingerprint"], summary, frame, directory)
 
 
@@ -154,7 +151,6 @@ def _archived(archive: Archive, run: str, protocol: str) -> Evaluation:
     summary = checked(archive.summaries(run)[protocol], integrity.Summary, name)
     frame = archive.episodes(run, protocol)
     _check_episodes(frame, summary)
-    _check_summary(frame, summary)
     found = Evaluation(protocol, summary["fingerprint"], summary, frame, archive.folder)
     return replace(found, archive=archive)
 
@@ -207,32 +203,3 @@ def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
     steps = frame["steps"].to_numpy(dtype=np.float64)
     if ((steps < 1) | (steps != np.rint(steps))).any():
         raise Damage("episodes.csv: steps is not a whole number from 1 in every row")
-
-
-def _check_summary(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
-    """Raise Damage unless rates, means and frequencies of a summary are those of the rows, condition by condition."""
-    # Column by column: to bring whole numbers and others into one table takes longer than all the rest.
-    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in measured() if name in frame.columns}
-    outcomes = frame["outcome"].to_numpy(dtype=object)
-    names = frame["condition"].to_numpy(dtype=object)
-    for condition in summary["conditions"]:
-        mine = names == condition["name"]
-        found = {f"{outcome}_rate": float(np.mean(outcomes[mine] == outcome)) for outcome in OUTCOMES}
-        found |= {f"mean_{name}": float(values[mine].mean()) for name, values in columns.items()}
-        for key, value in found.items():
-            if key in condition and not _same(condition[key], value):
-                raise Damage(
-                    f"its rows give {key} {value:.6g} of condition {condition['name']!r}, "
-                    f"summary.json says {condition[key]}: evaluate again"
-                )
-        said = condition.get("frequency_hz")
-        if said is not None and "frequency_hz" in frame.columns:
-            values = frame["frequency_hz"].to_numpy()[mine]
-            if values.dtype.kind not in "if" or type(said) not in (int, float) or (values != said).any():
-                raise Damage(f"its rows of condition {condition['name']!r} are not all of {said} Hz")
-
-
-def _same(said: Any, found: float) -> bool:
-    if type(said) not in (int, float):
-        return False
-    return bool(abs(said - found) <= TOLERANCE * max(1.0, abs(found)))

@@ -105,18 +105,6 @@ def contents(study: Path) -> list[str]:
     return texts + [found.episodes(run, "test").to_csv() for run in found.ids()]
 
 
-def test_rows_that_contradict_the_summary_enter_no_table(study: Path) -> None:
-    def flip(frame: pd.DataFrame) -> pd.DataFrame:
-        rows = frame.index[(frame["protocol"] == "test") & (frame["outcome"] == "success")]
-        frame.loc[rows[0], "outcome"] = "timeout"
-        return frame
-
-    change(study, archive.EPISODES, flip)
-    runs, problems = load([study])
-    assert sum(not run.evaluations for run in runs) == 1
-    assert any("summary.json says" in problem.message for problem in problems)
-
-
 @pytest.mark.parametrize("column", ["config", "manifest", "evaluations"])
 @pytest.mark.parametrize("value", ["", "null", "[]", "[" * 100_000, json.dumps({"id": "x"}), "\udcff"])
 def test_a_run_with_foreign_json_is_named(study: Path, column: str, value: str) -> None:

@@ -54,13 +54,10 @@ def forged(name: str, **changes: object) -> Harm:
     return lambda run: resealed(run / name, **changes)
 
 
-def rows(change: Callable[[str], str], *, digests: bool) -> Harm:
+def rows(change: Callable[[str], str]) -> Harm:
     def harm(run: Path) -> None:
-        folder = run / "evaluations" / "test"
-        path = folder / "episodes.csv"
+        path = run / "evaluations" / "test" / "episodes.csv"
         path.write_text(change(path.read_text()))
-        if not digests:
-            seal(folder / "summary.json")
 
     return harm
 
@@ -95,12 +92,8 @@ HARMS: list[tuple[Harm, str]] = [
     (edited(SUMMARY, fingerprint="0" * 16), "summary.json: it was changed since it was written"),
     (forged(SUMMARY, run="ppo-k1-f10-s1-00000000"), "it is of the run ppo-k1-f10-s1-00000000"),
     (forged(SUMMARY, protocol="thesis"), "it is by the protocol thesis"),
-    (
-        rows(all_arrive, digests=False),
-        "its rows give success_rate 1 of condition 'nominal', summary.json says",
-    ),
-    (rows(all_arrive, digests=True), "differs from its digest|instead of"),
-    (rows(one_digit, digests=True), "differs from its digest"),
+    (rows(all_arrive), "differs from its digest|instead of"),
+    (rows(one_digit), "differs from its digest"),
 ]
 
 
