@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
 from pathlib import Path
 
 from auvbench import statistics as st
@@ -81,7 +78,7 @@ def find_agent(
 
 
 def told_apart(pair: Sequence[Agent], names: Sequence[str]) -> list[Agent]:
-    """Return two agents with different labels: where the labels are equal, parts of the paths that differ are added.
+    """Return two agents with different labels: where the labels are equal, the names of their folders are added.
 
     Raises:
         ReportError: both are the same runs.
@@ -91,22 +88,12 @@ def told_apart(pair: Sequence[Agent], names: Sequence[str]) -> list[Agent]:
         return [first, second]
     if {run.directory.resolve() for run in first.runs} & {run.directory.resolve() for run in second.runs}:
         raise ReportError(f"{names[0]} and {names[1]} hold the same runs; name two agents")
-    parts = _different(names)
-    return [replace(agent, label=f"{agent.label} ({part})") for agent, part in zip(pair, parts, strict=True)]
-
-
-def _different(names: Sequence[str]) -> list[str]:
-    """Return two paths from the first word in which they differ to the last.
-
-    >>> _different(["out/a/ppo-s0-bbe2", "out/a/ppo-s1-44c8"]), _different(["before/ppo-s0", "after/ppo-s0"])
-    (['s0-bbe2', 's1-44c8'], ['before', 'after'])
-    """
-    words = [re.split("([/_-])", os.path.abspath(name)) for name in names]
-    for _ in range(2):  # what both begin with, then what both end with
-        pairs = zip(*(path[:-1] for path in words), strict=False)
-        common = len(list(takewhile(lambda pair: pair[0] == pair[1], pairs)))
-        words = [path[common:][::-1] for path in words]
-    return [plain("".join(path)) for path in words]
+    folders = [Path(name).name for name in names]
+    parts = folders if folders[0] != folders[1] else list(names)
+    return [
+        replace(agent, label=f"{agent.label} ({plain(part)})")
+        for agent, part in zip(pair, parts, strict=True)
+    ]
 
 
 def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -> list[Difference]:

@@ -112,7 +112,6 @@ def write_sections(
         above += files.if_any(out / "score.tex", tables.score_latex(score) if score else "")
     if "csv" in options.format:
         above += files.if_any(out / "score.csv", tables.score_csv(score) if score else "")
-        above += files.if_any(out / "verdicts.json", files.scores(score) if score else "")
     return whole, above + [path for path in below if path.suffix not in {p.suffix for p in above}]
 
 

@@ -82,25 +82,6 @@ def _numbers(estimate: Estimate) -> dict[str, Any]:
     return {"low": None, "high": None, "value": None} | ends
 
 
-def scores(found: Scores) -> str:
-    """Return verdicts.json of a report of several tasks: the score of each agent as data; empty without any."""
-    rows = [
-        {
-            "kind": "score",
-            "agents": [row.label],
-            "protocol": found.protocol,
-            "estimate": _numbers(row.score),
-            "tasks": {
-                title: value if value == value else None
-                for title, value in zip(found.titles, row.tasks, strict=True)
-            },
-            "run_ids": row.run_ids,
-        }
-        for row in found.rows
-    ]
-    return as_json(rows).decode() if rows else ""
-
-
 def findings_in_markdown(findings: Sequence[Finding]) -> str:
     """Return the first findings as a list, the others folded."""
     lines = [f"* {finding_in_markdown(finding)}" for finding in findings]

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from auvbench.analysis.formatting import name
+from auvbench.analysis.formatting import counted, name
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Ranking
 from auvbench.analysis.score import Scores
 from auvbench.reporting.tables.appendix import conditions_note, conditions_table, score_notes, score_table
 from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.notes import grouped, notes
+from auvbench.reporting.tables.notes import notes
 from auvbench.reporting.tables.table import Cell, Heading, Table
 
 HEAD = r"% \usepackage{booktabs} \usepackage{graphicx} \usepackage{amssymb} \usepackage[T1]{fontenc}"
-
-
-MOST_PROBLEMS = 12
-"""under a table in print; report.md lists all"""
 
 _SPECIAL = {
     "\\": r"\textbackslash{}",
@@ -111,10 +107,9 @@ def _heading(heading: Heading) -> str:
 
 
 def _below(ranking: Ranking) -> str:
-    text = [escape(line) for line in (*ranking.notices, *notes(ranking))]
-    listed = [(title, problem) for title, problems in grouped(ranking.problems) for problem in problems]
-    if listed:
-        shown = "; ".join(f"{escape(p.where)} ({escape(title)})" for title, p in listed[:MOST_PROBLEMS])
-        more = f"; and {len(listed) - MOST_PROBLEMS} more" if len(listed) > MOST_PROBLEMS else ""
-        text.append(f"Not in the table, or only in part: {shown}{more}.")
-    return " ".join(text)
+    text = [*ranking.notices, *notes(ranking)]
+    if ranking.problems:
+        text.append(
+            f"Not in the table, or only in part: {counted(len(ranking.problems), 'run')} (see report.md)."
+        )
+    return escape(" ".join(text))

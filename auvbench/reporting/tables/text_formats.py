@@ -1,10 +1,10 @@
-"""Tables as CSV in full precision."""
+"""Tables as CSV in full precision, and as Markdown."""
 
 from __future__ import annotations
 
 import csv as csv_module
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from auvbench.analysis.primary import headline
@@ -23,63 +23,60 @@ from auvbench.reporting.tables.appendix import (
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, notes
 from auvbench.reporting.tables.table import Table
+from auvbench.statistics.intervals import Estimate
 from auvbench.untrusted.text import cell
 
 
 def csv(ranking: Ranking) -> str:
     """Return a row per agent: the primary analysis, the key, seeds, runs, and every metric (rates from 0 to 1)."""
-    keys = list(dict.fromkeys(key for row in ranking.rows for key in row.key))
     metrics = list(dict.fromkeys(metric for row in ranking.rows for metric in row.estimates))
-    header = ["agent", "budget", "baseline", "margin"]
-    header += ["difference", "difference_low", "difference_high", "verdict", "needed", "needed_unit"]
-    header += ["rank", "rank_low", "rank_high", "group", "compared", *keys]
-    header += [
-        "seeds",
-        "succeeded",
-        "runs",
-        "episodes",
-        "protocol",
-        "condition",
-        "fingerprint",
-        "confidence",
-        "covers",
-    ]
-    header += [name for metric in metrics for name in (metric, f"{metric}_low", f"{metric}_high")]
+    keys = list(dict.fromkeys(key for row in ranking.rows for key in row.key))
     rows = []
     for row in ranking.rows:
-        line: list[Any] = [row.label, " ".join(map(str, row.budget)), *_against(ranking, row)]
-        line += [row.rank, *row.rank_interval, row.group, int(row.compared)]
-        line += [row.key.get(key) for key in keys]
-        covers = "; ".join(dict.fromkeys(estimate.covers for estimate in row.estimates.values()))
-        line += [" ".join(map(str, row.seeds)), row.succeeded if row.trained else None]
-        line += [" ".join(row.run_ids), row.episodes, ranking.protocol]
-        line += [ranking.condition, ranking.fingerprint, ranking.confidence, covers]
+        line: dict[str, Any] = {"agent": row.label, "budget": " ".join(map(str, row.budget))}
+        line |= _against(ranking, row)
+        line |= {"rank": row.rank, "rank_low": row.rank_interval[0], "rank_high": row.rank_interval[1]}
+        line |= {"group": row.group, "compared": int(row.compared)}
+        line |= {key: row.key.get(key) for key in keys}
+        line |= {
+            "seeds": " ".join(map(str, row.seeds)),
+            "succeeded": row.succeeded if row.trained else None,
+            "runs": " ".join(row.run_ids),
+            "episodes": row.episodes,
+            "protocol": ranking.protocol,
+            "condition": ranking.condition,
+            "fingerprint": ranking.fingerprint,
+            "confidence": ranking.confidence,
+            "covers": "; ".join(dict.fromkeys(estimate.covers for estimate in row.estimates.values())),
+        }
         for metric in metrics:
-            estimate = row.estimates.get(metric)
-            line += [None] * 3 if estimate is None else [estimate.value, estimate.low, estimate.high]
+            line |= _with_ends(metric, row.estimates.get(metric))
         rows.append(line)
-    return lines(header, rows)
+    return lines(rows)
 
 
-def _against(ranking: Ranking, row: Row) -> list[Any]:
+def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
     """Return baseline, margin, difference with its ends, verdict and what would decide an open one."""
     primary = ranking.primary
-    if primary is None:
-        return [None] * 8
-    start: list[Any] = [primary.baseline, primary.margin]
-    against = primary.of(row.label)
-    if against is None:
-        return [*start, 0.0, None, None, "baseline", None, None]
-    d, needed = against.difference, against.needed
-    return [
-        *start,
-        d.value,
-        d.low,
-        d.high,
-        against.verdict,
-        needed.count if needed else None,
-        needed.unit if needed else None,
-    ]
+    against = primary.of(row.label) if primary else None
+    needed = against.needed if against else None
+    line: dict[str, Any] = {
+        "baseline": primary.baseline if primary else None,
+        "margin": primary.margin if primary else None,
+        **_with_ends("difference", against.difference if against else None),
+        "verdict": against.verdict if against else None,
+        "needed": needed.count if needed else None,
+        "needed_unit": needed.unit if needed else None,
+    }
+    if primary and against is None:
+        line |= {"difference": 0.0, "verdict": "baseline"}
+    return line
+
+
+def _with_ends(name: str, estimate: Estimate | None) -> dict[str, float | None]:
+    """Return a value and the ends of its interval as cells; empty without an estimate."""
+    found = (None,) * 3 if estimate is None else (estimate.value, estimate.low, estimate.high)
+    return dict(zip((name, f"{name}_low", f"{name}_high"), found, strict=True))
 
 
 def conditions_csv(ranking: Ranking) -> str:
@@ -88,64 +85,59 @@ def conditions_csv(ranking: Ranking) -> str:
     Success from 0 to 1, and the changes of success and of PAR-1 steps against the undisturbed condition, paired by seed and
     scenario: empty where there is none, where seeds did not meet both, and of steps where frequency or limit differ.
     """
-    if not ranking.conditions:
-        return ""
-    names = ("success_rate", "success_change", "par1_change")
-    header = [
-        "agent",
-        "condition",
-        *(f"{name}{end}" for name in names for end in ("", "_low", "_high")),
-        "covers",
-    ]
-    rows = []
-    for row in ranking.rows:
-        for condition in ranking.conditions:
-            if success := condition.success.get(row.label):
-                changes = (c.get(row.label) for c in (condition.success_change, condition.par1_change))
-                numbers = [
-                    n for e in (success, *changes) for n in ((e.value, e.low, e.high) if e else ("",) * 3)
-                ]
-                rows.append([row.label, condition.name, *numbers, success.covers])
-    return lines(header, rows)
+    return lines(
+        {
+            "agent": row.label,
+            "condition": condition.name,
+            **_with_ends("success_rate", success),
+            **_with_ends("success_change", condition.success_change.get(row.label)),
+            **_with_ends("par1_change", condition.par1_change.get(row.label)),
+            "covers": success.covers,
+        }
+        for row in ranking.rows
+        for condition in ranking.conditions
+        if (success := condition.success.get(row.label))
+    )
 
 
 def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
     """Return a row per pair of agents; an empty string without any."""
-    if not comparisons:
-        return ""
-    header = ["first", "second", "metric", "difference", "difference_low", "difference_high", "p", "p_holm"]
-    rows = []
-    for x in comparisons:
-        d = x.difference
-        rows.append([x.first, x.second, x.metric, d.value, d.low, d.high, x.p_value, x.p_adjusted, x.verdict])
-    return lines([*header, "verdict"], rows)
+    return lines(
+        {
+            "first": x.first,
+            "second": x.second,
+            "metric": x.metric,
+            **_with_ends("difference", x.difference),
+            "p": x.p_value,
+            "p_holm": x.p_adjusted,
+            "verdict": x.verdict,
+        }
+        for x in comparisons
+    )
 
 
 def joined(column: str, parts: Sequence[tuple[str, str]]) -> str:
     """Return the rows of several CSV texts; the first column has the name of each text. A missing column is empty."""
-    rows = [
-        {column: cell(name), **row}
-        for name, text in parts
-        for row in csv_module.DictReader(io.StringIO(text))
-    ]
-    if not rows:
+    return lines(
+        {column: name, **row} for name, text in parts for row in csv_module.DictReader(io.StringIO(text))
+    )
+
+
+def lines(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return rows as CSV, empty without any; a missing value is an empty cell.
+
+    Floats are written by repr, so that they read back as the same number; NaN is an empty cell.
+    """
+    found = list(rows)
+    if not found:
         return ""
     buffer = io.StringIO()
-    columns = list(dict.fromkeys(name for row in rows for name in row))
+    columns = list(dict.fromkeys(name for row in found for name in row))
     writer = csv_module.DictWriter(buffer, columns, restval="", lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
-    return buffer.getvalue()
-
-
-def lines(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """CSV whose floats are written by repr, so that they read back as the same number; NaN is an empty cell."""
-    buffer = io.StringIO()
-    writer = csv_module.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
-    for row in rows:
+    for row in found:
         # A spreadsheet would take a label that begins with = for a formula.
-        writer.writerow(["" if value is None or value != value else cell(_plain(value)) for value in row])
+        writer.writerow({name: "" if v is None or v != v else cell(_plain(v)) for name, v in row.items()})
     return buffer.getvalue()
 
 
@@ -211,18 +203,19 @@ def comparison_markdown(rows: Sequence[ComparisonRow]) -> str:
 
 def score_csv(found: Scores) -> str:
     """Return a row per agent in full precision; an empty string without a score."""
-    if not found.rows:
-        return ""
     keys = list(dict.fromkeys(key for row in found.rows for key in row.key))
-    header = ["agent", *keys, "protocol", "confidence", "score", "score_low", "score_high"]
-    header += [f"{what}: {title}" for what in ("score", "measure", "seeds") for title in found.titles]
-    measures = [m.name for m in found.measures]
     rows = []
     for row in found.rows:
-        line = [row.label, *(row.key.get(key) for key in keys), found.protocol, found.confidence]
-        line += [row.score.value, row.score.low, row.score.high, *row.tasks, *measures, *row.trainings]
+        line: dict[str, Any] = {"agent": row.label, **{key: row.key.get(key) for key in keys}}
+        line |= {"protocol": found.protocol, "confidence": found.confidence, **_with_ends("score", row.score)}
+        for what, values in (
+            ("score", row.tasks),
+            ("measure", [m.name for m in found.measures]),
+            ("seeds", row.trainings),
+        ):
+            line |= {f"{what}: {title}": value for title, value in zip(found.titles, values, strict=True)}
         rows.append(line)
-    return lines(header, rows)
+    return lines(rows)
 
 
 def score_markdown(found: Scores) -> str:
