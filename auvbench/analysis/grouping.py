@@ -37,7 +37,7 @@ def agents(
         condition: name of the condition within it.
 
     Returns:
-        the agents in the order of their keys, and what is missing or foreign. `Agent.metrics` has every numeric column of
+        the agents in the order of their keys, and what is missing. `Agent.metrics` has every numeric column of
         episodes.csv and `time_to_goal_s` (NaN where the episode was no success).
 
     Raises:
@@ -93,9 +93,8 @@ def _rows(
     evaluated = [run for run in runs if protocol in run.evaluations]
     if not evaluated:
         raise ReportError(f"none of the {len(runs)} runs has a usable evaluation by protocol {protocol!r}")
-    kept, problems = _one_fingerprint(evaluated, protocol)
-    rows = {}
-    for run in kept:
+    rows, problems = {}, list[Problem]()
+    for run in evaluated:
         frame = run.evaluations[protocol].episodes
         here = frame["condition"].to_numpy() == condition
         if here.any():
@@ -107,30 +106,13 @@ def _rows(
                 Problem(run.id, "missing", f"evaluation {protocol} has no condition {condition!r}")
             )
     if not rows:
-        conditions = {str(name) for run in kept for name in run.evaluations[protocol].episodes["condition"]}
+        conditions = {
+            str(name) for run in evaluated for name in run.evaluations[protocol].episodes["condition"]
+        }
         raise ReportError(
             f"protocol {protocol} has no condition {condition!r}; {closest(condition, conditions)}"
         )
     return _same_episodes(rows, problems), problems
-
-
-def _one_fingerprint(runs: Sequence[RunRecord], protocol: str) -> tuple[list[RunRecord], list[Problem]]:
-    """The runs that met the same scenarios as most did; the others are named, never mixed in."""
-    prints = {run.id: run.evaluations[protocol].fingerprint for run in runs}
-    votes = Counter(prints.values())
-    size = {prints[run.id]: len(run.evaluations[protocol].episodes) for run in runs}
-    chosen = max(votes, key=lambda fingerprint: (votes[fingerprint], size[fingerprint], fingerprint))
-    problems = [
-        Problem(
-            run.id,
-            "foreign",
-            f"evaluation {protocol} met other scenarios (fingerprint {prints[run.id]}, "
-            f"{size[prints[run.id]]} episodes; the table's is {chosen}, {size[chosen]}): evaluate it again",
-        )
-        for run in runs
-        if prints[run.id] != chosen
-    ]
-    return [run for run in runs if prints[run.id] == chosen], problems
 
 
 def _same_episodes(rows: Mapping[str, pd.DataFrame], problems: list[Problem]) -> dict[str, pd.DataFrame]:

@@ -326,15 +326,6 @@ def test_two_runs_with_one_id(grid: list[Path], tmp_path: Path) -> None:
     assert next(r for r in runs if r.id == copy.name).directory == copy  # the one that ended last
 
 
-def test_fingerprints_are_never_mixed(grid: list[Path]) -> None:
-    write_evaluation(grid[0], "test", ("nominal",), 10)
-    runs, _ = load([grid[0].parent])
-    found, problems = agents(runs)
-    assert kinds(problems) == {grid[0].name: "foreign"}
-    assert "met other scenarios" in problems[0].message
-    assert len({a.fingerprint for a in found}) == 1
-
-
 @pytest.mark.slow
 def test_conditions(grid: list[Path]) -> None:
     for path in grid[:-1]:
