@@ -169,8 +169,8 @@ def _ranked(reports: Sequence[Report], folder: Path) -> str:
             parts.append(_heading(report))
         figure = _figures(reports, [MAIN], folder) if report is reports[0] else []
         parts.append(tables.markdown(report.ranking, "\n\n".join(figure)).rstrip())
-        if of_conditions := tables.conditions_markdown(report.ranking).rstrip():
-            parts.append(of_conditions)
+        if conditions := tables.conditions_table(report.ranking):
+            parts += [f"{conditions.title}:", tables.pipes(conditions)]
     return "\n\n".join(parts)
 
 
@@ -200,8 +200,8 @@ def _claims(reports: Sequence[Report]) -> str:
     for report in reports:
         if report.claims:
             parts.append(claims_in_markdown(report.claims))
-        if report.comparison:
-            parts.append("\n" + tables.comparison_markdown(report.comparison).rstrip())
+        if comparison := tables.comparison_table(report.comparison):
+            parts.append("\n" + tables.pipes(comparison))
     return "\n".join(parts) or "Nothing can be said of the study's claims."
 
 

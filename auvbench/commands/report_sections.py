@@ -109,7 +109,9 @@ def write_sections(
         above.append(text(out / "table.csv", rows))
     files.clear(out)
     if "tex" in options.format:
-        above += files.if_any(out / "score.tex", tables.score_latex(score) if score else "")
+        above += files.if_any(
+            out / "score.tex", tables.in_print(tables.score_table(score) if score else None, "score")
+        )
     if "csv" in options.format:
         above += files.if_any(out / "score.csv", tables.score_csv(score) if score else "")
     return whole, above + [path for path in below if path.suffix not in {p.suffix for p in above}]
@@ -126,18 +128,18 @@ def show(report: Report, options: Options) -> None:
         return
     console = Console(highlight=False)
     console.print(tables.terminal(report.ranking))
-    if report.ranking.conditions:
-        console.print()
-        console.print(tables.conditions_terminal(report.ranking))
+    if conditions := tables.conditions_table(report.ranking):
+        console.print(Text(f"\n{conditions.title}", style="bold"))
+        console.print(tables.TableView(conditions))
     if report.findings:
         console.print(Text("\nfindings", style="bold"))
         console.print(tables.findings_terminal(report.findings))
     if report.claims:
         console.print(Text("\nclaims of the study", style="bold"))
         console.print(tables.claims_terminal(report.claims))
-    if report.comparison:
-        console.print()
-        console.print(tables.comparison_terminal(report.comparison))
+    if comparison := tables.comparison_table(report.comparison):
+        console.print(Text(f"\n{comparison.title}", style="bold"))
+        console.print(tables.TableView(comparison))
 
 
 def show_score(score: Scores | None, options: Options) -> None:
@@ -148,7 +150,7 @@ def show_score(score: Scores | None, options: Options) -> None:
 
     if score is not None and "terminal" in options.format:
         heading("score across tasks")
-        Console(highlight=False).print(tables.score_terminal(score))
+        Console(highlight=False).print(tables.TableView(tables.score_table(score)))
 
 
 def heading(title: str) -> None:

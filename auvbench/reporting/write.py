@@ -13,7 +13,6 @@ from auvbench.analysis.records import ClaimVerdict, Finding, Report
 from auvbench.analysis.score import Scores
 from auvbench.reporting import tables
 from auvbench.reporting.figures import FIGURES, MAIN, Figure
-from auvbench.reporting.tables.notes import of_pairs
 from auvbench.reporting.tables.text_formats import escape
 from auvbench.runs.atomic_io import as_json, write_atomic
 from auvbench.statistics.intervals import Estimate
@@ -44,17 +43,17 @@ def markdown(report: Report, figures: Sequence[Figure], folder: Path) -> str:
     parts = ["# Report", tables.markdown(ranking, figure_in_markdown(main, folder) if main else "").rstrip()]
     if report.findings:
         parts += ["## Findings", findings_in_markdown(report.findings)]
-    if ranking.conditions:
-        parts += ["## Conditions", tables.conditions_markdown(ranking).rstrip()]
+    if conditions := tables.conditions_table(ranking):
+        parts += [f"## {escape(conditions.title)}", tables.pipes(conditions)]
     if report.claims:
         parts += ["## Claims of the study", claims_in_markdown(report.claims)]
-    if report.comparison:
-        parts += ["## The study's table and ours", tables.comparison_markdown(report.comparison).rstrip()]
+    if comparison := tables.comparison_table(report.comparison):
+        parts += [f"## {comparison.title}", tables.pipes(comparison)]
     others = [figure for figure in figures if figure is not main]
     if others:
         parts.append("## Figures")
         parts += [f"### {escape(f.title)}\n\n{figure_in_markdown(f, folder)}" for f in others]
-    parts += ["## Appendix: ranks", tables.ranks_markdown(ranking).rstrip(), escape(of_pairs(ranking))]
+    parts += ["## Appendix: ranks", tables.pipes(tables.ranks_table(ranking))]
     return "\n\n".join(parts) + "\n"
 
 
@@ -124,7 +123,7 @@ def sections_markdown(reports: Sequence[Report], score: Scores | None = None) ->
     """Return report.md with the table and the findings of each section, and a link to its own report."""
     pieces = ["# Report", overview(len(reports), score)]
     if score is not None:
-        pieces += ["## Score across tasks", tables.score_markdown(score).rstrip()]
+        pieces += ["## Score across tasks", tables.pipes(tables.score_table(score))]
     for report in reports:
         title = report.section.title
         pieces += [

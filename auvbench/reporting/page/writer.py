@@ -20,16 +20,9 @@ from auvbench.reporting.figures import MAIN, Figure, colour_of
 from auvbench.reporting.figures.style import Look
 from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories as trajectories_
-from auvbench.reporting.tables.appendix import (
-    COMPARISON_NOTE,
-    comparison_table,
-    conditions_table,
-    ranks_table,
-    score_notes,
-    score_table,
-)
+from auvbench.reporting.tables.appendix import comparison_table, conditions_table, ranks_table, score_table
 from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.notes import grouped, limit_lines, notes, of_pairs
+from auvbench.reporting.tables.notes import grouped, limit_lines
 from auvbench.reporting.tables.table import Table
 from auvbench.reporting.write import overview, text
 
@@ -64,10 +57,9 @@ def write(
     embedded, figure_problems = of_page.embed(figures, links)
     everything = (*ranking.problems, *figure_problems, *scenes.problems)
     found = of_page.findings(report.findings, links)
-    further = of_page.metrics_table(ranking)
 
-    def linked(table: Table) -> Table:
-        return of_page.of_agents(table, ranking, hues, links)
+    def linked(table: Table | None) -> Table | None:
+        return of_page.of_agents(table, ranking, hues, links) if table else None
 
     html = render(
         runs,
@@ -76,15 +68,13 @@ def write(
         headline=headline(ranking),
         above="../index.html" if several else "",
         table=of_page.of_agents(main_table(ranking), ranking, {}, links),  # its colours are those of verdicts
-        conditions=linked(conditions_table(ranking)) if ranking.conditions else None,
-        further=linked(further) if further else None,
+        conditions=linked(conditions_table(ranking)),
+        further=linked(of_page.metrics_table(ranking)),
         ranks=linked(ranks_table(ranking)),
-        notes=notes(ranking),
         findings=found[:SHOWN],
         more_findings=found[SHOWN:],
         claims=of_page.claims(report.claims, links),
-        comparison=comparison_table(report.comparison) if report.comparison else None,
-        comparison_note=COMPARISON_NOTE,
+        comparison=comparison_table(report.comparison),
         main_figure=next((figure for figure in embedded if figure.name == MAIN), None),
         figures=[figure for figure in embedded if figure.name != MAIN],
         scenes=scenes.scenes,
@@ -105,7 +95,6 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         "page.html",
         SCRIPTS,
         ranking=ranking,
-        pairs_note=of_pairs(ranking),
         vehicles=of_page.distinct(run.config.get("vehicle.name") for run in found),
         runs_found=len(found),
         confidence=f"{100 * ranking.confidence:g}",
@@ -191,13 +180,11 @@ def write_overview(
                 "fingerprint": ranking.fingerprint,
                 "href": href,
                 "table": of_page.of_agents(main_table(ranking), ranking, {}, links),
-                "notes": notes(ranking),
                 "findings": of_page.findings(report.findings[:SHOWN], links),
             }
         )
     runs = [run for report in reports for run in report.runs]
     problems = dict.fromkeys(problem for report in reports for problem in report.ranking.problems)
-    scored = score_table(score) if score is not None and score.rows else None
     html = render(
         runs,
         reports[0].ranking,
@@ -208,6 +195,6 @@ def write_overview(
         # Each section has its own scenarios.
         facts=[fact for fact in of_page.facts(reports[0].ranking, runs) if fact[0] != "Scenarios"],
         command=command,
-        score=None if score is None else {"table": scored, "notes": score_notes(score)},
+        score=None if score is None else score_table(score),
     )
     return text(path, html)

@@ -1,45 +1,34 @@
 """The tables of a report in every format. Each function draws what a `Ranking` holds and computes nothing."""
 
-from auvbench.reporting.tables.latex import conditions_latex, latex, score_latex
-from auvbench.reporting.tables.terminal import (
-    claims_terminal,
-    comparison_terminal,
-    conditions_terminal,
-    findings_terminal,
-    score_terminal,
-    terminal,
-)
+from auvbench.reporting.tables.appendix import comparison_table, conditions_table, ranks_table, score_table
+from auvbench.reporting.tables.latex import in_print, latex
+from auvbench.reporting.tables.terminal import TableView, claims_terminal, findings_terminal, terminal
 from auvbench.reporting.tables.text_formats import (
-    comparison_markdown,
     comparisons_csv,
     conditions_csv,
-    conditions_markdown,
     csv,
     joined,
     markdown,
-    ranks_markdown,
+    pipes,
     score_csv,
-    score_markdown,
 )
 
 __all__ = [
+    "TableView",
     "claims_terminal",
-    "comparison_markdown",
-    "comparison_terminal",
+    "comparison_table",
     "comparisons_csv",
     "conditions_csv",
-    "conditions_latex",
-    "conditions_markdown",
-    "conditions_terminal",
+    "conditions_table",
     "csv",
     "findings_terminal",
+    "in_print",
     "joined",
     "latex",
     "markdown",
-    "ranks_markdown",
+    "pipes",
+    "ranks_table",
     "score_csv",
-    "score_latex",
-    "score_markdown",
-    "score_terminal",
+    "score_table",
     "terminal",
 ]

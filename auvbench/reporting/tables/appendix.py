@@ -24,13 +24,14 @@ from auvbench.reporting.tables.table import (
 from auvbench.statistics.intervals import Estimate
 
 MOST_LETTERS = 8
-"""of an agent's group; longer ones cannot be read, and the rank intervals say the same"""
+"""of an agent's group that are shown"""
 
 
 def ranks_table(ranking: Ranking) -> Table:
     """Return rank, the ranks that agree with the data, group letters, and the measure ranked by."""
     column = column_of(ranking.rank_by)
-    letters = readable_letters(ranking)
+    # Longer ones cannot be read, and the rank intervals say the same.
+    letters = all(len(row.group) <= MOST_LETTERS for row in ranking.rows)
     headings = [Heading("agent", words=True), Heading("rank"), Heading("ranks")]
     headings += [Heading("group", words=True)] * letters
     lines = [
@@ -45,7 +46,13 @@ def ranks_table(ranking: Ranking) -> Table:
         )
         for row in ranking.rows
     ]
-    return Table((*headings, column), tuple(lines))
+    groups = (
+        "Agents that share a group letter are not resolved from each other."
+        if letters
+        else "Agents whose ranks do not overlap are resolved from each other."
+    )
+    note = f"Corrected over all pairs of agents (Holm), which are in comparisons.csv. {groups}"
+    return Table((*headings, column), tuple(lines), "Ranks", (note,))
 
 
 def ranks_of(row: Row) -> str:
@@ -54,13 +61,10 @@ def ranks_of(row: Row) -> str:
     return f"{first}" if first == last else f"{first} to {last}"
 
 
-def readable_letters(ranking: Ranking) -> bool:
-    """Return whether the group letters are short enough to read. The CSV has them always."""
-    return all(len(row.group) <= MOST_LETTERS for row in ranking.rows)
-
-
-def conditions_table(ranking: Ranking) -> Table:
-    """Return success in percent by condition; a dash where an agent did not meet one."""
+def conditions_table(ranking: Ranking) -> Table | None:
+    """Return success in percent by condition, a dash where an agent did not meet one; None for a single condition."""
+    if not ranking.conditions:
+        return None
     headings = [Heading("agent", words=True)]
     for condition in ranking.conditions:
         title, level = in_words(condition.name)
@@ -74,22 +78,19 @@ def conditions_table(ranking: Ranking) -> Table:
         )
         for row in ranking.rows
     ]
-    return Table(tuple(headings), tuple(lines))
+    notes = [
+        f"{100 * ranking.confidence:g} % intervals, each by itself; agents in the order of condition {ranking.condition}."
+    ]
+    if not all(row.compared for row in ranking.rows):
+        notes.append(f"{DAGGER} one training seed: the interval covers test episodes only.")
+    title = f"Success (%) under each condition of protocol {ranking.protocol}"
+    return Table(tuple(headings), tuple(lines), title, tuple(notes))
 
 
-def conditions_note(ranking: Ranking) -> str:
-    """Return what the table shows, in a sentence without markup."""
-    text = (
-        f"Success (%) under each condition of protocol {ranking.protocol}, {100 * ranking.confidence:g} % intervals, each "
-        f"by itself; agents in the order of condition {ranking.condition}."
-    )
-    if all(row.compared for row in ranking.rows):
-        return text
-    return f"{text} {DAGGER} one training seed: the interval covers test episodes only."
-
-
-def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
-    """Return the original study's numbers and ours: an agent per line, "theirs / ours [interval]" per measure."""
+def comparison_table(rows: Sequence[ComparisonRow]) -> Table | None:
+    """Return the original study's numbers and ours, an agent per line: "theirs / ours [interval]"; None without any."""
+    if not rows:
+        return None
     measures = [name for name in thesis.TITLES if any(row.measure == name for row in rows)]
     titles = [Heading(thesis.TITLES[name], weight=1) for name in measures]
     lines = []
@@ -99,10 +100,8 @@ def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
         label = next((row.label for row in mine.values()), "") or f"K={k:g} {frequency:g} Hz, not run"
         cells = [_theirs_and_ours(mine.get(name)) for name in measures]
         lines.append(Line((Cell(f"{agent} ({label})"), *cells)))
-    return Table((Heading("agent", words=True), *titles), tuple(lines))
-
-
-COMPARISON_NOTE = "The original study (200 episodes, one training seed) / ours with its interval. r: restored from the row's sums."
+    note = "The original study (200 episodes, one training seed) / ours with its interval. r: restored from the row's sums."
+    return Table((Heading("agent", words=True), *titles), tuple(lines), "The study's table and ours", (note,))
 
 
 def _theirs_and_ours(row: ComparisonRow | None) -> Cell:
@@ -116,10 +115,11 @@ def _theirs_and_ours(row: ComparisonRow | None) -> Cell:
 
 
 def score_table(found: Scores) -> Table:
-    """Return the score of each agent over all tasks, then that of each task."""
+    """Return the score of each agent over all tasks, then that of each task; without rows, its notes say why."""
     headings = [Heading("agent", words=True), Heading("seeds"), Heading("score")]
     headings += [Heading(title) for title in found.titles]
-    return Table(tuple(headings), tuple(Line(_scores_of(row)) for row in found.rows))
+    lines = tuple(Line(_scores_of(row)) for row in found.rows)
+    return Table(tuple(headings), lines, "Score across tasks", tuple(_score_notes(found)))
 
 
 def _scores_of(row: Scored) -> tuple[Cell, ...]:
@@ -140,8 +140,7 @@ def _score(score: Estimate) -> Cell:
     return Cell(fixed(score.value, 2), interval, score.value)
 
 
-def score_notes(found: Scores) -> list[str]:
-    """Return what the table shows, in sentences without markup."""
+def _score_notes(found: Scores) -> list[str]:
     if not found.rows:
         return list(found.notes)
     by = "; ".join(f"{title}: {name(m)}" for title, m in zip(found.titles, found.measures, strict=True))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from auvbench.analysis.formatting import counted, name
-from auvbench.analysis.measures import measure
+from dataclasses import replace
+
+from auvbench.analysis.formatting import counted
 from auvbench.analysis.records import Ranking
-from auvbench.analysis.score import Scores
-from auvbench.reporting.tables.appendix import conditions_note, conditions_table, score_notes, score_table
 from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.notes import notes
 from auvbench.reporting.tables.table import Cell, Heading, Table
 
 HEAD = r"% \usepackage{booktabs} \usepackage{graphicx} \usepackage{amssymb} \usepackage[T1]{fontenc}"
@@ -51,35 +49,24 @@ def escape(text: str) -> str:
 
 def latex(ranking: Ranking) -> str:
     r"""Return the main table to `\input`. Needs booktabs, graphicx, amssymb for the verdicts' symbols, and T1 for `"` and `<`."""
-    by = name(measure(ranking.rank_by))
-    against = f" against {ranking.primary.baseline}" if ranking.primary else ""
-    caption = f"Agents{against} in {by} on protocol {ranking.protocol}."
-    return _document(main_table(ranking), caption, "main", _below(ranking))
+    table = main_table(ranking)
+    notes = [*ranking.notices, *table.notes]
+    if n := len(ranking.problems):
+        notes.append(f"Not in the table, or only in part: {counted(n, 'run')} (see report.md).")
+    return in_print(replace(table, notes=tuple(notes)), "main")
 
 
-def conditions_latex(ranking: Ranking) -> str:
-    r"""Return success by condition to `\input`; an empty string where the protocol has only one."""
-    if not ranking.conditions:
+def in_print(table: Table | None, label: str) -> str:
+    r"""Return a table to `\input`, scaled to the width of the text where it is wider; empty for none, or one without rows."""
+    if table is None or not table.lines:
         return ""
-    return _document(conditions_table(ranking), conditions_note(ranking), "conditions")
-
-
-def score_latex(found: Scores) -> str:
-    r"""Return the score across tasks to `\input`; an empty string without a score."""
-    return _document(score_table(found), " ".join(score_notes(found)), "score") if found.rows else ""
-
-
-def _document(table: Table, caption: str, label: str, below: str = "") -> str:
-    return f"{HEAD}\n\n{_table(table, caption, f'tab:auvbench-{label}', below)}\n"
-
-
-def _table(table: Table, caption: str, label: str, below: str) -> str:
-    """Return one table; one that is wider than the text is scaled to its width."""
     columns = "".join("l" if heading.words else "r" for heading in table.headings)
     lines = [
+        HEAD,
+        "",
         r"\begin{table}[htbp]",
         r"\centering",
-        rf"\caption{{{escape(caption)}}}\label{{{label}}}",
+        rf"\caption{{{escape(table.title)}}}\label{{tab:auvbench-{label}}}",
         r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%",
         rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}",
         r"\toprule",
@@ -91,9 +78,10 @@ def _table(table: Table, caption: str, label: str, below: str) -> str:
         lines.append(" & ".join(escape(cell.value) for cell in line.cells) + r" \\[-2pt]")
         lines.append(" & ".join(map(_more, line.cells)) + r" \\[1.5pt]")
     lines.append(r"\bottomrule\end{tabular}}")
-    if below:
+    if table.notes:
+        below = escape(" ".join(table.notes))
         lines += ["", r"\medskip", rf"\parbox{{\linewidth}}{{\scriptsize {below}}}"]
-    return "\n".join([*lines, r"\end{table}"])
+    return "\n".join([*lines, r"\end{table}", ""])
 
 
 def _more(cell: Cell) -> str:
@@ -104,12 +92,3 @@ def _heading(heading: Heading) -> str:
     """Return the heading, its unit below it, so that a column is no wider than its interval."""
     title = heading.tex or escape(heading.title)
     return rf"\shortstack{{{title}\\({escape(heading.unit)})}}" if heading.unit else title
-
-
-def _below(ranking: Ranking) -> str:
-    text = [*ranking.notices, *notes(ranking)]
-    if ranking.problems:
-        text.append(
-            f"Not in the table, or only in part: {counted(len(ranking.problems), 'run')} (see report.md)."
-        )
-    return escape(" ".join(text))

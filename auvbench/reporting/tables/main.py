@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isfinite
 
-from auvbench.analysis.formatting import NOTHING, unit
+from auvbench.analysis.formatting import NOTHING, name, unit
 from auvbench.analysis.labels import in_short
 from auvbench.analysis.measures import measure
 from auvbench.analysis.planning import MOST_EPISODES
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
 from auvbench.analysis.records import Needed, Ranking, Row
+from auvbench.reporting.tables.notes import notes
 from auvbench.reporting.tables.table import (
     DAGGER,
     Cell,
@@ -44,7 +45,10 @@ def main_table(ranking: Ranking) -> Table:
     lines = tuple(
         Line(tuple(cell(row) for _, cell in columns), verdict_of(ranking, row.label)) for row in ranking.rows
     )
-    return Table(tuple(heading for heading, _ in columns), lines)
+    by = name(measure(ranking.rank_by))
+    against = f" against {ranking.primary.baseline}" if ranking.primary else ""
+    title = f"Agents{against} in {by} on protocol {ranking.protocol}."
+    return Table(tuple(heading for heading, _ in columns), lines, title, tuple(notes(ranking)))
 
 
 def verdict_of(ranking: Ranking, label: str) -> str:

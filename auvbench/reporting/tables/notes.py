@@ -9,7 +9,6 @@ from auvbench.analysis.measures import measure
 from auvbench.analysis.primary import OPEN
 from auvbench.analysis.records import Primary, Problem, Ranking
 from auvbench.metrics import METRICS
-from auvbench.reporting.tables.appendix import readable_letters
 from auvbench.reporting.tables.table import DAGGER
 from auvbench.statistics.intervals import SUCCEEDED
 
@@ -49,7 +48,8 @@ def notes(ranking: Ranking) -> list[str]:
         lines.append(ranking.declaration)
     if any(metric.startswith("par") for metric in (ranking.rank_by, *ranking.columns)):
         lines.append("PAR-1: a failure counts as the limit of the episode; PAR-2: as twice the limit.")
-    return [*lines, *remarks(ranking), *of_columns(ranking)]
+    lines += remarks(ranking)
+    return [*lines, *limit_lines(ranking)] if optimality.COLUMN in ranking.columns else lines
 
 
 def explained(primary: Primary) -> list[str]:
@@ -102,21 +102,6 @@ def _against_a_controller(ranking: Ranking) -> bool:
     trained = {row.label: row.trained for row in ranking.rows if row.compared}
     baseline = trained.get(ranking.primary.baseline)
     return baseline is not None and (not baseline) in trained.values()
-
-
-def of_columns(ranking: Ranking) -> list[str]:
-    """Return what the columns on request are."""
-    return limit_lines(ranking) if optimality.COLUMN in ranking.columns else []
-
-
-def of_pairs(ranking: Ranking) -> str:
-    """Return how to read ranks and letters."""
-    groups = (
-        "Agents that share a group letter are not resolved from each other."
-        if readable_letters(ranking)
-        else "Agents whose ranks do not overlap are resolved from each other."
-    )
-    return f"Corrected over all pairs of agents (Holm), which are in comparisons.csv. {groups}"
 
 
 def limit_lines(ranking: Ranking) -> list[str]:

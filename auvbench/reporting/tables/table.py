@@ -66,10 +66,14 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Headings and rows; the first `lead` columns say what a row is."""
+    """Headings, rows, and what a reader needs to know of them; the first `lead` columns say what a row is."""
 
     headings: tuple[Heading, ...]
     lines: tuple[Line, ...]
+    title: str = ""
+    """caption in print"""
+    notes: tuple[str, ...] = ()
+    """sentences without markup, below the table"""
     lead: int = 1
 
 

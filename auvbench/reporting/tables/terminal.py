@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
@@ -14,31 +13,19 @@ from rich.text import Text
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN, headline
 from auvbench.analysis.records import ClaimVerdict, Finding, Ranking
-from auvbench.analysis.score import Scores
-from auvbench.analysis.thesis import ComparisonRow
-from auvbench.reporting.tables.appendix import (
-    COMPARISON_NOTE,
-    comparison_table,
-    conditions_note,
-    conditions_table,
-    score_notes,
-    score_table,
-)
 from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.notes import grouped, notes
+from auvbench.reporting.tables.notes import grouped
 from auvbench.reporting.tables.table import Cell, Line, Table
 
 MOST_PROBLEMS = 6
 """per kind on screen; the files list all"""
 LABEL = 26
 """characters of a label on one line"""
-MOST_ROWS = 20
-"""of success by condition, which takes several tables on a narrow screen"""
 STYLES = {AHEAD: "green", EQUIVALENT: "blue", BEHIND: "red", OPEN: "yellow"}
 
 
 class TableView:
-    """A rich renderable that fits a table to the terminal: columns that do not fit are left out and named."""
+    """A table with its notes, for rich: columns that do not fit into the terminal are left out and named."""
 
     def __init__(self, table: Table) -> None:
         self.table = table
@@ -51,18 +38,12 @@ class TableView:
             if room < 0 and headings[i].weight:
                 break
             kept.add(i)
-        columns = sorted(kept)
-        yield _rendered(
-            replace(
-                self.table,
-                headings=tuple(headings[i] for i in columns),
-                lines=tuple(
-                    replace(line, cells=tuple(line.cells[i] for i in columns)) for line in self.table.lines
-                ),
-            )
-        )
+        if self.table.lines:
+            yield _rendered(self.table, sorted(kept))
         if rest := [heading.text for i, heading in enumerate(headings) if i not in kept]:
             yield Text(f"Not shown for want of width: {', '.join(rest)}.", style="dim")
+        for note in self.table.notes:
+            yield Text(note, style="dim")
 
     def _width(self, i: int) -> int:
         """Return the width of a column on screen, with its padding."""
@@ -75,9 +56,10 @@ class TableView:
         return widest + 2
 
 
-def _rendered(table: Table) -> RichTable:
+def _rendered(table: Table, columns: Sequence[int]) -> RichTable:
     shown = RichTable(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 1))
-    for i, heading in enumerate(table.headings):
+    for i in columns:
+        heading = table.headings[i]
         title = Text.assemble(heading.title, (f"\n{heading.unit}" if heading.unit else "", "dim"))
         if i < table.lead:
             words = [len(word) for line in table.lines for word in line.cells[i].value.split()]
@@ -87,7 +69,7 @@ def _rendered(table: Table) -> RichTable:
         else:
             shown.add_column(title, justify="left" if heading.words else "right", no_wrap=True)
     for line in table.lines:
-        shown.add_row(*(_stacked(cell, line) for cell in line.cells))
+        shown.add_row(*(_stacked(line.cells[i], line) for i in columns))
     return shown
 
 
@@ -106,21 +88,7 @@ def terminal(ranking: Ranking) -> RenderableType:
     """Return the headline, the main table, its notes and the problems, for `rich.console.Console.print`."""
     parts: list[RenderableType] = [Text(headline(ranking), style="bold"), Text()]
     parts += [Text(line, style="yellow") for line in ranking.notices]
-    parts.append(TableView(main_table(ranking)))
-    parts += [Text(line, style="dim") for line in notes(ranking)]
-    return Group(*parts, *_problems(ranking))
-
-
-def conditions_terminal(ranking: Ranking) -> RenderableType:
-    """Return success under each condition of the protocol; nothing where it has only one."""
-    if not ranking.conditions:
-        return Group()
-    table = conditions_table(ranking)
-    few = Table(table.headings, table.lines[:MOST_ROWS])
-    more = (
-        f" The best {MOST_ROWS} agents; the written report has all." if len(table.lines) > MOST_ROWS else ""
-    )
-    return Group(TableView(few), Text(conditions_note(ranking) + more, style="dim"))
+    return Group(*parts, TableView(main_table(ranking)), *_problems(ranking))
 
 
 def findings_terminal(findings: Sequence[Finding]) -> RenderableType:
@@ -157,17 +125,3 @@ def _problems(ranking: Ranking) -> list[RenderableType]:
             lines.append(Text(f"and {len(problems) - MOST_PROBLEMS} more (the written report lists all)"))
         found += [Padding(line, (0, 0, 0, 2), expand=False) for line in lines]
     return found
-
-
-def score_terminal(found: Scores) -> RenderableType:
-    """Return the score across tasks and of each task."""
-    if not found.rows:
-        return Text("\n".join(found.notes), style="yellow")
-    lines = [Text(line, style="dim") for line in score_notes(found)]
-    return Group(TableView(score_table(found)), *lines)
-
-
-def comparison_terminal(rows: Sequence[ComparisonRow]) -> RenderableType:
-    """Return the original study's numbers and ours, as many measures as fit."""
-    title = Text("the original study's numbers and ours", style="bold")
-    return Group(title, TableView(comparison_table(rows)), Text(COMPARISON_NOTE, style="dim"))

@@ -10,18 +10,8 @@ from typing import Any
 from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Comparison, Ranking, Row
 from auvbench.analysis.score import Scores
-from auvbench.analysis.thesis import ComparisonRow
-from auvbench.reporting.tables.appendix import (
-    COMPARISON_NOTE,
-    comparison_table,
-    conditions_note,
-    conditions_table,
-    ranks_table,
-    score_notes,
-    score_table,
-)
 from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.notes import grouped, notes
+from auvbench.reporting.tables.notes import grouped
 from auvbench.reporting.tables.table import Table
 from auvbench.statistics.intervals import Estimate
 from auvbench.untrusted.text import cell
@@ -157,10 +147,14 @@ def escape(text: str) -> str:
 
 
 def pipes(table: Table) -> str:
-    """Return a pipe table; intervals stand behind their values."""
+    """Return a pipe table with its notes below it; intervals stand behind their values."""
+    notes = "\n".join(f"* {escape(note)}" for note in table.notes)
+    if not table.lines:
+        return notes
     rules = ["---" if heading.words else "---:" for heading in table.headings]
     headings = [escape(heading.text) for heading in table.headings]
-    return rows([headings, rules, *([escape(cell.text) for cell in line.cells] for line in table.lines)])
+    entries = ([escape(cell.text) for cell in line.cells] for line in table.lines)
+    return "\n\n".join(filter(None, [rows([headings, rules, *entries]), notes]))
 
 
 def rows(cells: Iterable[Iterable[str]]) -> str:
@@ -177,28 +171,10 @@ def markdown(ranking: Ranking, figure: str = "") -> str:
     """
     parts = [f"**{escape(headline(ranking))}**", *filter(None, [figure]), *map(escape, ranking.notices)]
     parts.append(pipes(main_table(ranking)))
-    parts.append("\n".join(f"* {escape(line)}" for line in notes(ranking)))
     for title, problems in grouped(ranking.problems):
         lines = [f"- {escape(p.where)}: {escape(p.message)}" for p in problems]
         parts.append("\n".join([f"**{title[0].upper()}{title[1:]} ({len(problems)})**", "", *lines]))
     return "\n\n".join(parts) + "\n"
-
-
-def conditions_markdown(ranking: Ranking) -> str:
-    """Return success under each condition of the protocol; an empty string where it has only one."""
-    if not ranking.conditions:
-        return ""
-    return f"{pipes(conditions_table(ranking))}\n\n{escape(conditions_note(ranking))}\n"
-
-
-def ranks_markdown(ranking: Ranking) -> str:
-    """Return the ranks with their intervals and group letters: the exploratory part."""
-    return pipes(ranks_table(ranking)) + "\n"
-
-
-def comparison_markdown(rows: Sequence[ComparisonRow]) -> str:
-    """Return the original study's numbers and ours."""
-    return f"{pipes(comparison_table(rows))}\n\n{COMPARISON_NOTE}\n"
 
 
 def score_csv(found: Scores) -> str:
@@ -216,9 +192,3 @@ def score_csv(found: Scores) -> str:
             line |= {f"{what}: {title}": value for title, value in zip(found.titles, values, strict=True)}
         rows.append(line)
     return lines(rows)
-
-
-def score_markdown(found: Scores) -> str:
-    """Return the table and its notes."""
-    table = [pipes(score_table(found))] if found.rows else []
-    return "\n\n".join([*table, "\n".join(f"* {escape(line)}" for line in score_notes(found))]) + "\n"

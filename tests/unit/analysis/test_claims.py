@@ -516,6 +516,8 @@ def test_beside_the_thesis():
     assert success.ours.value == pytest.approx(100 * agents[0].success.mean())
     assert mine["SAC1", "success_rate"].ours is None
     assert mine["SAC3", "success_rate"].theirs.mark == "r"
-    text = tables.comparison_markdown(rows)
+    table = tables.comparison_table(rows)
+    assert table is not None
+    text = tables.pipes(table)
     assert "| SAC1 (K=1 55 Hz, not run) | 54.5 / – |" in text
     assert len(text.splitlines()) == 2 + len(thesis.AGENTS) + 2

@@ -17,6 +17,7 @@ from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Ranking
 from auvbench.commands.report import main
 from auvbench.reporting import tables
+from auvbench.reporting.tables.table import Table
 from auvbench.statistics import wilson
 from tests.paper import compile_article, needs_pdflatex
 from tests.synthetic import FREQUENCY_SWEEP, ROBUSTNESS, write_experiment
@@ -36,6 +37,12 @@ def ranked(grid: Path, protocol: str = "robustness") -> Ranking:
     return rank(
         agents(runs, protocol=protocol, condition=condition)[0], protocol=protocol, condition=condition
     )
+
+
+def shown(ranking: Ranking) -> Table:
+    table = tables.conditions_table(ranking)
+    assert table is not None
+    return table
 
 
 def test_examples_of_the_docstrings() -> None:
@@ -115,7 +122,8 @@ def test_steps_at_other_frequencies_are_not_compared(grid: Path) -> None:
 def test_a_protocol_of_one_condition_has_no_table(grid: Path) -> None:
     ranking = ranked(grid, "test")
     assert ranking.conditions == ()
-    assert tables.conditions_markdown(ranking) == tables.conditions_latex(ranking) == ""
+    assert tables.conditions_table(ranking) is None
+    assert tables.in_print(None, "conditions") == ""
     assert tables.conditions_csv(ranking) == ""
 
 
@@ -145,14 +153,14 @@ def test_an_agent_without_a_condition_has_a_dash(grid: Path) -> None:
     last = ranking.conditions[-1].success
     assert isinstance(last, dict)
     del last["PID"]
-    line = next(x for x in tables.conditions_markdown(ranking).splitlines() if "PID" in x)
-    assert line.endswith("| – |")
+    line = next(x for x in shown(ranking).lines if x.cells[0].value == "PID")
+    assert line.cells[-1].text == "–"
 
 
 @pytest.mark.parametrize("width", [60, 80, 200])
 def test_a_screen_shows_or_names_every_condition(grid: Path, width: int) -> None:
     console = Console(width=width, file=io.StringIO(), record=True)
-    console.print(tables.conditions_terminal(ranked(grid)))
+    console.print(tables.TableView(shown(ranked(grid))))
     text = console.export_text()
     assert max(map(len, text.splitlines())) <= width
     text = " ".join(text.split())
@@ -162,10 +170,10 @@ def test_a_screen_shows_or_names_every_condition(grid: Path, width: int) -> None
 
 def test_files_show_every_condition(grid: Path) -> None:
     ranking = ranked(grid)
-    text = tables.conditions_markdown(ranking)
+    text = tables.pipes(shown(ranking))
     assert len({line.count("|") for line in text.splitlines() if line.startswith("|")}) == 1
     assert text.splitlines()[0].count("|") == 1 + 1 + len(ROBUSTNESS)
-    print_ = tables.conditions_latex(ranking)
+    print_ = tables.in_print(shown(ranking), "conditions")
     assert print_.count(r"\begin{table}") == print_.count(r"\end{table}") == 1
     assert print_.count("current") == 4
     assert r"$\times$ 1.3" in print_
@@ -176,7 +184,7 @@ def test_files_show_every_condition(grid: Path) -> None:
 
 @needs_pdflatex
 def test_the_tables_for_a_paper_fit_its_width(grid: Path, tmp_path: Path) -> None:
-    assert "Overfull" not in compile_article(tmp_path, tables.conditions_latex(ranked(grid)))
+    assert "Overfull" not in compile_article(tmp_path, tables.in_print(shown(ranked(grid)), "conditions"))
 
 
 @pytest.mark.slow

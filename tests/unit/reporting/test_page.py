@@ -196,6 +196,7 @@ def test_failed_write_keeps_the_old_page(grid: dict[str, Any], html: str) -> Non
 
 def test_numbers_of_a_study_stand_with_ours(grid: dict[str, Any], html: str) -> None:
     shown = comparison_table(grid["comparison"])
+    assert shown is not None
     lines = {line.cells[0].value: line.cells for line in shown.lines}
     mine, other = lines["SAC4 (SAC)"], next(cells for name, cells in lines.items() if "not run" in name)
     agent = next(agent for agent in grid["agents"] if agent.label == "SAC")
