@@ -16,7 +16,7 @@ from PIL import Image  # matplotlib's own
 from auvbench.analysis.archive import RUNS
 from auvbench.analysis.formatting import NOTHING, fixed
 from auvbench.analysis.ranking import FINER
-from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Ranking, RunRecord
+from auvbench.analysis.records import Agent, Problem, Ranking, RunRecord
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.tables.main import label_of, main_table
 from auvbench.reporting.tables.table import (
@@ -30,8 +30,6 @@ from auvbench.reporting.tables.table import (
 )
 from auvbench.runs.progress import duration, telling
 
-VERDICTS = {"holds": "yes", "does not hold": "no", "cannot be said": "open"}
-"""a claim's verdict to the name of its style"""
 LARGEST_SVG = 150_000
 """bytes; the PNG of a larger SVG is shown, because a browser draws thousands of points slowly"""
 WIDE = 1200
@@ -47,7 +45,7 @@ class Links:
     def __init__(self, page: Path, runs: Sequence[RunRecord], elsewhere: str = "") -> None:
         self._folder = page.parent.resolve()
         self._elsewhere = elsewhere
-        self._anchors = {run.id: f"run-{number}" for number, run in enumerate(runs, start=1)}
+        self.anchors = {run.id: f"run-{number}" for number, run in enumerate(runs, start=1)}
 
     def to(self, path: Path) -> str:
         """Return a relative URL of a file or folder, percent-encoded; a file: URL on another drive."""
@@ -57,13 +55,9 @@ class Links:
         except ValueError:  # Windows: no relative path leads to another drive
             return path.resolve().as_uri()
 
-    def anchor(self, run_id: str) -> str:
-        """Return the id of the run's row, or ''."""
-        return self._anchors.get(run_id, "")
-
     def row(self, run_id: str) -> str:
         """Return the link to the run's row, or ''."""
-        return f"{self._elsewhere}#{self._anchors[run_id]}" if run_id in self._anchors else ""
+        return f"{self._elsewhere}#{self.anchors[run_id]}" if run_id in self.anchors else ""
 
     def files(self, run: RunRecord) -> str:
         """Return the link to a run's manifest, else to its folder."""
@@ -124,7 +118,9 @@ def runs_table(
             *(_cell(value, 1) for value in test),
             *_training(run),
         )
-        lines.append(Line(cells, "", colours.get(label, ""), links.files(run), anchor=links.anchor(run.id)))
+        lines.append(
+            Line(cells, "", colours.get(label, ""), links.files(run), anchor=links.anchors.get(run.id, ""))
+        )
     return Table(headings, tuple(lines))
 
 
@@ -154,43 +150,6 @@ def _number(value: Any) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return None
     return float(value)
-
-
-@dataclass(frozen=True, slots=True)
-class Sentence:
-    """A finding or a claim as printed."""
-
-    text: str
-    basis: str
-    sources: tuple[tuple[str, str], ...]
-    """(run id, link)"""
-    verdict: str = ""
-    style: str = ""
-    missing: str = ""
-
-
-def findings(found: Iterable[Finding], links: Links) -> list[Sentence]:
-    """Return findings with links to their runs."""
-    return [Sentence(f.text, f.basis, _sources(f.run_ids, links)) for f in found]
-
-
-def claims(found: Iterable[ClaimVerdict], links: Links) -> list[Sentence]:
-    """Return claims with their verdicts and links to their runs."""
-    return [
-        Sentence(
-            claim.text,
-            claim.statistic,
-            _sources(claim.run_ids, links),
-            claim.verdict,
-            VERDICTS.get(claim.verdict, "open"),
-            claim.missing,
-        )
-        for claim in found
-    ]
-
-
-def _sources(run_ids: Iterable[str], links: Links) -> tuple[tuple[str, str], ...]:
-    return tuple((run_id, href) for run_id in run_ids if (href := links.row(run_id)))
 
 
 def facts(ranking: Ranking, runs: Sequence[RunRecord]) -> list[tuple[str, tuple[str, ...]]]:

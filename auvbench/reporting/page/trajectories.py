@@ -42,41 +42,14 @@ class Track:
     agent: int
     """index into the agents the page was given"""
     run: RunRecord
-    position: NDArray[np.float64]
-    """(T+1, 3) m, world ENU"""
-    time: NDArray[np.float64]
-    """(T+1,) s"""
     outcome: str
     """one of `record.OUTCOMES`, or '' where the table of episodes does not say"""
-    reference: NDArray[np.float64] | None = None
-    """(T+1, 3) m, where it moves"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Scene:
-    """One test episode: where the waypoint or goal lay and how each run went there."""
-
-    episode: int
-    waypoint: tuple[float, float, float]
-    """m, world ENU"""
-    tracks: tuple[Track, ...]
-    dock_yaw: float | None = None
-    """rad, in which a dock is entered"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Scenes:
-    """All episodes that the 3-D view offers, and what could not be read."""
-
-    scenes: tuple[Scene, ...] = ()
-    problems: tuple[Problem, ...] = ()
-    left_out: int = 0
-    """runs whose paths were left out to keep the page small"""
+    path: StoredPath
 
 
 def read(
-    agents: Sequence[Agent], *, protocol: str, condition: str, runs: int = RUNS, episodes: int = EPISODES
-) -> Scenes:
+    agents: Sequence[Agent], *, protocol: str, condition: str, runs: int = RUNS
+) -> tuple[list[Track], list[Problem], int]:
     """Read the paths of the agents' runs; every agent's first seed comes before any agent's second.
 
     Args:
@@ -84,10 +57,9 @@ def read(
         protocol: the protocol's name, as in `RunRecord.evaluations`.
         condition: the test condition within the protocol.
         runs: most runs to read.
-        episodes: most episodes to read of a run.
 
     Returns:
-        The episodes in ascending order; a file that cannot be read becomes a `Problem`.
+        The tracks by episode, agent and seed; the files that cannot be read; the number of runs that are left out.
     """
     candidates = [
         (row, index, run, evaluation)
@@ -97,62 +69,48 @@ def read(
     ]
     candidates.sort(key=lambda candidate: candidate[:2])
     problems: list[Problem] = []
-    first: dict[int, StoredPath] = {}
-    tracks: dict[int, list[Track]] = {}
+    tracks: list[Track] = []
     for row, index, run, evaluation in candidates[:runs]:
         try:
-            for path in paths(run.id, evaluation, condition, episodes):
-                outcome = _outcome(agents[index], row, path.episode)
-                first.setdefault(path.episode, path)
-                track = Track(index, run, path.position, path.time, outcome, path.reference)
-                tracks.setdefault(path.episode, []).append(track)
+            for path in paths(run.id, evaluation, condition, EPISODES):
+                tracks.append(Track(index, run, _outcome(agents[index], row, path.episode), path))
         except Damage as damage:
             problems.append(Problem(where=run.id, kind=damage.kind, message=str(damage)))
-    scenes = tuple(
-        Scene(
-            episode,
-            first[episode].waypoint,
-            tuple(sorted(found, key=lambda t: (t.agent, t.run.seed))),
-            first[episode].dock_yaw,
-        )
-        for episode, found in sorted(tracks.items())
-    )
-    return Scenes(scenes, tuple(problems), max(0, len(candidates) - runs))
+    tracks.sort(key=lambda track: (track.path.episode, track.agent, track.run.seed))
+    return tracks, problems, max(0, len(candidates) - runs)
 
 
-def pack(scenes: Scenes, *, budget: int = BUDGET) -> list[dict[str, Any]]:
-    """The episodes as plain data for JSON, `budget` characters of positions at most (about).
+def pack(tracks: Sequence[Track], *, budget: int = BUDGET) -> list[dict[str, Any]]:
+    """Return the episodes as plain data for JSON, `budget` characters of positions at most (about).
 
-    A track becomes `{agent, seed, run, outcome, dt, end, unit, start, distance, points}`: `points` is base64
-    of int16 (n, 3) counts of `unit` metres; point i lies at min(i dt, end) seconds after the start. `reference`
-    holds as many points of a reference that moves.
+    A track becomes `{agent, seed, run, outcome, dt, end, unit, points}`: `points` is base64 of int16 (n, 3) counts of `unit`
+    metres; point i lies at min(i dt, end) seconds after the start. `reference` holds as many points of a reference that
+    moves.
     """
-    count = sum(1 + (track.reference is not None) for scene in scenes.scenes for track in scene.tracks)
+    count = sum(1 + (track.path.reference is not None) for track in tracks)
     # 6 bytes a point, 4 characters for 3 bytes
     points = max(24, min(POINTS, budget // max(1, count) // 8))
-    return [
-        {
-            "episode": scene.episode,
-            "waypoint": [round(value, 3) for value in scene.waypoint],
-            "tracks": [_pack_track(track, points) for track in scene.tracks],
-            **({} if scene.dock_yaw is None else {"dock_yaw": round(scene.dock_yaw, 4)}),
-        }
-        for scene in scenes.scenes
-    ]
+    episodes: dict[int, dict[str, Any]] = {}
+    for track in tracks:
+        path = track.path
+        if path.episode not in episodes:
+            dock = {} if path.dock_yaw is None else {"dock_yaw": round(path.dock_yaw, 4)}
+            waypoint = [round(value, 3) for value in path.waypoint]
+            episodes[path.episode] = {"episode": path.episode, "waypoint": waypoint, "tracks": [], **dock}
+        episodes[path.episode]["tracks"].append(_pack_track(track, points))
+    return list(episodes.values())
 
 
 def _pack_track(track: Track, points: int) -> dict[str, Any]:
-    steps = len(track.position) - 1
+    path = track.path
+    steps = len(path.position) - 1
     stride = max(1, math.ceil(steps / (points - 1)))
     kept = np.minimum(np.arange(0, math.ceil(steps / stride) + 1) * stride, steps)
-    elapsed = track.time - track.time[0]
-    duration = float(elapsed[-1])
-    position = track.position[kept]
-    reference = None if track.reference is None else track.reference[kept]
-    farthest = max(
-        float(np.abs(found).max(initial=0.0)) for found in (position, reference) if found is not None
-    )
-    unit = max(UNIT, farthest / 32767.0)
+    duration = float(path.time[-1] - path.time[0])
+    lines = {"points": path.position[kept]}
+    if path.reference is not None:
+        lines["reference"] = path.reference[kept]
+    unit = max(UNIT, max(float(np.abs(line).max(initial=0.0)) for line in lines.values()) / 32767.0)
     return {
         "agent": track.agent,
         "seed": track.run.seed,
@@ -161,8 +119,7 @@ def _pack_track(track: Track, points: int) -> dict[str, Any]:
         "dt": round(duration / max(1, steps) * stride, 9),
         "end": round(duration, 6),
         "unit": unit,
-        "points": _counts(position, unit),
-        **({} if reference is None else {"reference": _counts(reference, unit)}),
+        **{name: _counts(line, unit) for name, line in lines.items()},
     }
 
 

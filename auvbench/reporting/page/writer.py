@@ -19,7 +19,7 @@ from auvbench.analysis.score import Scores
 from auvbench.reporting.figures import MAIN, Figure, colour_of
 from auvbench.reporting.figures.style import Look
 from auvbench.reporting.page import parts as of_page
-from auvbench.reporting.page import trajectories as trajectories_
+from auvbench.reporting.page import trajectories
 from auvbench.reporting.tables.appendix import comparison_table, conditions_table, ranks_table, score_table
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines
@@ -53,10 +53,11 @@ def write(
     looks = colour_of(agents)
     hues = {label: look.colour for label, look in looks.items()}
     links = of_page.Links(path, runs)
-    scenes = trajectories_.read(agents, protocol=ranking.protocol, condition=ranking.condition)
+    tracks, damaged, left_out = trajectories.read(
+        agents, protocol=ranking.protocol, condition=ranking.condition
+    )
     embedded, figure_problems = of_page.embed(figures, links)
-    everything = (*ranking.problems, *figure_problems, *scenes.problems)
-    found = of_page.findings(report.findings, links)
+    everything = (*ranking.problems, *figure_problems, *damaged)
 
     def linked(table: Table | None) -> Table | None:
         return of_page.of_agents(table, ranking, hues, links) if table else None
@@ -71,15 +72,15 @@ def write(
         conditions=linked(conditions_table(ranking)),
         further=linked(of_page.metrics_table(ranking)),
         ranks=linked(ranks_table(ranking)),
-        findings=found[:SHOWN],
-        more_findings=found[SHOWN:],
-        claims=of_page.claims(report.claims, links),
+        link=links.row,
+        findings=report.findings[:SHOWN],
+        more_findings=report.findings[SHOWN:],
+        claims=report.claims,
         comparison=comparison_table(report.comparison),
         main_figure=next((figure for figure in embedded if figure.name == MAIN), None),
         figures=[figure for figure in embedded if figure.name != MAIN],
-        scenes=scenes.scenes,
-        left_out=scenes.left_out,
-        data=_data(scenes, looks, runs),
+        left_out=left_out,
+        data=_data(tracks, looks, runs),
         runs=of_page.runs_table(runs, agents, hues, links),
         problems=grouped(tuple(dict.fromkeys(everything))),
         facts=of_page.facts(ranking, runs),
@@ -133,7 +134,7 @@ def _asset(name: str) -> str:
 
 
 def _data(
-    scenes: trajectories_.Scenes,
+    tracks: Sequence[trajectories.Track],
     looks: Mapping[str, Look],
     runs: Sequence[RunRecord],
 ) -> dict[str, Any]:
@@ -151,7 +152,7 @@ def _data(
         "reach": _length(config.get("task.standoff"), 0.0),
         "goal_radius": _length(config.get("task.goal_radius", config.get("task.tolerance", 0.0)), 3.0),
         "depth": [_length(config.get("task.depth_low"), -60.0), _length(config.get("task.depth_high"), -1.0)],
-        "episodes": trajectories_.pack(scenes),
+        "episodes": trajectories.pack(tracks),
     }
 
 
@@ -180,7 +181,7 @@ def write_overview(
                 "fingerprint": ranking.fingerprint,
                 "href": href,
                 "table": of_page.of_agents(main_table(ranking), ranking, {}, links),
-                "findings": of_page.findings(report.findings[:SHOWN], links),
+                "findings": report.findings[:SHOWN],
             }
         )
     runs = [run for report in reports for run in report.runs]

@@ -17,6 +17,7 @@ import pytest
 
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.recorded import StoredPath
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
 from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories
@@ -187,7 +188,7 @@ def test_page_without_anything_to_rank(tmp_path: Path) -> None:
 
 def test_failed_write_keeps_the_old_page(grid: dict[str, Any], html: str) -> None:
     path = grid["folder"] / "report" / "index.html"
-    given = {key: value for key, value in grid.items() if key != "folder"} | {"findings": [None]}
+    given = {key: value for key, value in grid.items() if key != "folder"} | {"figures": [None]}
     with pytest.raises(AttributeError):
         page_data.write(path, **given)
     assert path.read_text(encoding="utf-8") == html
@@ -215,10 +216,9 @@ def unpacked(track: dict[str, Any]) -> np.ndarray:
     return np.asarray(counts * track["unit"])
 
 
-def scene(run: RunRecord, position: np.ndarray, rate: float = 10.0) -> trajectories.Scenes:
-    time = np.arange(len(position)) / rate
-    track = trajectories.Track(0, run, position, time, "success")
-    return trajectories.Scenes((trajectories.Scene(0, (1.0, 2.0, -3.0), (track,)),))
+def track_of(run: RunRecord, position: np.ndarray, **more: Any) -> trajectories.Track:
+    time = np.arange(len(position)) / 10.0
+    return trajectories.Track(0, run, "success", StoredPath(0, (1.0, 2.0, -3.0), position, time, **more))
 
 
 @pytest.fixture
@@ -229,7 +229,7 @@ def run(tmp_path: Path) -> RunRecord:
 @pytest.mark.parametrize("steps", [0, 1, 2, 319, 320, 1000])
 def test_packed_path_keeps_its_ends_and_times(run: RunRecord, steps: int) -> None:
     position = np.cumsum(np.random.default_rng(1).normal(0, 0.1, (steps + 1, 3)), axis=0)
-    track = trajectories.pack(scene(run, position))[0]["tracks"][0]
+    track = trajectories.pack([track_of(run, position)])[0]["tracks"][0]
     points = unpacked(track)
     assert len(points) <= trajectories.POINTS
     assert track["end"] == pytest.approx(steps / 10)
@@ -240,53 +240,45 @@ def test_packed_path_keeps_its_ends_and_times(run: RunRecord, steps: int) -> Non
 
 def test_far_path_fits_with_a_coarser_unit(run: RunRecord) -> None:
     position = np.linspace([0, 0, -20], [1500, -1500, -20], 200)
-    track = trajectories.pack(scene(run, position))[0]["tracks"][0]
+    track = trajectories.pack([track_of(run, position)])[0]["tracks"][0]
     np.testing.assert_allclose(unpacked(track), position, atol=1500 / 32767)
 
 
 def test_a_reference_is_packed_with_its_path(run: RunRecord) -> None:
     position = np.cumsum(np.random.default_rng(2).normal(0, 0.1, (600, 3)), axis=0)
-    found = scene(run, position).scenes[0]
-    (track,) = found.tracks
-    guided = dataclasses.replace(track, reference=position + 400.0)
-    packed = trajectories.pack(
-        trajectories.Scenes((dataclasses.replace(found, tracks=(guided,), dock_yaw=1.0),))
-    )[0]
+    guided = track_of(run, position, reference=position + 400.0, dock_yaw=1.0)
+    packed = trajectories.pack([guided])[0]
     (both,) = packed["tracks"]
     assert packed["dock_yaw"] == 1.0
     reference = unpacked(both | {"points": both["reference"]})
     np.testing.assert_allclose(reference - unpacked(both), 400.0, atol=2 * both["unit"])
-    plain = trajectories.pack(scene(run, position))[0]
+    plain = trajectories.pack([track_of(run, position)])[0]
     assert "reference" not in plain["tracks"][0]
     assert "dock_yaw" not in plain
 
 
 def test_budget_thins_paths(run: RunRecord) -> None:
-    one = scene(run, np.zeros((1001, 3))).scenes[0]
-    many = trajectories.Scenes((dataclasses.replace(one, tracks=one.tracks * 100),))
-    packed = trajectories.pack(many, budget=100_000)
+    packed = trajectories.pack([track_of(run, np.zeros((1001, 3)))] * 100, budget=100_000)
     assert len(json.dumps([t["points"] for t in packed[0]["tracks"]])) < 110_000
     assert len(unpacked(packed[0]["tracks"][0])) >= 24
 
 
 def test_paths_of_all_agents_share_an_episode(grid: dict[str, Any]) -> None:
-    scenes = trajectories.read(grid["agents"], protocol="test", condition="nominal")
-    assert [s.episode for s in scenes.scenes] == [0, 1, 2]
-    for found in scenes.scenes:
-        assert len(found.tracks) == len(grid["runs"])
-        for track in found.tracks:
-            frame = track.run.evaluations["test"].episodes
-            row = frame[frame["episode"] == found.episode].iloc[0]
-            assert track.outcome == row["outcome"]
-            assert len(track.position) == row["steps"] + 1
-    assert trajectories.read(grid["agents"], protocol="test", condition="severe").scenes == ()
+    tracks, _, _ = trajectories.read(grid["agents"], protocol="test", condition="nominal")
+    assert [track.path.episode for track in tracks] == [e for e in range(3) for _ in grid["runs"]]
+    for track in tracks:
+        frame = track.run.evaluations["test"].episodes
+        row = frame[frame["episode"] == track.path.episode].iloc[0]
+        assert track.outcome == row["outcome"]
+        assert len(track.path.position) == row["steps"] + 1
+    assert trajectories.read(grid["agents"], protocol="test", condition="severe")[0] == []
 
 
 def test_first_seeds_come_before_second_ones(grid: dict[str, Any]) -> None:
     agents = grid["agents"]
-    scenes = trajectories.read(agents, protocol="test", condition="nominal", runs=len(agents))
-    assert {track.agent for track in scenes.scenes[0].tracks} == set(range(len(agents)))
-    assert scenes.left_out == len(grid["runs"]) - len(agents)
+    tracks, _, left_out = trajectories.read(agents, protocol="test", condition="nominal", runs=len(agents))
+    assert {track.agent for track in tracks} == set(range(len(agents)))
+    assert left_out == len(grid["runs"]) - len(agents)
 
 
 @pytest.mark.parametrize("harm", ["cut", "shape", "nan", "pickle", "no time"])
@@ -308,9 +300,9 @@ def test_damaged_trajectories_are_named(tmp_path: Path, harm: str) -> None:
         else:
             del arrays["time_nominal_0"]
         np.savez(path, **arrays)
-    scenes = trajectories.read(parts["agents"], protocol="test", condition="nominal")
-    assert [(p.where, p.kind) for p in scenes.problems] == [(agent.runs[0].id, "damaged")]
-    assert all(track.agent == 1 for s in scenes.scenes for track in s.tracks)
+    tracks, problems, _ = trajectories.read(parts["agents"], protocol="test", condition="nominal")
+    assert [(p.where, p.kind) for p in problems] == [(agent.runs[0].id, "damaged")]
+    assert {track.agent for track in tracks} == {1}
     assert "trajectories.npz cannot be read" in page_data.write(tmp_path / "index.html", **parts).read_text()
 
 
