@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,11 +10,11 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from auvbench.analysis.conditions import UNDISTURBED, in_words, split
-from auvbench.analysis.formatting import rounded
+from auvbench.analysis.formatting import listed, rounded
 from auvbench.analysis.labels import part
-from auvbench.analysis.records import Agent, Row
+from auvbench.analysis.records import Row
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown
+from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene
 from auvbench.statistics.intervals import Estimate
 
 PROTOCOLS = ("robustness", "suite", "transfer", "frequency_sweep")
@@ -74,11 +74,10 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
     """Draw success of every agent under each condition of `PROTOCOLS`."""
     values: dict[str, dict[str, float]] = {}
     conditions: list[str] = []
-    of = "robustness"
+    used = []
     for protocol in PROTOCOLS:
         found = curves(scene, protocol)
-        if found and protocol == "suite":
-            of = "robustness and suite" if conditions else "suite"
+        used += [protocol] if found else []
         # The vehicle that all agents were trained on is the undisturbed condition again.
         own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in found}
         again = (
@@ -107,11 +106,16 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
     ax.set_xticks(range(len(words)), words, rotation=45, ha="right", rotation_mode="anchor")
     ax.set_yticks(range(len(tested)), [agent.label for agent in tested])
     figure.colorbar(image, ax=ax, label="test success (%)", shrink=0.8)
+    few = len(tested) < len(scene.agents)
     caption = (
-        f"Test success of the same policies under each condition of {of}, on the vehicles of transfer and at the "
-        "frequencies of frequency_sweep, agents in the order of the ranking; 100 is every episode. Intervals are in conditions.csv."
+        f"Test success of the same policies under each condition of {listed(used)}, agents in the order of the ranking; 100 is "
+        "every episode. Intervals are in conditions.csv."
         + (" A cross: not tested." if np.isnan(cells).any() else "")
-        + agents_sentence(tested, scene)
+        + (
+            f" Shown: {len(tested)} of {len(scene.agents)} agents, the best-ranked that were tested."
+            if few
+            else ""
+        )
     )
     return Drawing(figure, "Success under each condition", caption)
 
@@ -131,14 +135,6 @@ def curves(scene: Scene, protocol: str) -> dict[str, Curve]:
 def names(found: Mapping[str, Curve]) -> list[str]:
     """Return the conditions in the order of the protocol."""
     return list(dict.fromkeys(name for curve in found.values() for name in curve))
-
-
-def agents_sentence(chosen: Sequence[Agent], scene: Scene) -> str:
-    """Return the sentence of a caption on agents that are not shown, or ''."""
-    if len(chosen) == MOST_AGENTS:
-        return shown(chosen, scene.agents)
-    few = len(chosen) < len(scene.agents)
-    return f" Tested under these: {len(chosen)} of {len(scene.agents)} agents." if few else ""
 
 
 def _whole(percent: float) -> str:
@@ -191,15 +187,6 @@ def gazebo(scene: Scene) -> Drawing | None:
     caption = (
         "PAR-1 steps (a failure counts as the limit) of the same policies in Gazebo less those in the embedded simulator, paired by "
         "seed and scenario (protocol gazebo); left of the line an agent is sooner there."
-        f"{_intervals(scene, [agent for agent, _ in tested])}."
+        f" Bars: {100 * scene.ranking.confidence:g} % intervals."
     )
     return Drawing(figure, "In Gazebo", caption)
-
-
-def _intervals(scene: Scene, chosen: Sequence[Agent]) -> str:
-    percent = f"{100 * scene.ranking.confidence:g} %"
-    several = [len(agent.runs) > 1 for agent in chosen]
-    over = "training seeds and test episodes" if all(several) else "test episodes"
-    if any(several) and not all(several):
-        over += ", and training seeds where there are several"
-    return f" Bars: {percent} intervals over {over}"

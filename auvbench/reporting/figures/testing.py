@@ -18,36 +18,11 @@ from auvbench.reporting.figures.scene import (
     Scene,
     shown,
 )
+from auvbench.reporting.figures.seeds import band, lines_sentence
 from auvbench.statistics.intervals import Estimate
 
 MOST_LABELS = 12
 """most agents in colour"""
-
-
-def _seeds_sentence(agents: Sequence[Agent]) -> str:
-    if all(len(agent.runs) < 2 for agent in agents):
-        return " One training seed per agent."
-    return " Lines: mean over training seeds; bands: the range over training seeds."
-
-
-def _line_and_band(ax: Axes, scene: Scene, agent: Agent, x: FloatArray, y: FloatArray) -> None:
-    """Draw the mean over seeds and their range; x (n,), y (seeds, n)."""
-    look = scene.looks[agent.label]
-    alpha = 0.15 if len(scene.agents) <= 4 else 0.08
-    # A few markers, at other places for each agent, tell lines apart where they run together or in grey.
-    place = list(scene.looks).index(agent.label) % MANY
-    every = (len(x) // (3 * MANY) * (place + 1), max(1, len(x) // 3))
-    ax.plot(
-        x,
-        y.mean(axis=0),
-        color=look.colour,
-        linestyle=look.linestyle,
-        marker=look.marker,
-        markevery=every,
-        markersize=4.5,
-    )
-    if len(y) > 1:
-        ax.fill_between(x, y.min(axis=0), y.max(axis=0), color=look.colour, alpha=alpha, linewidth=0)
 
 
 def steps_deviation(scene: Scene) -> Drawing | None:
@@ -108,15 +83,15 @@ def success_over_time(scene: Scene) -> Drawing | None:
     for agent in chosen:
         times = np.where(agent.outcome == 0, agent.metrics["duration_s"], np.inf)
         share = 100 * np.array([np.searchsorted(np.sort(row), t, side="right") / row.size for row in times])
-        _line_and_band(ax, scene, agent, t, share)
+        band(ax, scene.looks[agent.label], (t, share))
     ax.set_xlabel("simulated time since the start (s)")
     ax.set_ylabel("episodes that reached the goal (%)")
     ax.set_ylim(0, 101)
     ax.set_xlim(0, longest)
-    style.legend(figure, scene.looks_of(chosen))
+    style.legend(figure, scene.looks_of(chosen), markers=False)
     caption = (
         "Share of the test episodes that have ended in success by a simulated time: the faster, the further left; "
-        "the end of a line is the success rate." + _seeds_sentence(chosen) + shown(chosen, scene.agents)
+        "the end of a line is the success rate." + lines_sentence(chosen) + shown(chosen, scene.agents)
     )
     return Drawing(figure, "Test: success over simulated time", caption)
 

@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 
 from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.recorded import ValidationCurve, read_validation_curve
 from auvbench.analysis.records import Agent, RunRecord
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.scene import Drawing, FloatArray, Scene, shown, wants_symlog, without
+from auvbench.reporting.figures.scene import Drawing, Scene, shown, wants_symlog, without
+from auvbench.reporting.figures.seeds import Curve, band, lines_sentence, middle
 
 FEW = 4
 """agents whose lines and bands one panel holds; of more, each has a panel"""
 MOST = 12
 """agents with a panel"""
-ROBUST = 4
-"""seeds from which the interquartile mean leaves any out"""
 GREY = "#c4c9cc"
 SPANS = 30
 """of steps, at most"""
 FEWEST_SPANS = 2
-
-Curve = tuple[FloatArray, FloatArray]
-"""x (n,) and y by seed (seeds, n), NaN where a seed has no value"""
 
 
 def success(scene: Scene) -> Drawing | None:
@@ -74,7 +69,7 @@ def _over_steps(
             if not together:
                 for x, y in found[name][:i] + found[name][i + 1 :]:
                     ax.plot(x, middle(y), color=GREY, linewidth=0.9, zorder=1)
-            _band(ax, scene, agent, found[name][i], dots=dots, alone=not together)
+            band(ax, scene.looks[agent.label], found[name][i], dots=dots)
             ax.tick_params(labelleft=place % columns == 0, labelbottom=False)
             style.engineering(ax.xaxis)
             if place % columns == 0:
@@ -93,7 +88,7 @@ def _over_steps(
     caption += (
         ", none shorter than the longest episode of all environments together while at least two are left."
         + more
-        + _lines_sentence(chosen, dots=dots)
+        + lines_sentence(chosen, dots=dots)
         + ("" if together else " In grey behind each agent: the others.")
         + shown(wanted, learners)
         + without(wanted, chosen, "training records")
@@ -109,49 +104,6 @@ def _over_steps(
 def _columns(n: int) -> int:
     """Return the columns of a grid of n panels whose last row is not nearly empty."""
     return 3 if n in (5, 6, 9) else 4
-
-
-def middle(y: FloatArray) -> FloatArray:
-    """Return the interquartile mean (n,) over the seeds that have a value (seeds, n); of fewer than four the mean.
-
-    Of n values floor(n/4) are cut at either end (Agarwal et al. 2021, NeurIPS).
-    """
-    ordered = np.sort(y, axis=0)  # NaN last
-    count = np.isfinite(y).sum(axis=0)
-    place = np.arange(len(y))[:, None]
-    kept = (place >= count // 4) & (place < count - count // 4)
-    total, number = np.where(kept, ordered, 0.0).sum(axis=0), kept.sum(axis=0)
-    return np.asarray(np.divide(total, number, out=np.full(y.shape[1], np.nan), where=number > 0))
-
-
-def _band(
-    ax: Axes, scene: Scene, agent: Agent, curve: Curve, *, dots: bool = False, alone: bool = False
-) -> None:
-    """Draw the agent's line over its seeds, their range as a band and, where asked for, a dot per seed."""
-    x, y = curve
-    there = np.isfinite(y).any(axis=0)
-    if not there.any():
-        return
-    x, y = x[there], y[:, there]
-    look = scene.looks[agent.label]
-    if len(y) > 1:
-        ax.fill_between(
-            x, np.nanmin(y, axis=0), np.nanmax(y, axis=0), color=look.colour, alpha=0.15, linewidth=0
-        )
-    if dots:
-        for row in y:
-            ax.plot(x, row, ".", color=look.colour, markersize=3.2, alpha=0.55, markeredgewidth=0)
-    ax.plot(x, middle(y), color=look.colour, linestyle="-" if alone else look.linestyle, label=agent.label)
-
-
-def _lines_sentence(agents: Sequence[Agent], *, dots: bool = False) -> str:
-    most = max(len(agent.runs) for agent in agents)
-    if most < 2:
-        return " One training seed per agent."
-    lines = "interquartile mean over training seeds" if most >= ROBUST else "mean over training seeds"
-    few = any(len(agent.runs) < ROBUST for agent in agents)
-    lines += " (the mean of fewer than four)" if most >= ROBUST and few else ""
-    return f" Lines: {lines}; bands: their range{'; dots: the seeds' if dots else ''}."
 
 
 def binned(scene: Scene, agent: Agent, column: str) -> Curve:
@@ -208,7 +160,7 @@ def validation(scene: Scene) -> Drawing | None:
             mine = curves[agent.label]
             grid = np.linspace(0, min(float(getattr(curve, axis)[-1]) for curve in mine), 60)
             y = [np.interp(grid, [0.0, *getattr(c, axis)], [0.0, *(100 * c.success)]) for c in mine]
-            _band(ax, scene, agent, (scale * grid, np.array(y)))
+            band(ax, scene.looks[agent.label], (scale * grid, np.array(y)))
         ax.set_ylim(-2, 102)
         ax.set_xlabel(label)
     style.engineering(panels[0].xaxis)
@@ -218,7 +170,7 @@ def validation(scene: Scene) -> Drawing | None:
         "Success on the scenarios of protocol validation, which no test shares, at fixed steps of the training "
         "(train.evaluate_every); wall time without these tests, simulated time of all environments together. Lines "
         "begin at 0, where nothing was tested, and end where the first seed does."
-        + _lines_sentence(chosen)
+        + lines_sentence(chosen)
         + shown(chosen, wanted)
     )
     return Drawing(figure, "Training: success on validation scenarios", caption)

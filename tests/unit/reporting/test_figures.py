@@ -368,7 +368,7 @@ def test_an_agent_without_these_protocols_is_counted_and_not_drawn(tmp_path: Pat
     ax = drawing.canvas.axes[0]
     assert [text.get_text() for text in ax.get_yticklabels()] == [drawn_from.agents[0].label]
     n = len(drawn_from.agents)
-    assert f"Tested under these: {n - 1} of {n} agents." in drawing.caption
+    assert f"Shown: {n - 1} of {n} agents, the best-ranked that were tested." in drawing.caption
     assert "cross" not in drawing.caption
 
 
