@@ -56,7 +56,7 @@ def default(runs: Sequence[RunRecord], protocol: str) -> str:
 
 
 def successes(agents: Sequence[Agent], protocol: str, confidence: float) -> tuple[Condition, ...]:
-    """Success rates of the agents under every condition of the protocol, with the intervals of the ranked table.
+    """Return success rates under every condition of the protocol, and changes against the undisturbed one.
 
     Args:
         agents: of one table, so that all their runs met the same scenarios.
@@ -66,112 +66,82 @@ def successes(agents: Sequence[Agent], protocol: str, confidence: float) -> tupl
     Returns:
         the conditions in the order of the protocol; nothing where it has only one.
     """
-    there = {a.label: [run for run in a.runs if protocol in run.evaluations] for a in agents}
-    names = dict.fromkeys(name for runs in there.values() for run in runs for name in _names(run, protocol))
-    if len(names) < 2:
+    runs = [run for agent in agents for run in agent.runs if protocol in run.evaluations]
+    if len({name for run in runs for name in _names(run, protocol)}) < 2:
         return ()
-    tested = {label: [run.evaluations[protocol] for run in runs] for label, runs in there.items()}
-    return of_evaluations(tested, tuple(names), confidence)
+    tested = {a.label: [r.evaluations[protocol] for r in a.runs if protocol in r.evaluations] for a in agents}
+    return of_evaluations(tested, confidence)
 
 
-def of_evaluations(
-    tested: Mapping[str, Sequence[Evaluation]], names: Sequence[str], confidence: float
-) -> tuple[Condition, ...]:
-    """Success rates under conditions, and changes against the undisturbed one where it is among them.
+def of_evaluations(tested: Mapping[str, Sequence[Evaluation]], confidence: float) -> tuple[Condition, ...]:
+    """Return success rates under each condition, and changes against the undisturbed one where it is among them.
 
     Args:
         tested: by agent, the evaluation of each seed; all of the same scenarios.
-        names: of the conditions, each in at least one evaluation.
         confidence: of the intervals.
     """
-    found = {label: [_by_condition(evaluation) for evaluation in seeds] for label, seeds in tested.items()}
-    return tuple(_condition(name, found, confidence) for name in names)
+    met = {label: by_condition(evaluations) for label, evaluations in tested.items()}
+    names = dict.fromkeys(name for conditions in met.values() for name in conditions)
+    return tuple(_condition(name, met, confidence) for name in names)
 
 
-def rates_by_condition(agent: Agent, protocol: str) -> dict[str, FloatArray]:
-    """(seeds, episodes) of 1.0 where an episode was a success, by condition of the protocol.
+@dataclass(frozen=True, slots=True)
+class Met:
+    """What the seeds of an agent did under one condition; columns are scenarios."""
 
-    A condition that not all seeds of the agent met on as many scenarios is left out, as are seeds without a policy.
-    """
-    tables = [_by_condition(run.evaluations[protocol]) for run in agent.runs if protocol in run.evaluations]
-    if not tables:
-        return {}
-    shared = set.intersection(*(set(table) for table in tables))
-    rows = {name: [table[name].success for table in tables] for name in tables[0] if name in shared}
-    return {name: np.array(found) for name, found in rows.items() if len({len(row) for row in found}) == 1}
+    success: FloatArray
+    """(seeds, E) 1.0 where an episode was one"""
+    par1: FloatArray
+    """(seeds, E) steps, the limit where the episode was no success"""
+    time: tuple[float, float] | None
+    """step frequency in Hz and limit in steps: steps are compared where both are the same; None where not both are known"""
+
+
+def by_condition(evaluations: Sequence[Evaluation]) -> dict[str, Met]:
+    """Return what seeds did under each condition of their protocol, in its order."""
+    rows: dict[str, list[pd.DataFrame]] = {}
+    times: dict[str, tuple[float, float] | None] = {}
+    for evaluation in evaluations:
+        frames = dict(iter(evaluation.episodes.groupby("condition", observed=True)))
+        for condition in evaluation.summary["conditions"]:
+            name, frequency, limit = (condition.get(key) for key in ("name", "frequency_hz", "max_steps"))
+            known = isinstance(frequency, int | float) and isinstance(limit, int | float)
+            times[name] = (float(frequency), float(limit)) if known else None
+            rows.setdefault(name, []).append(frames[name].sort_values("episode"))
+    found = {}
+    for name, seeds in rows.items():
+        success = np.array([(seed["outcome"] == "success").to_numpy(np.float64) for seed in seeds])
+        steps = np.array([seed["steps"].to_numpy(np.float64) for seed in seeds])
+        time = times[name]
+        found[name] = Met(success, np.where(success > 0, steps, time[1] if time else np.nan), time)
+    return found
 
 
 def _names(run: RunRecord, protocol: str) -> list[str]:
     return [str(c.get("name", "")) for c in run.evaluations[protocol].summary["conditions"]]
 
 
-@dataclass(frozen=True, slots=True)
-class _Met:
-    """What one seed did under one condition, in the order of the scenarios."""
-
-    success: FloatArray
-    """(E,) 1.0 where an episode was one"""
-    par1: FloatArray
-    """(E,) steps, the limit where the episode was no success"""
-    time: tuple[float, float] | None
-    """step frequency in Hz and limit in steps: steps are compared where both are the same; None where not both are known"""
-
-
-def _by_condition(evaluation: Evaluation) -> dict[str, _Met]:
-    rows = evaluation.episodes
-    codes, found = pd.factorize(rows["condition"])
-    order = np.lexsort((rows["episode"].to_numpy(), codes))
-    success = (rows["outcome"].to_numpy() == "success")[order].astype(np.float64)
-    steps = rows["steps"].to_numpy(dtype=np.float64)[order]
-    ends = np.cumsum(np.bincount(codes, minlength=len(found)))[:-1]
-    times = {str(c["name"]): _time(c) for c in evaluation.summary["conditions"]}
-    met = {}
-    for name, ok, took in zip(map(str, found), np.split(success, ends), np.split(steps, ends), strict=True):
-        time = times[name]
-        met[name] = _Met(ok, np.where(ok > 0, took, np.nan if time is None else time[1]), time)
-    return met
-
-
-def _time(condition: Mapping[str, object]) -> tuple[float, float] | None:
-    """As a summary has them; a foreign one may lack them."""
-    frequency, limit = condition.get("frequency_hz"), condition.get("max_steps")
-    if isinstance(frequency, (int, float)) and isinstance(limit, (int, float)):
-        return float(frequency), float(limit)
-    return None
-
-
-def _condition(name: str, tested: Mapping[str, Sequence[Mapping[str, _Met]]], confidence: float) -> Condition:
-    data = {label: [run[name].success for run in runs if name in run] for label, runs in tested.items()}
-    size = max(len(run) for runs in data.values() for run in runs)
-    whole = {label: [run for run in runs if len(run) == size] for label, runs in data.items()}
-    shown = {label: np.array(runs) for label, runs in whole.items() if runs}
-    estimates = means(crossed(list(shown.values()), rate=True, paired=False), confidence)
-    found = Condition(name, dict(zip(shown, estimates, strict=True)))
+def _condition(name: str, met: Mapping[str, Mapping[str, Met]], confidence: float) -> Condition:
+    here = {label: conditions[name] for label, conditions in met.items() if name in conditions}
+    table = crossed([m.success for m in here.values()], rate=True, paired=False)
+    found = Condition(name, dict(zip(here, means(table, confidence), strict=True)))
     if name == UNDISTURBED:
         return found
-    both = {label: _pairs(runs, name) for label, runs in tested.items()}
-    successes = {
-        label: np.array([there.success - still.success for there, still in pairs])
-        for label, pairs in both.items()
-        if pairs
+    # A seed that did not meet both has no change, and its agent none.
+    both = {
+        label: (m, still)
+        for label, m in here.items()
+        if (still := met[label].get(UNDISTURBED)) and m.success.shape == still.success.shape
     }
+    success = {label: m.success - still.success for label, (m, still) in both.items()}
     steps = {
-        label: np.array([there.par1 - still.par1 for there, still in pairs])
-        for label, pairs in both.items()
-        if pairs and all(still.time is not None and there.time == still.time for there, still in pairs)
+        label: m.par1 - still.par1 for label, (m, still) in both.items() if m.time and m.time == still.time
     }
     return replace(
         found,
-        success_change=_changes(successes, confidence, rate=True),
+        success_change=_changes(success, confidence, rate=True),
         par1_change=_changes(steps, confidence),
     )
-
-
-def _pairs(runs: Sequence[Mapping[str, _Met]], name: str) -> list[tuple[_Met, _Met]]:
-    """What each seed did under a condition and undisturbed; nothing where not all seeds met both on the same scenarios."""
-    found = [(run[name], run[UNDISTURBED]) for run in runs if name in run and UNDISTURBED in run]
-    sizes = {len(met.success) for pair in found for met in pair}
-    return found if len(found) == len(runs) and len(sizes) == 1 else []
 
 
 def _changes(

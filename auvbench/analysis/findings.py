@@ -8,9 +8,9 @@ from itertools import zip_longest
 
 import numpy as np
 
-from auvbench.analysis.conditions import UNDISTURBED, in_words, rates_by_condition
+from auvbench.analysis.conditions import UNDISTURBED, by_condition, in_words
 from auvbench.analysis.effects import Effect, effects, learns
-from auvbench.analysis.formatting import counted, difference, name, probability, turned, unit
+from auvbench.analysis.formatting import counted, difference, name, turned, unit
 from auvbench.analysis.measures import TIMEOUT, Measure, measure
 from auvbench.analysis.records import Agent, Finding, Ranking
 from auvbench.statistics import contrast, crossed, holm, means
@@ -118,8 +118,9 @@ def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
         return None
     agent, means = several[i], m.values(several[i]).mean(axis=1)
     low, high = (f"{100 * x:.1f}" if m.rate else f"{x:.4g}" for x in (means.min(), means.max()))
+    share = "> 99" if shares[i] > 0.99 else f"{100 * shares[i]:.0f}"
     text = (
-        f"Trainings of {agent.label} differ most in {name(m)}: {low} to {high}{unit(m)}. {probability(float(shares[i]))} of "
+        f"Trainings of {agent.label} differ most in {name(m)}: {low} to {high}{unit(m)}. {share} % of "
         "its variance is between seeds, so more seeds tell more than more episodes."
     )
     ids = tuple(run.id for run in agent.runs)
@@ -165,19 +166,18 @@ def costliest_condition(ranking: Ranking, agents: Sequence[Agent]) -> Finding | 
 
 def _losses(agents: Sequence[Agent], protocol: str, names: Sequence[str]) -> Losses:
     """Return losses of the agents with something to lose, under the conditions that all of them met."""
-    calm: dict[str, FloatArray] = {}
-    losses: dict[str, dict[str, FloatArray]] = {}
-    for agent in agents:
-        rates = rates_by_condition(agent, protocol)
-        still = rates.get(UNDISTURBED)
-        if still is None or still.mean() < ABLE:
-            continue
-        calm[agent.label] = still
-        for condition in names:
-            there = rates.get(condition)
-            if there is not None and there.shape == still.shape:
-                losses.setdefault(condition, {})[agent.label] = there - still
-    return {name: by for name, by in losses.items() if by.keys() == calm.keys()}
+    met = {
+        a.label: by_condition([run.evaluations[protocol] for run in a.runs if protocol in run.evaluations])
+        for a in agents
+    }
+    still = {label: of[UNDISTURBED].success for label, of in met.items() if UNDISTURBED in of}
+    still = {label: success for label, success in still.items() if success.mean() >= ABLE}
+    losses = {}
+    for condition in names:
+        there = {label: met[label][condition].success for label in still if condition in met[label]}
+        if all(label in there and there[label].shape == still[label].shape for label in still):
+            losses[condition] = {label: there[label] - still[label] for label in still}
+    return losses if still else {}
 
 
 def _mean(by_agent: Mapping[str, FloatArray], confidence: float) -> Estimate:

@@ -174,15 +174,6 @@ def counted(n: int, noun: str) -> str:
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
-def probability(p: float) -> str:
-    """A probability without false precision at its ends.
-
-    >>> probability(0.613), probability(0.9999), probability(0.0001)
-    ('61 %', '> 99 %', '< 1 %')
-    """
-    return "> 99 %" if p > 0.99 else "< 1 %" if p < 0.01 else f"{100 * p:.0f} %"
-
-
 def p_value(p: float) -> str:
     """A p-value.
 

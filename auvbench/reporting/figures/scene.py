@@ -104,9 +104,7 @@ class Scene:
                 here = self._evaluation(run, protocol)
                 if here is not None and here.fingerprint == (found[0] if found else here).fingerprint:
                     found.append(here)
-            names = [str(condition["name"]) for condition in found[0].summary["conditions"]] if found else []
-            tested = {agent.label: found}
-            self.conditions[key] = of_evaluations(tested, names, self.ranking.confidence) if found else ()
+            self.conditions[key] = of_evaluations({agent.label: found}, self.ranking.confidence)
         return self.conditions[key]
 
     def _evaluation(self, run: RunRecord, protocol: str) -> Evaluation | None:
