@@ -19,7 +19,7 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.evaluations import Damage, named
 from auvbench.record import columns
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import sha256
@@ -70,12 +70,8 @@ class Archive:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         frame, notes = self._read(RUNS)
-        try:
+        with named(f"the footer of {RUNS}"):
             note = typed_json.convert(documents.json_value(notes.get(NOTE, "null").encode()), Note)
-        except ValueError as error:
-            raise Damage(
-                f"{RUNS} is no table of runs of a published study ({short(error)})", "foreign"
-            ) from error
         if note.content != digest(frame):
             raise Damage(f"{RUNS} was changed or damaged")
         self._files = {integrity.FILES: {name: asdict(entry) for name, entry in note.files.items()}}
@@ -100,10 +96,8 @@ class Archive:
         Raises:
             Damage: It is no JSON object.
         """
-        try:
+        with named(f"{RUNS}: {column} of {short(run, 60)}"):
             return documents.json_value(str(self._rows.loc[run, column]).encode())
-        except ValueError as error:
-            raise Damage(f"{RUNS}: {column} of {short(run, 60)} is no JSON ({short(error)})") from error
 
     def summaries(self, run: str) -> dict[str, Any]:
         """Return the summary of each evaluation of a run, by protocol."""
@@ -179,10 +173,8 @@ class Archive:
         return _spans(self._trajectories, ["run", "protocol", "condition"])
 
     def _table(self, name: str, needed: set[str]) -> pd.DataFrame:
-        try:
+        with named(name):
             data = reading.content(self.folder / name, tables.FILE)
-        except (OSError, ValueError) as error:
-            raise Damage(f"{name} cannot be read ({short(error)})") from error
         if wrong := integrity.difference(self._files, name, data):
             raise Damage(f"{name} {wrong}")
         frame, _ = self._read(name)
@@ -191,10 +183,8 @@ class Archive:
         return frame
 
     def _read(self, name: str) -> tuple[pd.DataFrame, dict[str, str]]:
-        try:
+        with named(name):
             return tables.read_parquet(self.folder / name)
-        except (OSError, ValueError) as error:
-            raise Damage(f"{name} cannot be read ({short(error)})") from error
 
 
 def follows(name: str, value: pd.Series, other: pd.Series) -> pd.Series:

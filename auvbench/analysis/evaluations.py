@@ -5,10 +5,11 @@ The files of a run must agree with the digests that vouch for them, with each ot
 
 from __future__ import annotations
 
+import csv
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,7 @@ import pandas as pd
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.record import OUTCOMES, measured
 from auvbench.runs import identity, integrity
-from auvbench.untrusted import path_safety, reading, tables
+from auvbench.untrusted import archives, path_safety, reading, tables
 from auvbench.untrusted.text import LONGEST, plain, short
 
 if TYPE_CHECKING:
@@ -61,36 +62,19 @@ def finite(table: np.ndarray[Any, Any]) -> bool:
     return table.dtype.kind in "if" and bool((np.abs(table) <= LARGEST).all())
 
 
-def checked(value: Any, schema: type[integrity.Manifest | integrity.Summary], name: str) -> dict[str, Any]:
-    """Return a manifest or summary from a JSON value.
-
-    Raises:
-        Damage: It is damaged, or of another version.
-    """
+@contextmanager
+def named(file: str) -> Iterator[None]:
+    """Read a file within this context: what goes wrong becomes Damage that names the file."""
     try:
-        return integrity.checked(value, schema)
-    except integrity.VersionError as error:
-        raise Damage(f"{name} has {error}", "foreign") from error
-    except ValueError as error:
-        raise Damage(f"{name}: {short(error)}") from error
-
-
-def sealed(path: Path, schema: type[integrity.Manifest | integrity.Summary]) -> dict[str, Any]:
-    """Return a manifest or summary.
-
-    Raises:
-        Damage: it is missing, damaged, or of another version.
-    """
-    try:
-        return integrity.read(path, schema)
+        yield
     except FileNotFoundError as error:
-        raise Damage(f"{path.name} is missing") from error
-    except OSError as error:
-        raise Damage(f"{path.name} cannot be read ({error.strerror})") from error
+        raise Damage(f"{file} is missing") from error
     except integrity.VersionError as error:
-        raise Damage(f"{path.name} has {error}", "foreign") from error
-    except ValueError as error:
-        raise Damage(f"{path.name}: {short(error)}") from error
+        raise Damage(f"{file} has {error}", "foreign") from error
+    except OSError as error:
+        raise Damage(f"{file}: {error.strerror or short(error)}") from error
+    except (*archives.FAULTS, TypeError, RecursionError, csv.Error) as error:
+        raise Damage(f"{file}: {short(error) or type(error).__name__}") from error
 
 
 def check_digest(holder: Mapping[str, Any], name: str, data: bytes) -> None:
@@ -130,14 +114,11 @@ def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
     if run.archive is not None:
         return _archived(run.archive, run.id, protocol)
     directory = path_safety.child(run.directory / "evaluations", protocol)
-    summary = sealed(directory / "summary.json", integrity.Summary)
-    try:
+    with named("summary.json"):
+        summary = integrity.read(directory / "summary.json", integrity.Summary)
+    with named("episodes.csv"):
         data = reading.content(directory / "episodes.csv", reading.DATA)
         frame = tables.csv(data, words=("condition",))  # a condition may be called 1.30
-    except FileNotFoundError as error:
-        raise Damage("episodes.csv is missing") from error
-    except (OSError, ValueError) as error:
-        raise Damage(f"episodes.csv cannot be read ({short(error)})") from error
     if not data.endswith(b"\n") or (len(frame) and frame.iloc[-1:, -1].isna().any()):
         raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows is incomplete")
     _check_episodes(frame, summary)
@@ -147,8 +128,8 @@ def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
 
 def _archived(archive: Archive, run: str, protocol: str) -> Evaluation:
     """Return one evaluation of a run of a published study."""
-    name = f"the summary of {short(protocol, 40)}"
-    summary = checked(archive.summaries(run)[protocol], integrity.Summary, name)
+    with named(f"the summary of {short(protocol, 40)}"):
+        summary = integrity.checked(archive.summaries(run)[protocol], integrity.Summary)
     frame = archive.episodes(run, protocol)
     _check_episodes(frame, summary)
     found = Evaluation(protocol, summary["fingerprint"], summary, frame, archive.folder)

@@ -107,17 +107,6 @@ def amount(estimate: Estimate, m: Measure) -> str:
     return f"{value}{unit(m)}" + (f" [{low}, {high}]" if low else "")
 
 
-def named(estimate: Estimate, m: Measure) -> str:
-    """Return a measure with its value; a unit that ends the name is not repeated.
-
-    >>> from auvbench.analysis.measures import measure
-    >>> named(Estimate(195.2, 180.0, 210.0), measure("par1_steps"))
-    'PAR-1 steps 195 [180, 210]'
-    """
-    text = amount(estimate, m)
-    return f"{name(m)} {text.replace(unit(m), '', 1) if name(m).endswith(unit(m)) else text}"
-
-
 def size(value: float, m: Measure, digits: int = 2) -> str:
     """A difference without sign and interval: '2 points', '1.1 s'.
 

@@ -17,12 +17,11 @@ from auvbench.analysis.evaluations import (
     LARGEST,
     Damage,
     check_belongs,
-    checked,
     disagreement,
     evaluation_of,
     is_name,
+    named,
     protocols_of,
-    sealed,
 )
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.records import Problem, RunRecord
@@ -146,13 +145,7 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
         found = 0
         for folder, folders, files in os.walk(path):
             here = Path(folder)
-            if is_archive(here):
-                folders.clear()
-                found += 1
-                if (real := here.resolve()) not in seen:
-                    seen.add(real)
-                    yield here
-            elif "manifest.json" in files:
+            if is_archive(here) or "manifest.json" in files:
                 folders.clear()  # nothing below a run is a run
                 found += 1
                 if (real := here.resolve()) not in seen:
@@ -169,7 +162,11 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
 
 def _read_run(directory: Path) -> _Read:
     try:
-        return _run(directory), []
+        with named("manifest.json"):
+            manifest = integrity.read(directory / "manifest.json", integrity.Manifest)
+        with named("config.yaml"):
+            config = documents.yaml_value(reading.content(directory / "config.yaml"))
+        return _record(directory, manifest, config, None), []
     except Damage as damage:
         return None, [Problem(str(directory), damage.kind, str(damage))]
 
@@ -183,7 +180,8 @@ def _read_study(folder: Path) -> list[_Read]:
     found: list[_Read] = []
     for name in archive.ids():
         try:
-            manifest = checked(archive.document(name, "manifest"), integrity.Manifest, RUNS)
+            with named(f"{RUNS}: manifest of {short(name, 60)}"):
+                manifest = integrity.checked(archive.document(name, "manifest"), integrity.Manifest)
             config = archive.document(name, "config")
             archive.summaries(name)
             found.append((_record(child(folder, name), manifest, config, archive), []))
@@ -191,11 +189,6 @@ def _read_study(folder: Path) -> list[_Read]:
             kind = getattr(damage, "kind", "damaged")
             found.append((None, [Problem(f"{folder}: {name}", kind, str(damage))]))
     return found
-
-
-def _run(directory: Path) -> RunRecord:
-    manifest = sealed(directory / "manifest.json", integrity.Manifest)
-    return _record(directory, manifest, _config(directory / "config.yaml"), None)
 
 
 def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Archive | None) -> RunRecord:
@@ -222,25 +215,12 @@ def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Arc
     )
 
 
-def _config(path: Path) -> Any:
-    try:
-        return documents.yaml_value(reading.content(path))
-    except FileNotFoundError as error:
-        raise Damage("config.yaml is missing") from error
-    except OSError as error:
-        raise Damage(f"config.yaml cannot be read ({error.strerror})") from error
-    except ValueError as error:
-        raise Damage(f"config.yaml is not valid YAML ({short(error)})") from error
-
-
 def _flattened(config: Any) -> dict[str, Any]:
     """Return a configuration by dotted keys; the values that labels and groups need have the right type."""
     if not isinstance(config, dict):
         raise Damage("config.yaml is empty")
-    try:
+    with named("config.yaml"):  # an anchor may hold itself
         flat = dict(_flat(config))
-    except RecursionError as error:  # an anchor that holds itself
-        raise Damage("config.yaml is nested without an end") from error
     if not is_name(algo := flat.get("algo.name")):
         raise Damage(f"config.yaml is not that of a run (algo.name is {_brief(algo)}, not a name)")
     for key, value in flat.items():

@@ -16,20 +16,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from auvbench.analysis.archive import TRAIN
-from auvbench.analysis.evaluations import Damage, check_digest, finite
+from auvbench.analysis.evaluations import Damage, check_digest, finite, named
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.record import OUTCOMES
 from auvbench.runs import integrity
 from auvbench.untrusted import archives, reading, tables
-from auvbench.untrusted.text import short
 
 NAME = "trajectories.npz"
 REQUIRED = ("waypoint", "position", "time")
 OPTIONAL = ("reference", "dock_yaw")
 
 FloatArray = NDArray[np.float64]
-
-UNREADABLE = (*archives.FAULTS, TypeError)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,20 +73,16 @@ def paths(run: str, evaluation: Evaluation, condition: str, episodes: int) -> It
 
 
 def _of_file(file: Path, condition: str, episodes: int) -> Iterator[StoredPath]:
-    try:
+    with named(file.name):
         data = reading.content(file, reading.DATA)
         with archives.opened(data) as arrays:
             found = [
                 _checked(episode, f"{condition}_{episode}", path)
                 for episode, path in _raw(arrays, condition, episodes)
             ]
-    except UNREADABLE as error:
-        raise Damage(f"trajectories.npz cannot be read: {short(error)}") from error
     # Last, for what can be said of the damage says more.
-    try:
+    with named("summary.json"):
         summary = integrity.read(file.with_name("summary.json"), integrity.Summary)
-    except (OSError, ValueError) as error:
-        raise Damage(f"summary.json next to it cannot be read ({short(error)})") from error
     check_digest(summary, file.name, data)
     yield from found
 
@@ -155,11 +148,9 @@ def training(run: RunRecord) -> pd.DataFrame | None:
         frame = run.archive.episodes(run.id, TRAIN)
         frame = frame[[name for name in needed if name in frame.columns]]
         return _checked_training(frame, needed)
-    try:
+    with named(TRAINING):
         data = reading.content(run.directory / TRAINING, reading.DATA)
         frame = tables.csv(data, needed)
-    except (OSError, ValueError) as error:
-        raise Damage(f"{TRAINING} cannot be read ({short(error)})") from error
     frame = _checked_training(frame, needed)
     check_digest(run.manifest, TRAINING, data)
     return frame
@@ -199,14 +190,12 @@ def read_validation_curve(run: RunRecord) -> ValidationCurve | None:
     Raises:
         Damage: it cannot be read, or holds what it cannot.
     """
-    try:
+    with named(VALIDATION):
         rows = validation_rows(run)
         if not rows:
             return None
         columns = {name: np.array([float(row[name]) for row in rows]) for name in (*AXES, "success_rate")}
         fingerprints = {str(row["fingerprint"]) for row in rows}
-    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
-        raise Damage(f"{VALIDATION} cannot be read ({type(error).__name__}: {error})") from error
     success = columns["success_rate"]
     rising = all((np.diff(columns[axis]) >= 0).all() for axis in AXES)
     whole = all(np.isfinite(values).all() for values in columns.values())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from auvbench.analysis.formatting import counted
 from auvbench.analysis.records import RunRecord
 from auvbench.errors import UserError
+from auvbench.reporting.provenance import facts
 from auvbench.reporting.tables.text_formats import escape
 from auvbench.runs.progress import duration
 from auvbench.untrusted import reading
@@ -32,10 +32,6 @@ ANSWER = (
 )
 COMMANDS = 5
 """of training, that are shown"""
-
-SHOWN_VERSIONS = ("auvbench", "python", "torch", "stable-baselines3", "numpy", "numba")
-WHERE_USED = ("gz-sim8", "dart")
-"""shown where a run had them"""
 
 
 def fill(path: Path, title: str, blocks: Mapping[str, str]) -> str:
@@ -102,9 +98,7 @@ def provenance(runs: Sequence[RunRecord], command: str) -> str:
     lines = [
         f"{counted(len(runs), 'run')}, {steps:,} environment steps of training, {tested:,} test episodes",
         f"{_time(manifests)}; how long the tests took is not recorded",
-        f"machine: {_tally(_machine(m) for m in manifests)}",
-        f"versions: {_tally(_versions(m) for m in manifests)}",
-        f"source: {_tally(_commit(m) for m in manifests)}",
+        *(f"{name.lower()}: {'; '.join(values)}" for name, values in facts(runs)),
     ]
     if days:
         lines.append(f"dates: {days[0]}" + (f" to {days[-1]}" if days[-1] != days[0] else ""))
@@ -118,10 +112,8 @@ LONGEST = 2000
 
 
 def _trained_by(manifests: Sequence[Mapping[str, Any]]) -> str:
-    """The commands that made the runs, those of the most runs first."""
+    """Return the commands that made the runs, those of the most runs first."""
     found = Counter(str(m["command"]) for m in manifests if m.get("command"))
-    if not found:
-        return "By which command the runs were trained is not recorded."
     lines = [f"    {short(command, LONGEST)}" for command, _ in found.most_common(COMMANDS)]
     text = "The runs were trained by\n\n" + "\n".join(lines)
     if (more := len(found) - COMMANDS) > 0:
@@ -130,43 +122,8 @@ def _trained_by(manifests: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _time(manifests: Sequence[Mapping[str, Any]]) -> str:
-    """What training took by the clock and of processor cores; these are not in the manifests of older versions."""
-    wall = sum(float(m.get("wall_time_s") or 0.0) for m in manifests)
-    timed = [float(m["cpu_time_s"]) for m in manifests if m.get("cpu_time_s") is not None]
-    text = f"trained in {duration(wall)} by the clock, one run after another"
-    if not timed:
-        return f"{text}; processor time is not recorded"
-    which = (
-        "" if len(timed) == len(manifests) else f" for {len(timed)} of the runs, not recorded for the others"
+    """Return what training took by the clock and of processor cores."""
+    wall, cpu = (sum(float(m.get(key) or 0.0) for m in manifests) for key in ("wall_time_s", "cpu_time_s"))
+    return (
+        f"trained in {duration(wall)} by the clock, one run after another; {duration(cpu)} of processor cores"
     )
-    return f"{text}; {duration(sum(timed))} of processor cores{which}"
-
-
-def _machine(manifest: Mapping[str, Any]) -> str:
-    host = manifest.get("host")
-    host = host if isinstance(host, Mapping) else {}
-    return f"{host.get('cpu', 'unknown processor')}, {host.get('cores', '?')} cores"
-
-
-def _versions(manifest: Mapping[str, Any]) -> str:
-    versions = manifest.get("versions")
-    versions = versions if isinstance(versions, Mapping) else {}
-    names = [*SHOWN_VERSIONS, *(name for name in WHERE_USED if name in versions)]
-    return ", ".join(f"{name} {versions.get(name, '?')}" for name in names)
-
-
-def _commit(manifest: Mapping[str, Any]) -> str:
-    git = manifest.get("git")
-    git = git if isinstance(git, Mapping) else {}
-    commit = str(git.get("commit") or "")
-    if not re.fullmatch(r"[0-9a-f]{40}", commit):
-        return "an installed package"
-    return f"commit {commit[:12]}{', changed' if git.get('dirty') else ''}"
-
-
-def _tally(names: Any) -> str:
-    """'a (3 runs), b (1 run)', or 'a' alone."""
-    found = Counter(names)
-    if len(found) == 1:
-        return str(next(iter(found)))
-    return "; ".join(f"{name} ({counted(n, 'run')})" for name, n in found.most_common())

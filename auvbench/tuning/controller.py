@@ -11,7 +11,7 @@ from optuna.trial import TrialState
 from rich.console import Console
 from rich.text import Text
 
-from auvbench.analysis.formatting import counted, name, named
+from auvbench.analysis.formatting import amount, counted, name
 from auvbench.config import schema
 from auvbench.errors import TrainingError
 from auvbench.runs import lock, status
@@ -88,10 +88,10 @@ class StudyView(View):
 
 
 def worth(score: Score, objective: Objective) -> str:
-    """Return `success rate 98.0 % [93.0, 99.4], PAR-1 steps 312`."""
+    """Return `success rate: 98.0 % [93.0, 99.4], PAR-1 steps 312`."""
     first, then = objective.measure, objective.then
     value = f"{100 * score.then:.1f} %" if then.rate else f"{score.then:.4g}"
-    return f"{named(score.estimate, first)}, {name(then)} {value}"
+    return f"{name(first)}: {amount(score.estimate, first)}, {name(then)} {value}"
 
 
 AT_ONCE = 8

@@ -15,7 +15,6 @@ from PIL import Image  # matplotlib's own
 
 from auvbench.analysis.archive import RUNS
 from auvbench.analysis.formatting import NOTHING, fixed
-from auvbench.analysis.ranking import FINER
 from auvbench.analysis.records import Agent, Problem, Ranking, RunRecord
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.tables.main import label_of, main_table
@@ -150,40 +149,6 @@ def _number(value: Any) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return None
     return float(value)
-
-
-def facts(ranking: Ranking, runs: Sequence[RunRecord]) -> list[tuple[str, tuple[str, ...]]]:
-    """Return the lines of the methods: what a reader needs to judge and repeat the numbers."""
-    summaries = [e.summary for run in runs if (e := run.evaluations.get(ranking.protocol))]
-    versions, commits, hosts = (
-        [found for run in runs if isinstance(found := run.manifest.get(key), Mapping)]
-        for key in ("versions", "git", "host")
-    )
-    packages = sorted({str(name) for found in versions for name in found})
-    seeds = [f"seed {seed}" for seed in distinct(summary.get("seed") for summary in summaries)]
-    found = [
-        ("Protocol", (f"{ranking.protocol}, condition {ranking.condition}",)),
-        ("Scenarios", (f"fingerprint {ranking.fingerprint}", *seeds)),
-        ("Ranked by", (", then ".join(dict.fromkeys((ranking.rank_by, FINER))),)),
-        ("Vehicle", distinct(run.config.get("vehicle.name") for run in runs)),
-        ("Simulator", distinct(run.config.get("simulator.name") for run in runs)),
-        ("Versions", tuple(f"{n} {' and '.join(distinct(v.get(n) for v in versions))}" for n in packages)),
-        (
-            "Source",
-            distinct(
-                f"commit {str(git['commit'])[:12]}{' with local changes' if git.get('dirty') else ''}"
-                for git in commits
-                if git.get("commit")
-            ),
-        ),
-        ("Hosts", distinct(f"{host.get('cpu')}, {host.get('cores')} cores" for host in hosts)),
-    ]
-    return [(name, values) for name, values in found if values]
-
-
-def distinct(values: Iterable[Any]) -> tuple[str, ...]:
-    """Return the different values as sorted text, without missing ones."""
-    return tuple(sorted({str(value) for value in values if value is not None and value != ""}))
 
 
 @dataclass(frozen=True, slots=True)

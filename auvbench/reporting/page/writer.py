@@ -14,12 +14,14 @@ from markupsafe import Markup
 
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.primary import headline
+from auvbench.analysis.ranking import FINER
 from auvbench.analysis.records import Ranking, Report, RunRecord
 from auvbench.analysis.score import Scores
 from auvbench.reporting.figures import MAIN, Figure, colour_of
 from auvbench.reporting.figures.style import Look
 from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories
+from auvbench.reporting.provenance import Facts, distinct, facts
 from auvbench.reporting.tables.appendix import comparison_table, conditions_table, ranks_table, score_table
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines
@@ -83,7 +85,7 @@ def write(
         data=_data(tracks, looks, runs),
         runs=of_page.runs_table(runs, agents, hues, links),
         problems=grouped(tuple(dict.fromkeys(everything))),
-        facts=of_page.facts(ranking, runs),
+        facts=_facts(ranking, runs, scenarios=True),
         command=command,
         limit=limit_lines(ranking),
     )
@@ -96,7 +98,7 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         "page.html",
         SCRIPTS,
         ranking=ranking,
-        vehicles=of_page.distinct(run.config.get("vehicle.name") for run in found),
+        vehicles=distinct(run.config.get("vehicle.name") for run in found),
         runs_found=len(found),
         confidence=f"{100 * ranking.confidence:g}",
         **shown,
@@ -160,6 +162,18 @@ def _length(value: Any, default: float) -> float:
     return float(value) if isinstance(value, int | float) and abs(value) < 1e6 else default
 
 
+def _facts(ranking: Ranking, runs: Sequence[RunRecord], scenarios: bool) -> Facts:
+    """Return the lines of the methods."""
+    summaries = [e.summary for run in runs if (e := run.evaluations.get(ranking.protocol))]
+    seeds = [f"seed {seed}" for seed in distinct(summary.get("seed") for summary in summaries)]
+    return [
+        ("Protocol", (f"{ranking.protocol}, condition {ranking.condition}",)),
+        *([("Scenarios", (f"fingerprint {ranking.fingerprint}", *seeds))] if scenarios else []),
+        ("Ranked by", (", then ".join(dict.fromkeys((ranking.rank_by, FINER))),)),
+        *facts(runs),
+    ]
+
+
 def write_overview(
     path: Path, reports: Sequence[Report], command: str = "", score: Scores | None = None
 ) -> Path:
@@ -193,8 +207,7 @@ def write_overview(
         headline=overview(len(reports), score),
         parts=shown,
         problems=grouped(tuple(problems)),
-        # Each section has its own scenarios.
-        facts=[fact for fact in of_page.facts(reports[0].ranking, runs) if fact[0] != "Scenarios"],
+        facts=_facts(reports[0].ranking, runs, scenarios=False),  # each section has its own
         command=command,
         score=None if score is None else score_table(score),
     )

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 from optuna.trial import FrozenTrial
 
-from auvbench.analysis.formatting import NOTHING, amount, counted, difference, fixed, listed, named
+from auvbench.analysis.formatting import NOTHING, amount, counted, difference, fixed, listed, name
 from auvbench.analysis.measures import Measure
 from auvbench.reporting.figures import Figure
 from auvbench.reporting.page import writer
@@ -201,7 +201,7 @@ def gain(found: Outcome) -> str:
     seeds = len(found.plan.tune.fresh_seeds)
     on = f"{seeds} fresh training seeds and " if found.plan.learns and seeds > 1 else ""
     parts = [
-        f"{named(of.tuned, of.measure)} tuned, {amount(of.untuned, of.measure)} untuned, "
+        f"{name(of.measure)}: {amount(of.tuned, of.measure)} tuned, {amount(of.untuned, of.measure)} untuned, "
         f"difference {difference(of.difference, of.measure)}, {verdict(of.difference, of.measure)}"
         for of in found.gains
     ]

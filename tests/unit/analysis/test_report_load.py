@@ -121,7 +121,7 @@ def test_rows_lost_from_the_middle_or_the_end_are_noticed(grid: list[Path]) -> N
     assert "has 9 episodes of condition 'nominal', summary.json says 12" in problems[0].message
     path.write_text("")
     _, problems = load([grid[0].parent])
-    assert "cannot be read" in problems[0].message
+    assert "episodes.csv: " in problems[0].message
     path.write_text("".join(lines)[:-1])  # even one lost character may be a lost digit
     _, problems = load([grid[0].parent])
     assert "cut short" in problems[0].message
@@ -214,7 +214,7 @@ def test_a_column_that_an_older_evaluation_lacks_is_no_damage(grid: list[Path]) 
         ("algo: {name: ppo}\nstep: {frequency: fast}", "has the step.frequency 'fast', which is no number"),
         ("algo: {name: ppo}\nreward: {k: .nan}", "has the reward.k nan, which is no number"),
         ("algo: &a {name: ppo, again: *a}", "lies inside"),
-        ("d: 2026-99-99", "not valid YAML"),
+        ("d: 2026-99-99", "config.yaml: month must be in 1..12"),
     ],
 )
 def test_a_configuration_that_no_run_has_is_damage(grid: list[Path], config: str, message: str) -> None:

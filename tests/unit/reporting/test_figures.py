@@ -410,11 +410,11 @@ def test_returns_of_different_k_ask_for_another_axis() -> None:
         ),
         (
             bytes(range(128, 256)),
-            "train/episodes.csv cannot be read",
+            "train/episodes.csv: ",
         ),
         (
             b"",
-            "train/episodes.csv cannot be read",
+            "train/episodes.csv: ",
         ),
     ],
 )
