@@ -115,7 +115,7 @@ class Archive:
         rows = self._episodes_of.get((run, protocol))
         if rows is None:
             return self._episodes.iloc[:0]
-        frame = self._episodes.iloc[rows[0] : rows[1]].drop(columns=["run", "protocol"])
+        frame = self._episodes.take(rows).drop(columns=["run", "protocol"])
         frame = frame.dropna(axis="columns", how="all").reset_index(drop=True)
         for name in frame.columns:
             if isinstance(frame[name].dtype, pd.CategoricalDtype):
@@ -139,7 +139,7 @@ class Archive:
         rows = self._trajectories_of.get((run, protocol, condition))
         if rows is None:
             return
-        frame = self._trajectories.iloc[rows[0] : rows[1]]
+        frame = self._trajectories.take(rows)
         episodes = frame["episode"].to_numpy()
         values = {name: frame[name].to_numpy(dtype=np.float64) * unit for name, unit in SCALE.items()}
         for episode in dict.fromkeys(episodes.tolist()):
@@ -161,16 +161,16 @@ class Archive:
         return self._table(EPISODES, {"run", "protocol", "condition", "episode", "outcome", "steps"})
 
     @cached_property
-    def _episodes_of(self) -> dict[tuple[str, ...], tuple[int, int]]:
-        return _spans(self._episodes, ["run", "protocol"])
+    def _episodes_of(self) -> Mapping[Any, Any]:
+        return self._episodes.groupby(["run", "protocol"], observed=True).indices
 
     @cached_property
     def _trajectories(self) -> pd.DataFrame:
         return self._table(TRAJECTORIES, {"run", "protocol", "condition", "episode", *SCALE})
 
     @cached_property
-    def _trajectories_of(self) -> dict[tuple[str, ...], tuple[int, int]]:
-        return _spans(self._trajectories, ["run", "protocol", "condition"])
+    def _trajectories_of(self) -> Mapping[Any, Any]:
+        return self._trajectories.groupby(["run", "protocol", "condition"], observed=True).indices
 
     def _table(self, name: str, needed: set[str]) -> pd.DataFrame:
         with named(name):
@@ -202,27 +202,6 @@ def digest(runs: pd.DataFrame) -> str:
     """Return the SHA-256 of the names and texts of a table."""
     cells = [*runs.columns, *(str(cell) for name in runs.columns for cell in runs[name].tolist())]
     return sha256("\0".join(cells).encode("utf-8", "surrogatepass"))
-
-
-def _spans(frame: pd.DataFrame, keys: list[str]) -> dict[tuple[str, ...], tuple[int, int]]:
-    """Return the first row and the row after the last of each group of consecutive rows.
-
-    Raises:
-        Damage: The rows of a group do not follow each other.
-    """
-    if not len(frame):
-        return {}
-    columns = [frame[key].astype("category") for key in keys]
-    codes = np.stack([column.cat.codes.to_numpy() for column in columns], axis=1)
-    starts = np.flatnonzero(np.r_[True, (codes[1:] != codes[:-1]).any(axis=1)])
-    ends = np.r_[starts[1:], len(frame)]
-    found = {}
-    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        key = tuple(str(column.iloc[start]) for column in columns)
-        if key in found:
-            raise Damage(f"the rows of {' '.join(key)} do not follow each other")
-        found[key] = (start, end)
-    return found
 
 
 def _whole(values: pd.Series, name: str) -> pd.Series:

@@ -78,7 +78,7 @@ def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
 
 def _none(ranking: Ranking, vehicle: str, limits: files.Limits | None, unusable: Sequence[str]) -> str:
     if limits is not None:
-        why = next((line for line in limits.left_out if line.startswith(f"{ranking.condition}:")), "")
+        why = next((line for line in limits.about.left_out if line.startswith(f"{ranking.condition}:")), "")
         return f"No limit under condition {why or ranking.condition}."
     stale = f" What is there cannot be used: {unusable[0]}." if unusable else ""
     return (

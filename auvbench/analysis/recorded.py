@@ -172,38 +172,19 @@ VALIDATION = "train/validation.csv"
 AXES = ("step", "wall_s", "simulated_s")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ValidationCurve:
-    """Success of one training on the validation scenarios, at rising steps."""
-
-    fingerprint: str
-    step: FloatArray
-    wall_s: FloatArray
-    simulated_s: FloatArray
-    success: FloatArray
-    """(n,) from 0 to 1"""
-
-
-def read_validation_curve(run: RunRecord) -> ValidationCurve | None:
-    """The run's train/validation.csv; None where there is none, or nothing in it.
+def read_validation_curve(run: RunRecord) -> pd.DataFrame | None:
+    """Return `AXES` and `success_rate` (0 to 1) of train/validation.csv at rising steps; None where it has no rows.
 
     Raises:
         Damage: it cannot be read, or holds what it cannot.
     """
     with named(VALIDATION):
         rows = validation_rows(run)
-        if not rows:
-            return None
-        columns = {name: np.array([float(row[name]) for row in rows]) for name in (*AXES, "success_rate")}
-        fingerprints = {str(row["fingerprint"]) for row in rows}
-    success = columns["success_rate"]
-    rising = all((np.diff(columns[axis]) >= 0).all() for axis in AXES)
-    whole = all(np.isfinite(values).all() for values in columns.values())
-    if len(fingerprints) > 1 or not whole or not rising or (success < 0).any() or (success > 1).any():
+        frame = pd.DataFrame({name: [float(row[name]) for row in rows] for name in (*AXES, "success_rate")})
+    rising = all(frame[axis].is_monotonic_increasing for axis in AXES)
+    if not rising or not finite(frame.to_numpy()) or not frame["success_rate"].between(0, 1).all():
         raise Damage(f"{VALIDATION} holds rows that do not belong together, or numbers that cannot be")
-    return ValidationCurve(
-        fingerprints.pop(), columns["step"], columns["wall_s"], columns["simulated_s"], success
-    )
+    return frame if len(frame) else None
 
 
 def validation_rows(run: RunRecord) -> list[dict[str, Any]]:

@@ -140,7 +140,7 @@ def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: in
                 f"interrupted: {done} of {total} searches are kept; the same command continues",
             ) from None
     print(_summary(limits))
-    print(f"wrote {os.path.relpath(folder_of(root, protocol.name, limits.vehicle))}")
+    print(f"wrote {os.path.relpath(folder_of(root, protocol.name, limits.about.vehicle))}")
     return 0
 
 
@@ -153,7 +153,7 @@ def _summary(limits: Limits) -> str:
         steps, least = np.array([(b.steps, b.least_steps) for b in bounds]).T
         frequency = bounds[0].frequency_hz
         lines.append(
-            f"protocol {limits.protocol}, {name}, {limits.vehicle}: {len(bounds)} scenarios, best known "
+            f"protocol {limits.about.protocol}, {name}, {limits.about.vehicle}: {len(bounds)} scenarios, best known "
             f"{steps.mean() / frequency:.2f} s on average ({steps.mean():.1f} steps at {frequency:g} Hz), proven to be at least "
             f"{least.mean() / frequency:.2f} s; median of best known over proven {np.median(steps / least):.2f}"
         )

@@ -54,8 +54,7 @@ def fill(path: Path, title: str, blocks: Mapping[str, str]) -> str:
     text = check(path, blocks)
     for name, content in blocks.items():
         begin, end = _markers(name)
-        head, rest = text.split(begin)
-        text = head + _block(name, content) + rest.split(end)[1]
+        text = text[: text.index(begin)] + _block(name, content) + text[text.index(end) + len(end) :]
     return text
 
 
@@ -114,6 +113,8 @@ LONGEST = 2000
 def _trained_by(manifests: Sequence[Mapping[str, Any]]) -> str:
     """Return the commands that made the runs, those of the most runs first."""
     found = Counter(str(m["command"]) for m in manifests if m.get("command"))
+    if not found:
+        return "The commands of the trainings are not recorded."
     lines = [f"    {short(command, LONGEST)}" for command, _ in found.most_common(COMMANDS)]
     text = "The runs were trained by\n\n" + "\n".join(lines)
     if (more := len(found) - COMMANDS) > 0:

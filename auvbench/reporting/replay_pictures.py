@@ -18,6 +18,7 @@ from auvbench.analysis.labels import title
 from auvbench.envs.scene import panels
 from auvbench.errors import UserError
 from auvbench.evaluation.replay import Replay
+from auvbench.metrics import METRICS
 from auvbench.record import Record
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.style import COLOURS, OUTCOME_LOOK
@@ -55,19 +56,10 @@ def summary(episode: Replay) -> str:
 
 
 def _accuracy(r: Record) -> str:
-    """Return how well the vehicle went, by the metrics of its task."""
-    if "deviation_mean_m" in r:
-        straight = f"efficiency {float(r['path_efficiency']):.2f}"
-        return (
-            f"{straight}, deviation {float(r['deviation_mean_m']):.2f} ± {float(r['deviation_std_m']):.2f} m"
-        )
-    for name, words in (
-        ("cross_track_rms_m", "RMS cross-track distance"),
-        ("position_error_rms_m", "RMS position error"),
-    ):
-        if name in r:
-            return f"{words} {float(r[name]):.2f} m"
-    return f"final position error {float(r['final_position_error_m']):.2f} m"
+    """Return how well the vehicle went, by the first of the metrics that its task measures."""
+    names = ("deviation_mean_m", "cross_track_rms_m", "position_error_rms_m", "final_position_error_m")
+    name = next(name for name in names if name in r)
+    return f"{next(m.title for m in METRICS if m.name == name)} {float(r[name]):.2f} m"
 
 
 @dataclass(frozen=True, slots=True)

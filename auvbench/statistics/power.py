@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.special import expit, logit, ndtr, ndtri
@@ -22,17 +21,6 @@ _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(60)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 MOST_SEEDS = 128
 """beyond which no number of seeds is looked for"""
-
-
-class Model(Protocol):
-    """Where simulated agents come from."""
-
-    @property
-    def rate(self) -> bool:
-        """Whether the values are 0 and 1."""
-
-    def draw(self, values: Sequence[float], S: int, E: int, rng: np.random.Generator) -> list[FloatArray]:
-        """Agents of the given true values: arrays (S, E) whose columns are the same scenarios."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +47,7 @@ class Rates:
         )
 
     def draw(self, values: Sequence[float], S: int, E: int, rng: np.random.Generator) -> list[FloatArray]:
-        """Agents of the given mean rates: 0 and 1 (S, E)."""
+        """Return agents of the given mean rates: 0 and 1 (S, E), whose columns are the same scenarios."""
         hard = self.scenario_sd * rng.normal(size=E)
         found = []
         for value in values:
@@ -80,12 +68,16 @@ class Means:
     rate: bool = False
 
     def draw(self, values: Sequence[float], S: int, E: int, rng: np.random.Generator) -> list[FloatArray]:
-        """Agents of the given means, (S, E)."""
+        """Return agents of the given means: (S, E), whose columns are the same scenarios."""
         hard = self.scenario_sd * rng.normal(size=E)
         return [
             value + self.sd * rng.normal(size=(S, 1)) + hard + self.residual_sd * rng.normal(size=(S, E))
             for value in values
         ]
+
+
+Model = Rates | Means
+"""where simulated agents come from"""
 
 
 @dataclass(frozen=True, slots=True)

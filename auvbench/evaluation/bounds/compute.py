@@ -22,6 +22,7 @@ from auvbench.evaluation.bounds.files import (
     Bound,
     Found,
     Limits,
+    Summary,
     folder_of,
     line_of,
     packed,
@@ -118,15 +119,8 @@ def compute(
             # A search of other scenarios has other names.
             stem = f"{digest_of([VERSION, parts], 16)}-{number}"
             bounds += _bounds(condition, protocol, place, stem, pool, tell)
-        limits = Limits(
-            protocol.name,
-            vehicle,
-            fingerprint(protocol, conditions),
-            parts,
-            tuple(bounds),
-            tuple(left_out),
-            {"version": VERSION},
-        )
+        about = Summary(protocol.name, vehicle, fingerprint(protocol, conditions), parts, left_out)
+        limits = Limits(about, tuple(bounds))
         write(folder, limits)
         for path in place.glob("*-*.json"):
             path.unlink()

@@ -12,11 +12,11 @@ from __future__ import annotations
 import base64
 import json
 import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -85,29 +85,6 @@ class Bound:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """The bounds of one protocol and vehicle."""
-
-    protocol: str
-    vehicle: str
-    fingerprint: str
-    parts: Mapping[str, str]
-    """scenarios and outcomes, as in an evaluation's summary"""
-    bounds: tuple[Bound, ...]
-    left_out: tuple[str, ...] = ()
-    """conditions without a bound, and why, a line each"""
-    search: Mapping[str, Any] = field(default_factory=dict)
-    """how it was searched"""
-
-    def conditions(self) -> list[str]:
-        return list(dict.fromkeys(bound.condition for bound in self.bounds))
-
-    def condition(self, name: str) -> list[Bound]:
-        """Return the bounds under one condition, in the order of the episodes; empty where it has none."""
-        return [bound for bound in self.bounds if bound.condition == name]
-
-
-@dataclass(frozen=True, slots=True)
 class Summary:
     """summary.json of a folder of bounds."""
 
@@ -115,9 +92,24 @@ class Summary:
     vehicle: Name
     fingerprint: Name
     fingerprint_parts: dict[str, str]
+    """scenarios and outcomes, as in an evaluation's summary"""
     left_out: list[str]
-    search: dict[str, Any]
-    files: dict[str, integrity.FileEntry]
+    """conditions without a bound, and why, a line each"""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The bounds of one protocol and vehicle."""
+
+    about: Summary
+    bounds: tuple[Bound, ...]
+
+    def conditions(self) -> list[str]:
+        return list(dict.fromkeys(bound.condition for bound in self.bounds))
+
+    def condition(self, name: str) -> list[Bound]:
+        """Return the bounds under one condition, in the order of the episodes; empty where it has none."""
+        return [bound for bound in self.bounds if bound.condition == name]
 
 
 def packed(commands: Commands) -> Prose:
@@ -151,12 +143,7 @@ def write(folder: Path, limits: Limits) -> None:
     lines = b"".join(line_of(bound) for bound in limits.bounds)
     summary = {
         "schema_version": SCHEMA_VERSION,
-        "protocol": limits.protocol,
-        "vehicle": limits.vehicle,
-        "fingerprint": limits.fingerprint,
-        "fingerprint_parts": dict(limits.parts),
-        "left_out": list(limits.left_out),
-        "search": dict(limits.search),
+        **asdict(limits.about),
         "versions": {name: metadata.version(name) for name in ("auvbench", "casadi", "numpy")},
         integrity.FILES: {LINES: integrity.entry(lines)},
     }
@@ -187,15 +174,7 @@ def read(folder: Path) -> Limits | None:
                 raise ValueError(f"episode {bound.episode}: the lower bound exceeds the upper one")
     except (OSError, ValueError) as error:
         raise RunError(f"{folder / LINES}: {short(error)}") from error
-    return Limits(
-        about.protocol,
-        about.vehicle,
-        about.fingerprint,
-        about.fingerprint_parts,
-        bounds,
-        tuple(about.left_out),
-        about.search,
-    )
+    return Limits(about, bounds)
 
 
 def find(
@@ -220,9 +199,10 @@ def find(
             continue
         if limits is None:
             continue
-        if limits.fingerprint == fingerprint and (limits.protocol, limits.vehicle) == (protocol, vehicle):
+        about = limits.about
+        if (about.fingerprint, about.protocol, about.vehicle) == (fingerprint, protocol, vehicle):
             return limits, refused
-        refused.append(f"{folder}: of other scenarios ({short(limits.fingerprint, 20)}, not {fingerprint})")
+        refused.append(f"{folder}: of other scenarios ({short(about.fingerprint, 20)}, not {fingerprint})")
     return None, refused
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.recorded import ValidationCurve, read_validation_curve
+from auvbench.analysis.recorded import read_validation_curve
 from auvbench.analysis.records import Agent, RunRecord
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, Scene, shown, wants_symlog, without
@@ -134,7 +134,7 @@ def _environments(run: RunRecord) -> int:
 
 def validation(scene: Scene) -> Drawing | None:
     """Draw success on the validation scenarios over environment steps, wall time and simulated time."""
-    curves: dict[str, list[ValidationCurve]] = {}
+    curves: dict[str, list[pd.DataFrame]] = {}
     for agent in scene.learners():
         for run in agent.runs:
             try:
@@ -158,8 +158,8 @@ def validation(scene: Scene) -> Drawing | None:
     for ax, (axis, scale, label) in zip(panels, axes, strict=True):
         for agent in chosen:
             mine = curves[agent.label]
-            grid = np.linspace(0, min(float(getattr(curve, axis)[-1]) for curve in mine), 60)
-            y = [np.interp(grid, [0.0, *getattr(c, axis)], [0.0, *(100 * c.success)]) for c in mine]
+            grid = np.linspace(0, min(float(curve[axis].iloc[-1]) for curve in mine), 60)
+            y = [np.interp(grid, [0.0, *c[axis]], [0.0, *(100 * c["success_rate"])]) for c in mine]
             band(ax, scene.looks[agent.label], (scale * grid, np.array(y)))
         ax.set_ylim(-2, 102)
         ax.set_xlabel(label)

@@ -61,7 +61,9 @@ def write(root: Path, fingerprint: str = "0123456789abcdef", protocol: str = "te
         )
         for episode, steps in enumerate(best().astype(int).tolist())
     )
-    limits = files.Limits(protocol, "bluerov2", fingerprint, {"scenarios": "a", "outcomes": "b"}, bounds)
+    limits = files.Limits(
+        files.Summary(protocol, "bluerov2", fingerprint, {"scenarios": "a", "outcomes": "b"}, []), bounds
+    )
     files.write(root / "outputs" / "bounds" / f"{protocol}-bluerov2", limits)
 
 

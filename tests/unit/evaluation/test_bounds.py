@@ -254,7 +254,7 @@ SHIPPED = sorted(folder.name for folder in files.shipped().glob("*-*") if folder
 def test_shipped_limits_are_of_today_s_scenarios_and_arrive(name: str) -> None:
     limits = files.read(files.shipped() / name)
     assert limits is not None
-    protocol = configs.protocol(f"protocol={limits.protocol}")
-    config = config_of(f"vehicle={limits.vehicle}")
-    assert limits.fingerprint == fingerprint(protocol, resolve_conditions(protocol, config))
+    protocol = configs.protocol(f"protocol={limits.about.protocol}")
+    config = config_of(f"vehicle={limits.about.vehicle}")
+    assert limits.about.fingerprint == fingerprint(protocol, resolve_conditions(protocol, config))
     assert wrong_bounds(limits, protocol, config) == []

@@ -72,7 +72,7 @@ def test_the_gain_with_fresh_seeds_comes_before_the_winner_of_the_search(found: 
     said = write.summary(found)
     assert said[0].count(", better") == 2
     assert "[2, 28]" in said[0]
-    assert "PAR-1 steps 250 [200, 300] tuned, 400 steps [350, 450] untuned" in said[0]
+    assert "PAR-1 steps: 250 steps [200, 300] tuned, 400 steps [350, 450] untuned" in said[0]
     assert "[-200, -100]" in said[0]
     assert "trial 0" in said[1]
     assert "12 done, 1 failed, 4 pruned" in said[2]
