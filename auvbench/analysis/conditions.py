@@ -93,32 +93,30 @@ class Met:
     """(seeds, E) 1.0 where an episode was one"""
     par1: FloatArray
     """(seeds, E) steps, the limit where the episode was no success"""
-    time: tuple[float, float] | None
-    """step frequency in Hz and limit in steps: steps are compared where both are the same; None where not both are known"""
+    time: tuple[float, float]
+    """step frequency in Hz and limit in steps: steps are compared where both are the same"""
 
 
 def by_condition(evaluations: Sequence[Evaluation]) -> dict[str, Met]:
     """Return what seeds did under each condition of their protocol, in its order."""
     rows: dict[str, list[pd.DataFrame]] = {}
-    times: dict[str, tuple[float, float] | None] = {}
+    times: dict[str, tuple[float, float]] = {}
     for evaluation in evaluations:
         frames = dict(iter(evaluation.episodes.groupby("condition", observed=True)))
         for condition in evaluation.summary["conditions"]:
-            name, frequency, limit = (condition.get(key) for key in ("name", "frequency_hz", "max_steps"))
-            known = isinstance(frequency, int | float) and isinstance(limit, int | float)
-            times[name] = (float(frequency), float(limit)) if known else None
+            name = condition["name"]
+            times[name] = condition["frequency_hz"], condition["max_steps"]
             rows.setdefault(name, []).append(frames[name].sort_values("episode"))
     found = {}
     for name, seeds in rows.items():
         success = np.array([(seed["outcome"] == "success").to_numpy(np.float64) for seed in seeds])
         steps = np.array([seed["steps"].to_numpy(np.float64) for seed in seeds])
-        time = times[name]
-        found[name] = Met(success, np.where(success > 0, steps, time[1] if time else np.nan), time)
+        found[name] = Met(success, np.where(success > 0, steps, times[name][1]), times[name])
     return found
 
 
 def _names(run: RunRecord, protocol: str) -> list[str]:
-    return [str(c.get("name", "")) for c in run.evaluations[protocol].summary["conditions"]]
+    return [c["name"] for c in run.evaluations[protocol].summary["conditions"]]
 
 
 def _condition(name: str, met: Mapping[str, Mapping[str, Met]], confidence: float) -> Condition:
@@ -134,9 +132,7 @@ def _condition(name: str, met: Mapping[str, Mapping[str, Met]], confidence: floa
         if (still := met[label].get(UNDISTURBED)) and m.success.shape == still.success.shape
     }
     success = {label: m.success - still.success for label, (m, still) in both.items()}
-    steps = {
-        label: m.par1 - still.par1 for label, (m, still) in both.items() if m.time and m.time == still.time
-    }
+    steps = {label: m.par1 - still.par1 for label, (m, still) in both.items() if m.time == still.time}
     return replace(
         found,
         success_change=_changes(success, confidence, rate=True),

@@ -143,12 +143,11 @@ def check_belongs(manifest: Mapping[str, Any], evaluation: Evaluation) -> None:
         Damage: It is not.
     """
     summary, wrong = evaluation.summary, ""
-    tested = summary.get("model")
-    if summary.get("run", manifest["id"]) != manifest["id"]:
+    if summary["run"] != manifest["id"]:
         wrong = f"it is of the run {summary['run']}"
-    elif summary.get("protocol", evaluation.protocol) != evaluation.protocol:
+    elif summary["protocol"] != evaluation.protocol:
         wrong = f"it is by the protocol {summary['protocol']}"
-    elif tested is not None and tested != integrity.digests(manifest, "model/"):
+    elif summary["model"] != integrity.digests(manifest, "model/"):
         wrong = "another model was tested than the run has now: evaluate again"
     if wrong:
         raise Damage(wrong, "foreign")

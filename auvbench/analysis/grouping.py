@@ -13,7 +13,7 @@ from auvbench.analysis.effects import run_learns
 from auvbench.analysis.grouping_keys import level, matters, refined, trained
 from auvbench.analysis.labels import labels, sort_key
 from auvbench.analysis.measures import of_the_scenario
-from auvbench.analysis.records import NO_POLICY, Agent, Evaluation, Problem, RunRecord
+from auvbench.analysis.records import NO_POLICY, Agent, Problem, RunRecord
 from auvbench.errors import ReportError, closest
 from auvbench.record import OUTCOMES
 
@@ -59,7 +59,9 @@ def agents(
     result = []
     for label, group in zip(names, groups, strict=True):
         group.sort(key=lambda run: (run.seed, run.id))
-        result.append(_agent(label, _key(group[0], finer), group, rows, fingerprint, protocol, condition))
+        tested = next(run for run in (*group, *counted) if run.id in rows).evaluations[protocol]
+        limit = next(c["max_steps"] for c in tested.summary["conditions"] if c["name"] == condition)
+        result.append(_agent(label, _key(group[0], finer), group, rows, fingerprint, float(limit)))
     return result, problems
 
 
@@ -140,8 +142,7 @@ def _agent(
     group: Sequence[RunRecord],
     rows: Mapping[str, pd.DataFrame],
     fingerprint: str,
-    protocol: str,
-    condition: str,
+    limit: float,
 ) -> Agent:
     tested = [i for i, run in enumerate(group) if run.id in rows]
     some = next(iter(rows.values()))
@@ -164,15 +165,4 @@ def _agent(
             known = next(frame for frame in rows.values() if column in frame)
             scenario = known[column].to_numpy(dtype=np.float64)
             metrics[column] = np.where(np.isnan(metrics[column]), scenario, metrics[column])
-    evaluations = [e for run in group if (e := run.evaluations.get(protocol)) is not None]
-    limits = [limit for e in evaluations if (limit := _step_limit(e, condition)) is not None]
-    return Agent(label, dict(key), tuple(group), fingerprint, outcome, metrics, limits[0] if limits else None)
-
-
-def _step_limit(evaluation: Evaluation, condition: str) -> float | None:
-    """The step limit that the evaluation names for the condition; older ones name none."""
-    for entry in evaluation.summary.get("conditions", ()):
-        limit = entry.get("max_steps") if isinstance(entry, Mapping) else None
-        if isinstance(limit, int | float) and entry.get("name") == condition:
-            return float(limit)
-    return None
+    return Agent(label, dict(key), tuple(group), fingerprint, outcome, metrics, limit)

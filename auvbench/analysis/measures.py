@@ -75,7 +75,7 @@ class Measure:
             limits = [np.max(self.penalty * _limit(agent, self.column)) for agent in agents]
             return least, np.nan_to_num(np.array(limits), nan=math.inf)
         if self.column in LIMITED_BY_STEPS:
-            most[:] = _step_limit(agents)
+            most[:] = max(agent.step_limit for agent in agents)
         if self.column in LIMITED_BY_STEPS[1:]:
             slowest = [a.metrics.get("frequency_hz", np.zeros(1)).min() for a in agents]
             most = np.divide(most, slowest, out=np.full(len(agents), math.inf), where=np.array(slowest) > 0)
@@ -116,29 +116,9 @@ def measures() -> dict[str, Measure]:
     }
 
 
-def _step_limit(agents: Sequence[Agent]) -> float:
-    """Return the largest step limit of the tests; infinite where none is known."""
-    known = [limit for agent in agents if math.isfinite(limit := step_limit(agent))]
-    return max(known, default=math.inf)
-
-
-def step_limit(agent: Agent) -> float:
-    """Return the step limit of an agent's test; NaN where it is unknown.
-
-    From its evaluation, else from an episode that timed out, else from its training.
-    """
-    if agent.step_limit is not None:
-        return agent.step_limit
-    steps = agent.metrics.get("steps", np.empty(0))[agent.outcome == TIMEOUT] if agent.outcome.size else None
-    if steps is not None and steps.size:
-        return float(np.nanmax(steps))
-    trained = agent.runs[0].config.get("task.max_steps") if agent.runs else None
-    return float(trained) if isinstance(trained, int | float) else math.nan
-
-
 def _limit(agent: Agent, column: str) -> FloatArray:
     """Return the limit of a time or step column: (seeds, episodes), or one number for all."""
-    limit = np.asarray(step_limit(agent))
+    limit = np.asarray(agent.step_limit)
     if column == "steps":
         return limit
     # Seconds. A seed without a policy has the frequency of the others, which met the same scenarios.

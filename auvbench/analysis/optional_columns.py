@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,46 +21,36 @@ COLUMNS = (ACTION, TRAINING, optimality.COLUMN)
 
 
 def action_time(agent: Agent, protocol: str) -> Estimate | None:
-    """Return the processor time of an action in ms, the mean over runs; None where a test does not say."""
-    return _mean([timed.get("median_ms") for timed in _timed(agent, protocol)])
+    """Return the processor time of an action in ms, the mean over runs; None where one was not timed."""
+    timed = _timed(agent, protocol)
+    return _mean([found["median_ms"] for found in timed]) if all(timed) else None
 
 
 def training_time(agent: Agent) -> Estimate | None:
-    """Return the processor time of a training in s, the mean over runs; None where a manifest does not say."""
-    return _mean([run.manifest.get("cpu_time_s") or None for run in agent.runs]) if learns(agent) else None
+    """Return the processor time of a training in s, the mean over runs; None for a controller."""
+    return _mean([run.manifest["cpu_time_s"] for run in agent.runs]) if learns(agent) else None
 
 
-def _timed(agent: Agent, protocol: str) -> list[Mapping[str, Any]]:
-    """Return what the tests of an agent's runs say of the time of an action."""
-    evaluations = [run.evaluations[protocol] for run in agent.runs if protocol in run.evaluations]
-    found = [evaluation.summary.get("inference") for evaluation in evaluations]
-    return [timed if isinstance(timed, Mapping) else {} for timed in found]
+def _timed(agent: Agent, protocol: str) -> list[Any]:
+    """Return the time of an action in the test of each run; None where it failed."""
+    return [r.evaluations[protocol].summary["inference"] for r in agent.runs if protocol in r.evaluations]
 
 
-def _mean(found: Sequence[Any]) -> Estimate | None:
-    """Return the mean of times that files state; None where one of them states none, or no time."""
-    numbers = [float(v) for v in found if isinstance(v, int | float) and not isinstance(v, bool)]
-    if not numbers or len(numbers) < len(found) or not all(0 <= v < np.inf for v in numbers):
-        return None
-    return Estimate(float(np.mean(numbers)), np.nan, np.nan, 0.95)
+def _mean(found: Sequence[float]) -> Estimate | None:
+    return Estimate(float(np.mean(found)), np.nan, np.nan, 0.95) if found else None
 
 
 def machines(agents: Sequence[Agent], protocol: str, columns: Sequence[str]) -> tuple[str, ...]:
     """Return a caution for each column of times that were taken on several kinds of processor."""
-    tests = (timed.get("cpu") for agent in agents for timed in _timed(agent, protocol))
-    hosts = (run.manifest.get("host") for agent in agents if learns(agent) for run in agent.runs)
-    trainings = (host.get("cpu") for host in hosts if isinstance(host, Mapping))
-    return (
-        *_several("an action", tests),
-        *(_several("a training", trainings) if TRAINING in columns else ()),
+    found = {"an action": {t["cpu"] for agent in agents for t in _timed(agent, protocol) if t}}
+    if TRAINING in columns:
+        hosts = (run.manifest.get("host") for agent in agents if learns(agent) for run in agent.runs)
+        found["a training"] = {str(host.get("cpu")) for host in hosts if host}
+    return tuple(
+        f"Times of {what} are of different processors and do not compare: {', '.join(sorted(names))}."
+        for what, names in found.items()
+        if len(names) > 1
     )
-
-
-def _several(what: str, processors: Iterable[Any]) -> tuple[str, ...]:
-    names = sorted({cpu for cpu in processors if isinstance(cpu, str)})
-    if len(names) < 2:
-        return ()
-    return (f"Times of {what} are of different processors and do not compare: {', '.join(names)}.",)
 
 
 def validate_columns(names: Sequence[str]) -> None:

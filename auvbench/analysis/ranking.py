@@ -204,10 +204,4 @@ def _on_these(run: RunRecord, protocol: str) -> bool:
     evaluation = run.evaluations.get(protocol)
     if config.get("algo.tuned.protocol") is None or evaluation is None:
         return False
-    summary = evaluation.summary
-    # Summaries that were written before they said from which stream their scenarios come have the name.
-    same = (
-        summary.get("scenarios") == config.get("algo.tuned.scenarios")
-        or protocol == config["algo.tuned.protocol"]
-    )
-    return bool(same and summary.get("seed") == config.get("algo.tuned.seed"))
+    return all(evaluation.summary[key] == config.get(f"algo.tuned.{key}") for key in ("scenarios", "seed"))

@@ -96,8 +96,8 @@ class Agent:
     """(seeds, episodes) codes into `OUTCOMES`; `NO_POLICY` throughout for a seed whose training failed"""
     metrics: Mapping[str, NDArray[np.float64]]
     """by column name: (seeds, episodes); NaN throughout for a seed whose training failed"""
-    step_limit: float | None = None
-    """steps after which a test episode ends; None where the evaluation does not say"""
+    step_limit: float
+    """steps after which a test episode ends"""
 
     @property
     def success(self) -> NDArray[np.float64]:

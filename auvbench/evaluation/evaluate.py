@@ -63,21 +63,19 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
     summary = read_summary(run, protocol.name)
     if summary is None:
         return "its summary is damaged"
-    if summary.get("run") != run.id:
-        return f"its summary belongs to the run {summary.get('run')}"
+    if summary["run"] != run.id:
+        return f"its summary belongs to the run {summary['run']}"
     if lost := integrity.lacking(folder, summary):
         return lost
-    if summary.get("model") != _model(run.manifest()):
+    if summary["model"] != _model(run.manifest()):
         return "the run's model has changed since the test"
     played = as_played(resolve_conditions(protocol, run.check()), summary.get("clocks") or {})
     with _named_packages(run):
         here = fingerprint_parts(protocol, played)
-    there = summary.get("fingerprint_parts")
-    if not there:
-        return "its fingerprint does not cover what computes outcomes"
-    if there.get("scenarios") != here["scenarios"]:
+    there = summary["fingerprint_parts"]
+    if there["scenarios"] != here["scenarios"]:
         return "its scenarios differ: the protocol, the vehicle or their draw has changed since"
-    if there.get("outcomes") != here["outcomes"]:
+    if there["outcomes"] != here["outcomes"]:
         return "the same commands have other outcomes now: the simulator or the task has changed since"
     return ""
 

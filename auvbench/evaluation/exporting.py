@@ -259,10 +259,10 @@ def _tests(run: RunDirectory, manifest: Mapping[str, Any]) -> list[dict[str, Any
     found = []
     for path in sorted(run.path.glob("evaluations/*/summary.json")):
         summary = read_summary(run, path.parent.name)
-        if summary is None or summary.get("run") != run.id or summary.get("model") != model:
+        if summary is None or summary["run"] != run.id or summary["model"] != model:
             continue
         conditions = [{key: c[key] for key in TESTED if key in c} for c in summary["conditions"]]
-        test = {key: summary.get(key) for key in ("protocol", "fingerprint")}
+        test = {key: summary[key] for key in ("protocol", "fingerprint")}
         found.append({**test, "conditions": conditions})
     return found
 

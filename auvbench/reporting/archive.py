@@ -136,16 +136,14 @@ def _manifest(run: RunRecord) -> dict[str, Any]:
     kept = dict(run.manifest)
     if run.archive is not None:
         return kept
-    host = kept.get("host")
-    if isinstance(host, Mapping):
+    if host := kept.get("host"):
         kept["host"] = {key: value for key, value in host.items() if key != "name"}
     try:
-        words = shlex.split(str(kept.get("command") or ""))
+        words = shlex.split(kept["command"])
     except ValueError:
         words = []
     kept["command"] = shlex.join(word for word in words if not word.startswith("output="))
-    error = kept.get("error")
-    if isinstance(error, Mapping):  # a traceback names folders, and a message may name the run's
+    if error := kept["error"]:  # a traceback names folders, and a message may name the run's
         message = str(error.get("message", "no message"))
         for place in (run.directory.absolute().parent, run.directory.parent):
             message = message.replace(f"{place}/", "")

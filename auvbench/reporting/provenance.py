@@ -14,8 +14,7 @@ Facts = list[tuple[str, tuple[str, ...]]]
 def facts(runs: Sequence[RunRecord]) -> Facts:
     """Return vehicles, simulators, machines, versions and commits of the runs; without those that no run has."""
     versions, commits, hosts = (
-        [found for run in runs if isinstance(found := run.manifest.get(key), Mapping)]
-        for key in ("versions", "git", "host")
+        [found for run in runs if (found := run.manifest.get(key))] for key in ("versions", "git", "host")
     )
     packages = sorted({str(name) for found in versions for name in found})
     found = [

@@ -208,14 +208,14 @@ class Manifest:
     attempts: Count
     wall_time_s: Seconds
     error: Failure | None
+    created: str
+    cpu_time_s: Seconds
+    command: Prose
     episodes: Count | None = None
     success_rate: Share | None = None
-    created: str | None = None
     started: str | None = None
     ended: str | None = None
-    cpu_time_s: Seconds | None = None
     phases: dict[str, Seconds] | None = None
-    command: Prose | None = None
     analysis: str | None = None
     versions: dict[str, str] | None = None
     git: Git | None = None
@@ -231,9 +231,17 @@ class Condition:
 
     name: Name
     episodes: Annotated[int, Range(1)]
-    frequency_hz: float | None = None
-    max_steps: Count | None = None
+    frequency_hz: Annotated[float, Range(1e-9)]
+    max_steps: Count
     notes: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Inference:
+    """Processor time of an action."""
+
+    median_ms: Seconds
+    cpu: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,15 +251,15 @@ class Summary:
     fingerprint: Name
     conditions: list[Condition]
     files: dict[str, FileEntry]
-    run: str | None = None
-    protocol: str | None = None
-    model: dict[str, str] | None = None
-    fingerprint_parts: dict[str, str] | None = None
-    seed: Count | None = None
-    scenarios: str | None = None
+    run: str
+    protocol: str
+    model: dict[str, str]
+    fingerprint_parts: dict[str, str]
+    seed: Count
+    scenarios: str
+    inference: Inference | None
+    versions: dict[str, str]
     clocks: dict[str, str] | None = None
-    inference: dict[str, Any] | None = None
-    versions: dict[str, str] | None = None
 
 
 def read(path: Path, schema: type[Manifest | Summary]) -> dict[str, Any]:

@@ -8,7 +8,6 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 from PIL import Image  # matplotlib's own
@@ -130,25 +129,15 @@ def _cell(value: float | None, places: int) -> Cell:
 
 def _training(run: RunRecord) -> tuple[Cell, Cell, Cell]:
     """Return steps, success and wall time of a training."""
-    steps, total, success, seconds, episodes = (
-        _number(run.manifest.get(key))
-        for key in ("steps", "total_steps", "success_rate", "wall_time_s", "episodes")
-    )
-    success = telling(success, int(episodes)) if episodes is not None else success
-    if run.state == "complete" and not steps:
-        steps = total = None  # a controller with nothing to learn
-    taken = _cell(steps, 0)
-    if steps is not None and total is not None and steps < total:
+    keys = ("steps", "total_steps", "success_rate", "wall_time_s", "episodes")
+    steps, total, success, seconds, episodes = (run.manifest.get(key) for key in keys)
+    if success is not None and episodes is not None:
+        success = telling(success, episodes)
+    taken = _cell(steps or None, 0)  # a controller has nothing to learn
+    if steps and total and steps < total:
         taken = replace(taken, value=f"{taken.value} of {fixed(total, 0)}")
     wall = Cell(NOTHING) if seconds is None else Cell(duration(seconds), sort=seconds)
     return taken, _cell(None if success is None else 100 * success, 1), wall
-
-
-def _number(value: Any) -> float | None:
-    """Return a finite number of a manifest, or None."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        return None
-    return float(value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -165,7 +165,7 @@ def _length(value: Any, default: float) -> float:
 def _facts(ranking: Ranking, runs: Sequence[RunRecord], scenarios: bool) -> Facts:
     """Return the lines of the methods."""
     summaries = [e.summary for run in runs if (e := run.evaluations.get(ranking.protocol))]
-    seeds = [f"seed {seed}" for seed in distinct(summary.get("seed") for summary in summaries)]
+    seeds = [f"seed {seed}" for seed in distinct(summary["seed"] for summary in summaries)]
     return [
         ("Protocol", (f"{ranking.protocol}, condition {ranking.condition}",)),
         *([("Scenarios", (f"fingerprint {ranking.fingerprint}", *seeds))] if scenarios else []),

@@ -17,7 +17,13 @@ def record(algo: str, k: float, f: float, seed: int, **manifest) -> RunRecord:
     config = {"algo.name": algo, "reward.k": k, "step.frequency": f, "task.max_steps": 1000}
     name = f"{algo}-k{k:g}-f{f:g}-s{seed}-00000000"
     steps = 0 if algo in CONTROLLERS else 1_000_000
-    manifest = {"id": name, "state": "complete", "steps": steps, "total_steps": steps} | manifest
+    manifest = {
+        "id": name,
+        "state": "complete",
+        "steps": steps,
+        "total_steps": steps,
+        "cpu_time_s": 0.0,
+    } | manifest
     return RunRecord(name, Path("nowhere") / name, "complete", seed, config, manifest)
 
 
@@ -60,4 +66,5 @@ def agent(
         fingerprint="0123456789abcdef",
         outcome=np.where(success, 0, np.where(collision, 1, 2)).astype(np.int8),
         metrics=metrics,
+        step_limit=1000.0,
     )

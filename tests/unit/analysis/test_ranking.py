@@ -152,18 +152,6 @@ def test_a_quick_collision_is_not_quick():
     assert ranking.rows[1].estimates["par1_time_s"].value == pytest.approx(0.1 * 10 + 0.9 * 100)
 
 
-def test_without_a_known_limit_a_failure_cannot_be_counted():
-    a = agent("sac", level=1)
-    a = replace(
-        a,
-        outcome=np.where(a.outcome == 2, 1, a.outcome).astype(np.int8),
-        runs=tuple(replace(run, config={"algo.name": "sac"}) for run in a.runs),
-    )
-    assert np.isnan(rank([a]).rows[0].estimates["par1_steps"].value)
-    known = rank([replace(a, step_limit=500.0)]).rows[0].estimates["par1_steps"].value
-    assert known == pytest.approx(np.where(a.outcome == 0, a.metrics["steps"], 500).mean())
-
-
 def test_verdicts():
     a = agent("sac", level=6, seed_sd=0, seeds=5, episodes=500)
     low = agent("td3", level=-1, seed_sd=0, seeds=5, episodes=500)

@@ -157,7 +157,7 @@ def test_fields_of_another_type_are_named(grid: list[Path]) -> None:
         ),
         (
             '{"fingerprint": "f", "conditions": '
-            '[{"name": "nominal", "episodes": 6}, {"name": "current=0.5", "episodes": 6}]}',
+            '[{"name": "nominal", "episodes": 6, "frequency_hz": 10, "max_steps": 9}]}',
             "has 12 episodes of condition 'nominal', summary.json says 6",
         ),
         ("[" * 100_000, "nested more than"),

@@ -34,7 +34,7 @@ def agent(algo: str, level: float, *, seeds: int = 1, task: str = "", higher: bo
     runs = tuple(replace(record(algo, 1.0, 10.0, s), id=f"{algo}-{task}-{s}") for s in range(seeds))
     metrics = {"position_error_rms_m": errors}
     key = {"algo": algo, "reward.k": 1.0}
-    return Agent(algo.upper(), key, runs, "0" * 16, outcome, metrics)
+    return Agent(algo.upper(), key, runs, "0" * 16, outcome, metrics, step_limit=1000.0)
 
 
 def of_task(title: str, *agents: Agent, by: str = ERROR) -> OneTask:
