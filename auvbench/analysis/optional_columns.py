@@ -27,8 +27,9 @@ def action_time(agent: Agent, protocol: str) -> Estimate | None:
 
 
 def training_time(agent: Agent) -> Estimate | None:
-    """Return the processor time of a training in s, the mean over runs; None for a controller."""
-    return _mean([run.manifest["cpu_time_s"] for run in agent.runs]) if learns(agent) else None
+    """Return the processor time of a training in s, the mean over runs; None where one is unknown."""
+    times = [run.manifest.get("cpu_time_s") for run in agent.runs]
+    return _mean([time for time in times if time]) if learns(agent) and all(times) else None
 
 
 def _timed(agent: Agent, protocol: str) -> list[Any]:

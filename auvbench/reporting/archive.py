@@ -139,7 +139,7 @@ def _manifest(run: RunRecord) -> dict[str, Any]:
     if host := kept.get("host"):
         kept["host"] = {key: value for key, value in host.items() if key != "name"}
     try:
-        words = shlex.split(kept["command"])
+        words = shlex.split(kept.get("command") or "")
     except ValueError:
         words = []
     kept["command"] = shlex.join(word for word in words if not word.startswith("output="))

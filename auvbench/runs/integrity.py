@@ -208,13 +208,13 @@ class Manifest:
     attempts: Count
     wall_time_s: Seconds
     error: Failure | None
-    created: str
-    cpu_time_s: Seconds
-    command: Prose
     episodes: Count | None = None
     success_rate: Share | None = None
     started: str | None = None
     ended: str | None = None
+    created: str | None = None
+    cpu_time_s: Seconds | None = None
+    command: Prose | None = None
     phases: dict[str, Seconds] | None = None
     analysis: str | None = None
     versions: dict[str, str] | None = None
