@@ -85,6 +85,12 @@ def _model(manifest: dict[str, Any]) -> dict[str, Any]:
     return integrity.digests(manifest, "model/")
 
 
+def refuse_incomplete(run: RunDirectory) -> None:
+    """Raise RunError if a run is not complete."""
+    if (state := run.manifest()["state"]) != "complete":
+        raise RunError(f"{run.path}: {state}, not complete; auvbench train finishes it")
+
+
 def make_agent(run: RunDirectory, frequency: float) -> Agent:
     """Return a fresh agent of a run for a test. It knows the vehicle of its run, also when it is tested on another."""
     config = at_frequency(load_config(run), frequency)
@@ -153,9 +159,7 @@ def evaluate(
         RunError: the run is not complete, its files are damaged, or another process is testing it.
         TrainingError: the disk is full, read-only or failing.
     """
-    state = run.manifest()["state"]
-    if state != "complete":
-        raise RunError(f"{run.path}: {state}, not complete; auvbench train finishes it")
+    refuse_incomplete(run)
     path_safety.refuse_links(run.path)
     with _locked(run, protocol.name):
         if unless_done and is_done(run, protocol):

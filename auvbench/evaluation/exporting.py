@@ -6,7 +6,7 @@ docs/policies-as-files.md defines both files.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,9 @@ from auvbench.agents.policy_file import PolicyFile
 from auvbench.config import schema, tasks
 from auvbench.config.agents import AGENTS, learns
 from auvbench.config.schema import step_limit
-from auvbench.config.simulators import Fossen
 from auvbench.errors import RunError
-from auvbench.evaluation.evaluate import make_agent, read_summary
-from auvbench.evaluation.rollout import batch_of
+from auvbench.evaluation.evaluate import make_agent, read_summary, refuse_incomplete
+from auvbench.evaluation.rollout import batch_of, embedded
 from auvbench.policies import cards, exported
 from auvbench.policies.cards import FORMAT, SCHEMA_VERSION, PolicyError
 from auvbench.policies.exported import NETWORK, SLACK, Policy
@@ -91,9 +90,7 @@ def export(run: RunDirectory, folder: Path | None = None) -> Export:
     """
     from auvbench.agents.learned import onnx_export
 
-    manifest = run.manifest()
-    if manifest["state"] != "complete":
-        raise RunError(f"{run.path}: {manifest['state']}, not complete; auvbench train finishes it")
+    refuse_incomplete(run)
     path_safety.refuse_links(run.path)
     config = load_config(run)
     if config.algo.agent == "onnx":
@@ -275,9 +272,7 @@ def observe_episodes(
     Raises:
         ActionError: the agent's actions are not valid.
     """
-    embedded = replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
-    batch = batch_of(scenarios, embedded, EPISODES, 0)
-    batch.task.assign(np.arange(EPISODES))
+    batch = batch_of(scenarios, embedded(config), np.arange(EPISODES), 0)
     observation = batch.reset()
     agent.reset(np.arange(EPISODES))
     seen = []

@@ -8,8 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from auvbench.agents.base import Agent
 from auvbench.config import installed, plugins, schema
 from auvbench.config.agents import AGENTS
@@ -17,7 +15,7 @@ from auvbench.config.simulators import Ros2
 from auvbench.errors import AuvbenchError
 from auvbench.evaluation.evaluate import Report, Roll, evaluate, in_process, make_agent, stale
 from auvbench.evaluation.protocol import ResolvedCondition, resolve_conditions
-from auvbench.evaluation.rollout import Rollout, roll_out
+from auvbench.evaluation.rollout import Rollout, one_episode
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.lock import RunHeldError
 from auvbench.runs.pool import Pool, WorkerDiedError
@@ -155,12 +153,5 @@ def _episode(
     key = run.path, condition.config.step.frequency
     if _made is None or _made[0] != key:
         _made = key, make_agent(run, condition.config.step.frequency)
-    return roll_out(
-        condition.config,
-        _made[1],
-        episodes=np.array([episode]),
-        seed=protocol.seed,
-        batch=1,
-        trajectories=int(episode < protocol.trajectories),
-        scenarios=protocol.scenarios,
-    )
+    path = episode < protocol.trajectories
+    return one_episode(condition.config, _made[1], protocol, episode, path=path)

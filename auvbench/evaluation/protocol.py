@@ -13,11 +13,11 @@ from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import installed, schema, tasks
 from auvbench.config.compose import option, typed
-from auvbench.config.simulators import Fossen, Ros2
+from auvbench.config.simulators import Ros2
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError
 from auvbench.evaluation import reference
-from auvbench.evaluation.rollout import batch_of
+from auvbench.evaluation.rollout import batch_of, embedded
 from auvbench.runs.identity import digest_of, without_descriptions
 from auvbench.vehicles import sheet
 
@@ -191,10 +191,9 @@ def _drawn(protocol: schema.Protocol, condition: ResolvedCondition) -> str:
         meant["scenarios"] = protocol.scenarios
     key = digest_of(meant, 64)
     if key not in _draws:
-        # Draws do not depend on the simulator, and the embedded one starts at once.
-        drawn = replace(condition.config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
-        batch = batch_of(protocol.scenarios, drawn, protocol.episodes, protocol.seed)
-        batch.task.assign(np.arange(protocol.episodes))
+        # Draws do not depend on the simulator.
+        drawn, episodes = embedded(condition.config), np.arange(protocol.episodes)
+        batch = batch_of(protocol.scenarios, drawn, episodes, protocol.seed)
         batch.reset()
         # Rounded to a nanometre: another machine may have another last bit.
         scenarios = np.round(batch.task.F, 9) + 0.0

@@ -23,6 +23,7 @@ from auvbench.config import rewards, schema, tasks
 from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import at_frequency
+from auvbench.evaluation.rollout import embedded
 from auvbench.record import OUTCOMES, record_columns
 
 Floats = NDArray[np.float64]
@@ -108,10 +109,8 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
 def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.TrainConfig:
     """Return the condition without the agent's own keys, with short episodes."""
     task = replace(config.task, time_limit=None, max_steps=STEPS // 2, **_observed(config.task))
-    simulator = config.simulator
-    if not isinstance(simulator, Fossen):
-        simulator = Fossen(name="fossen", max_step=0.01, threads=1)
-    standard = replace(config, task=task, reward=_REWARD, simulator=replace(simulator, threads=1))
+    config = config if isinstance(config.simulator, Fossen) else embedded(config)
+    standard = replace(config, task=task, reward=_REWARD, simulator=replace(config.simulator, threads=1))
     return at_frequency(standard, FREQUENCY if frequency is None else frequency)
 
 

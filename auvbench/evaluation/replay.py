@@ -13,9 +13,9 @@ from auvbench.config import schema
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.errors import RunError, UserError, closest
-from auvbench.evaluation.evaluate import make_agent
+from auvbench.evaluation.evaluate import make_agent, refuse_incomplete
 from auvbench.evaluation.protocol import resolve_conditions
-from auvbench.evaluation.rollout import roll_out
+from auvbench.evaluation.rollout import one_episode
 from auvbench.pilot.mission import CONDITION, FORMAT, SCHEMA_VERSION
 from auvbench.record import Record
 from auvbench.runs.directory import RunDirectory
@@ -58,9 +58,7 @@ def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode
         RunError: the run is not complete.
         UserError: the protocol has no such condition or episode.
     """
-    state = run.manifest()["state"]
-    if state != "complete":
-        raise RunError(f"{run.path}: {state}, not complete; auvbench train finishes it")
+    refuse_incomplete(run)
     if not 0 <= episode < protocol.episodes:
         raise UserError(
             f"--episode {episode}: protocol {protocol.name} has episodes 0 to {protocol.episodes - 1}"
@@ -71,16 +69,7 @@ def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode
             f"--condition {condition}: not in protocol {protocol.name}; {closest(condition, found)}"
         )
     config = found[condition]
-    agent = make_agent(run, config.step.frequency)
-    result = roll_out(
-        config,
-        agent,
-        episodes=np.array([episode]),
-        seed=protocol.seed,
-        batch=1,
-        trajectories=1,
-        scenarios=protocol.scenarios,
-    )
+    result = one_episode(config, make_agent(run, config.step.frequency), protocol, episode)
     return Replay(
         run=run.id,
         protocol=protocol.name,

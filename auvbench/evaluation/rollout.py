@@ -125,8 +125,7 @@ def roll_out(
     batch = at_once(config, batch) if own is None else 1
     for start in range(0, len(episodes), batch):
         numbers = episodes[start : start + batch]
-        environments = batch_of(scenarios, config, len(numbers), seed)
-        environments.task.assign(numbers)
+        environments = batch_of(scenarios, config, numbers, seed)
         if own is not None:
             environments.simulator = own(config, environments.vehicle)
         actuators = environments.vehicle.actuators
@@ -137,10 +136,34 @@ def roll_out(
     return Rollout(records, paths, duration, actuators, notes)
 
 
-def batch_of(scenarios: str, config: schema.TrainConfig, n: int, seed: int) -> Batch:
-    """Return n environments that draw from the streams of test or validation, and end for good."""
+def one_episode(
+    config: schema.TrainConfig, agent: Agent, protocol: schema.Protocol, episode: int, *, path: bool = True
+) -> Rollout:
+    """Run an agent through one episode of a protocol; the path is kept where it is wanted."""
+    return roll_out(
+        config,
+        agent,
+        episodes=np.array([episode]),
+        seed=protocol.seed,
+        batch=1,
+        trajectories=int(path),
+        scenarios=protocol.scenarios,
+    )
+
+
+def batch_of(scenarios: str, config: schema.TrainConfig, episodes: Integers, seed: int) -> Batch:
+    """Return an environment per episode (n,), drawn from the streams of test or validation; it ends for good."""
     validation = scenarios == "validation"
-    return Batch(config, n, seed=seed, test=not validation, validation=validation, autoreset=False)
+    batch = Batch(
+        config, len(episodes), seed=seed, test=not validation, validation=validation, autoreset=False
+    )
+    batch.task.assign(episodes)
+    return batch
+
+
+def embedded(config: schema.TrainConfig) -> schema.TrainConfig:
+    """Return the configuration on the embedded simulator, which starts at once."""
+    return replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
 
 
 def _one_batch(
@@ -193,7 +216,7 @@ def time_actions(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
     Raises:
         ActionError, RunError: the agent's actions are not valid.
     """
-    config = replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
+    config = embedded(config)
     actions = _times(agent, config)
     for _ in islice(actions, WARM_UP):
         pass
@@ -219,9 +242,8 @@ def time_actions(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
 def _times(agent: Agent, config: schema.TrainConfig) -> Iterator[float]:
     """Yield the processor time of each action in s, episode after episode."""
     for episode in count():
-        batch = batch_of("validation", config, 1, 0)
         numbers = np.array([episode])
-        batch.task.assign(numbers)
+        batch = batch_of("validation", config, numbers, 0)
         observation = batch.reset()
         agent.reset(numbers)
         ended = False

@@ -32,7 +32,7 @@ from auvbench.evaluation.bounds.files import (
 from auvbench.evaluation.bounds.lower_bound import Energy
 from auvbench.evaluation.bounds.search import VERSION, Search
 from auvbench.evaluation.protocol import ResolvedCondition, fingerprint, fingerprint_parts, resolve_conditions
-from auvbench.evaluation.rollout import batch_of, roll_out
+from auvbench.evaluation.rollout import batch_of, one_episode
 from auvbench.runs import interruption, lock
 from auvbench.runs.atomic_io import make_folder, storage, write_atomic
 from auvbench.runs.identity import digest_of
@@ -46,8 +46,8 @@ PRELOAD = ("auvbench.evaluation.bounds.compute", "casadi")
 CONTROLLERS = {"pid": controller, "mpc": MPCController, "mpc_tuned": MPCController}
 """By name of the algorithm: their commands are where a search starts, and upper bounds themselves."""
 
-Job = tuple[schema.TrainConfig, int, str, int, Scenario]
-"""configuration of the condition, seed and stream of the scenarios, episode, its scenario"""
+Job = tuple[schema.TrainConfig, schema.Protocol, int, Scenario]
+"""configuration of the condition, protocol, episode, its scenario"""
 
 
 def eligible(conditions: Sequence[ResolvedCondition]) -> tuple[list[ResolvedCondition], list[str]]:
@@ -143,9 +143,7 @@ def _bounds(
         if (bound := read_finished(place / f"{stem}-{episode}.json")) is not None:
             done[episode] = bound
             tell(bound)
-    jobs = {
-        e: (config, protocol.seed, protocol.scenarios, e, s) for e, s in enumerate(there) if e not in done
-    }
+    jobs = {e: (config, protocol, e, s) for e, s in enumerate(there) if e not in done}
     for episode, found in _here(jobs) if pool is None else _apart(jobs, pool):
         scenario = there[episode]
         x, y, z = scenario.waypoint.tolist()
@@ -191,12 +189,12 @@ _built: tuple[schema.TrainConfig, Search, dict[str, Agent]] | None = None
 """Search and controllers of the last job in this process; they take a second to build."""
 
 
-def _solve(config: schema.TrainConfig, seed: int, stream: str, episode: int, scenario: Scenario) -> Found:
+def _solve(config: schema.TrainConfig, protocol: schema.Protocol, episode: int, scenario: Scenario) -> Found:
     global _built
     if _built is None or _built[0] != config:
         _built = config, Search(config), controllers(config)
     _, search, agents = _built
-    return search.find(scenario, commands(config, agents, episode, seed, stream))
+    return search.find(scenario, commands(config, agents, protocol, episode))
 
 
 def controllers(config: schema.TrainConfig) -> dict[str, Agent]:
@@ -207,7 +205,7 @@ def controllers(config: schema.TrainConfig) -> dict[str, Agent]:
 
 
 def commands(
-    config: schema.TrainConfig, agents: Mapping[str, Agent], episode: int, seed: int, stream: str
+    config: schema.TrainConfig, agents: Mapping[str, Agent], protocol: schema.Protocol, episode: int
 ) -> dict[str, Commands]:
     """Return the commands (T, n_u) that reached the actuators until an episode ended, by controller.
 
@@ -216,22 +214,14 @@ def commands(
     found = {}
     vehicle = sheet.load(config.vehicle)
     for name, agent in agents.items():
-        rollout = roll_out(
-            config,
-            agent,
-            episodes=np.array([episode]),
-            seed=seed,
-            batch=1,
-            trajectories=1,
-            scenarios=stream,
-        )
-        found[name] = kept(vehicle.action(np.array(rollout.trajectories[episode].command)))
+        path = one_episode(config, agent, protocol, episode).trajectories[episode]
+        found[name] = kept(vehicle.action(np.array(path.command)))
     return found
 
 
 def all_scenarios(condition: ResolvedCondition, protocol: schema.Protocol) -> list[Scenario]:
     """Return the scenarios of a protocol's episodes, in their order."""
-    batch = batch_of(protocol.scenarios, silent(condition.config), protocol.episodes, protocol.seed)
-    batch.task.assign(np.arange(protocol.episodes))
+    episodes = np.arange(protocol.episodes)
+    batch = batch_of(protocol.scenarios, silent(condition.config), episodes, protocol.seed)
     batch.reset()
     return scenarios(batch)

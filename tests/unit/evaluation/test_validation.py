@@ -17,7 +17,7 @@ def protocol(name: str):
 
 
 def scenarios(of: str, n: int = 400, seed: int = 123):
-    batch = batch_of(of, configs.training(), n, seed)
+    batch = batch_of(of, configs.training(), np.arange(n), seed)
     batch.task.assign(np.arange(n))
     batch.reset()
     return batch.task.F[:, [F_START_YAW, F_REFERENCE, F_REFERENCE + 1, F_REFERENCE + 2]]
