@@ -143,7 +143,7 @@ def test_no_controller_arrives_sooner_than_is_proven() -> None:
         least = energy.steps(scenario, 10.0)
         assert all(
             least <= len(commands)
-            for commands in commands(condition.config, agents, episode, protocol.seed, "test").values()
+            for commands in commands(condition.config, agents, protocol, episode).values()
         )
         assert least > 20
 
@@ -159,8 +159,7 @@ def test_what_is_found_arrives_and_is_quicker_than_controllers(
     (condition,) = resolve_conditions(protocol, config)
     agents = controllers(condition.config)
     quickest = [
-        min(map(len, commands(condition.config, agents, episode, protocol.seed, "test").values()))
-        for episode in range(3)
+        min(map(len, commands(condition.config, agents, protocol, episode).values())) for episode in range(3)
     ]
     steps = np.array([bound.steps for bound in held])
     assert (steps <= quickest).all()
@@ -239,7 +238,7 @@ def test_thrusters_with_lag_are_covered() -> None:
     protocol = protocol_of(*NEAR, episodes=1)
     (condition,) = resolve_conditions(protocol, config_of("vehicle=rexrov"))
     (scenario,) = all_scenarios(condition, protocol)
-    starts = commands(condition.config, controllers(condition.config), 0, protocol.seed, "test")
+    starts = commands(condition.config, controllers(condition.config), protocol, 0)
     search = Search(condition.config)
     found = search.find(scenario, starts)
     assert search.trial.run(scenario, found.commands).arrived

@@ -71,7 +71,7 @@ HARMS = [
     (unsealed, "its summary is damaged"),
     (lambda run: resealed(run, run="random-k1-f10-s7-01234567"), "random-k1-f10-s7-01234567"),
     (lambda run: resealed(run, model={"model/policy.pt": "0"}), "the run's model has changed"),
-    (lambda run: resealed(run, fingerprint_parts=None), "does not cover what computes outcomes"),
+    (lambda run: resealed(run, fingerprint_parts=None), "its summary is damaged"),
     (
         lambda run: resealed(run, fingerprint_parts=parts_of(run) | {"outcomes": "0"}),
         "have other outcomes now",
