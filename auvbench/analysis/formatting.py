@@ -17,15 +17,14 @@ NOTHING = "–"
 """a number that does not exist (the time to goal of an agent that never arrived)"""
 
 
-def decimals(half_width: float, digits: int = 2) -> int:
-    """Return the decimal places at which `half_width` keeps its significant digits; negative for tens and hundreds.
+def decimals(half_width: float) -> int:
+    """Return the decimal places at which `half_width` keeps two significant digits; negative for tens and hundreds.
 
     >>> decimals(1.34), decimals(0.0991), decimals(12.0), decimals(345.0), decimals(0.0996)
     (1, 3, 0, -1, 2)
     """
     # Rounding first: 0.0996 becomes 0.10, whose second digit stands one place further left.
-    rounded = float(f"{half_width:.{digits - 1}e}")
-    return digits - 1 - math.floor(math.log10(rounded))
+    return 1 - math.floor(math.log10(float(f"{half_width:.1e}")))
 
 
 def fixed(value: float, places: int) -> str:
@@ -107,7 +106,7 @@ def amount(estimate: Estimate, m: Measure) -> str:
     return f"{value}{unit(m)}" + (f" [{low}, {high}]" if low else "")
 
 
-def size(value: float, m: Measure, digits: int = 2) -> str:
+def size(value: float, m: Measure) -> str:
     """A difference without sign and interval: '2 points', '1.1 s'.
 
     >>> from auvbench.analysis.measures import measure
@@ -115,7 +114,7 @@ def size(value: float, m: Measure, digits: int = 2) -> str:
     ('2 points', '11 steps', '1.1 s')
     """
     scaled = abs(value) * (100.0 if m.rate else 1.0)
-    return f"{significant(scaled, digits)}{' points' if m.rate else unit(m)}".replace(".0 ", " ")
+    return f"{significant(scaled, 2)}{' points' if m.rate else unit(m)}".replace(".0 ", " ")
 
 
 def difference(estimate: Estimate, m: Measure) -> str:
@@ -143,15 +142,15 @@ def turned(estimate: Estimate) -> Estimate:
     return replace(estimate, value=-estimate.value, low=-estimate.high, high=-estimate.low)
 
 
-def listed(items: Sequence[str], most: int = 5, word: str = "and") -> str:
+def listed(items: Sequence[str], most: int = 5) -> str:
     """A list in words, cut off where it is long.
 
-    >>> listed(["a", "b", "c"], word="or"), listed(list("abcdefgh"), most=3)
-    ('a, b or c', 'a, b, c and 5 more')
+    >>> listed(["a", "b", "c"]), listed(list("abcdefgh"), most=3)
+    ('a, b and c', 'a, b, c and 5 more')
     """
     if len(items) > most + 1:
         return f"{', '.join(items[:most])} and {len(items) - most} more"
-    return f" {word} ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
+    return " and ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
 
 
 def counted(n: int, noun: str) -> str:

@@ -23,6 +23,7 @@ from auvbench.analysis.evaluations import (
     named,
     protocols_of,
 )
+from auvbench.analysis.formatting import listed
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.records import Problem, RunRecord
 from auvbench.config import installed, plugins
@@ -123,11 +124,9 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
         raise ReportError(
             f"none of the {len(runs)} runs was evaluated by protocol {protocol!r}; {closest(protocol, there)}"
         )
-    reasons = [f"{p.where}: {p.message}" for p in problems]
-    more = f"; and {len(reasons) - NAMED} more" if len(reasons) > NAMED else ""
+    reasons = listed([f"{p.where}: {p.message}" for p in problems], NAMED)
     raise ReportError(
-        f"none of the {len(runs)} runs has a usable evaluation by protocol {protocol!r}: "
-        f"{'; '.join(reasons[:NAMED])}{more}"
+        f"none of the {len(runs)} runs has a usable evaluation by protocol {protocol!r}: {reasons}"
     )
 
 

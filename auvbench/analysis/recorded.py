@@ -169,20 +169,19 @@ def _checked_training(frame: pd.DataFrame, needed: tuple[str, ...]) -> pd.DataFr
 
 
 VALIDATION = "train/validation.csv"
-AXES = ("step", "wall_s", "simulated_s")
 
 
 def read_validation_curve(run: RunRecord) -> pd.DataFrame | None:
-    """Return `AXES` and `success_rate` (0 to 1) of train/validation.csv at rising steps; None where it has no rows.
+    """Return `step` and `success_rate` (0 to 1) of train/validation.csv, steps rising; None where it has no rows.
 
     Raises:
         Damage: it cannot be read, or holds what it cannot.
     """
     with named(VALIDATION):
         rows = validation_rows(run)
-        frame = pd.DataFrame({name: [float(row[name]) for row in rows] for name in (*AXES, "success_rate")})
-    rising = all(frame[axis].is_monotonic_increasing for axis in AXES)
-    if not rising or not finite(frame.to_numpy()) or not frame["success_rate"].between(0, 1).all():
+        frame = pd.DataFrame({n: [float(row[n]) for row in rows] for n in ("step", "success_rate")})
+    rising, possible = frame["step"].is_monotonic_increasing, frame["success_rate"].between(0, 1).all()
+    if not (rising and possible and finite(frame.to_numpy())):
         raise Damage(f"{VALIDATION} holds rows that do not belong together, or numbers that cannot be")
     return frame if len(frame) else None
 

@@ -120,9 +120,11 @@ def write_sections(
 def show(report: Report, options: Options) -> None:
     """The tables of one section, its findings and claims."""
     from rich.console import Console
+    from rich.markdown import Markdown
     from rich.text import Text
 
     from auvbench.reporting import tables
+    from auvbench.reporting.write import claims_in_markdown
 
     if "terminal" not in options.format:
         return
@@ -136,7 +138,7 @@ def show(report: Report, options: Options) -> None:
         console.print(tables.findings_terminal(report.findings))
     if report.claims:
         console.print(Text("\nclaims of the study", style="bold"))
-        console.print(tables.claims_terminal(report.claims))
+        console.print(Markdown(claims_in_markdown(report.claims)))
     if comparison := tables.comparison_table(report.comparison):
         console.print(Text(f"\n{comparison.title}", style="bold"))
         console.print(tables.TableView(comparison))

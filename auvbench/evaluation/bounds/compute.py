@@ -145,17 +145,13 @@ def _bounds(
             tell(bound)
     jobs = {e: (config, protocol, e, s) for e, s in enumerate(there) if e not in done}
     for episode, found in _here(jobs) if pool is None else _apart(jobs, pool):
-        scenario = there[episode]
-        x, y, z = scenario.waypoint.tolist()
         done[episode] = bound = Bound(
             condition.name,
             frequency,
             episode,
             found.steps,
-            energy.steps(scenario, frequency),
-            round(energy.seconds(scenario), 6),
+            energy.steps(there[episode], frequency),
             found.start,
-            (x, y, z, scenario.yaw),
             packed(found.commands),
         )
         with storage(f"cannot write {place}"):

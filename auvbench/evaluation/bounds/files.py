@@ -26,7 +26,7 @@ from auvbench.runs import integrity
 from auvbench.runs.atomic_io import as_json, replace_folder, storage
 from auvbench.untrusted import documents, reading, typed_json
 from auvbench.untrusted.text import short
-from auvbench.untrusted.typed_json import Count, Name, Prose, Range, Seconds
+from auvbench.untrusted.typed_json import Count, Name, Prose, Range
 
 SCHEMA_VERSION = 2
 LINES = "bounds.jsonl"
@@ -34,9 +34,6 @@ FOLDER = "bounds"
 """next to the experiments in the folder of results, and in this package"""
 LONGEST = 100_000_000
 """bytes of commands of one scenario"""
-
-Place = tuple[float, float, float, float]
-"""waypoint x, y, z in m, start yaw in rad"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +61,8 @@ class Bound:
     """fewest found: the optimum needs as many or fewer"""
     least_steps: Annotated[int, Range(1)]
     """no commands arrive in fewer"""
-    least_s: Seconds
-    """the same before it is rounded up to steps"""
     start: Name
     """what the search began from"""
-    place: Place
     commands: Prose
     """packed, (steps, n_u)"""
 

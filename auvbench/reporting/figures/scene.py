@@ -56,8 +56,6 @@ class Scene:
     """in the order of the ranking"""
     ranking: Ranking
     looks: Mapping[str, Look]
-    conditions: dict[tuple[str, str], tuple[Condition, ...]] = field(default_factory=dict)
-    """by label and protocol, as far as a figure has read them"""
     problems: list[Problem] = field(default_factory=list)
     """damage found while drawing"""
     _training: dict[str, pd.DataFrame | None] = field(default_factory=dict)
@@ -97,15 +95,9 @@ class Scene:
 
     def tested(self, agent: Agent, protocol: str) -> tuple[Condition, ...]:
         """Return an agent's results by condition, of the seeds that met the same scenarios as the first."""
-        key = agent.label, protocol
-        if key not in self.conditions:
-            found: list[Evaluation] = []
-            for run in agent.runs:
-                here = self._evaluation(run, protocol)
-                if here is not None and here.fingerprint == (found[0] if found else here).fingerprint:
-                    found.append(here)
-            self.conditions[key] = of_evaluations({agent.label: found}, self.ranking.confidence)
-        return self.conditions[key]
+        found = [here for run in agent.runs if (here := self._evaluation(run, protocol))]
+        same = [here for here in found if here.fingerprint == found[0].fingerprint]
+        return of_evaluations({agent.label: same}, self.ranking.confidence)
 
     def _evaluation(self, run: RunRecord, protocol: str) -> Evaluation | None:
         if protocol in run.evaluations:

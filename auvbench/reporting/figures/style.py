@@ -95,12 +95,9 @@ def canvas(width: float, height: float) -> Canvas:
     return figure
 
 
-def title(ax: Axes, text: str, width: int = 26, more: str = "") -> None:
-    """Set a panel's title, wrapped at `width` characters, with `more` on the next line."""
-    ax.set_title(
-        "\n".join([*textwrap.wrap(text, width, break_long_words=False), *([more] if more else [])]),
-        loc="left",
-    )
+def title(ax: Axes, text: str, *more: str) -> None:
+    """Set a panel's title, wrapped, with `more` on the next line."""
+    ax.set_title("\n".join([*textwrap.wrap(text, 26, break_long_words=False), *more]), loc="left")
 
 
 def save(figure: Canvas, path: Path) -> tuple[Path, Path]:

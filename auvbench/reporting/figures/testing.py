@@ -108,7 +108,7 @@ def failures(scene: Scene) -> Drawing | None:
         _waypoints(grid[0, column], x, y, agent.outcome.ravel())
         _waypoints(grid[1, column], x, z, agent.outcome.ravel())
         failed = int((agent.outcome != 0).sum())
-        style.title(grid[0, column], agent.label, more=f"{failed} of {agent.outcome.size} failed")
+        style.title(grid[0, column], agent.label, f"{failed} of {agent.outcome.size} failed")
         grid[0, column].set_aspect("equal")
         grid[1, column].set_xlabel("x (m)")
     low, high = depth_limits(chosen[0])

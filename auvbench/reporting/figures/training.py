@@ -133,7 +133,7 @@ def _environments(run: RunRecord) -> int:
 
 
 def validation(scene: Scene) -> Drawing | None:
-    """Draw success on the validation scenarios over environment steps, wall time and simulated time."""
+    """Draw success on the validation scenarios over environment steps."""
     curves: dict[str, list[pd.DataFrame]] = {}
     for agent in scene.learners():
         for run in agent.runs:
@@ -148,28 +148,21 @@ def validation(scene: Scene) -> Drawing | None:
     if not wanted:
         return None
     chosen = scene.top(6, wanted)
-    figure = style.canvas(7.4, 2.9)
-    axes = (
-        ("step", 1.0, "environment steps"),
-        ("wall_s", 1 / 60, "wall time of training (min)"),
-        ("simulated_s", 1 / 3600, "simulated time (h)"),
-    )
-    panels = figure.subplots(1, 3, sharey=True)
-    for ax, (axis, scale, label) in zip(panels, axes, strict=True):
-        for agent in chosen:
-            mine = curves[agent.label]
-            grid = np.linspace(0, min(float(curve[axis].iloc[-1]) for curve in mine), 60)
-            y = [np.interp(grid, [0.0, *c[axis]], [0.0, *(100 * c["success_rate"])]) for c in mine]
-            band(ax, scene.looks[agent.label], (scale * grid, np.array(y)))
-        ax.set_ylim(-2, 102)
-        ax.set_xlabel(label)
-    style.engineering(panels[0].xaxis)
-    panels[0].set_ylabel("success (%)")
+    figure = style.canvas(6.6, 3.4)
+    ax = figure.subplots()
+    for agent in chosen:
+        mine = curves[agent.label]
+        grid = np.linspace(0, min(float(curve["step"].iloc[-1]) for curve in mine), 60)
+        y = [np.interp(grid, [0.0, *c["step"]], [0.0, *(100 * c["success_rate"])]) for c in mine]
+        band(ax, scene.looks[agent.label], (grid, np.array(y)))
+    ax.set_ylim(-2, 102)
+    ax.set_xlabel("environment steps")
+    style.engineering(ax.xaxis)
+    ax.set_ylabel("success (%)")
     style.legend(figure, scene.looks_of(chosen), markers=False)
     caption = (
         "Success on the scenarios of protocol validation, which no test shares, at fixed steps of the training "
-        "(train.evaluate_every); wall time without these tests, simulated time of all environments together. Lines "
-        "begin at 0, where nothing was tested, and end where the first seed does."
+        "(train.evaluate_every). Lines begin at 0, where nothing was tested, and end where the first seed does."
         + lines_sentence(chosen)
         + shown(chosen, wanted)
     )

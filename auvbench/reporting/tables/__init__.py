@@ -2,7 +2,7 @@
 
 from auvbench.reporting.tables.appendix import comparison_table, conditions_table, ranks_table, score_table
 from auvbench.reporting.tables.latex import in_print, latex
-from auvbench.reporting.tables.terminal import TableView, claims_terminal, findings_terminal, terminal
+from auvbench.reporting.tables.terminal import TableView, findings_terminal, terminal
 from auvbench.reporting.tables.text_formats import (
     comparisons_csv,
     conditions_csv,
@@ -15,7 +15,6 @@ from auvbench.reporting.tables.text_formats import (
 
 __all__ = [
     "TableView",
-    "claims_terminal",
     "comparison_table",
     "comparisons_csv",
     "conditions_csv",

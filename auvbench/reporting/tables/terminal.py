@@ -12,7 +12,7 @@ from rich.text import Text
 
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN, headline
-from auvbench.analysis.records import ClaimVerdict, Finding, Ranking
+from auvbench.analysis.records import Finding, Ranking
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped
 from auvbench.reporting.tables.table import Cell, Line, Table
@@ -100,19 +100,6 @@ def findings_terminal(findings: Sequence[Finding]) -> RenderableType:
         table.add_row("•", Text.assemble(finding.text, (basis, "dim")))
     if len(shown) < len(findings):
         table.add_row("", Text(f"{len(findings) - len(shown)} more in the written report", style="dim"))
-    return table
-
-
-def claims_terminal(claims: Sequence[ClaimVerdict]) -> RenderableType:
-    """Return the numbered claims of a study with their verdicts and what stands behind them."""
-    table = RichTable.grid(padding=(0, 1))
-    table.add_column(justify="right", no_wrap=True)
-    for i, claim in enumerate(claims, 1):
-        text = Text(claim.text)
-        text.append(f" {claim.verdict[:1].upper()}{claim.verdict[1:]}.", style="bold")
-        for more in (claim.statistic, claim.missing and f"Missing: {claim.missing}"):
-            text.append(f" {more}" if more else "", style="dim")
-        table.add_row(f"{i}.", text)
     return table
 
 

@@ -54,9 +54,7 @@ def write(root: Path, fingerprint: str = "0123456789abcdef", protocol: str = "te
             episode,
             steps,
             steps // 2,
-            steps / 2 / FREQUENCY,
             "pid",
-            (0.0, 0.0, 0.0, 0.0),
             files.packed(np.zeros((steps, 6), dtype=np.int8)),
         )
         for episode, steps in enumerate(best().astype(int).tolist())

@@ -1,4 +1,4 @@
-"""Success on validation scenarios: three axes, as many lines as agents that were watched, damage named."""
+"""Success on validation scenarios: as many lines as agents that were watched, damage named."""
 
 from __future__ import annotations
 
@@ -22,21 +22,16 @@ def built(root: Path, rows: list[str]) -> Scene:
     return scene(found, rank(found))
 
 
-def test_success_over_steps_wall_time_and_simulated_time(tmp_path: Path) -> None:
+def test_success_over_steps(tmp_path: Path) -> None:
     drawn_from = built(tmp_path, ["1000,40,3,abc,100,0.2,5.0", "2000,80,6,abc,100,0.9,11.0"])
     with style.styled():
         drawing = validation(drawn_from)
     assert drawing is not None
-    axes = drawing.canvas.axes
-    assert [ax.get_xlabel() for ax in axes] == [
-        "environment steps",
-        "wall time of training (min)",
-        "simulated time (h)",
-    ]
-    (line,) = axes[0].get_lines()
+    (ax,) = drawing.canvas.axes
+    assert ax.get_xlabel() == "environment steps"
+    (line,) = ax.get_lines()
     x, y = line.get_xdata(), line.get_ydata()
     assert (x[0], x[-1], y[0], y[-1]) == (0, 2000, 0, 90)
-    assert axes[1].get_lines()[0].get_xdata()[-1] == 11 / 60
     assert "which no test shares" in drawing.caption
     assert not drawn_from.problems
 
