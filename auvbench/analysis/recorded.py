@@ -76,10 +76,9 @@ def _of_file(file: Path, condition: str, episodes: int) -> Iterator[StoredPath]:
     with named(file.name):
         data = reading.content(file, reading.DATA)
         with archives.opened(data) as arrays:
-            found = [
-                _checked(episode, f"{condition}_{episode}", path)
-                for episode, path in _raw(arrays, condition, episodes)
-            ]
+            named_so = re.compile(rf"position_{re.escape(condition)}_(\d+)")
+            there = sorted(int(match[1]) for key in arrays.files if (match := named_so.fullmatch(key)))
+            found = [_episode(arrays, f"{condition}_{episode}", episode) for episode in there[:episodes]]
     # Last, for what can be said of the damage says more.
     with named("summary.json"):
         summary = integrity.read(file.with_name("summary.json"), integrity.Summary)
@@ -87,12 +86,14 @@ def _of_file(file: Path, condition: str, episodes: int) -> Iterator[StoredPath]:
     yield from found
 
 
-def _checked(episode: int, suffix: str, raw: dict[str, Any]) -> StoredPath:
-    """Return the arrays of one episode.
+def _episode(arrays: Any, suffix: str, episode: int) -> StoredPath:
+    """Return one episode of a file.
 
     Raises:
         ValueError: one has another type or shape, or is not finite.
     """
+    wanted = {n: f"{n}_{suffix}" for n in (*REQUIRED, *OPTIONAL)}
+    raw = {n: arrays[key] for n, key in wanted.items() if n in REQUIRED or key in arrays.files}
     # Before they are widened to float64: a byte would take eight.
     if any(array.dtype.kind != "f" for array in raw.values()):
         raise ValueError(f"episode {episode} holds no floating-point numbers")
@@ -109,15 +110,6 @@ def _checked(episode: int, suffix: str, raw: dict[str, Any]) -> StoredPath:
     x, y, z = path["waypoint"].tolist()
     yaw = float(path["dock_yaw"][0]) if "dock_yaw" in path else None
     return StoredPath(episode, (x, y, z), position, path["time"], path.get("reference"), yaw)
-
-
-def _raw(arrays: Any, condition: str, episodes: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield episodes and their arrays as they stand in the file."""
-    name = re.compile(rf"position_{re.escape(condition)}_(\d+)")
-    numbers = sorted(int(match[1]) for key in arrays.files if (match := name.fullmatch(key)))
-    for episode in numbers[:episodes]:
-        names = {name: f"{name}_{condition}_{episode}" for name in (*REQUIRED, *OPTIONAL)}
-        yield episode, {n: arrays[key] for n, key in names.items() if n in REQUIRED or key in arrays.files}
 
 
 TRAINING = "train/episodes.csv"

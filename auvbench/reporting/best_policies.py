@@ -12,7 +12,7 @@ from auvbench.analysis.effects import run_learns
 from auvbench.analysis.measures import to_rank_by
 from auvbench.analysis.records import NO_POLICY, Agent, RunRecord
 from auvbench.errors import AuvbenchError
-from auvbench.policies import cards, exported
+from auvbench.policies import cards
 from auvbench.reporting.tables.text_formats import escape, rows
 from auvbench.runs.directory import RunDirectory
 from auvbench.untrusted import path_safety
@@ -101,13 +101,8 @@ def _file(there: Path, run: RunRecord, source: RunRecord | None, export: bool) -
     """Return why a run has no file; empty where it has one."""
     from auvbench.evaluation import exporting
 
-    file = there / f"{run.id}.onnx"
-    if file.exists() or file.is_symlink() or cards.card_path(file).exists():
-        return (
-            ""
-            if _names_run(file, run.id)
-            else f"another file lies at {FOLDER}/{file.name}; remove it and its card"
-        )
+    if (there / f"{run.id}.onnx").exists():
+        return ""
     if not export or source is None or source.archive is not None:
         return "its weights are not in the given folders"
     try:
@@ -119,21 +114,12 @@ def _file(there: Path, run: RunRecord, source: RunRecord | None, export: bool) -
     return ""
 
 
-def _names_run(file: Path, run: str) -> bool:
-    try:
-        _, card, _ = exported.read(file)
-    except AuvbenchError:
-        return False
-    named = card.document.get("run") if card is not None else None
-    return isinstance(named, Mapping) and named.get("id") == run
-
-
 def _remove(there: Path, runs: Collection[str]) -> None:
     for run in sorted(runs):
         file = there / f"{run}.onnx"
-        if file.exists() and _names_run(file, run):
+        if file.exists():
             file.unlink()
-            cards.card_path(file).unlink()
+            cards.card_path(file).unlink(missing_ok=True)
             print(f"removed {file}: no longer the best of its algorithm")
 
 

@@ -302,7 +302,7 @@ def test_why_there_is_nothing_to_report(grid: list[Path]) -> None:
         damage(path / "evaluations" / "test" / "summary.json", "schema")
     runs, problems = load(grid)
     with pytest.raises(
-        ReportError, match=rf"protocol 'test': .*schema_version 99, .*; and {len(grid) - 3} more$"
+        ReportError, match=rf"protocol 'test': .*schema_version 99, .* and {len(grid) - 3} more$"
     ):
         require(runs, problems, "test")
     for path in grid:

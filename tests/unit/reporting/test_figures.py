@@ -310,7 +310,7 @@ def test_robustness_never_mixes_scenarios(small: Scene, tmp_path: Path) -> None:
     )
 
     def cells() -> np.ndarray:
-        canvas = draw("success_over_conditions", replace(drawn_from, conditions={}))
+        canvas = draw("success_over_conditions", drawn_from)
         assert canvas is not None
         return np.asarray(canvas.axes[0].images[0].get_array())[0]
 
