@@ -80,18 +80,12 @@ def mean_difference(
     is that of `resolution`.
     """
     agents = list({id(agent): agent for pair in pairs for agent in pair}.values())
-    weights = np.zeros(len(agents))
-    for first, second in pairs:
-        weights[_index(agents, first)] += 1 / len(pairs)
-        weights[_index(agents, second)] -= 1 / len(pairs)
+    sides = [sum((one is agent) - (other is agent) for one, other in pairs) for agent in agents]
+    weights = np.array(sides) / len(pairs)
     table = m.table(agents)
     found = contrast(table, weights, confidence)
     p = float(resolution(table)[0, 1]) if len(pairs) == 1 else found.p_value
     return found.estimate, p
-
-
-def _index(agents: Sequence[Agent], wanted: Agent) -> int:
-    return next(i for i, agent in enumerate(agents) if agent is wanted)
 
 
 def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> list[Effect]:

@@ -114,21 +114,19 @@ def _rows(
         raise ReportError(
             f"protocol {protocol} has no condition {condition!r}; {closest(condition, conditions)}"
         )
-    return _same_episodes(rows, problems), problems
-
-
-def _same_episodes(rows: Mapping[str, pd.DataFrame], problems: list[Problem]) -> dict[str, pd.DataFrame]:
-    """Only runs with the same episode ids: column j of every metric must be the same scenario."""
-    ids = {run: tuple(frame["episode"].tolist()) for run, frame in rows.items()}
-    chosen = Counter(ids.values()).most_common(1)[0][0]
-    kept = {}
-    for run, frame in rows.items():
-        if ids[run] == chosen:
-            kept[run] = frame
-        else:
-            message = f"has other episodes ({len(frame)}) than the rest ({len(chosen)}): evaluate it again"
-            problems.append(Problem(run, "damaged", message))
-    return kept
+    # Column j of every metric must be the same scenario.
+    ids = {name: tuple(frame["episode"].tolist()) for name, frame in rows.items()}
+    usual = Counter(ids.values()).most_common(1)[0][0]
+    problems += [
+        Problem(
+            name,
+            "damaged",
+            f"has other episodes ({len(found)}) than the rest ({len(usual)}): evaluate it again",
+        )
+        for name, found in ids.items()
+        if found != usual
+    ]
+    return {name: frame for name, frame in rows.items() if ids[name] == usual}, problems
 
 
 def failed_training(run: RunRecord) -> bool:

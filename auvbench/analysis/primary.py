@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from auvbench import statistics as st
 from auvbench.analysis.effects import learns
@@ -75,7 +76,8 @@ def primary_analysis(
             found.append(Against(agent.label, nothing, OPEN))
             continue
         if not tests.p[i, b] < level:  # the test on two scales may be stricter than the interval
-            difference = _with_zero(difference)
+            low, high = min(difference.low, 0.0), max(difference.high, 0.0)
+            difference = replace(difference, low=low, high=high)
         verdict = verdict_of(difference, margin, m)
         plan = needed(agents, tests, i, b, margin, level) if verdict == OPEN else None
         found.append(Against(agent.label, difference, verdict, plan))
@@ -96,10 +98,6 @@ def verdict_of(difference: Estimate, margin: float, m: Measure) -> str:
     if -margin < low and high < margin:
         return EQUIVALENT
     return AHEAD if low > 0 else BEHIND if high < 0 else OPEN
-
-
-def _with_zero(e: Estimate) -> Estimate:
-    return Estimate(e.value, min(e.low, 0.0), max(e.high, 0.0), e.confidence, e.covers)
 
 
 def default_margin(m: Measure, baseline: float) -> float:

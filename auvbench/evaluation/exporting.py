@@ -31,7 +31,6 @@ from auvbench.runs.plan import load_config
 from auvbench.tasks.bounds import bounded_spec
 from auvbench.tasks.observation import observation_spec
 from auvbench.untrusted import onnx_file, path_safety
-from auvbench.untrusted.onnx_file import Port
 from auvbench.vehicles import sheet
 from auvbench.vehicles.actuators import Actuator
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -178,6 +177,22 @@ def make_card(
     task = config.task
     plain = run.config()
     found = onnx_file.parse(data)
+    ports = [
+        {
+            "name": p.name,
+            "type": p.type,
+            "shape": ["n" if length is None else length for length in p.shape or ()],
+        }
+        for p in (found.inputs[0], found.outputs[0])
+    ]
+    waypoints = {}
+    if isinstance(task, tasks.Waypoint):
+        waypoints = {
+            "start_m": list(task.start),
+            "waypoint_low_m": list(task.waypoint_low),
+            "waypoint_high_m": list(task.waypoint_high),
+            "goal_radius_m": task.goal_radius,
+        }
     manifest = run.manifest()
     return {
         "format": FORMAT,
@@ -188,8 +203,8 @@ def make_card(
             "bytes": len(data),
             "sha256": sha256(data),
             "opset": found.opset,
-            "input": _port(found.inputs[0]),
-            "output": _port(found.outputs[0]),
+            "input": ports[0],
+            "output": ports[1],
         },
         "vehicle": {
             "name": vehicle.name,
@@ -199,7 +214,7 @@ def make_card(
         "task": {
             "name": task.name,
             "position_frame": task.position_frame,
-            **(_waypoint(task) if isinstance(task, tasks.Waypoint) else {}),
+            **waypoints,
             "depth_low_m": task.depth_low,
             "depth_high_m": task.depth_high,
             "max_steps": step_limit(task, config.step.frequency),
@@ -218,20 +233,6 @@ def make_card(
         },
         "tests": _tests(run, manifest),
     }
-
-
-def _waypoint(task: tasks.Waypoint) -> dict[str, Any]:
-    return {
-        "start_m": list(task.start),
-        "waypoint_low_m": list(task.waypoint_low),
-        "waypoint_high_m": list(task.waypoint_high),
-        "goal_radius_m": task.goal_radius,
-    }
-
-
-def _port(port: Port) -> dict[str, Any]:
-    shape = ["n" if length is None else length for length in port.shape or ()]
-    return {"name": port.name, "type": port.type, "shape": shape}
 
 
 def _action(unit: Actuator) -> dict[str, Any]:

@@ -127,12 +127,8 @@ def lines(rows: Iterable[Mapping[str, Any]]) -> str:
     writer.writeheader()
     for row in found:
         # A spreadsheet would take a label that begins with = for a formula.
-        writer.writerow({name: "" if v is None or v != v else cell(_plain(v)) for name, v in row.items()})
+        writer.writerow({name: "" if v is None or v != v else cell(v) for name, v in row.items()})
     return buffer.getvalue()
-
-
-def _plain(value: Any) -> Any:
-    return float(value) if isinstance(value, float) else value
 
 
 def escape(text: str) -> str:
