@@ -14,13 +14,10 @@ from auvbench.analysis.effects import run_learns
 from auvbench.analysis.labels import is_fixed
 from auvbench.analysis.recorded import has_training
 from auvbench.analysis.records import RunRecord
-from auvbench.runs.identity import NEUTRAL
+from auvbench.runs.identity import DESCRIPTIVE, NEUTRAL
 
 SEEDS = ("seed", "train.evaluate_every", *NEUTRAL)
 """keys in which the seeds of one agent may differ: they do not change what was to be learned"""
-
-DESCRIPTIVE = ("source", "sources", "unit", "title", "remarks", "comment")
-"""last parts of the keys of a vehicle sheet that only describe its numbers"""
 
 OF_LEARNING = ("train.", "reward.")
 """beginnings of keys that mean nothing to a controller that learns nothing"""

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from auvbench.analysis.formatting import counted
-from auvbench.analysis.grouping_keys import DESCRIPTIVE
 from auvbench.analysis.labels import OWN
 from auvbench.analysis.records import Problem, RunRecord
+from auvbench.runs.identity import DESCRIPTIVE
 
 OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
 """beginnings of keys of a run that a protocol takes over into its test"""

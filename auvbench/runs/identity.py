@@ -64,7 +64,7 @@ that a run keeps its id."""
 REPLACED = {"task.time_limit": "task.max_steps", "algo.horizon_s": "algo.gamma"}
 """Keys that, where they are set, take the place of another, whose value then changes nothing."""
 
-_DESCRIPTIVE = ("source", "sources", "unit", "title", "remarks", "comment")
+DESCRIPTIVE = ("source", "sources", "unit", "title", "remarks", "comment")
 """Entries of a vehicle sheet that describe numbers; a better citation is not another vehicle."""
 
 
@@ -103,7 +103,7 @@ def _without_neutral(node: Mapping[str, Any], prefix: str) -> dict[str, Any]:
 def without_descriptions(node: Any) -> Any:
     """A vehicle sheet without its citations and units: what changes the physics."""
     if isinstance(node, Mapping):
-        return {key: without_descriptions(value) for key, value in node.items() if key not in _DESCRIPTIVE}
+        return {key: without_descriptions(value) for key, value in node.items() if key not in DESCRIPTIVE}
     if isinstance(node, list):
         return [without_descriptions(value) for value in node]
     return node

@@ -129,12 +129,6 @@ def shown(chosen: Sequence[Agent], of: Sequence[Agent]) -> str:
     return f" Shown: {len(chosen)} of {len(of)} agents, the best-ranked."
 
 
-def without(wanted: Sequence[Agent], chosen: Sequence[Agent], what: str) -> str:
-    """Return the sentence of a caption on agents without usable data, or ''."""
-    absent = [agent.label for agent in wanted if agent not in chosen]
-    return f" Without usable {what}: {', '.join(absent)}." if absent else ""
-
-
 def wants_symlog(values: Sequence[FloatArray]) -> bool:
     """Return whether returns of different K need a logarithmic axis."""
     sizes = [float(np.nanpercentile(np.abs(v), 90)) for v in values if v.size and np.isfinite(v).any()]

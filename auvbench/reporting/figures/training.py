@@ -11,7 +11,7 @@ from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.recorded import read_validation_curve
 from auvbench.analysis.records import Agent, RunRecord
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.scene import Drawing, Scene, shown, wants_symlog, without
+from auvbench.reporting.figures.scene import Drawing, Scene, shown, wants_symlog
 from auvbench.reporting.figures.seeds import Curve, band, lines_sentence, middle
 
 FEW = 4
@@ -91,7 +91,6 @@ def _over_steps(
         + lines_sentence(chosen, dots=dots)
         + ("" if together else " In grey behind each agent: the others.")
         + shown(wanted, learners)
-        + without(wanted, chosen, "training records")
         + (
             " The return's axis is linear up to ±1000 and logarithmic beyond, since K scales it."
             if log
