@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from sb3_contrib.common.torch_layers import BatchRenorm1d
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from auvbench.agents.learned.compiled.arithmetic import adam
+from auvbench.agents.learned.compiled.networks import BATCH, RENORM, RUNNING, backward, forward
 
 Floats = NDArray[np.float32]
 
@@ -32,23 +34,12 @@ def _views(flat: torch.Tensor, like: Sequence[torch.Tensor]) -> list[torch.Tenso
     return [part.view(tensor.shape) for part, tensor in zip(parts, like, strict=True)]
 
 
-def layers(modules: Iterable[torch.nn.Module]) -> list[torch.nn.Linear]:
-    """Return the linear layers of a network."""
-    return [module for module in modules if isinstance(module, torch.nn.Linear)]
-
-
-def parameters(modules: Iterable[torch.nn.Module]) -> list[torch.Tensor]:
-    """Return weights and biases of the linear layers of a network."""
-    return [tensor for layer in layers(modules) for tensor in (layer.weight, layer.bias)]
-
-
-def sizes(linear: Sequence[torch.nn.Linear]) -> NDArray[np.int64]:
-    """Return the widths of a network: inputs, and outputs of each layer."""
-    return np.array([linear[0].in_features, *(layer.out_features for layer in linear)])
-
-
 class Trained:
     """Parameters of K networks with their gradient and an optimizer of SB3, whose state lies in the same kind of array.
+
+    Args:
+        networks: parameters of each.
+        optimizer: of these parameters; None where nothing but `forward` moves them.
 
     Attributes:
         values, gradient: (K, P).
@@ -62,8 +53,9 @@ class Trained:
         self._step = torch.tensor(0.0)
         self._moments = torch.zeros(2, *flat.shape)
         self._mean, self._square = self._moments.numpy()
-        optimizer.register_load_state_dict_post_hook(self._adopt)
-        self._adopt()
+        if optimizer is not None:
+            optimizer.register_load_state_dict_post_hook(self._adopt)
+            self._adopt()
 
     def _adopt(self, *_: Any) -> None:
         """Take over the state that the optimizer has: none at first, copies after `load_state_dict`."""
@@ -86,6 +78,75 @@ class Trained:
         step, (beta1, beta2) = int(self._step), group["betas"]
         arrays = (array.reshape(-1) for array in (self.values, self.gradient, self._mean, self._square))
         adam(*arrays, step, group["lr"], beta1, beta2, group["eps"])
+
+
+Gradient = Callable[[Floats, bool], Floats]
+"""Takes the gradient of the outputs (K, n, o). With True it stores that of the parameters, otherwise it returns that of the
+inputs (n, d), summed over networks."""
+
+
+class Networks(Trained):
+    """Networks of one shape: linear layers with ReLU between them, some with batch renormalisation of their inputs.
+
+    Args:
+        networks: modules of each.
+        optimizer: of their parameters; None for target networks.
+        heads: linear layers of each that share its last inputs, in place of a last layer among the modules.
+    """
+
+    def __init__(
+        self,
+        networks: Iterable[Iterable[torch.nn.Module]],
+        optimizer: Any = None,
+        heads: Sequence[torch.nn.Linear] = (),
+    ) -> None:
+        modules: list[list[Any]] = [list(network) for network in networks]
+        self._renorms = [[one for one in network if isinstance(one, BatchRenorm1d)] for network in modules]
+        head = [head.weight for head in heads] + [head.bias for head in heads]
+        super().__init__([[*_parameters(network), *head] for network in modules], optimizer)
+        linear = [one for one in modules[0] if isinstance(one, torch.nn.Linear)]
+        widths = [layer.out_features for layer in linear] + [sum(head.out_features for head in heads)] * bool(
+            heads
+        )
+        self._sizes = np.array([[*linear, *heads][0].in_features, *widths])
+        self._normalised = np.arange(len(widths)) < len(self._renorms[0])
+        self._running_mean = rows([[one.ra_mean for one in network] for network in self._renorms]).numpy()
+        self._running_variance = rows([[one.ra_var for one in network] for network in self._renorms]).numpy()
+
+    def forward(self, x: Floats, training: bool = False, first: int | None = None) -> tuple[Gradient, Floats]:
+        """Return a function of the outputs' gradient, and the outputs (K, n, o), for inputs (n, d).
+
+        Args:
+            x: inputs.
+            training: normalise by the batch and count it; otherwise by the running statistics.
+            first: use the first networks alone, so many; not while training.
+        """
+        mode, momentum = RUNNING, 0.0
+        if training and self._renorms[0]:
+            counts = self._renorms[0][0]
+            mode = RENORM if int(counts.steps) > counts.warmup_steps else BATCH
+            momentum = counts.momentum
+            for one in (one for network in self._renorms for one in network):
+                one.steps += 1
+        network = self.values[:first], self._sizes, self._normalised
+        *passed, out = forward(*network, self._running_mean, self._running_variance, x, mode, momentum)
+
+        def gradient(upstream: Floats, weights: bool) -> Floats:
+            to = self.gradient[:first] if weights else self.gradient[:first, :0]
+            total: Floats = backward(*network, x, *passed, upstream, to, mode, not weights)
+            return total
+
+        return gradient, out
+
+
+def _parameters(network: Sequence[Any]) -> list[torch.Tensor]:
+    found: list[torch.Tensor] = []
+    for module in network:
+        if isinstance(module, BatchRenorm1d):
+            found += [module.scale, module.bias]
+        elif isinstance(module, torch.nn.Linear):
+            found += [module.weight, module.bias]
+    return found
 
 
 class Batches:

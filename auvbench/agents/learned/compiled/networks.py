@@ -1,6 +1,8 @@
 """Forward and backward passes of networks with ReLU, several of one shape at once.
 
-The parameters of K networks are the rows of an array (K, P): for each layer its weights (outputs, inputs), then its biases.
+A layer may begin with batch renormalisation (Ioffe 2017), as CrossQ's do. The parameters of K networks are the rows of an array
+(K, P): for each layer scale and shift of its inputs, where it normalises them, then its weights (outputs, inputs), then its
+biases. Running means and variances are the rows of two arrays (K, S).
 """
 
 from __future__ import annotations
@@ -13,19 +15,163 @@ from auvbench.dynamics.compiled import compiled
 
 Floats = NDArray[np.float32]
 Sizes = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+RUNNING, BATCH, RENORM = 0, 1, 2
+"""What normalises: running statistics; those of the batch, during the warm-up; those of the batch, corrected towards them."""
+SMALL = 1e-3
+"""sb3-contrib's epsilon of the variance."""
+R_MAX, D_MAX = 3.0, 5.0
+"""sb3-contrib's limits of the correction."""
+CENTRE, INVERSE, MEAN, SHARE, PULL = range(5)
+"""Rows of what a normalisation keeps: subtracted mean; reciprocal deviation; batch mean; derivatives of the variance by that of
+the batch, and of minus the subtracted mean by the same."""
 
 
 @compiled(error_model="numpy")
-def forward(values: Floats, sizes: Sizes, x: Floats) -> tuple[Floats, Floats]:
-    """Return the outputs of hidden layers, flat (K, n * sum of widths), and of the networks (K, n, o), for inputs (n, d)."""
+def normalise(
+    x: Floats,
+    y: Floats,
+    n: int,
+    affine: Floats,
+    mean: Floats,
+    variance: Floats,
+    kept: Floats,
+    mode: int,
+    momentum: float,
+) -> None:
+    """Store in the flat `y` (n, d) the scaled rows of the flat `x` (n, d), and move the running statistics.
+
+    Args:
+        x, y, n: inputs, outputs, rows.
+        affine: scales (d,), then shifts (d,).
+        mean, variance: running statistics (d,), moved unless `mode` is RUNNING.
+        kept: (5, d), overwritten with what `normalise_gradient` needs.
+        mode: RUNNING, BATCH or RENORM.
+        momentum: share by which the running statistics move.
+    """
+    d = len(mean)
+    small, one, half = np.float32(SMALL), np.float32(1.0), np.float32(0.5)
+    kept[:] = 0.0
+    if mode == RUNNING:
+        kept[CENTRE] = mean
+        kept[INVERSE] = one / np.sqrt(variance + small)
+    else:
+        average, spread = np.zeros(d, np.float32), np.zeros(d, np.float32)
+        for i in range(n):
+            for j in range(d):
+                average[j] += x[i * d + j]
+        average /= np.float32(n)
+        for i in range(n):
+            for j in range(d):
+                spread[j] += (x[i * d + j] - average[j]) ** 2
+        spread /= np.float32(n - 1)
+        kept[MEAN] = average
+        for j in range(d):
+            r, shift = one, np.float32(0.0)
+            if mode == RENORM:
+                running = np.sqrt(variance[j] + small)
+                r = np.sqrt(spread[j] + small) / running
+                r = min(max(r, np.float32(1.0 / R_MAX)), np.float32(R_MAX))
+                shift = min(max((average[j] - mean[j]) / running, np.float32(-D_MAX)), np.float32(D_MAX))
+            kept[CENTRE, j] = average[j] - shift * np.sqrt(spread[j]) / r
+            kept[INVERSE, j] = one / np.sqrt(spread[j] / (r * r) + small)
+            kept[SHARE, j] = one / (r * r)
+            if shift != 0.0:
+                kept[PULL, j] = half * shift / (r * np.sqrt(spread[j]))
+        mean += np.float32(momentum) * (average - mean)
+        variance += np.float32(momentum) * (spread - variance)
+    factor = affine[:d] * kept[INVERSE]
+    offset = affine[d:] - factor * kept[CENTRE]
+    for i in range(n):
+        for j in range(d):
+            y[i * d + j] = x[i * d + j] * factor[j] + offset[j]
+
+
+@compiled(error_model="numpy")
+def normalise_gradient(
+    x: Floats, slope: Floats, n: int, affine: Floats, kept: Floats, gradient: Floats, mode: int
+) -> None:
+    """Turn the gradient of the outputs, the flat `slope` (n, d), into that of the inputs.
+
+    Args:
+        x, n, affine, kept, mode: of `normalise`.
+        slope: overwritten.
+        gradient: that of scales (d,) and shifts (d,), overwritten; () where it is not wanted.
+    """
+    d = kept.shape[1]
+    factor = affine[:d] * kept[INVERSE]
+    if mode == RUNNING:
+        for i in range(n):
+            for j in range(d):
+                slope[i * d + j] *= factor[j]
+        return
+    shifts, scales = np.zeros(d, np.float32), np.zeros(d, np.float32)
+    centre, mean = kept[CENTRE], kept[MEAN]
+    for i in range(n):
+        for j in range(d):
+            shifts[j] += slope[i * d + j]
+            scales[j] += slope[i * d + j] * (x[i * d + j] - centre[j])
+    scales *= kept[INVERSE]
+    if len(gradient) > 0:
+        gradient[:d] = scales
+        gradient[d:] = shifts
+    by_mean = -factor * shifts
+    by_variance = np.float32(-0.5) * factor * kept[INVERSE] * scales * kept[SHARE] - by_mean * kept[PULL]
+    by_mean /= np.float32(n)
+    by_variance *= np.float32(2.0 / (n - 1))
+    for i in range(n):
+        for j in range(d):
+            deviation = x[i * d + j] - mean[j]
+            slope[i * d + j] = slope[i * d + j] * factor[j] + by_mean[j] + by_variance[j] * deviation
+
+
+@compiled(error_model="numpy")
+def forward(
+    values: Floats,
+    sizes: Sizes,
+    normalised: Flags,
+    mean: Floats,
+    variance: Floats,
+    x: Floats,
+    mode: int,
+    momentum: float,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return what `backward` needs (hidden outputs, scaled inputs, kept statistics), and the outputs (K, n, o).
+
+    Args:
+        values: parameters (K, P).
+        sizes: widths of inputs, hidden layers, outputs.
+        normalised: for each layer, whether it normalises its inputs.
+        mean, variance: running statistics (K, S), moved unless `mode` is RUNNING.
+        x: inputs (n, d).
+        mode: RUNNING, BATCH or RENORM.
+        momentum: share by which the running statistics move.
+    """
     n, layers = len(x), len(sizes) - 1
     hidden = np.empty((len(values), n * sizes[1:-1].sum()), np.float32)
+    scaled = np.empty((len(values), n * sizes[:-1][normalised].sum()), np.float32)
+    kept = np.empty((len(values), mean.shape[1], 5), np.float32)
     out = np.empty((len(values), n, sizes[-1]), np.float32)
     for network in range(len(values)):
-        source, place, at = x.reshape(-1), 0, 0
+        source, place, at, before, seen = x.reshape(-1), 0, 0, 0, 0
         for layer in range(layers):
             d, o = sizes[layer], sizes[layer + 1]
             last = layer == layers - 1
+            if normalised[layer]:
+                y = scaled[network, before : before + n * d]
+                normalise(
+                    source,
+                    y,
+                    n,
+                    values[network, place : place + 2 * d],
+                    mean[network, seen : seen + d],
+                    variance[network, seen : seen + d],
+                    kept[network, seen : seen + d].reshape(5, d),
+                    mode,
+                    momentum,
+                )
+                source, place, seen, before = y, place + 2 * d, seen + d, before + n * d
             target = out[network].reshape(-1) if last else hidden[network, at : at + n * o]
             product(source, d, 1, values[network, place:], 1, d, target, n, o, d)
             bias = values[network, place + o * d : place + o * d + o]
@@ -34,26 +180,28 @@ def forward(values: Floats, sizes: Sizes, x: Floats) -> tuple[Floats, Floats]:
                 for j in range(o):
                     target[i * o + j] = max(target[i * o + j] + bias[j], least)
             source, place, at = target, place + o * d + o, at + n * o
-    return hidden, out
+    return hidden, scaled, kept, out
 
 
 @compiled(error_model="numpy")
 def backward(
     values: Floats,
     sizes: Sizes,
+    normalised: Flags,
     x: Floats,
     hidden: Floats,
+    scaled: Floats,
+    kept: Floats,
     upstream: Floats,
     gradient: Floats,
+    mode: int,
     inputs: bool,
 ) -> Floats:
     """Return the gradient of the inputs (n, d), summed over networks, and store that of the parameters.
 
     Args:
-        values: parameters (K, P).
-        sizes: widths of inputs, hidden layers, outputs.
-        x: inputs (n, d) of the forward pass.
-        hidden: what it returned, for these rows.
+        values, sizes, normalised, x, mode: of `forward`.
+        hidden, scaled, kept: what it returned.
         upstream: gradient of the outputs (K, n, o).
         gradient: (K, P), overwritten; (K, 0) where it is not wanted.
         inputs: whether that of the inputs is wanted; otherwise zeros come back.
@@ -62,16 +210,17 @@ def backward(
     weights = gradient.shape[1] > 0
     total = np.zeros((n, sizes[0]), np.float32)
     sums = total.reshape(-1)
-    widest = sizes.max()
-    buffers = np.empty((2, n * widest), np.float32)
+    buffers = np.empty((2, n * sizes.max()), np.float32)
     for network in range(len(values)):
-        place, at = values.shape[1], hidden.shape[1]
+        place, at, before, seen = values.shape[1], hidden.shape[1], scaled.shape[1], kept.shape[1]
         d = upstream[network].reshape(-1)
         for layer in range(len(sizes) - 2, -1, -1):
             i, o = sizes[layer], sizes[layer + 1]
             place -= o * i + o
             at -= n * i
-            source = hidden[network, at : at + n * i] if layer else x.reshape(-1)
+            before -= n * i if normalised[layer] else 0
+            unscaled = hidden[network, at : at + n * i] if layer else x.reshape(-1)
+            source = scaled[network, before : before + n * i] if normalised[layer] else unscaled
             if weights:
                 product(d, 1, o, source, i, 1, gradient[network, place:], o, i, n)
                 bias = gradient[network, place + o * i : place + o * i + o]
@@ -79,14 +228,21 @@ def backward(
                 for r in range(n):
                     for q in range(o):
                         bias[q] += d[r * o + q]
-            if layer == 0 and not inputs:
+            if not (layer or inputs or normalised[layer]):
                 continue
             target = buffers[layer % 2, : n * i]
             product(d, o, 1, values[network, place:], i, 1, target, n, i, o)
+            if normalised[layer]:
+                place -= 2 * i
+                seen -= i
+                affine = gradient[network, place : place + 2 * i] if weights else gradient[network, :0]
+                statistics = kept[network, seen : seen + i].reshape(5, i)
+                own = values[network, place : place + 2 * i]
+                normalise_gradient(unscaled, target, n, own, statistics, affine, mode)
             if layer:
                 for q in range(n * i):
-                    target[q] = target[q] if source[q] > 0.0 else np.float32(0.0)
-            else:
+                    target[q] = target[q] if unscaled[q] > 0.0 else np.float32(0.0)
+            elif inputs:
                 for q in range(n * i):
                     sums[q] += target[q]
             d = target

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 
 from auvbench.agents.learned.compiled import memory
 from auvbench.agents.learned.compiled.arithmetic import average, quantile_loss, squash, squash_gradient
-from auvbench.agents.learned.compiled.networks import backward, forward
 
 Floats = NDArray[np.float32]
 
@@ -45,27 +45,52 @@ class Temperature:
         return {"ent_coef_loss": loss}
 
 
-def actor_layers(actor: Any) -> list[torch.nn.Linear]:
-    """Return the linear layers of a squashed Gaussian policy; the last one stands for means and deviations."""
-    return [*memory.layers(actor.latent_pi), actor.mu]
+class Policy(memory.Networks):
+    """A squashed Gaussian policy of SB3."""
+
+    def __init__(self, actor: Any) -> None:
+        super().__init__([actor.latent_pi], actor.optimizer, [actor.mu, actor.log_std])
+        self._n_u: int = actor.mu.out_features
+
+    def sample(self, observation: Floats, training: bool = False) -> Sample:
+        """Draw actions for observations (n, d) with normal numbers of torch's generator, from which SB3 draws."""
+        noise: Floats = torch.randn(len(observation), self._n_u).numpy()
+        gradient, out = self.forward(observation, training)
+        return Sample(self, observation, gradient, out[0], noise, *squash(out[0], noise))
 
 
-def actor_sizes(actor: Any) -> NDArray[np.int64]:
-    """Return the widths of a squashed Gaussian policy with both its outputs."""
-    widths = memory.sizes(actor_layers(actor))
-    widths[-1] *= 2
-    return widths
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Actions that a policy drew."""
 
+    policy: Policy
+    observation: Floats
+    gradient: memory.Gradient
+    out: Floats
+    noise: Floats
+    action: Floats
+    """(n, n_u)"""
+    density: Floats
+    """(n,) logarithms"""
 
-def actor_head(actor: Any) -> list[torch.Tensor]:
-    """Return the parameters of means and deviations in the order of one layer with both."""
-    return [actor.mu.weight, actor.log_std.weight, actor.mu.bias, actor.log_std.bias]
+    def climb(
+        self, critic: memory.Networks, objective: Callable[[Floats], tuple[float, Floats]], temperature: float
+    ) -> float:
+        """Update the policy once towards actions of higher value and entropy; return its loss.
 
-
-def normal(n: int, n_u: int) -> Floats:
-    """Return standard normal numbers (n, n_u) of torch's generator, from which SB3 draws."""
-    drawn: Floats = torch.randn(n, n_u).numpy()
-    return drawn
+        Args:
+            critic: of observations and actions.
+            objective: returns a value and minus its gradient, for outputs (K, n, o) of the critic.
+            temperature: weight of the entropy.
+        """
+        n = len(self.observation)
+        gradient, q = critic.forward(np.concatenate([self.observation, self.action], axis=1))
+        value, slope = objective(q)
+        slope = gradient(slope, False)[:, self.observation.shape[1] :]
+        slope = squash_gradient(self.out, self.noise, self.action, slope, temperature / n)
+        self.gradient(slope[None], True)
+        self.policy.update()
+        return temperature * float(self.density.mean()) - value
 
 
 def record(model: Any, losses: Sequence[Mapping[str, float]]) -> None:
@@ -101,15 +126,11 @@ class Soft:
 
     def _setup_model(self: Any) -> None:
         super()._setup_model()  # type: ignore[misc]
-        actor, critic, target = self.policy.actor, self.policy.critic, self.policy.critic_target
-        self._actor = memory.Trained(
-            [[*memory.parameters(actor.latent_pi), *actor_head(actor)]], actor.optimizer
-        )
-        networks = [memory.parameters(network) for network in critic.q_networks]
-        self._critic = memory.Trained(networks, critic.optimizer)
-        self._target = memory.rows([memory.parameters(network) for network in target.q_networks]).numpy()
+        critic = self.policy.critic
+        self._actor = Policy(self.policy.actor)
+        self._critic = memory.Networks(critic.q_networks, critic.optimizer)
+        self._target = memory.Networks(self.policy.critic_target.q_networks)
         self._temperature = Temperature(self)
-        self._sizes = actor_sizes(actor), memory.sizes(memory.layers(critic.q_networks[0]))
 
     def train(self: Any, gradient_steps: int, batch_size: int = 64) -> None:
         """Update networks and temperature `gradient_steps` times."""
@@ -121,7 +142,7 @@ class Soft:
         for step in range(gradient_steps):
             losses.append(self._update(*batches[step]))
             if step % self.target_update_interval == 0:
-                average(self._target, self._critic.values, self.tau)
+                average(self._target.values, self._critic.values, self.tau)
         self._n_updates += gradient_steps
         record(self, losses)
 
@@ -129,36 +150,19 @@ class Soft:
         self: Any, observation: Floats, action: Floats, following: Floats, reward: Floats, discount: Floats
     ) -> dict[str, float]:
         """Update once; return temperature and losses."""
-        n, n_u = action.shape
-        actor, critic = self._sizes
-        noise, later = normal(n, n_u), normal(n, n_u)
-        hidden, out = forward(self._actor.values, actor, observation)
-        chosen, density = squash(out[0], noise)
+        drawn = self._actor.sample(observation)
         temperature = self._temperature.value
-        losses = {"ent_coef": temperature, **self._temperature.update(density)}
+        losses = {"ent_coef": temperature, **self._temperature.update(drawn.density)}
 
-        following_action, following_density = squash(
-            forward(self._actor.values, actor, following)[1][0], later
-        )
-        x = np.concatenate([following, following_action], axis=1)
-        value = self._value(forward(self._target, critic, x)[1])
-        targets = reward + discount * (value - np.float32(temperature) * following_density[:, None])
-        x = np.concatenate([observation, action], axis=1)
-        activations, q = forward(self._critic.values, critic, x)
+        later = self._actor.sample(following)
+        value = self._value(self._target.forward(np.concatenate([following, later.action], axis=1))[1])
+        targets = reward + discount * (value - np.float32(temperature) * later.density[:, None])
+        gradient, q = self._critic.forward(np.concatenate([observation, action], axis=1))
         losses["critic_loss"], slope = self._loss(q, targets)
-        backward(self._critic.values, critic, x, activations, slope, self._critic.gradient, False)
+        gradient(slope, True)
         self._critic.update()
 
-        x = np.concatenate([observation, chosen], axis=1)
-        activations, q = forward(self._critic.values, critic, x)
-        value, slope = self._objective(q)
-        losses["actor_loss"] = temperature * float(density.mean()) - value
-        slope = backward(
-            self._critic.values, critic, x, activations, slope, self._critic.gradient[:, :0], True
-        )
-        slope = squash_gradient(out[0], noise, chosen, slope[:, -n_u:], temperature / n)
-        backward(self._actor.values, actor, observation, hidden, slope[None], self._actor.gradient, False)
-        self._actor.update()
+        losses["actor_loss"] = drawn.climb(self._critic, self._objective, temperature)
         return losses
 
 
