@@ -254,7 +254,7 @@ class Batch:
         advance_vehicles(*simulator.kernel_arguments(task.command, task.duration, start, stop))
         arguments = task.advance_arguments(pose, velocity, self._action, force, power, start, stop)
         count: int = task.kernel(*arguments)
-        observe(*task.observe_arguments(pose, velocity, start, stop))
+        observe(*task.observe_arguments(pose, velocity, self._all[start:stop]))
         return count
 
     def _conclude(self, ended_count: int) -> Transition:

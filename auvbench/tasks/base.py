@@ -95,6 +95,7 @@ class Task:
         self.reward: Floats = np.zeros(n)
         self.command: Floats = np.zeros((n, n_u))
         self.observation = np.zeros((n, self.spec.size), dtype=np.float32)
+        self._all = np.arange(n)
         self._test = VALIDATION if validation else TEST if test else 0
 
     def own_parameters(self, task: Any) -> list[float]:
@@ -218,13 +219,10 @@ class Task:
 
     def observe(self, pose: Floats, velocity: Floats, indices: Integers | None = None) -> NDArray[np.float32]:
         """Return observations (n, n_obs) from measured poses and velocities; with `indices`, only these rows are renewed."""
-        if indices is None:
-            k.observe(*self.observe_arguments(pose, velocity, 0, self.n))
-        else:
-            k.observe_some(indices, *self.observe_arguments(pose, velocity, 0, self.n)[2:])
+        k.observe(*self.observe_arguments(pose, velocity, self._all if indices is None else indices))
         return self.observation
 
-    # Arguments of the kernels for the environments start .. stop - 1. The arrays stay the same objects.
+    # Arguments of the kernels for some of the environments. The arrays stay the same objects.
 
     def noise_arguments(self, action: Floats, start: int, stop: int) -> tuple[Any, ...]:
         """Return the arguments of `kernels.add_command_noise`."""
@@ -244,10 +242,10 @@ class Task:
         sums = self.F, self.C, self.parameters, self.reward, self.hook
         return start, stop, pose, velocity, action, self.previous, force, power, *sums
 
-    def observe_arguments(self, pose: Floats, velocity: Floats, start: int, stop: int) -> tuple[Any, ...]:
+    def observe_arguments(self, pose: Floats, velocity: Floats, indices: Integers) -> tuple[Any, ...]:
         """Return the arguments of `kernels.observe`."""
         state = self.previous, self.F, self.C, self.parameters, self.blocks
-        return start, stop, pose, velocity, self.offset, *state, self._test, self.observation
+        return indices, pose, velocity, self.offset, *state, self._test, self.observation
 
     def goal(self, i: int) -> Floats:
         """Return where environment i is to be at the end (3,) in m: waypoint, station, dock, end of the path or curve."""

@@ -15,49 +15,23 @@ from numba import njit
 from auvbench.config import tasks
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import SCENARIO, uniform4
+from auvbench.tasks import kernels as k
 from auvbench.tasks.base import Floats, Integers, TrackingTask
-from auvbench.tasks.kernels import (
-    C_ENVIRONMENT,
-    C_EPISODE,
-    C_SEED,
-    C_STEPS,
-    COLLISION,
-    F_GOAL,
-    F_OWN,
-    F_REFERENCE,
-    F_REFERENCE_VELOCITY,
-    F_REFERENCE_YAW,
-    F_START,
-    OUT_OF_BOUNDS,
-    P_DEPTH_HIGH,
-    P_DEPTH_LOW,
-    P_MAX_STEPS,
-    P_OWN,
-    SUCCESS,
-    TIMEOUT,
-    add_errors_row,
-    begin_row,
-    distance_row,
-    end_row,
-    leaves_water,
-    wrap,
-    yaw_row,
-)
 from auvbench.tasks.rewards import reward_row
 
-F_ERROR = F_OWN + 3  # m from the dock, now
-F_YAW_ERROR = F_OWN + 4  # rad, now
-F_SPEED = F_OWN + 5  # m/s, now
+F_ERROR = k.F_OWN + 3  # m from the dock, now
+F_YAW_ERROR = k.F_OWN + 4  # rad, now
+F_SPEED = k.F_OWN + 5  # m/s, now
 
-P_DOCK = P_OWN  # x, y, z
-P_START = P_OWN + 3  # low, high
-P_TOLERANCE = P_OWN + 5
-P_YAW_TOLERANCE = P_OWN + 6
-P_SPEED = P_OWN + 7
-P_CONE = P_OWN + 8
-P_CLEARANCE = P_OWN + 9
-P_STANDOFF = P_OWN + 10
-P_BOUNDS = P_OWN + 11
+P_DOCK = k.P_OWN  # x, y, z
+P_START = k.P_OWN + 3  # low, high
+P_TOLERANCE = k.P_OWN + 5
+P_YAW_TOLERANCE = k.P_OWN + 6
+P_SPEED = k.P_OWN + 7
+P_CONE = k.P_OWN + 8
+P_CLEARANCE = k.P_OWN + 9
+P_STANDOFF = k.P_OWN + 10
+P_BOUNDS = k.P_OWN + 11
 
 SHALLOWEST = 1.0
 """m from a depth limit, of a start"""
@@ -70,8 +44,8 @@ TURNED = 2.0
 @njit(nogil=True)
 def _angle(i: int, x: float, y: float, z: float, F: Floats) -> tuple[float, float]:
     """Return distance from the dock in m and angle to its axis in rad of a position."""
-    dx, dy, dz = x - F[i, F_GOAL], y - F[i, F_GOAL + 1], z - F[i, F_GOAL + 2]
-    yaw = F[i, F_REFERENCE_YAW]
+    dx, dy, dz = x - F[i, k.F_GOAL], y - F[i, k.F_GOAL + 1], z - F[i, k.F_GOAL + 2]
+    yaw = F[i, k.F_REFERENCE_YAW]
     # The axis points out of the dock: against the way in.
     along = -dx * math.cos(yaw) - dy * math.sin(yaw)
     squared = dx * dx + dy * dy + dz * dz
@@ -82,11 +56,11 @@ def _angle(i: int, x: float, y: float, z: float, F: Floats) -> tuple[float, floa
 def _refer(i: int, x: float, y: float, z: float, F: Floats, P: Floats) -> float:
     """Write the reference of a vehicle at a position; return the length in m of the way from there into the dock."""
     distance, angle = _angle(i, x, y, z, F)
-    yaw, cone = F[i, F_REFERENCE_YAW], P[P_CONE]
+    yaw, cone = F[i, k.F_REFERENCE_YAW], P[P_CONE]
     ax, ay = -math.cos(yaw), -math.sin(yaw)
     along = distance * math.cos(angle)
     # Unit vector from the axis to the vehicle; to starboard where it is on the axis.
-    lx, ly, lz = x - F[i, F_GOAL] - along * ax, y - F[i, F_GOAL + 1] - along * ay, z - F[i, F_GOAL + 2]
+    lx, ly, lz = x - F[i, k.F_GOAL] - along * ax, y - F[i, k.F_GOAL + 1] - along * ay, z - F[i, k.F_GOAL + 2]
     length = math.sqrt(lx * lx + ly * ly + lz * lz)
     if length < 1e-6:
         lx, ly, lz, length = -ay, ax, 0.0, 1.0
@@ -96,9 +70,9 @@ def _refer(i: int, x: float, y: float, z: float, F: Floats, P: Floats) -> float:
         far *= min(1.0, along / P[P_STANDOFF])
     out = P[P_STANDOFF] * far * math.cos(turn)
     aside = P[P_STANDOFF] * far * math.sin(turn) / length
-    F[i, F_REFERENCE] = F[i, F_GOAL] + out * ax + aside * lx
-    F[i, F_REFERENCE + 1] = F[i, F_GOAL + 1] + out * ay + aside * ly
-    F[i, F_REFERENCE + 2] = F[i, F_GOAL + 2] + aside * lz
+    F[i, k.F_REFERENCE] = F[i, k.F_GOAL] + out * ax + aside * lx
+    F[i, k.F_REFERENCE + 1] = F[i, k.F_GOAL + 1] + out * ay + aside * ly
+    F[i, k.F_REFERENCE + 2] = F[i, k.F_GOAL + 2] + aside * lz
     return float(P[P_STANDOFF] * far * (1.0 + turn))
 
 
@@ -107,22 +81,22 @@ def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: 
     """Draw yaw of the dock and start of the environments in `indices`."""
     for row in range(indices.shape[0]):
         i = indices[row]
-        u = uniform4(C[i, C_SEED], SCENARIO | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
-        v = uniform4(C[i, C_SEED], SCENARIO | test, 1, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        u = uniform4(C[i, k.C_SEED], SCENARIO | test, 0, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
+        v = uniform4(C[i, k.C_SEED], SCENARIO | test, 1, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
         distance = P[P_START] + (P[P_START + 1] - P[P_START]) * u[1]
         rise = distance * (2.0 * u[2] - 1.0)
         level = math.sqrt(distance * distance - rise * rise)
-        F[i, F_START] = P[P_DOCK] + level * math.cos(2.0 * math.pi * u[3])
-        F[i, F_START + 1] = P[P_DOCK + 1] + level * math.sin(2.0 * math.pi * u[3])
-        z = min(P[P_DEPTH_HIGH] - SHALLOWEST, max(P[P_DEPTH_LOW] + SHALLOWEST, P[P_DOCK + 2] + rise))
-        F[i, F_START + 2] = z
+        F[i, k.F_START] = P[P_DOCK] + level * math.cos(2.0 * math.pi * u[3])
+        F[i, k.F_START + 1] = P[P_DOCK + 1] + level * math.sin(2.0 * math.pi * u[3])
+        z = min(P[k.P_DEPTH_HIGH] - SHALLOWEST, max(P[k.P_DEPTH_LOW] + SHALLOWEST, P[P_DOCK + 2] + rise))
+        F[i, k.F_START + 2] = z
         for axis in range(3):
-            F[i, F_GOAL + axis] = P[P_DOCK + axis]
-            F[i, F_REFERENCE_VELOCITY + axis] = 0.0
-        F[i, F_REFERENCE_YAW] = wrap(2.0 * math.pi * v[0])
-        _refer(i, F[i, F_START], F[i, F_START + 1], z, F, P)
+            F[i, k.F_GOAL + axis] = P[P_DOCK + axis]
+            F[i, k.F_REFERENCE_VELOCITY + axis] = 0.0
+        F[i, k.F_REFERENCE_YAW] = k.wrap(2.0 * math.pi * v[0])
+        _refer(i, F[i, k.F_START], F[i, k.F_START + 1], z, F, P)
         F[i, F_ERROR] = distance
-        begin_row(i, row, wrap(2.0 * math.pi * u[0]), F, C, P, pose)
+        k.begin_row(i, row, k.wrap(2.0 * math.pi * u[0]), F, C, P, pose)
 
 
 @compiled("dynamics")
@@ -149,25 +123,25 @@ def advance(
         if not math.isfinite(error):
             return -1 - i
         way = _refer(i, x, y, z, F, P)
-        distance = distance_row(i, pose, i, F)
-        yaw_error = wrap(F[i, F_REFERENCE_YAW] - yaw_row(i, pose))
+        distance = k.distance_row(i, pose, i, F)
+        yaw_error = k.wrap(F[i, k.F_REFERENCE_YAW] - k.yaw_row(i, pose))
         speed = math.sqrt(velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2)
         F[i, F_ERROR], F[i, F_YAW_ERROR], F[i, F_SPEED] = error, abs(yaw_error), speed
-        add_errors_row(i, distance, yaw_error, F)
-        C[i, C_STEPS] += 1
+        k.add_errors_row(i, distance, yaw_error, F)
+        C[i, k.C_STEPS] += 1
         outcome = -1
-        if leaves_water(i, pose, P):
-            outcome = COLLISION
+        if k.leaves_water(i, pose, P):
+            outcome = k.COLLISION
         elif error < P[P_TOLERANCE] and abs(yaw_error) < P[P_YAW_TOLERANCE] and speed < P[P_SPEED]:
-            outcome = SUCCESS
+            outcome = k.SUCCESS
         elif error < P[P_CLEARANCE] and angle > P[P_CONE]:
-            outcome = COLLISION
+            outcome = k.COLLISION
         elif error > P[P_BOUNDS]:
-            outcome = OUT_OF_BOUNDS
-        elif C[i, C_STEPS] >= P[P_MAX_STEPS]:
-            outcome = TIMEOUT
+            outcome = k.OUT_OF_BOUNDS
+        elif C[i, k.C_STEPS] >= P[k.P_MAX_STEPS]:
+            outcome = k.TIMEOUT
         r = reward_row(i, outcome, distance + way, yaw_error, pose, velocity, action, previous, F, P, hook)
-        ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
+        ended += k.end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
 
 
@@ -176,7 +150,7 @@ def refer(indices: Integers, F: Floats, P: Floats) -> None:
     """Write the references of the environments in `indices`, whose episodes begin."""
     for row in range(indices.shape[0]):
         i = indices[row]
-        _refer(i, F[i, F_START], F[i, F_START + 1], F[i, F_START + 2], F, P)
+        _refer(i, F[i, k.F_START], F[i, k.F_START + 1], F[i, k.F_START + 2], F, P)
 
 
 class DockingTask(TrackingTask):
@@ -193,10 +167,10 @@ class DockingTask(TrackingTask):
         return [*task.dock, task.start_low, task.start_high, *tolerances, *dock]
 
     def goal(self, i: int) -> Floats:
-        return self.F[i, F_GOAL : F_GOAL + 3].copy()
+        return self.F[i, k.F_GOAL : k.F_GOAL + 3].copy()
 
     def dock_yaw(self, i: int) -> float:
-        return float(self.F[i, F_REFERENCE_YAW])
+        return float(self.F[i, k.F_REFERENCE_YAW])
 
     def place(self, indices: Integers, pose: Floats) -> None:
         super().place(indices, pose)

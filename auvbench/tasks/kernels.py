@@ -265,129 +265,8 @@ def end_row(
     return 1 if outcome >= 0 else 0
 
 
-@njit(nogil=True, forceinline=True)
-def observe_row(
-    i: int,
-    pose: Floats,
-    velocity: Floats,
-    offset: Floats,
-    previous: Floats,
-    F: Floats,
-    C: Integers,
-    P: Floats,
-    blocks: Integers,
-    test: int,
-    observation: NDArray[np.float32],
-) -> None:
-    """Write the blocks of the observation of one environment, the newest observation first."""
-    both = P[P_BOTH_SIGNS] > 0.0
-    w, qx, qy, qz = pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]
-    # Proportional to cosine and sine of yaw: turning the bearing by them saves a second arctangent.
-    c = 1.0 - 2.0 * (qy * qy + qz * qz)
-    s = 2.0 * (w * qz + qx * qy)
-    ex = F[i, F_REFERENCE] - pose[i, 0] - offset[i, 0]
-    ey = F[i, F_REFERENCE + 1] - pose[i, 1] - offset[i, 1]
-    ez = F[i, F_REFERENCE + 2] - pose[i, 2] - offset[i, 2]
-    yaw_noise = offset[i, 3]
-    if P[P_POSITION_HIGH] > 0.0 or P[P_YAW_HIGH] > 0.0:
-        u = uniform4(C[i, C_SEED], SENSOR | test, 0, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT])
-        ex -= noise(u[0], P[P_POSITION_LOW], P[P_POSITION_HIGH], both)
-        ey -= noise(u[1], P[P_POSITION_LOW], P[P_POSITION_HIGH], both)
-        ez -= noise(u[2], P[P_POSITION_LOW], P[P_POSITION_HIGH], both)
-        yaw_noise += noise(u[3], P[P_YAW_LOW], P[P_YAW_HIGH], both)
-    if P[P_YAW] > 0.0:
-        yaw_error = wrap(F[i, F_REFERENCE_YAW] - math.atan2(s, c) - yaw_noise)
-    else:
-        yaw_error = wrap(math.atan2(ey * c - ex * s, ex * c + ey * s) - yaw_noise)
-    # The reading of the position, for blocks that are relative to another point.
-    rx, ry, rz = F[i, F_REFERENCE] - ex, F[i, F_REFERENCE + 1] - ey, F[i, F_REFERENCE + 2] - ez
-    if P[P_BODY_FRAME] > 0.0:
-        # Levelled body frame: what a vehicle with a heading reading alone can compute.
-        yaw = math.atan2(s, c) + yaw_noise
-        c, s = math.cos(yaw), math.sin(yaw)
-        ex, ey = c * ex + s * ey, c * ey - s * ex
-    stacked = int(P[P_HISTORY])
-    if stacked > 1:
-        size = observation.shape[1] // stacked
-        for column in range(observation.shape[1] - 1, size - 1, -1):
-            observation[i, column] = observation[i, column - size]
-    at = 0
-    for b in range(blocks.shape[0]):
-        block = blocks[b]
-        if block == YAW_ERROR:
-            observation[i, at] = yaw_error
-            at += 1
-        elif block == POSITION_ERROR:
-            observation[i, at] = ex
-            observation[i, at + 1] = ey
-            observation[i, at + 2] = ez
-            at += 3
-        elif block == PREVIOUS_ACTION:
-            for j in range(previous.shape[1]):
-                observation[i, at + j] = previous[i, j]
-            at += previous.shape[1]
-        elif block in (VELOCITY, ANGULAR_VELOCITY):
-            first = 0 if block == VELOCITY else 3
-            for axis in range(3):
-                observation[i, at + axis] = velocity[i, first + axis]
-            at += 3
-        elif block == VELOCITY_ERROR:
-            vx = F[i, F_REFERENCE_VELOCITY] - velocity_row(i, pose, velocity, 0)
-            vy = F[i, F_REFERENCE_VELOCITY + 1] - velocity_row(i, pose, velocity, 1)
-            vz = F[i, F_REFERENCE_VELOCITY + 2] - velocity_row(i, pose, velocity, 2)
-            observation[i, at] = c * vx + s * vy
-            observation[i, at + 1] = c * vy - s * vx
-            observation[i, at + 2] = vz
-            at += 3
-        elif block == GRAVITY:
-            observation[i, at] = -2.0 * (qx * qz - w * qy)
-            observation[i, at + 1] = -2.0 * (qy * qz + w * qx)
-            observation[i, at + 2] = 2.0 * (qx * qx + qy * qy) - 1.0
-            at += 3
-        elif block == PREVIEW:
-            for point in range(int(P[P_PREVIEWED])):
-                column = int(P[P_PREVIEW]) + 3 * point
-                px, py = F[i, column] - rx, F[i, column + 1] - ry
-                observation[i, at] = c * px + s * py
-                observation[i, at + 1] = c * py - s * px
-                observation[i, at + 2] = F[i, column + 2] - rz
-                at += 3
-        elif block == DEPTH_MARGIN:
-            observation[i, at] = min(P[P_DEPTH_HIGH] - rz, rz - P[P_DEPTH_LOW])
-            at += 1
-        elif block == GOAL_ERROR:
-            px, py = F[i, F_GOAL] - rx, F[i, F_GOAL + 1] - ry
-            observation[i, at] = c * px + s * py
-            observation[i, at + 1] = c * py - s * px
-            observation[i, at + 2] = F[i, F_GOAL + 2] - rz
-            at += 3
-    if stacked > 1 and C[i, C_STEPS] == 0:
-        for column in range(at, observation.shape[1]):
-            observation[i, column] = observation[i, column - at]
-
-
 @compiled("dynamics")
 def observe(
-    start: int,
-    stop: int,
-    pose: Floats,
-    velocity: Floats,
-    offset: Floats,
-    previous: Floats,
-    F: Floats,
-    C: Integers,
-    P: Floats,
-    blocks: Integers,
-    test: int,
-    observation: NDArray[np.float32],
-) -> None:
-    """Call `observe_row` for the environments start .. stop - 1."""
-    for i in range(start, stop):
-        observe_row(i, pose, velocity, offset, previous, F, C, P, blocks, test, observation)
-
-
-@compiled("dynamics")
-def observe_some(
     indices: Integers,
     pose: Floats,
     velocity: Floats,
@@ -400,6 +279,90 @@ def observe_some(
     test: int,
     observation: NDArray[np.float32],
 ) -> None:
-    """Call `observe_row` for the environments in `indices`."""
-    for k in range(indices.shape[0]):
-        observe_row(indices[k], pose, velocity, offset, previous, F, C, P, blocks, test, observation)
+    """Write the blocks of the observations of the environments in `indices`, the newest observation first."""
+    both = P[P_BOTH_SIGNS] > 0.0
+    for row in range(indices.shape[0]):
+        i = indices[row]
+        w, qx, qy, qz = pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]
+        # Proportional to cosine and sine of yaw: turning the bearing by them saves a second arctangent.
+        c = 1.0 - 2.0 * (qy * qy + qz * qz)
+        s = 2.0 * (w * qz + qx * qy)
+        ex = F[i, F_REFERENCE] - pose[i, 0] - offset[i, 0]
+        ey = F[i, F_REFERENCE + 1] - pose[i, 1] - offset[i, 1]
+        ez = F[i, F_REFERENCE + 2] - pose[i, 2] - offset[i, 2]
+        yaw_noise = offset[i, 3]
+        if P[P_POSITION_HIGH] > 0.0 or P[P_YAW_HIGH] > 0.0:
+            u = uniform4(C[i, C_SEED], SENSOR | test, 0, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+            ex -= noise(u[0], P[P_POSITION_LOW], P[P_POSITION_HIGH], both)
+            ey -= noise(u[1], P[P_POSITION_LOW], P[P_POSITION_HIGH], both)
+            ez -= noise(u[2], P[P_POSITION_LOW], P[P_POSITION_HIGH], both)
+            yaw_noise += noise(u[3], P[P_YAW_LOW], P[P_YAW_HIGH], both)
+        if P[P_YAW] > 0.0:
+            yaw_error = wrap(F[i, F_REFERENCE_YAW] - math.atan2(s, c) - yaw_noise)
+        else:
+            yaw_error = wrap(math.atan2(ey * c - ex * s, ex * c + ey * s) - yaw_noise)
+        # The reading of the position, for blocks that are relative to another point.
+        rx, ry, rz = F[i, F_REFERENCE] - ex, F[i, F_REFERENCE + 1] - ey, F[i, F_REFERENCE + 2] - ez
+        if P[P_BODY_FRAME] > 0.0:
+            # Levelled body frame: what a vehicle with a heading reading alone can compute.
+            yaw = math.atan2(s, c) + yaw_noise
+            c, s = math.cos(yaw), math.sin(yaw)
+            ex, ey = c * ex + s * ey, c * ey - s * ex
+        stacked = int(P[P_HISTORY])
+        if stacked > 1:
+            size = observation.shape[1] // stacked
+            for column in range(observation.shape[1] - 1, size - 1, -1):
+                observation[i, column] = observation[i, column - size]
+        at = 0
+        for b in range(blocks.shape[0]):
+            block = blocks[b]
+            if block == YAW_ERROR:
+                observation[i, at] = yaw_error
+                at += 1
+            elif block == POSITION_ERROR:
+                observation[i, at] = ex
+                observation[i, at + 1] = ey
+                observation[i, at + 2] = ez
+                at += 3
+            elif block == PREVIOUS_ACTION:
+                for j in range(previous.shape[1]):
+                    observation[i, at + j] = previous[i, j]
+                at += previous.shape[1]
+            elif block in (VELOCITY, ANGULAR_VELOCITY):
+                first = 0 if block == VELOCITY else 3
+                for axis in range(3):
+                    observation[i, at + axis] = velocity[i, first + axis]
+                at += 3
+            elif block == VELOCITY_ERROR:
+                vx = F[i, F_REFERENCE_VELOCITY] - velocity_row(i, pose, velocity, 0)
+                vy = F[i, F_REFERENCE_VELOCITY + 1] - velocity_row(i, pose, velocity, 1)
+                vz = F[i, F_REFERENCE_VELOCITY + 2] - velocity_row(i, pose, velocity, 2)
+                observation[i, at] = c * vx + s * vy
+                observation[i, at + 1] = c * vy - s * vx
+                observation[i, at + 2] = vz
+                at += 3
+            elif block == GRAVITY:
+                observation[i, at] = -2.0 * (qx * qz - w * qy)
+                observation[i, at + 1] = -2.0 * (qy * qz + w * qx)
+                observation[i, at + 2] = 2.0 * (qx * qx + qy * qy) - 1.0
+                at += 3
+            elif block == PREVIEW:
+                for point in range(int(P[P_PREVIEWED])):
+                    column = int(P[P_PREVIEW]) + 3 * point
+                    px, py = F[i, column] - rx, F[i, column + 1] - ry
+                    observation[i, at] = c * px + s * py
+                    observation[i, at + 1] = c * py - s * px
+                    observation[i, at + 2] = F[i, column + 2] - rz
+                    at += 3
+            elif block == DEPTH_MARGIN:
+                observation[i, at] = min(P[P_DEPTH_HIGH] - rz, rz - P[P_DEPTH_LOW])
+                at += 1
+            elif block == GOAL_ERROR:
+                px, py = F[i, F_GOAL] - rx, F[i, F_GOAL + 1] - ry
+                observation[i, at] = c * px + s * py
+                observation[i, at + 1] = c * py - s * px
+                observation[i, at + 2] = F[i, F_GOAL + 2] - rz
+                at += 3
+        if stacked > 1 and C[i, C_STEPS] == 0:
+            for column in range(at, observation.shape[1]):
+                observation[i, column] = observation[i, column - at]

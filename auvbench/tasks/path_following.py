@@ -14,56 +14,26 @@ from numba import njit
 from auvbench.config import tasks
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import SCENARIO, uniform4
+from auvbench.tasks import kernels as k
 from auvbench.tasks.base import Floats, Integers, TrackingTask
-from auvbench.tasks.kernels import (
-    C_ENVIRONMENT,
-    C_EPISODE,
-    C_OUTCOME,
-    C_SEED,
-    C_STEPS,
-    COLLISION,
-    F_COUNTED,
-    F_OWN,
-    F_REFERENCE,
-    F_REFERENCE_VELOCITY,
-    F_REFERENCE_YAW,
-    OUT_OF_BOUNDS,
-    P_DEPTH_HIGH,
-    P_DEPTH_LOW,
-    P_MAX_STEPS,
-    P_OWN,
-    P_PREVIEW,
-    P_PREVIEWED,
-    SUCCESS,
-    TIMEOUT,
-    add_errors_row,
-    ball_row,
-    begin_row,
-    distance_row,
-    end_row,
-    leaves_water,
-    velocity_row,
-    wrap,
-    yaw_row,
-)
 from auvbench.tasks.rewards import reward_row
 
 MOST_POINTS = 16
 
-F_POINTS = F_OWN  # x, y, z of each, m
-F_PROGRESS = F_OWN + 3 * MOST_POINTS  # 0 at the first point, 1 at the second, and so on
+F_POINTS = k.F_OWN  # x, y, z of each, m
+F_PROGRESS = k.F_OWN + 3 * MOST_POINTS  # 0 at the first point, 1 at the second, and so on
 F_SPEED_ERROR = F_PROGRESS + 1  # sum of m/s
 
-P_START = P_OWN  # x, y, z
-P_POINTS = P_OWN + 3
-P_SPACING = P_OWN + 4
-P_TURN = P_OWN + 5
-P_CLIMB = P_OWN + 6
-P_SPEED = P_OWN + 7
-P_RADIUS = P_OWN + 8
-P_GOAL = P_OWN + 9
-P_BOUNDS = P_OWN + 10
-P_INTERVAL = P_OWN + 11
+P_START = k.P_OWN  # x, y, z
+P_POINTS = k.P_OWN + 3
+P_SPACING = k.P_OWN + 4
+P_TURN = k.P_OWN + 5
+P_CLIMB = k.P_OWN + 6
+P_SPEED = k.P_OWN + 7
+P_RADIUS = k.P_OWN + 8
+P_GOAL = k.P_OWN + 9
+P_BOUNDS = k.P_OWN + 10
+P_INTERVAL = k.P_OWN + 11
 
 DEPTH_MARGIN = 5.0
 """m from a depth limit; a path that comes nearer turns back"""
@@ -84,14 +54,14 @@ def _hermite(i: int, progress: float, axis: int, last: int, F: Floats) -> tuple[
 
 
 @njit(nogil=True)
-def _project(i: int, pose: Floats, k: int, last: int, F: Floats) -> None:
-    """Move the progress to the point of the path next to pose k: two steps of Gauss and Newton."""
+def _project(i: int, pose: Floats, last: int, F: Floats) -> None:
+    """Move the progress to the point of the path next to pose i: two steps of Gauss and Newton."""
     progress = F[i, F_PROGRESS]
     for _ in range(2):
         along, squared = 0.0, 1e-12
         for axis in range(3):
             p, v = _hermite(i, progress, axis, last, F)
-            along += v * (pose[k, axis] - p)
+            along += v * (pose[i, axis] - p)
             squared += v * v
         progress += min(0.25, max(-0.25, along / squared))
         progress = min(float(last), max(0.0, progress))
@@ -103,36 +73,38 @@ def _refer(i: int, last: int, F: Floats, P: Floats) -> None:
     """Write the reference at the progress, and the previewed points."""
     squared = 1e-12
     for axis in range(3):
-        F[i, F_REFERENCE + axis], v = _hermite(i, F[i, F_PROGRESS], axis, last, F)
-        F[i, F_REFERENCE_VELOCITY + axis] = v
+        F[i, k.F_REFERENCE + axis], v = _hermite(i, F[i, F_PROGRESS], axis, last, F)
+        F[i, k.F_REFERENCE_VELOCITY + axis] = v
         squared += v * v
     scale = P[P_SPEED] / math.sqrt(squared)
     for axis in range(3):
-        F[i, F_REFERENCE_VELOCITY + axis] *= scale
-    F[i, F_REFERENCE_YAW] = math.atan2(F[i, F_REFERENCE_VELOCITY + 1], F[i, F_REFERENCE_VELOCITY])
+        F[i, k.F_REFERENCE_VELOCITY + axis] *= scale
+    F[i, k.F_REFERENCE_YAW] = math.atan2(F[i, k.F_REFERENCE_VELOCITY + 1], F[i, k.F_REFERENCE_VELOCITY])
     progress = F[i, F_PROGRESS]
-    for point in range(int(P[P_PREVIEWED])):
+    for point in range(int(P[k.P_PREVIEWED])):
         squared = 1e-12
         for axis in range(3):
             squared += _hermite(i, progress, axis, last, F)[1] ** 2
         progress = min(float(last), progress + P[P_SPEED] * P[P_INTERVAL] / math.sqrt(squared))
         for axis in range(3):
-            F[i, int(P[P_PREVIEW]) + 3 * point + axis] = _hermite(i, progress, axis, last, F)[0]
+            F[i, int(P[k.P_PREVIEW]) + 3 * point + axis] = _hermite(i, progress, axis, last, F)[0]
 
 
 @compiled("dynamics")
 def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: Floats) -> None:
     """Draw path and start of the environments in `indices`."""
     last = int(P[P_POINTS]) - 1
-    low, high = P[P_DEPTH_LOW] + DEPTH_MARGIN, P[P_DEPTH_HIGH] - DEPTH_MARGIN
+    low, high = P[k.P_DEPTH_LOW] + DEPTH_MARGIN, P[k.P_DEPTH_HIGH] - DEPTH_MARGIN
     for row in range(indices.shape[0]):
         i = indices[row]
-        u = uniform4(C[i, C_SEED], SCENARIO | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        u = uniform4(C[i, k.C_SEED], SCENARIO | test, 0, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
         course = 0.0
         for axis in range(3):
             F[i, F_POINTS + axis] = P[P_START + axis]
         for point in range(last):
-            v = uniform4(C[i, C_SEED], SCENARIO | test, 1 + point, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+            v = uniform4(
+                C[i, k.C_SEED], SCENARIO | test, 1 + point, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT]
+            )
             course = 2.0 * math.pi * v[0] if point == 0 else course + P[P_TURN] * (2.0 * v[0] - 1.0)
             rise = P[P_CLIMB] * (2.0 * v[1] - 1.0)
             at = F_POINTS + 3 * point
@@ -145,8 +117,8 @@ def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: 
         F[i, F_PROGRESS] = 0.0
         F[i, F_SPEED_ERROR] = 0.0
         _refer(i, last, F, P)
-        ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F)
-        begin_row(i, row, wrap(2.0 * math.pi * u[0]), F, C, P, pose)
+        k.ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F)
+        k.begin_row(i, row, k.wrap(2.0 * math.pi * u[0]), F, C, P, pose)
 
 
 @compiled("dynamics")
@@ -172,29 +144,29 @@ def advance(
         # From where it was to where it is, along the tangent.
         along, squared = 0.0, 1e-12
         for axis in range(3):
-            v = F[i, F_REFERENCE_VELOCITY + axis]
-            along += v * velocity_row(i, pose, velocity, axis)
+            v = F[i, k.F_REFERENCE_VELOCITY + axis]
+            along += v * k.velocity_row(i, pose, velocity, axis)
             squared += v * v
-        _project(i, pose, i, last, F)
+        _project(i, pose, last, F)
         _refer(i, last, F, P)
-        distance = distance_row(i, pose, i, F)
+        distance = k.distance_row(i, pose, i, F)
         if not math.isfinite(distance):
             return -1 - i
-        C[i, C_STEPS] += 1
-        yaw_error = wrap(F[i, F_REFERENCE_YAW] - yaw_row(i, pose))
-        add_errors_row(i, distance, yaw_error, F)
+        C[i, k.C_STEPS] += 1
+        yaw_error = k.wrap(F[i, k.F_REFERENCE_YAW] - k.yaw_row(i, pose))
+        k.add_errors_row(i, distance, yaw_error, F)
         F[i, F_SPEED_ERROR] += abs(along / math.sqrt(squared) - P[P_SPEED])
         outcome = -1
-        if leaves_water(i, pose, P):
-            outcome = COLLISION
+        if k.leaves_water(i, pose, P):
+            outcome = k.COLLISION
         elif distance > P[P_BOUNDS]:
-            outcome = OUT_OF_BOUNDS
+            outcome = k.OUT_OF_BOUNDS
         elif F[i, F_PROGRESS] > last - 0.5 and _to_end(i, pose, last, F) < P[P_GOAL]:
-            outcome = SUCCESS
-        elif C[i, C_STEPS] >= P[P_MAX_STEPS]:
-            outcome = TIMEOUT
+            outcome = k.SUCCESS
+        elif C[i, k.C_STEPS] >= P[k.P_MAX_STEPS]:
+            outcome = k.TIMEOUT
         r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
-        ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
+        ended += k.end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
 
 
@@ -227,10 +199,10 @@ class PathFollowingTask(TrackingTask):
     def own_metrics(self, i: int) -> dict[str, float]:
         F = self.F[i]
         errors = self.errors(i, self.bounds)
-        reached = self.C[i, C_OUTCOME] == SUCCESS
+        reached = self.C[i, k.C_OUTCOME] == k.SUCCESS
         return {
             **errors,
             "cross_track_rms_m": errors["position_error_rms_m"] if reached else self.bounds,
             "completion": 1.0 if reached else float(F[F_PROGRESS]) / self.last,
-            "speed_error_m_per_s": float(F[F_SPEED_ERROR]) / float(F[F_COUNTED]),
+            "speed_error_m_per_s": float(F[F_SPEED_ERROR]) / float(F[k.F_COUNTED]),
         }

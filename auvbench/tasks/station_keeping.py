@@ -8,45 +8,22 @@ from typing import Any
 from auvbench.config import tasks
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import SCENARIO, uniform4
+from auvbench.tasks import kernels as k
 from auvbench.tasks.base import Floats, Integers, TrackingTask
-from auvbench.tasks.kernels import (
-    C_ENVIRONMENT,
-    C_EPISODE,
-    C_SEED,
-    C_STEPS,
-    COLLISION,
-    F_OWN,
-    F_REFERENCE,
-    F_REFERENCE_VELOCITY,
-    F_REFERENCE_YAW,
-    OUT_OF_BOUNDS,
-    P_MAX_STEPS,
-    P_OWN,
-    SUCCESS,
-    TIMEOUT,
-    add_errors_row,
-    ball_row,
-    begin_row,
-    distance_row,
-    end_row,
-    leaves_water,
-    wrap,
-    yaw_row,
-)
 from auvbench.tasks.rewards import reward_row
 
-F_HELD = F_OWN  # steps within the tolerances in the last `hold_time`
-F_OUTSIDE = F_OWN + 1  # the last step outside them
+F_HELD = k.F_OWN  # steps within the tolerances in the last `hold_time`
+F_OUTSIDE = k.F_OWN + 1  # the last step outside them
 
-P_STATION = P_OWN  # x, y, z
-P_STATION_YAW = P_OWN + 3
-P_RADIUS = P_OWN + 4
-P_BOUNDS = P_OWN + 5
-P_TOLERANCE = P_OWN + 6
-P_YAW_TOLERANCE = P_OWN + 7
-P_SETTLING = P_OWN + 8  # steps
-P_HOLD = P_OWN + 9  # steps
-P_SHARE = P_OWN + 10
+P_STATION = k.P_OWN  # x, y, z
+P_STATION_YAW = k.P_OWN + 3
+P_RADIUS = k.P_OWN + 4
+P_BOUNDS = k.P_OWN + 5
+P_TOLERANCE = k.P_OWN + 6
+P_YAW_TOLERANCE = k.P_OWN + 7
+P_SETTLING = k.P_OWN + 8  # steps
+P_HOLD = k.P_OWN + 9  # steps
+P_SHARE = k.P_OWN + 10
 
 
 @compiled("dynamics")
@@ -54,15 +31,15 @@ def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: 
     """Draw start position and yaw of the environments in `indices`."""
     for row in range(indices.shape[0]):
         i = indices[row]
-        u = uniform4(C[i, C_SEED], SCENARIO | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        u = uniform4(C[i, k.C_SEED], SCENARIO | test, 0, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
         for axis in range(3):
-            F[i, F_REFERENCE + axis] = P[P_STATION + axis]
-            F[i, F_REFERENCE_VELOCITY + axis] = 0.0
-        F[i, F_REFERENCE_YAW] = P[P_STATION_YAW]
+            F[i, k.F_REFERENCE + axis] = P[P_STATION + axis]
+            F[i, k.F_REFERENCE_VELOCITY + axis] = 0.0
+        F[i, k.F_REFERENCE_YAW] = P[P_STATION_YAW]
         F[i, F_HELD] = 0.0
         F[i, F_OUTSIDE] = 0.0
-        ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F)
-        begin_row(i, row, wrap(2.0 * math.pi * u[0]), F, C, P, pose)
+        k.ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F)
+        k.begin_row(i, row, k.wrap(2.0 * math.pi * u[0]), F, C, P, pose)
 
 
 @compiled("dynamics")
@@ -84,28 +61,28 @@ def advance(
     """Compute reward, ends and sums after one agent step; see `Task.kernel`."""
     ended = 0
     for i in range(start, stop):
-        distance = distance_row(i, pose, i, F)
+        distance = k.distance_row(i, pose, i, F)
         if not math.isfinite(distance):
             return -1 - i
-        yaw_error = wrap(F[i, F_REFERENCE_YAW] - yaw_row(i, pose))
-        C[i, C_STEPS] += 1
-        step = C[i, C_STEPS]
+        yaw_error = k.wrap(F[i, k.F_REFERENCE_YAW] - k.yaw_row(i, pose))
+        C[i, k.C_STEPS] += 1
+        step = C[i, k.C_STEPS]
         inside = distance < P[P_TOLERANCE] and abs(yaw_error) < P[P_YAW_TOLERANCE]
         if not inside:
             F[i, F_OUTSIDE] = step
-        elif step > P[P_MAX_STEPS] - P[P_HOLD]:
+        elif step > P[k.P_MAX_STEPS] - P[P_HOLD]:
             F[i, F_HELD] += 1.0
         if step > P[P_SETTLING]:
-            add_errors_row(i, distance, yaw_error, F)
+            k.add_errors_row(i, distance, yaw_error, F)
         outcome = -1
-        if leaves_water(i, pose, P):
-            outcome = COLLISION
+        if k.leaves_water(i, pose, P):
+            outcome = k.COLLISION
         elif distance > P[P_BOUNDS]:
-            outcome = OUT_OF_BOUNDS
-        elif step >= P[P_MAX_STEPS]:
-            outcome = SUCCESS if F[i, F_HELD] >= P[P_SHARE] * P[P_HOLD] else TIMEOUT
+            outcome = k.OUT_OF_BOUNDS
+        elif step >= P[k.P_MAX_STEPS]:
+            outcome = k.SUCCESS if F[i, F_HELD] >= P[P_SHARE] * P[P_HOLD] else k.TIMEOUT
         r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
-        ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
+        ended += k.end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
 
 

@@ -15,55 +15,29 @@ from numba import njit
 from auvbench.config import tasks
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import SCENARIO, uniform4
+from auvbench.tasks import kernels as k
 from auvbench.tasks.base import Floats, Integers, TrackingTask
-from auvbench.tasks.kernels import (
-    C_ENVIRONMENT,
-    C_EPISODE,
-    C_SEED,
-    C_STEPS,
-    COLLISION,
-    F_COUNTED,
-    F_OWN,
-    F_REFERENCE,
-    F_REFERENCE_VELOCITY,
-    F_REFERENCE_YAW,
-    OUT_OF_BOUNDS,
-    P_DURATION,
-    P_MAX_STEPS,
-    P_OWN,
-    P_PREVIEW,
-    P_PREVIEWED,
-    SUCCESS,
-    add_errors_row,
-    ball_row,
-    begin_row,
-    distance_row,
-    end_row,
-    leaves_water,
-    wrap,
-    yaw_row,
-)
 from auvbench.tasks.rewards import reward_row
 
 CURVES = ("circle", "helix", "lemniscate", "random", "any")
 
 # Of the curve, per axis.
-F_CENTRE = F_OWN
-F_SLOPE = F_OWN + 3
-F_AMPLITUDE = F_OWN + 6  # three per axis
-F_FREQUENCY = F_OWN + 15  # three per axis
-F_PHASE = F_OWN + 24  # three per axis
-F_RATE = F_OWN + 33  # ds/dt
-F_BEHIND = F_OWN + 34  # sum of the position error along the velocity of the reference, over its speed, in s
+F_CENTRE = k.F_OWN
+F_SLOPE = k.F_OWN + 3
+F_AMPLITUDE = k.F_OWN + 6  # three per axis
+F_FREQUENCY = k.F_OWN + 15  # three per axis
+F_PHASE = k.F_OWN + 24  # three per axis
+F_RATE = k.F_OWN + 33  # ds/dt
+F_BEHIND = k.F_OWN + 34  # sum of the position error along the velocity of the reference, over its speed, in s
 
-P_CURVE = P_OWN
-P_CENTRE = P_OWN + 1  # x, y, z
-P_SIZE = P_OWN + 4  # low, high
-P_SPEED = P_OWN + 6  # low, high
-P_RADIUS = P_OWN + 8
-P_START_YAW = P_OWN + 9
-P_BOUNDS = P_OWN + 10
-P_INTERVAL = P_OWN + 11
+P_CURVE = k.P_OWN
+P_CENTRE = k.P_OWN + 1  # x, y, z
+P_SIZE = k.P_OWN + 4  # low, high
+P_SPEED = k.P_OWN + 6  # low, high
+P_RADIUS = k.P_OWN + 8
+P_START_YAW = k.P_OWN + 9
+P_BOUNDS = k.P_OWN + 10
+P_INTERVAL = k.P_OWN + 11
 
 TURNS, SAMPLES = 4, 600
 """along which, and at how many places, the largest speed is looked for"""
@@ -91,13 +65,13 @@ def _refer(i: int, time: float, F: Floats, P: Floats) -> None:
     """Write the reference at a time in s, and the previewed points."""
     s = F[i, F_RATE] * time
     for axis in range(3):
-        F[i, F_REFERENCE + axis] = _position(i, s, axis, F)
-        F[i, F_REFERENCE_VELOCITY + axis] = F[i, F_RATE] * _slope(i, s, axis, F)
-    F[i, F_REFERENCE_YAW] = math.atan2(F[i, F_REFERENCE_VELOCITY + 1], F[i, F_REFERENCE_VELOCITY])
-    for point in range(int(P[P_PREVIEWED])):
+        F[i, k.F_REFERENCE + axis] = _position(i, s, axis, F)
+        F[i, k.F_REFERENCE_VELOCITY + axis] = F[i, F_RATE] * _slope(i, s, axis, F)
+    F[i, k.F_REFERENCE_YAW] = math.atan2(F[i, k.F_REFERENCE_VELOCITY + 1], F[i, k.F_REFERENCE_VELOCITY])
+    for point in range(int(P[k.P_PREVIEWED])):
         ahead = F[i, F_RATE] * (time + (point + 1) * P[P_INTERVAL])
         for axis in range(3):
-            F[i, int(P[P_PREVIEW]) + 3 * point + axis] = _position(i, ahead, axis, F)
+            F[i, int(P[k.P_PREVIEW]) + 3 * point + axis] = _position(i, ahead, axis, F)
 
 
 @njit(nogil=True)
@@ -121,7 +95,7 @@ def _draw_curve(i: int, curve: int, size: float, C: Integers, test: int, F: Floa
         F[i, F_FREQUENCY + 3] = 2.0
     else:
         for j in range(9):
-            u = uniform4(C[i, C_SEED], SCENARIO | test, 2 + j, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+            u = uniform4(C[i, k.C_SEED], SCENARIO | test, 2 + j, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
             level = 1.0 if j < 6 else 0.3
             # Together the three sines stay within the size.
             F[i, F_AMPLITUDE + j] = level * size * (0.2 + 0.8 * u[0]) / 3.0
@@ -134,8 +108,8 @@ def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: 
     """Draw curve, speed and start of the environments in `indices`."""
     for row in range(indices.shape[0]):
         i = indices[row]
-        u = uniform4(C[i, C_SEED], SCENARIO | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
-        v = uniform4(C[i, C_SEED], SCENARIO | test, 1, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        u = uniform4(C[i, k.C_SEED], SCENARIO | test, 0, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
+        v = uniform4(C[i, k.C_SEED], SCENARIO | test, 1, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
         curve = int(P[P_CURVE])
         if curve == 4:
             curve = int(4.0 * v[0])
@@ -151,9 +125,9 @@ def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: 
         F[i, F_RATE] = (P[P_SPEED] + (P[P_SPEED + 1] - P[P_SPEED]) * v[2]) / fastest
         F[i, F_BEHIND] = 0.0
         _refer(i, 0.0, F, P)
-        ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F)
-        yaw = F[i, F_REFERENCE_YAW] + P[P_START_YAW] * (2.0 * u[0] - 1.0)
-        begin_row(i, row, wrap(yaw), F, C, P, pose)
+        k.ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F)
+        yaw = F[i, k.F_REFERENCE_YAW] + P[P_START_YAW] * (2.0 * u[0] - 1.0)
+        k.begin_row(i, row, k.wrap(yaw), F, C, P, pose)
 
 
 @compiled("dynamics")
@@ -175,28 +149,28 @@ def advance(
     """Compute reward, ends and sums after one agent step; see `Task.kernel`."""
     ended = 0
     for i in range(start, stop):
-        C[i, C_STEPS] += 1
-        _refer(i, C[i, C_STEPS] * P[P_DURATION], F, P)
-        distance = distance_row(i, pose, i, F)
+        C[i, k.C_STEPS] += 1
+        _refer(i, C[i, k.C_STEPS] * P[k.P_DURATION], F, P)
+        distance = k.distance_row(i, pose, i, F)
         if not math.isfinite(distance):
             return -1 - i
-        yaw_error = wrap(F[i, F_REFERENCE_YAW] - yaw_row(i, pose))
-        add_errors_row(i, distance, yaw_error, F)
+        yaw_error = k.wrap(F[i, k.F_REFERENCE_YAW] - k.yaw_row(i, pose))
+        k.add_errors_row(i, distance, yaw_error, F)
         along, squared = 0.0, 1e-6  # a reference that stands still has no lag
         for axis in range(3):
-            v = F[i, F_REFERENCE_VELOCITY + axis]
-            along += v * (F[i, F_REFERENCE + axis] - pose[i, axis])
+            v = F[i, k.F_REFERENCE_VELOCITY + axis]
+            along += v * (F[i, k.F_REFERENCE + axis] - pose[i, axis])
             squared += v * v
         F[i, F_BEHIND] += along / squared
         outcome = -1
-        if leaves_water(i, pose, P):
-            outcome = COLLISION
+        if k.leaves_water(i, pose, P):
+            outcome = k.COLLISION
         elif distance > P[P_BOUNDS]:
-            outcome = OUT_OF_BOUNDS
-        elif C[i, C_STEPS] >= P[P_MAX_STEPS]:
-            outcome = SUCCESS
+            outcome = k.OUT_OF_BOUNDS
+        elif C[i, k.C_STEPS] >= P[k.P_MAX_STEPS]:
+            outcome = k.SUCCESS
         r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
-        ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
+        ended += k.end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
 
 
@@ -218,11 +192,11 @@ class TrajectoryTrackingTask(TrackingTask):
 
     def goal(self, i: int) -> Floats:
         f = self.F[i]
-        s = f[F_RATE] * self.parameters[P_MAX_STEPS] * self.duration
+        s = f[F_RATE] * self.parameters[k.P_MAX_STEPS] * self.duration
         sines = np.sin(f[F_FREQUENCY : F_FREQUENCY + 9] * s + f[F_PHASE : F_PHASE + 9])
         curve = (f[F_AMPLITUDE : F_AMPLITUDE + 9] * sines).reshape(3, 3).sum(axis=1)
         return np.asarray(f[F_CENTRE : F_CENTRE + 3] + f[F_SLOPE : F_SLOPE + 3] * s + curve)
 
     def own_metrics(self, i: int) -> dict[str, float]:
-        behind = float(self.F[i, F_BEHIND]) / float(self.F[i, F_COUNTED])
+        behind = float(self.F[i, F_BEHIND]) / float(self.F[i, k.F_COUNTED])
         return {**self.errors(i, self.bounds), "lag_s": behind}

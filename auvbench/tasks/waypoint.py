@@ -10,28 +10,6 @@ from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import SCENARIO, uniform4
 from auvbench.tasks import kernels as k
 from auvbench.tasks.base import Floats, Integers, Task
-from auvbench.tasks.kernels import (
-    C_ENVIRONMENT,
-    C_EPISODE,
-    C_SEED,
-    C_STEPS,
-    COLLISION,
-    F_DEVIATION,
-    F_DEVIATION_SQUARED,
-    F_REFERENCE,
-    F_START,
-    P_MAX_STEPS,
-    P_OWN,
-    P_REWARD,
-    SUCCESS,
-    TIMEOUT,
-    begin_row,
-    distance_row,
-    end_row,
-    leaves_water,
-    wrap,
-    yaw_row,
-)
 from auvbench.tasks.rewards import THESIS, reward_row, thesis_row
 
 REFERENCE_COLUMNS = (
@@ -60,10 +38,10 @@ REFERENCE_COLUMNS = (
 """The columns of a record that a fingerprint covers (`evaluation.reference`). A new metric does not enter: fingerprints of
 published results stay valid."""
 
-P_GOAL = P_OWN
-P_START = P_OWN + 1  # x, y, z
-P_BOX_LOW = P_OWN + 4  # x, y, z
-P_BOX_HIGH = P_OWN + 7  # x, y, z
+P_GOAL = k.P_OWN
+P_START = k.P_OWN + 1  # x, y, z
+P_BOX_LOW = k.P_OWN + 4  # x, y, z
+P_BOX_HIGH = k.P_OWN + 7  # x, y, z
 
 
 @compiled("dynamics")
@@ -71,12 +49,12 @@ def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: 
     """Draw start yaw and waypoint of the environments in `indices`."""
     for row in range(indices.shape[0]):
         i = indices[row]
-        u = uniform4(C[i, C_SEED], SCENARIO | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        u = uniform4(C[i, k.C_SEED], SCENARIO | test, 0, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
         for axis in range(3):
             low, high = P[P_BOX_LOW + axis], P[P_BOX_HIGH + axis]
-            F[i, F_REFERENCE + axis] = low + (high - low) * u[1 + axis]
-            F[i, F_START + axis] = P[P_START + axis]
-        begin_row(i, row, wrap(2.0 * math.pi * u[0]), F, C, P, pose)
+            F[i, k.F_REFERENCE + axis] = low + (high - low) * u[1 + axis]
+            F[i, k.F_START + axis] = P[P_START + axis]
+        k.begin_row(i, row, k.wrap(2.0 * math.pi * u[0]), F, C, P, pose)
 
 
 @compiled("dynamics")
@@ -101,20 +79,20 @@ def advance(
     """
     ended = 0
     for i in range(start, stop):
-        distance = distance_row(i, pose, i, F)
+        distance = k.distance_row(i, pose, i, F)
         if not math.isfinite(distance):
             return -1 - i
-        C[i, C_STEPS] += 1
+        C[i, k.C_STEPS] += 1
         outcome = -1
-        if leaves_water(i, pose, P):
-            outcome = COLLISION
+        if k.leaves_water(i, pose, P):
+            outcome = k.COLLISION
         elif distance < P[P_GOAL]:
-            outcome = SUCCESS
-        elif C[i, C_STEPS] >= P[P_MAX_STEPS]:
-            outcome = TIMEOUT
+            outcome = k.SUCCESS
+        elif C[i, k.C_STEPS] >= P[k.P_MAX_STEPS]:
+            outcome = k.TIMEOUT
         # Perpendicular distance to the line start-waypoint: |(p - a) x (b - a)| / |b - a|.
-        ax, ay, az = F[i, F_START], F[i, F_START + 1], F[i, F_START + 2]
-        bx, by, bz = F[i, F_REFERENCE] - ax, F[i, F_REFERENCE + 1] - ay, F[i, F_REFERENCE + 2] - az
+        ax, ay, az = F[i, k.F_START], F[i, k.F_START + 1], F[i, k.F_START + 2]
+        bx, by, bz = F[i, k.F_REFERENCE] - ax, F[i, k.F_REFERENCE + 1] - ay, F[i, k.F_REFERENCE + 2] - az
         px, py, pz = pose[i, 0] - ax, pose[i, 1] - ay, pose[i, 2] - az
         cx, cy, cz = py * bz - pz * by, pz * bx - px * bz, px * by - py * bx
         length_squared = bx * bx + by * by + bz * bz
@@ -122,15 +100,15 @@ def advance(
             deviation = math.sqrt((cx * cx + cy * cy + cz * cz) / length_squared)
         else:
             deviation = math.sqrt(px * px + py * py + pz * pz)
-        F[i, F_DEVIATION] += deviation
-        F[i, F_DEVIATION_SQUARED] += deviation * deviation
-        if P[P_REWARD] == THESIS:
+        F[i, k.F_DEVIATION] += deviation
+        F[i, k.F_DEVIATION_SQUARED] += deviation * deviation
+        if P[k.P_REWARD] == THESIS:
             r = thesis_row(i, outcome, distance, F, P)
         else:
-            ahead = math.atan2(F[i, F_REFERENCE + 1] - pose[i, 1], F[i, F_REFERENCE] - pose[i, 0])
-            yaw_error = wrap(ahead - yaw_row(i, pose))
+            ahead = math.atan2(F[i, k.F_REFERENCE + 1] - pose[i, 1], F[i, k.F_REFERENCE] - pose[i, 0])
+            yaw_error = k.wrap(ahead - k.yaw_row(i, pose))
             r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
-        ended += end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
+        ended += k.end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
 
 
@@ -149,7 +127,7 @@ class WaypointTask(Task):
 
     def place(self, indices: Integers, pose: Floats, waypoint: Floats | None = None) -> None:
         if waypoint is not None:
-            self.F[indices, F_REFERENCE : F_REFERENCE + 3] = waypoint
+            self.F[indices, k.F_REFERENCE : k.F_REFERENCE + 3] = waypoint
         super().place(indices, pose)
 
     def own_metrics(self, i: int) -> dict[str, float]:

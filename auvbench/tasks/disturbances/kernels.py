@@ -113,16 +113,6 @@ def advance_current(C: Integers, Q: Floats, test: int, D: Floats) -> None:
 
 
 @compiled("dynamics", "tasks")
-def current_at(D: Floats, top: Floats, bottom: Floats) -> None:
-    """Compute the current (n, 3) at the top and the bottom of the profile: mean plus fluctuation."""
-    for i in range(D.shape[0]):
-        for axis in range(3):
-            fluctuation = D[i, D_FLUCTUATION + axis]
-            top[i, axis] = D[i, D_TOP + axis] + fluctuation
-            bottom[i, axis] = D[i, D_BOTTOM + axis] + fluctuation
-
-
-@compiled("dynamics", "tasks")
 def draw_faults(
     indices: Integers,
     C: Integers,

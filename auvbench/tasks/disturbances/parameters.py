@@ -78,8 +78,6 @@ class Disturbances:
         self._state = (*_STATE, *(["velocities"] if task.reads_velocity else []))
         self.power: Floats = np.zeros(n)
         """(n,) W, mean electrical power over the last agent step"""
-        self._top: Floats = np.zeros((n, 3))
-        self._bottom: Floats = np.zeros((n, 3))
 
     @property
     def active(self) -> bool:
@@ -153,11 +151,12 @@ class Disturbances:
             k.apply_faults(self.task.C, self.Q, self.D, self.I, command, simulator.effectiveness)
 
     def _set_current(self, simulator: Simulator) -> None:
-        k.current_at(self.D, self._top, self._bottom)
+        fluctuation = self.D[:, k.D_FLUCTUATION : k.D_FLUCTUATION + 3]
+        top, bottom = (self.D[:, at : at + 3] + fluctuation for at in (k.D_TOP, k.D_BOTTOM))
         if self.sheared:
-            simulator.set_current(self._top, self._bottom, self.depths)
+            simulator.set_current(top, bottom, self.depths)
         else:
-            simulator.set_current(self._top)
+            simulator.set_current(top)
 
     def read(self) -> None:
         """Renew the errors of the readings after an agent step."""

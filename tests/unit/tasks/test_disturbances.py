@@ -199,8 +199,7 @@ def test_gauss_markov_keeps_its_spread_and_forgets_at_its_rate(frequency):
     task = d.task
 
     def current():
-        k.current_at(d.D, d._top, d._bottom)
-        return d._top.copy()
+        return d.D[:, k.D_TOP : k.D_TOP + 3] + d.D[:, k.D_FLUCTUATION : k.D_FLUCTUATION + 3]
 
     begun, seconds = current(), 2.0
     for _ in range(int(seconds * frequency)):

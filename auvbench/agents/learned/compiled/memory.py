@@ -101,7 +101,9 @@ class Networks(Trained):
         heads: Sequence[torch.nn.Linear] = (),
     ) -> None:
         modules: list[list[Any]] = [list(network) for network in networks]
-        self._renorms = [[one for one in network if isinstance(one, BatchRenorm1d)] for network in modules]
+        self._renorms: list[list[Any]] = [
+            [one for one in network if isinstance(one, BatchRenorm1d)] for network in modules
+        ]
         head = [head.weight for head in heads] + [head.bias for head in heads]
         super().__init__([[*_parameters(network), *head] for network in modules], optimizer)
         linear = [one for one in modules[0] if isinstance(one, torch.nn.Linear)]
