@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -19,9 +18,8 @@ from auvbench.errors import ConfigError, UserError, closest
 
 if TYPE_CHECKING:
     from auvbench.config import tasks
-    from auvbench.observation import ObservationSpec
     from auvbench.pilot.loop import Pilot
-    from auvbench.pilot.steering import Controller, Limits
+    from auvbench.pilot.steering import Steering
     from auvbench.vehicles.vehicle_model import VehicleModel
 
 CONTROLLERS = ("pid", "smc", "lqr")
@@ -102,18 +100,6 @@ def parser() -> Parser:
     return parser
 
 
-@dataclass(frozen=True, slots=True)
-class Setup:
-    """Vehicle, controller and limits of a pilot."""
-
-    name: str
-    controller: Controller
-    vehicle: VehicleModel
-    frequency: float
-    spec: ObservationSpec
-    limits: Limits
-
-
 def main(arguments: Sequence[str]) -> int:
     given = parser().read(arguments)
     _check(given)
@@ -124,19 +110,13 @@ def main(arguments: Sequence[str]) -> int:
     setup = _setup(given)
     if given.goal is not None and not setup.limits.within(given.goal[2]):
         raise UserError(f"--goal: z={given.goal[2]:g} must be within {setup.limits.depths}; see --depth")
-    options = {
-        "frequency": setup.frequency,
-        "spec": setup.spec,
-        "limits": setup.limits,
-        "sim_time": given.sim_time,
-        "say": lambda text: print(f"pilot: {text}", flush=True),
-    }
+    options = {"sim_time": given.sim_time, "say": lambda text: print(f"pilot: {text}", flush=True)}
     # Until the vehicle is found, Ctrl-C ends the command at once.
     pilot, begin, stopped = (_over_ros if given.mavlink is None else _over_mavlink)(given, setup, options)
     with interruption.deferred() as request:
         try:
             if given.record is not None:
-                pilot.steering.logbook = Logbook(given.record, _about(setup))
+                setup.logbook = Logbook(given.record, _about(setup))
             if given.goal is not None:
                 pilot.steer_to(given.goal, yaw=math.radians(given.yaw))
             begin()
@@ -177,13 +157,11 @@ Opened = tuple["Pilot", Callable[[], object], Callable[[], bool]]
 """a pilot, what it does first, and what ends it"""
 
 
-def _over_ros(given: argparse.Namespace, setup: Setup, options: dict[str, Any]) -> Opened:
-    from auvbench.pilot.thrust import SheetThrust
+def _over_ros(given: argparse.Namespace, setup: Steering, options: dict[str, Any]) -> Opened:
     from auvbench.ros2 import discovery
     from auvbench.ros2.pilot import Pilot
 
-    vehicle = setup.vehicle
-    pilot = Pilot(given.namespace or vehicle.name, setup.controller, SheetThrust(vehicle), **options)
+    pilot = Pilot(given.namespace or setup.vehicle.name, setup, **options)
 
     def begin() -> None:
         names = pilot.names
@@ -197,11 +175,11 @@ def _over_ros(given: argparse.Namespace, setup: Setup, options: dict[str, Any]) 
     return pilot, begin, lambda: False
 
 
-def _over_mavlink(given: argparse.Namespace, setup: Setup, options: dict[str, Any]) -> Opened:
+def _over_mavlink(given: argparse.Namespace, setup: Steering, options: dict[str, Any]) -> Opened:
     from auvbench.mavlink.pilot import Pilot
     from auvbench.pilot.keys import enter
 
-    pilot = Pilot(given.mavlink, setup.vehicle, setup.controller, **options)
+    pilot = Pilot(given.mavlink, setup, **options)
 
     def begin() -> None:
         print(pilot.about())
@@ -216,8 +194,8 @@ def _over_mavlink(given: argparse.Namespace, setup: Setup, options: dict[str, An
     return pilot, begin, enter
 
 
-def _setup(given: argparse.Namespace) -> Setup:
-    from auvbench.pilot.steering import Limits
+def _setup(given: argparse.Namespace) -> Steering:
+    from auvbench.pilot.steering import Limits, Steering
     from auvbench.vehicles import sheet
 
     word = str(given.controller)
@@ -259,7 +237,7 @@ def _setup(given: argparse.Namespace) -> Setup:
         lost_after=max(5.0, 2.0 * given.pose_timeout),
         holds=task.name == "station_keeping",
     )
-    return Setup(name, controller, vehicle, frequency, spec, limits)
+    return Steering(controller, vehicle, frequency, spec, limits, name)
 
 
 def policy_agent(policy: Any) -> Any:
@@ -285,7 +263,7 @@ def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Ta
     return plugins.resolve(spec.factory)(config, vehicle)
 
 
-def _about(setup: Setup) -> dict[str, Any]:
+def _about(setup: Steering) -> dict[str, Any]:
     limits = setup.limits
     return {
         "controller": setup.name,

@@ -14,10 +14,8 @@ from auvbench.mavlink.autopilot import MANUAL, Autopilot
 from auvbench.mavlink.link import Link
 from auvbench.mavlink.mixer import NEUTRAL, Mixer
 from auvbench.pilot import loop
-from auvbench.pilot.steering import Controller
-from auvbench.pilot.thrust import SheetThrust
+from auvbench.pilot.steering import Steering
 from auvbench.vehicles.inspect import AXES
-from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
@@ -34,9 +32,7 @@ class Pilot(loop.Pilot):
 
     Args:
         address: of the link.
-        vehicle: the model, whose thrusters those of ArduSub's frame are.
-        controller: as `loop.Pilot`.
-        frequency: likewise.
+        steering: as `loop.Pilot`; its vehicle's thrusters are those of ArduSub's frame.
         options: likewise; `sim_time` steps by the vehicle's time since boot.
 
     Raises:
@@ -45,15 +41,14 @@ class Pilot(loop.Pilot):
 
     source = "telemetry"
 
-    def __init__(
-        self, address: str, vehicle: VehicleModel, controller: Controller, *, frequency: float, **options: Any
-    ) -> None:
-        super().__init__(controller, SheetThrust(vehicle), frequency=frequency, **options)
+    def __init__(self, address: str, steering: Steering, **options: Any) -> None:
+        super().__init__(steering, **options)
+        frequency = steering.frequency
         if frequency < SLOWEST:
             raise UserError(
                 f"--frequency {frequency:g}: must be at least {SLOWEST:g} Hz, because ArduSub disarms 3 s after the last stick"
             )
-        motors = motors_of(vehicle)
+        motors = motors_of(steering.vehicle)
         self.link = Link(address)
         try:
             # Several messages a step, so that a step's pose is young.

@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import AuvbenchError, RunError
-from auvbench.observation import ObservationSpec
-from auvbench.pilot.mission import Logbook
-from auvbench.pilot.steering import Controller, Limits, Steering
-from auvbench.pilot.thrust import SheetThrust
+from auvbench.pilot.steering import Steering
+from auvbench.vehicles.physical import PhysicalCommands
 
 Floats = NDArray[np.float64]
 
@@ -32,37 +30,20 @@ class Pilot(ABC):
     """One vehicle under one controller. A subclass is the network to the vehicle.
 
     Args:
-        controller: maps observations to actions.
-        thrust: converts its actions into commands.
-        frequency: Hz of the controller.
-        spec: of its observation.
-        limits: that it keeps.
+        steering: the controller, with its limits.
         sim_time: step by the vehicle's clock in place of this machine's; ages of poses are by this machine's clock.
-        logbook: records missions.
         say: called with each change of state.
-
     """
 
     source: str
     """what the pose comes from, for messages"""
 
     def __init__(
-        self,
-        controller: Controller,
-        thrust: SheetThrust,
-        *,
-        frequency: float,
-        spec: ObservationSpec,
-        limits: Limits,
-        sim_time: bool = False,
-        logbook: Logbook | None = None,
-        say: Callable[[str], None] = lambda text: None,
+        self, steering: Steering, *, sim_time: bool = False, say: Callable[[str], None] = lambda text: None
     ) -> None:
-        self.thrust, self.limits, self._say = thrust, limits, say
-        self.period = 1.0 / frequency  # s
-        self.steering = Steering(
-            controller, thrust, frequency=frequency, spec=spec, limits=limits, logbook=logbook
-        )
+        self.steering, self.limits, self._say = steering, steering.limits, say
+        self.physical = PhysicalCommands(steering.vehicle)
+        self.period = 1.0 / steering.frequency  # s
         self.armed = False
         self.state = ""
         self.pose: Floats = np.full(7, np.nan)
@@ -96,7 +77,7 @@ class Pilot(ABC):
     def _rest(self) -> None:
         """Command zero thrust several times."""
         for _ in range(RESTS):
-            self._command(self.thrust.neutral)
+            self._command(self.physical.neutral)
 
     def _report(self, text: str) -> None:
         self._say(text)
@@ -191,7 +172,7 @@ class Pilot(ABC):
             self.steering.end(outcome)
             self._set_state(f"waypoint {'reached' if outcome == 'success' else 'given up: ' + outcome}")
         if self.steering.waypoint is None:
-            self._command(self.thrust.neutral)
+            self._command(self.physical.neutral)
             return
         self._act(self.steering.waypoint)
 
@@ -213,7 +194,7 @@ class Pilot(ABC):
 
     def _hold(self, state: str) -> None:
         self.steering.skip_record()
-        self._command(self.thrust.neutral)
+        self._command(self.physical.neutral)
         if not self.state.startswith("holding"):
             self._set_state(state)
 
@@ -229,7 +210,7 @@ class Pilot(ABC):
             self._slow += 1
             if self._slow in (1, 10, 100):
                 self._report(f"the controller takes longer than its step of {self.period:g} s")
-        self._command(self.thrust.quantities(action))
+        self._command(self.physical.of_action(action))
         self._set_state(f"steering to ({waypoint[0]:.1f}, {waypoint[1]:.1f}, {waypoint[2]:.1f})")
 
     def _failed(self, error: Exception) -> AuvbenchError:

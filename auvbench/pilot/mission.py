@@ -1,4 +1,4 @@
-"""The record of a mission: an episode's row and a trajectory, computed in plain Python.
+"""The record of a mission: an episode's row and a trajectory, without compiled code.
 
 The sums are those of `auvbench/tasks/kernels.py` (definitions: docs/protocol.md); a test compares the two. A mission has
 no reward: its `return` is NaN.
@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from auvbench.errors import RunError
 from auvbench.metrics import Totals
@@ -57,17 +57,12 @@ class Mission:
         self.waypoint = np.array(waypoint, dtype=np.float64)
         self.depth, self.goal_radius, self.max_steps = depth, goal_radius, max_steps
         self.duration = 1.0 / frequency
-        self.start_yaw = yaw_of(pose)
-        self.initial = self.distance = math.dist(pose[:3], waypoint)
         self.outcome = ""
-        self.positions: list[list[float]] = [pose[:3].tolist()]
-        self.yaws = [self.start_yaw]
-        self.forces: list[list[float]] = []
-        self._previous: list[float] | None = None
-        self._deviation = self._deviation_squared = self._norm = 0.0
-        self._energy = self._path = self._change = 0.0
-        z = float(pose[2])
-        self._margin = min(depth[1] - z, z - depth[0])
+        self.positions = [pose[:3].copy()]
+        self.yaws = [yaw_of(pose)]
+        self.actions: list[Floats] = []
+        self.forces: list[Floats] = []
+        self.powers: list[float] = []
 
     @property
     def steps(self) -> int:
@@ -83,29 +78,14 @@ class Mission:
             force: (n_u,) N of the thrusters.
             power: W.
         """
-        x, y, z = pose[:3].tolist()
-        bx, by, bz = self.waypoint.tolist()
-        ax, ay, az = self.positions[0]
-        distance = math.sqrt((bx - x) ** 2 + (by - y) ** 2 + (bz - z) ** 2)
-        deviation = _from_line((x - ax, y - ay, z - az), (bx - ax, by - ay, bz - az))
-        last = self.positions[-1]
-        self._path += math.sqrt(sum((now - then) ** 2 for now, then in zip((x, y, z), last, strict=True)))
-        self._deviation += deviation
-        self._deviation_squared += deviation * deviation
-        self._norm += math.sqrt(sum(f * f for f in force.tolist()))
-        self._energy += power * self.duration
-        now = action.tolist()
-        before = self._previous or [0.0] * len(now)
-        self._change += math.sqrt(sum((a - b) ** 2 for a, b in zip(now, before, strict=True)))
-        self._previous = now
-        self._margin = min(self._margin, self.depth[1] - z, z - self.depth[0])
-        self.distance = distance
-        self.positions.append([x, y, z])
+        self.positions.append(pose[:3].copy())
         self.yaws.append(yaw_of(pose))
-        self.forces.append(force.tolist())
-        if not self.depth[0] <= z <= self.depth[1]:
+        self.actions.append(action)
+        self.forces.append(force)
+        self.powers.append(power)
+        if not self.depth[0] <= pose[2] <= self.depth[1]:
             self.outcome = "collision"
-        elif distance < self.goal_radius:
+        elif math.dist(pose[:3], self.waypoint) < self.goal_radius:
             self.outcome = "success"
         elif self.steps >= self.max_steps:
             self.outcome = "timeout"
@@ -114,6 +94,15 @@ class Mission:
     def record(self, number: int) -> Record:
         """Return the row of an episode, columns as in a test of the waypoint task."""
         x, y, z = self.waypoint.tolist()
+        positions = np.array(self.positions)
+        line, away = self.waypoint - positions[0], positions[1:] - positions[0]
+        if np.any(line):
+            deviation = np.linalg.norm(np.cross(away, line), axis=1) / np.linalg.norm(line)
+        else:
+            deviation = np.linalg.norm(away, axis=1)
+        distance = np.linalg.norm(self.waypoint - positions, axis=1)
+        change = np.diff(self.actions, axis=0, prepend=np.zeros((1, len(self.actions[0]))))
+        margin = np.minimum(self.depth[1] - positions[:, 2], positions[:, 2] - self.depth[0])
         return record_of(
             Totals(
                 episode=number,
@@ -122,16 +111,16 @@ class Mission:
                 steps=self.steps,
                 step_s=self.duration,
                 reward=math.nan,
-                initial_distance=self.initial,
-                distance=self.distance,
-                deviation=self._deviation,
-                deviation_squared=self._deviation_squared,
-                command_norm=self._norm,
-                energy=self._energy,
-                path=self._path,
-                change=self._change,
-                depth_margin=self._margin,
-                start_yaw=self.start_yaw,
+                initial_distance=float(distance[0]),
+                distance=float(distance[-1]),
+                deviation=float(deviation.sum()),
+                deviation_squared=float(np.square(deviation).sum()),
+                command_norm=_length(self.forces),
+                energy=sum(self.powers) * self.duration,
+                path=_length(np.diff(positions, axis=0)),
+                change=_length(change),
+                depth_margin=float(margin.min()),
+                start_yaw=self.yaws[0],
                 own={"waypoint_x_m": x, "waypoint_y_m": y, "waypoint_z_m": z},
             ),
             "waypoint",
@@ -148,15 +137,9 @@ class Mission:
         }
 
 
-def _from_line(p: tuple[float, float, float], b: tuple[float, float, float]) -> float:
-    """Return the distance of p from the line through the origin and b."""
-    cx = p[1] * b[2] - p[2] * b[1]
-    cy = p[2] * b[0] - p[0] * b[2]
-    cz = p[0] * b[1] - p[1] * b[0]
-    length = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
-    if length > 0.0:
-        return math.sqrt((cx * cx + cy * cy + cz * cz) / length)
-    return math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+def _length(vectors: ArrayLike) -> float:
+    """Return the sum of the lengths of vectors (n, d)."""
+    return float(np.linalg.norm(vectors, axis=1).sum())
 
 
 class Logbook:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +13,7 @@ from auvbench.errors import RunError
 from auvbench.observation import ObservationSpec
 from auvbench.pilot.mission import Logbook, Mission
 from auvbench.pilot.observation import observe
-from auvbench.pilot.thrust import SheetThrust
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
@@ -48,49 +48,39 @@ class Limits:
         return self.depth_low <= z <= self.depth_high
 
 
+@dataclass(slots=True, eq=False)
 class Steering:
-    """A controller, its waypoint, and the mission that is recorded.
+    """A controller, its waypoint, and the mission that is recorded."""
 
-    Args:
-        controller: maps observations to actions.
-        thrust: converts its actions into commands.
-        frequency: Hz of the controller.
-        spec: of its observation.
-        limits: of a mission.
-        logbook: records missions.
-
-    Attributes:
-        waypoint: (3,) m, or None; a station alike.
-        yaw: rad, to hold on a station.
-        mission: the present one, or None; it begins with the first action towards a waypoint.
-        action_time: s that the controller needed for its last action.
-
-    """
-
-    def __init__(
-        self,
-        controller: Controller,
-        thrust: SheetThrust,
-        *,
-        frequency: float,
-        spec: ObservationSpec,
-        limits: Limits,
-        logbook: Logbook | None = None,
-    ) -> None:
-        self.controller, self.thrust, self.limits = controller, thrust, limits
-        self.frequency, self.spec, self.logbook = frequency, spec, logbook
-        self.waypoint: Floats | None = None
-        self.yaw = 0.0
-        self.mission: Mission | None = None
-        self.action_time = 0.0
-        self._action: Floats | None = None  # under way since the last step
+    controller: Controller
+    vehicle: VehicleModel
+    """the model, whose action the controller gives"""
+    frequency: float
+    """Hz of the controller"""
+    spec: ObservationSpec
+    """of its observation"""
+    limits: Limits
+    name: str = ""
+    """of the controller"""
+    logbook: Logbook | None = None
+    waypoint: Floats | None = None
+    """(3,) m; a station alike"""
+    yaw: float = 0.0
+    """rad, to hold on a station"""
+    mission: Mission | None = field(default=None, init=False)
+    """the present one; it begins with the first action towards a waypoint"""
+    action_time: float = field(default=0.0, init=False)
+    """s that the controller needed for its last action"""
+    _action: Floats | None = field(default=None, init=False)
+    """under way since the last step"""
 
     def advance(self, pose: Floats) -> str:
         """Record the step that ended at `pose` (7,); return the mission's outcome if that ended it."""
         if self.mission is None or self._action is None:
             return ""
         action = self._action
-        ended = self.mission.advance(pose, action, self.thrust.force(action), self.thrust.power(action))
+        vehicle = self.vehicle
+        ended = self.mission.advance(pose, action, vehicle.force(action), float(vehicle.power(action)))
         if ended != "timeout" or not self.limits.holds:
             return ended
         mission, self.mission = self.mission, self._mission(pose, self.mission.waypoint)
@@ -115,7 +105,7 @@ class Steering:
             self.mission = self._mission(pose, waypoint)
             self._action = None
             self.controller.reset(np.zeros(1, dtype=np.int64))
-        n_u = len(self.thrust.actuators)
+        n_u = len(self.vehicle.actuators)
         previous = np.zeros(n_u) if self._action is None else self._action
         begun = time.monotonic()
         limits = self.limits

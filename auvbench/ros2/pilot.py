@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from auvbench.pilot import loop
 from auvbench.pilot.observation import yaw_of
-from auvbench.pilot.steering import Controller
-from auvbench.pilot.thrust import SheetThrust
+from auvbench.pilot.steering import Steering
 from auvbench.ros2 import discovery, interface, messages
 from auvbench.ros2.middleware import Session
 
@@ -25,16 +24,15 @@ class Pilot(loop.Pilot):
 
     Args:
         namespace: of the vehicle.
-        controller: as `loop.Pilot`.
-        thrust: likewise.
+        steering: as `loop.Pilot`.
         options: likewise; `sim_time` steps by `/clock`.
 
     Raises:
         ConfigError: ROS 2 does not start.
     """
 
-    def __init__(self, namespace: str, controller: Controller, thrust: SheetThrust, **options: Any) -> None:
-        super().__init__(controller, thrust, **options)
+    def __init__(self, namespace: str, steering: Steering, **options: Any) -> None:
+        super().__init__(steering, **options)
         self.names = interface.Names(interface.namespaces(namespace, 1)[0])
         self.source = self.names.odometry
         self.session = Session()
@@ -51,7 +49,7 @@ class Pilot(loop.Pilot):
         self._float = ros.std.Float64()
         self._publishers = [
             node.create_publisher(ros.std.Float64, self.names.command(name), session.qos)
-            for name in self.thrust.actuators
+            for name in self.steering.vehicle.actuators
         ]
         policies = ros.qos
         latched = policies.QoSProfile(depth=1, durability=policies.DurabilityPolicy.TRANSIENT_LOCAL)
@@ -122,7 +120,7 @@ class Pilot(loop.Pilot):
         count = self.node.count_publishers
         if count(self.names.odometry) > 1:
             return f"{self.names.odometry}: several publishers"
-        for name in self.thrust.actuators:
+        for name in self.steering.vehicle.actuators:
             topic = self.names.command(name)
             if count(topic) > 1:
                 return f"{topic}: another client commands this vehicle"

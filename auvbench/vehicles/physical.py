@@ -29,7 +29,8 @@ class PhysicalCommands:
     """
 
     def __init__(self, vehicle: VehicleModel) -> None:
-        units, limits, neutral = [], [], []
+        self._curves = [unit.curve for unit in vehicle.units]
+        units, limits = [], []
         for unit in vehicle.units:
             low, high = _reach(unit.curve)
             factor = 2.0 ** math.ceil(math.log2(max(-low, high, 1e-300)))
@@ -42,7 +43,6 @@ class PhysicalCommands:
             )
             units.append(replace(unit, curve=plain, resting=unit.rest))
             limits.append((low, high))
-            neutral.append(float(unit.curve(0.0)))
         self.model = replace(vehicle, units=tuple(units))
         self._factors = np.array([unit.curve.limits[1] for unit in units])
         self._rotors = np.zeros(len(units))
@@ -51,7 +51,7 @@ class PhysicalCommands:
         self._which = np.flatnonzero(self._rotors)
         self._values: FloatArray = np.array(limits)
         self.limits: FloatArray = self.quantities(self._values.T).T
-        self.neutral: FloatArray = self.quantities(np.array([neutral]))[0]
+        self.neutral: FloatArray = self.of_action(np.zeros(len(units)))
 
     def __call__(self, quantities: FloatArray) -> FloatArray:
         """Commands (n, n_u) of `model` for quantities (n, n_u), clipped to the sheet's limits."""
@@ -61,6 +61,11 @@ class PhysicalCommands:
             for a in self._which:
                 values[:, a] = _speed(quantities[:, a], self._rotors[a])
         return np.asarray(np.clip(values, self._values[:, 0], self._values[:, 1]) / self._factors)
+
+    def of_action(self, action: FloatArray) -> FloatArray:
+        """Quantities (n_u,) of an action (n_u,) in [-1, 1] of the sheet's vehicle."""
+        values = [float(curve(a)) for curve, a in zip(self._curves, action, strict=True)]
+        return np.asarray(self.quantities(np.array([values]))[0])
 
     def quantities(self, values: FloatArray) -> FloatArray:
         """Quantities (n, n_u) that are turned back into `values` (n, n_u), the curves' own units, without a loss.

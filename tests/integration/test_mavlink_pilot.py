@@ -17,7 +17,7 @@ from auvbench.errors import RunError
 from auvbench.mavlink import autopilot, link
 from auvbench.mavlink.link import Link
 from auvbench.mavlink.pilot import Pilot
-from auvbench.pilot.steering import Limits
+from auvbench.pilot.steering import Limits, Steering
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.sheet import load
 from tests import configs, dds
@@ -74,15 +74,8 @@ class Bridge:
         self.pilot = None
 
     def open(self):
-        self.pilot = Pilot(
-            f"udp:127.0.0.1:{self.port}",
-            load("bluerov2"),
-            self.controller,
-            frequency=10.0,
-            spec=SPEC,
-            limits=self.limits,
-            say=self.said.append,
-        )
+        steering = Steering(self.controller, load("bluerov2"), 10.0, SPEC, self.limits)
+        self.pilot = Pilot(f"udp:127.0.0.1:{self.port}", steering, say=self.said.append)
         assert self.pilot.steer_to([1e4, 0.0, -20.0])
         return self.pilot
 

@@ -11,8 +11,7 @@ from auvbench.commands import pilot as command
 from auvbench.errors import RunError
 from auvbench.pilot.mission import Logbook
 from auvbench.pilot.observation import observe
-from auvbench.pilot.steering import Limits
-from auvbench.pilot.thrust import SheetThrust
+from auvbench.pilot.steering import Limits, Steering
 from auvbench.ros2 import discovery, interface, messages
 from auvbench.ros2.middleware import Session
 from auvbench.ros2.pilot import Pilot
@@ -183,14 +182,9 @@ def clock(monkeypatch):
 def tank(domain, clock, tmp_path):
     tank = Tank(clock)
     tank.controller = Half()
+    log = Logbook(tmp_path / "log", {"frequency_hz": 20.0})
     tank.pilot = Pilot(
-        "bluerov2",
-        tank.controller,
-        SheetThrust(load("bluerov2")),
-        frequency=20.0,
-        spec=SPEC,
-        limits=LIMITS,
-        logbook=Logbook(tmp_path / "log", {"frequency_hz": 20.0}),
+        "bluerov2", Steering(tank.controller, load("bluerov2"), 20.0, SPEC, LIMITS, logbook=log)
     )
     tank.meet()
     tank.until(lambda: tank.pilot.age < 0.1)
@@ -260,7 +254,7 @@ def test_a_pose_too_old_is_zero_thrust_and_in_the_end_disarmed(steering, sent):
     tank.tells = False
     tank.until(lambda: tank.pilot.state.startswith("holding"))
     assert tank.pilot.armed
-    np.testing.assert_array_equal(sent[-1], tank.pilot.thrust.neutral)
+    np.testing.assert_array_equal(sent[-1], tank.pilot.physical.neutral)
     tank.tells = True
     tank.until(lambda: np.any(sent[-1] != 0.0))
     tank.tells = False
@@ -366,11 +360,8 @@ def test_a_policy_from_a_file_commands_what_it_answers(domain, clock, tmp_path):
     assert main(["export", str(tmp_path / "default"), "--out", str(tmp_path / "exports")]) == 0
     (file,) = (tmp_path / "exports").glob("*.onnx")
     setup = command._setup(command.parser().read([str(file)]))
-    thrust = SheetThrust(setup.vehicle)
     tank = Tank(clock)
-    tank.pilot = Pilot(
-        "bluerov2", setup.controller, thrust, frequency=10.0, spec=setup.spec, limits=setup.limits
-    )
+    tank.pilot = Pilot("bluerov2", setup)
     tank.meet()
     tank.goal(5.0, -4.0, -12.0)
     tank.until(lambda: tank.pilot.steering.waypoint is not None)
@@ -388,7 +379,7 @@ def test_a_policy_from_a_file_commands_what_it_answers(domain, clock, tmp_path):
             depth=(-60.0, -1.0),
         )
         previous = np.asarray(setup.controller.act(seen[None])[0], dtype=np.float64)
-        assert [values[step] for values in tank.history] == thrust.quantities(previous).tolist()
+        assert [values[step] for values in tank.history] == tank.pilot.physical.of_action(previous).tolist()
     tank.pilot.close("the test is over")
     tank.session.close()
 
@@ -431,15 +422,8 @@ def test_a_namespace_without_a_vehicle_is_reported_with_those_there_are():
     said = []
     with dds.domain(), dds.serving("--namespace", "beta"):
         started = dds.Process("pilot", "pid", "--namespace", "alpha")
-        pilot = Pilot(
-            "alpha",
-            Half(),
-            SheetThrust(load("bluerov2")),
-            frequency=20.0,
-            spec=SPEC,
-            limits=LIMITS,
-            say=said.append,
-        )
+        steering = Steering(Half(), load("bluerov2"), 20.0, SPEC, LIMITS)
+        pilot = Pilot("alpha", steering, say=said.append)
         try:
             started.says("/alpha/odom: no publisher")
             assert pilot.session.discovered(lambda: discovery.list_namespaces(pilot.node) == ["beta"], LIMIT)

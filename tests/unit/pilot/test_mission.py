@@ -20,7 +20,6 @@ from auvbench.errors import ConfigError, RunError, UserError
 from auvbench.pilot.mission import Logbook, Mission
 from auvbench.pilot.observation import SUPPLIED, observe
 from auvbench.pilot.steering import Limits, Steering
-from auvbench.pilot.thrust import SheetThrust
 from auvbench.record import record_columns
 from auvbench.tasks.kernels import F_REFERENCE
 from auvbench.tasks.observation import observation_spec
@@ -43,7 +42,6 @@ def flown(frame, vehicle, max_steps, seed):
     batch = Batch(config, 1, seed=seed, autoreset=False)
     seen = batch.reset()
     pose, waypoint = batch.simulator.pose, batch.task.F[0, F_REFERENCE : F_REFERENCE + 3].copy()
-    thrust = SheetThrust(batch.vehicle)
     task = config.task
     mission = Mission(
         pose[0].copy(),
@@ -57,7 +55,7 @@ def flown(frame, vehicle, max_steps, seed):
     if agent is not None:
         agent.reset(np.zeros(1, dtype=np.int64))
     rng = np.random.default_rng(0)
-    action = np.zeros(len(thrust.actuators))
+    action = np.zeros(len(batch.vehicle.actuators))
     while True:
         mine = seen_by_pilot(batch, waypoint, action)
         np.testing.assert_array_equal(mine, seen[0])
@@ -68,7 +66,9 @@ def flown(frame, vehicle, max_steps, seed):
         )
         result = batch.step(action[None])
         seen = result.observation
-        outcome = mission.advance(pose[0].copy(), action, thrust.force(action), thrust.power(action))
+        outcome = mission.advance(
+            pose[0].copy(), action, batch.vehicle.force(action), float(batch.vehicle.power(action))
+        )
         assert bool(outcome) == bool(len(result.ended))
         if outcome:
             return mission, result.records[0]
@@ -114,7 +114,7 @@ def steering(logbook, holds):
     limits = Limits(-60.0, -1.0, goal_radius=3.0, max_steps=5, holds=holds)
     return Steering(
         command.classical("pid", vehicle, 10.0, task),
-        SheetThrust(vehicle),
+        vehicle,
         frequency=10.0,
         spec=observation_spec(task, vehicle.actuators),
         limits=limits,
@@ -245,7 +245,7 @@ for words in (*([name] for name in pilot.CONTROLLERS), [sys.argv[2]], ["lqr", *s
     setup = pilot._setup(pilot.parser().read(words))
     setup.controller.reset(numpy.zeros(1, dtype="int64"))
     setup.controller.act(numpy.zeros((1, setup.spec.size), dtype="float32"))
-import auvbench.ros2.pilot, auvbench.pilot.thrust, auvbench.pilot.mission, auvbench.runs.interruption
+import auvbench.ros2.pilot, auvbench.pilot.mission, auvbench.runs.interruption
 import auvbench.mavlink.pilot
 from auvbench.ardusub.frames import motors_of
 from auvbench.mavlink import link, mixer
