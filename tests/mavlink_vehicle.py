@@ -14,8 +14,8 @@ from typing import Any
 
 from auvbench.ardusub.frames import FRAMES
 from auvbench.ardusub.physics import Physics
+from auvbench.ardusub.radio import dialect
 from auvbench.dynamics import frames
-from auvbench.mavlink import link
 from tests import configs
 
 STEP = 0.02  # s of simulated time between two messages of telemetry
@@ -40,7 +40,7 @@ class ArduSub:
     """
 
     def __init__(self, port: int, vehicle: str = "bluerov2", *, system: int = 1, period: float = 0.1) -> None:
-        self.d = link.load()
+        self.d = dialect()
         self.system, self.period = system, period
         self.kind = self.d.MAV_TYPE_SUBMARINE
         self.physics = Physics(configs.training("algo=pid", f"vehicle={vehicle}"))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import socket
 from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -146,14 +148,14 @@ def loopback_socket() -> socket.socket:
     return made
 
 
-def dialect() -> Any:
-    """Return ArduPilot's MAVLink messages.
+@cache
+def dialect(purpose: str = "algo=ardusub") -> Any:
+    """Return pymavlink's messages of MAVLink 2 in ArduPilot's dialect.
 
     Raises:
         MissingExtraError: pymavlink is not installed.
     """
     try:
-        from pymavlink.dialects.v20 import ardupilotmega
+        return import_module("pymavlink.dialects.v20.ardupilotmega")
     except ModuleNotFoundError as error:
-        raise MissingExtraError("pymavlink", extra="mavlink", purpose="algo=ardusub") from error
-    return ardupilotmega
+        raise MissingExtraError("pymavlink", extra="mavlink", purpose=purpose) from error

@@ -85,9 +85,8 @@ def _step(text: str) -> float:
 def _write_sdf(name: str, folder: Path, hydrodynamics: str, step: float) -> None:
     from auvbench.simulators.gazebo import export
     from auvbench.vehicles import sheet
-    from auvbench.vehicles.reader import read
 
-    contents = export.files(sheet.load(name), read(name).data, hydrodynamics, step)
+    contents = export.files(sheet.load(name), hydrodynamics, step)
     try:
         paths = export.write(folder, contents)
     except OSError as error:

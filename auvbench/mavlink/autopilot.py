@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from auvbench.dynamics import frames
 from auvbench.errors import UserError
-from auvbench.mavlink.link import Link, Peer, load
+from auvbench.mavlink.link import Link, Peer
 from auvbench.mavlink.mixer import NEUTRAL, Sticks
 from auvbench.untrusted.text import short
 
@@ -58,7 +58,7 @@ class Autopilot:
 
     def __init__(self, link: Link, rate: float, say: Callable[[str], None] = lambda text: None) -> None:
         self.link, self._say = link, say
-        self._dialect = load()
+        self._dialect = link.dialect
         self._interval = 1e6 / rate  # us
         self.armed, self.mode = False, -1
         self.gain = math.nan

@@ -6,11 +6,10 @@ import select
 import socket
 import time
 from collections.abc import Iterator
-from functools import cache
-from importlib import import_module
 from typing import Any
 
-from auvbench.errors import MissingExtraError, RunError, UserError
+from auvbench.ardusub.radio import dialect
+from auvbench.errors import RunError, UserError
 
 Peer = tuple[str, int]
 """address and port"""
@@ -23,19 +22,6 @@ LONGEST = 4096
 """bytes that are read at once; what is longer is no datagram of messages"""
 TURN = 0.05
 """s after which the caller goes on, so that a flood does not hold it"""
-
-
-@cache
-def load() -> Any:
-    """Return pymavlink's messages of MAVLink 2 in ArduPilot's dialect.
-
-    Raises:
-        MissingExtraError: pymavlink is not installed.
-    """
-    try:
-        return import_module("pymavlink.dialects.v20.ardupilotmega")
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("pymavlink", extra="mavlink", purpose="auvbench pilot --mavlink") from error
 
 
 class Link:
@@ -51,8 +37,8 @@ class Link:
     def __init__(self, address: str) -> None:
         self.address = address
         kind, peer = _read(address)
-        self._dialect = load()
-        self._out = self._dialect.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
+        self.dialect = dialect("auvbench pilot --mavlink")
+        self._out = self.dialect.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
         try:
             if kind == "udp":
                 self._stream = None
@@ -108,7 +94,7 @@ class Link:
         self._socket.close()
 
     def _parser(self) -> Any:
-        parser = self._dialect.MAVLink(None)
+        parser = self.dialect.MAVLink(None)
         parser.robust_parsing = True
         return parser
 

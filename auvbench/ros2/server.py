@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from auvbench.errors import AuvbenchError, AuvbenchWarning
+from auvbench.errors import AuvbenchError
 from auvbench.ros2 import interface, messages
 from auvbench.ros2.middleware import SLICE, InterfaceError, Session
 from auvbench.ros2.vehicle_node import Settings, VehicleNode
 
 Floats = NDArray[np.float64]
-
-LOOK = 1.0
-"""s between two looks for another server in the same namespace"""
-MARK = "auvbench_server_"
-"""Name of a node that says, in ns after it, when its server began: of two servers the newer one leaves."""
-
-REMEDY = "stop one of the two, or give one another name with --namespace"
 
 
 class Simulated(Protocol):
@@ -101,10 +93,6 @@ class Server:
         self.session = Session()
         self._missing = n * n_u
         self._due = time.monotonic()
-        self._looked = self._due
-        self._warned = False
-        self._began = time.time_ns()
-        self.session.node(f"{MARK}{self._began}", self.namespaces[0])
         ros = self.session.ros
         self.vehicles = [
             VehicleNode(self, i, name, start, about or {}) for i, name in enumerate(self.namespaces)
@@ -206,7 +194,6 @@ class Server:
 
         Raises:
             AuvbenchError: the simulator failed.
-            InterfaceError: an older server has one of these namespaces.
         """
         self._due = time.monotonic()
         while go_on():
@@ -214,15 +201,11 @@ class Server:
 
     def spin_once(self) -> None:
         """Serve for a moment."""
-        now = time.monotonic()
-        if now - self._looked > LOOK:
-            self._looked = now
-            self._check_others()
         if self.lockstep or self.paused:
             self.session.spin_once(SLICE)
             return
         pace = self.settings.pace
-        wait = min(max(self._due - now, 0.0), SLICE) if pace > 0.0 else 0.0
+        wait = min(max(self._due - time.monotonic(), 0.0), SLICE) if pace > 0.0 else 0.0
         if self.session.spin_once(wait) and wait > 0.0:
             return
         now = time.monotonic()
@@ -239,41 +222,18 @@ class Server:
         """Wait for signs of another server in these namespaces.
 
         Raises:
-            InterfaceError: another server was there first.
+            InterfaceError: there is one.
         """
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self.session.spin_once(SLICE)
-            others = self._others()
-            if (company := self._second_publisher()) and (not others or min(others) < self._began):
-                raise InterfaceError(f"{company}; {REMEDY}")
+        count = self.vehicles[0].node.count_publishers
+        self.session.discovered(lambda: any(count(one) > 1 for one in self._odometry()), seconds)
+        for topic in self._odometry():
+            if count(topic) > 1:
+                raise InterfaceError(
+                    f"{topic}: another server publishes it, too; stop one of the two, or give one another name with --namespace"
+                )
 
-    def _check_others(self) -> None:
-        """Leave to an older server of these namespaces, and warn once of any other."""
-        company = self._second_publisher()
-        if company and min(self._others(), default=self._began) < self._began:
-            raise InterfaceError(f"{company}; {REMEDY}")
-        if company and not self._warned:
-            warnings.warn(company, AuvbenchWarning, stacklevel=2)
-        self._warned = bool(company)
-
-    def _others(self) -> list[int]:
-        """Return when other servers with a vehicle in these namespaces began, in ns."""
-        spaces = {f"/{name}" for name in self.namespaces}
-        found = [
-            int(name.removeprefix(MARK))
-            for name, space in self.vehicles[0].node.get_node_names_and_namespaces()
-            if space in spaces and name.startswith(MARK) and name.removeprefix(MARK).isdecimal()
-        ]
-        return [began for began in found if began != self._began]
-
-    def _second_publisher(self) -> str:
-        """Return a sentence about another publisher of a vehicle's odometry; empty without one."""
-        for name in self.namespaces:
-            topic = interface.Names(name).odometry
-            if self.vehicles[0].node.count_publishers(topic) > 1:
-                return f"{topic}: another server publishes it, too, in the namespace {name}"
-        return ""
+    def _odometry(self) -> list[str]:
+        return [interface.Names(name).odometry for name in self.namespaces]
 
     def close(self) -> None:
         """Leave the network."""

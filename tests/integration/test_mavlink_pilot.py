@@ -12,9 +12,10 @@ import time
 import numpy as np
 import pytest
 
+from auvbench.ardusub.radio import dialect
 from auvbench.cli import main
 from auvbench.errors import RunError
-from auvbench.mavlink import autopilot, link
+from auvbench.mavlink import autopilot
 from auvbench.mavlink.link import Link
 from auvbench.mavlink.pilot import Pilot
 from auvbench.pilot.steering import Limits, Steering
@@ -267,7 +268,7 @@ def test_the_gain_of_the_joystick_is_followed(bridge):
 
 def garbage(seed):
     """Datagrams that are no messages, or damaged ones."""
-    d, rng = link.load(), random.Random(seed)
+    d, rng = dialect(), random.Random(seed)
     whole = d.MAVLink_attitude_message(1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0).pack(d.MAVLink(None, 1, 1))
     for _ in range(300):
         kind = rng.randrange(5)
@@ -307,7 +308,7 @@ def test_garbage_of_the_vehicle_itself_is_dropped(bridge):
 
 
 def test_messages_over_tcp_survive_garbage_before_them_and_an_end_is_one_line():
-    d = link.load()
+    d = dialect()
     with socket.create_server(("127.0.0.1", 0)) as server:
         opened = Link(f"tcp:127.0.0.1:{server.getsockname()[1]}")
         other, _ = server.accept()
@@ -344,10 +345,10 @@ def test_no_vehicle(impatient, capsys):
 
 
 def test_without_pymavlink_the_extra_is_named(monkeypatch, capsys):
-    link.load.cache_clear()
+    dialect.cache_clear()
     monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20.ardupilotmega", None)
     assert "pip install 'auvbench[mavlink]'" in refused(capsys, "--mavlink", "udp:127.0.0.1:14550")
-    link.load.cache_clear()
+    dialect.cache_clear()
 
 
 def test_a_peer_that_is_no_submarine(capsys):

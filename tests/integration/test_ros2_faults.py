@@ -171,13 +171,9 @@ def test_a_client_that_was_killed_keeps_nobody_away(server):
     connection.close()
 
 
-BLIND = "from auvbench.ros2.server import Server; Server.check_alone = lambda *_: None"
-
-
-@pytest.mark.parametrize("before", ["", BLIND], ids=["at its start", "later"])
-def test_the_second_server_of_a_namespace_leaves_and_the_first_stays(server, before):
+def test_the_second_server_of_a_namespace_leaves_and_the_first_stays(server):
     first = connected()
-    second = dds.Process("serve", before=before)
+    second = dds.Process("serve")
     try:
         assert second.ends() == 2, second.output
     finally:

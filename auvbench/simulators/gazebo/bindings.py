@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from auvbench.errors import ConfigError
@@ -31,22 +31,8 @@ _MODULES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Gazebo:
-    """Modules of the bindings."""
-
-    sim: Any
-    math: Any
-    transport: Any
-    boolean: Any
-    entity_factories: Any
-    entity: Any
-    physics: Any
-    world_control: Any
-
-
 @cache
-def load() -> Gazebo:
+def load() -> SimpleNamespace:
     """Load the bindings and choose a partition for this process.
 
     Services stay in this process: its own partition keeps concurrent runs apart. The user can set GZ_PARTITION to
@@ -60,15 +46,15 @@ def load() -> Gazebo:
     sim, math, transport, common, *messages = modules()
     common.set_verbosity(1)  # errors only: Gazebo writes notes for its developers at every reset
     boolean, factories, entity, physics, control = messages
-    return Gazebo(
-        sim,
-        math,
-        transport,
-        boolean.Boolean,
-        factories.EntityFactory_V,
-        entity.Entity,
-        physics.Physics,
-        control.WorldControl,
+    return SimpleNamespace(
+        sim=sim,
+        math=math,
+        transport=transport,
+        boolean=boolean.Boolean,
+        entity_factories=factories.EntityFactory_V,
+        entity=entity.Entity,
+        physics=physics.Physics,
+        world_control=control.WorldControl,
     )
 
 

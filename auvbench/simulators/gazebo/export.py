@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from string import Template
-from typing import Any
 from xml.sax.saxutils import escape
 
 from auvbench.simulators.gazebo import parts, sdf
@@ -20,24 +19,22 @@ _MEANING = {
 }
 
 
-def files(vehicle: VehicleModel, sheet: Mapping[str, Any], hydrodynamics: str, step: float) -> dict[str, str]:
+def files(vehicle: VehicleModel, hydrodynamics: str, step: float) -> dict[str, str]:
     """Return contents by path below the folder.
 
     Args:
         vehicle: the vehicle.
-        sheet: its sheet, for the sources of the numbers.
         hydrodynamics: one of `sdf.HYDRODYNAMICS`.
         step: s, the world's physics step.
 
     Raises:
         VehicleError: as `sdf.check_vehicle`.
     """
-    cite = parts.citations(sheet)
     name = vehicle.name
-    model = sdf.model(vehicle, hydrodynamics, cite=cite)
+    model = sdf.model(vehicle, hydrodynamics)
     header = "\n".join(
         [
-            f"{vehicle.title}, written by auvbench from its sheet; every number names its source.",
+            f"{vehicle.title}, written by auvbench from its sheet, which names the source of each number:",
             f"Hydrodynamics {hydrodynamics}: {_MEANING[hydrodynamics]}.",
             "World east, north, up; body forward, port, up; SI units.",
             *(f"{key}: {citation}" for key, citation in vehicle.sources),
@@ -55,7 +52,7 @@ def files(vehicle: VehicleModel, sheet: Mapping[str, Any], hydrodynamics: str, s
     return {
         f"{name}/model.config": _config(vehicle),
         f"{name}/model.sdf": f'{alone}\n<sdf version="{sdf.VERSION}">\n{model}\n</sdf>\n',
-        f"{name}.world.sdf": sdf.world([model], vehicle, name=WORLD, step=step, cite=cite, header=header),
+        f"{name}.world.sdf": sdf.world([model], vehicle, name=WORLD, step=step, header=header),
         f"{name}.bridge.yaml": bridge(vehicle),
         f"{name}.launch.py": _LAUNCH.substitute(name=name, world=WORLD),
     }

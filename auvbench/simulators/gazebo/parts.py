@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
 from typing import Any
 from xml.sax.saxutils import escape
 
@@ -25,11 +24,8 @@ PROPELLER = 0.01
 SPIN = 0.4 * PROPELLER * 0.02**2
 """kg m2, moment of inertia of a propeller link, a sphere of 2 cm radius"""
 
-Cite = Callable[..., str]
-"""Returns the comment with the sources of a number, for its path of keys in a sheet."""
 
-
-def inertial(vehicle: VehicleModel, hydrodynamics: str, cite: Cite, thrusters: bool) -> list[str]:
+def inertial(vehicle: VehicleModel, hydrodynamics: str, thrusters: bool) -> list[str]:
     """Return mass, centre and inertia of the link, and `corrected` added mass."""
     mass, r_g, inertia = vehicle.mass, vehicle.center_of_gravity, vehicle.inertia
     if thrusters:
@@ -38,13 +34,13 @@ def inertial(vehicle: VehicleModel, hydrodynamics: str, cite: Cite, thrusters: b
     lines = [note] if thrusters and vehicle.units else []
     lines += [
         "    <inertial>",
-        f"      <pose>{numbers(r_g)} 0 0 0</pose>{cite('rigid_body', 'center_of_gravity')}",
-        f"      <mass>{number(mass)}</mass>{cite('rigid_body', 'mass')}",
-        f"      <inertia>{cite('rigid_body', 'inertia')}",
+        f"      <pose>{numbers(r_g)} 0 0 0</pose>",
+        f"      <mass>{number(mass)}</mass>",
+        "      <inertia>",
     ]
     lines += [*_entries(inertia, "xyz", "i"), "      </inertia>"]
     if hydrodynamics == "corrected" and np.any(vehicle.M_A):
-        lines.append(f"      <fluid_added_mass>{cite('hydrodynamics', 'added_mass')}")
+        lines.append("      <fluid_added_mass>")
         lines += [*_entries(vehicle.M_A, "xyzpqr"), "      </fluid_added_mass>"]
     return [*lines, "    </inertial>"]
 
@@ -59,20 +55,16 @@ def _entries(matrix: FloatArray, axes: str, prefix: str = "") -> list[str]:
     return lines
 
 
-def displaced(vehicle: VehicleModel, cite: Cite) -> list[str]:
+def displaced(vehicle: VehicleModel) -> list[str]:
     """Return the displaced water: a sphere at the centre of buoyancy without contacts."""
     volume = vehicle.buoyancy / (vehicle.density * vehicle.gravity)
     if volume == 0.0:
         return []
     centre = f"<pose>{numbers(vehicle.center_of_buoyancy)} 0 0 0</pose>"
     geometry = f"<geometry><sphere><radius>{number((0.75 * volume / math.pi) ** (1 / 3))}</radius></sphere></geometry>"
-    source = next(
-        (text for key in ("volume", "force", "net") if (text := cite("buoyancy", key))),
-        "",
-    )
     return [
-        f"    <!-- The Buoyancy system takes its volume, {volume:.9g} m3, from here. -->{source.strip()}",
-        f'    <collision name="displaced_water">{centre}{cite("buoyancy", "center")}',
+        f"    <!-- The Buoyancy system takes its volume, {volume:.9g} m3, from here. -->",
+        f'    <collision name="displaced_water">{centre}',
         f"      {geometry}",
         "      <surface><contact><collide_bitmask>0</collide_bitmask></contact></surface>",
         "    </collision>",
@@ -83,7 +75,7 @@ def displaced(vehicle: VehicleModel, cite: Cite) -> list[str]:
     ]
 
 
-def propeller(vehicle: VehicleModel, index: int, space: str, cite: Cite) -> list[str]:
+def propeller(vehicle: VehicleModel, index: int, space: str) -> list[str]:
     """Return link, joint and Thruster plugin of one propeller."""
     unit = vehicle.thrusters[index][1]
     low, high = sorted(float(limit) for limit in vehicle.force_limits[index])
@@ -100,7 +92,7 @@ def propeller(vehicle: VehicleModel, index: int, space: str, cite: Cite) -> list
     spin = number(SPIN)
     return [
         f'  <link name="{unit.name}_propeller">',
-        f"    <pose>{numbers(unit.position)} 0 0 0</pose>{_position_source(cite, unit.name)}",
+        f"    <pose>{numbers(unit.position)} 0 0 0</pose>",
         f"    <inertial><mass>{PROPELLER}</mass><inertia><ixx>{spin}</ixx><iyy>{spin}</iyy><izz>{spin}</izz></inertia></inertial>",
         '    <visual name="propeller"><geometry><sphere><radius>0.02</radius></sphere></geometry></visual>',
         "  </link>",
@@ -122,11 +114,6 @@ def propeller(vehicle: VehicleModel, index: int, space: str, cite: Cite) -> list
             f"<max_thrust_cmd>{number(high)}</max_thrust_cmd>",
         ),
     ]
-
-
-def _position_source(cite: Cite, name: str) -> str:
-    """Return the sources of a thruster's position, its group's or its own."""
-    return cite("actuators", "thrusters", "positions") or cite("actuators", name, "position")
 
 
 def publishers(space: str) -> list[str]:
@@ -155,20 +142,15 @@ def publishers(space: str) -> list[str]:
     ]
 
 
-def hydrodynamics_plugin(
-    vehicle: VehicleModel, hydrodynamics: str, cite: Cite, current: FloatArray | None
-) -> str:
+def hydrodynamics_plugin(vehicle: VehicleModel, hydrodynamics: str, current: FloatArray | None) -> str:
     """Return the Hydrodynamics plugin: damping, and `published` added mass, as derivatives, hence the minus."""
     body = [f"<link_name>{LINK}</link_name>"]
-    for key, form, values in (
-        ("linear_damping", "{r}{m}", vehicle.linear_damping),
-        ("quadratic_damping", "{r}{m}abs{m}", vehicle.quadratic_damping),
+    for form, values in (
+        ("{r}{m}", vehicle.linear_damping),
+        ("{r}{m}abs{m}", vehicle.quadratic_damping),
     ):
-        source = cite("hydrodynamics", key)
         tags = [form.format(r=r, m=m) for r, m in zip(_REACTION, _MOTION, strict=True)]
-        body += [
-            f"<{tag}>{number(-v)}</{tag}>{source}" for tag, v in zip(tags, values, strict=True) if v != 0.0
-        ]
+        body += [f"<{tag}>{number(-v)}</{tag}>" for tag, v in zip(tags, values, strict=True) if v != 0.0]
     if hydrodynamics == "corrected":
         body += [
             "<!-- Added mass is the link's <fluid_added_mass>. -->",
@@ -176,9 +158,8 @@ def hydrodynamics_plugin(
             "<disable_coriolis>true</disable_coriolis>",
         ]
     else:
-        source = cite("hydrodynamics", "added_mass")
         body += [
-            f"<{_REACTION[i]}Dot{_MOTION[j]}>{number(-vehicle.M_A[i, j])}</{_REACTION[i]}Dot{_MOTION[j]}>{source}"
+            f"<{_REACTION[i]}Dot{_MOTION[j]}>{number(-vehicle.M_A[i, j])}</{_REACTION[i]}Dot{_MOTION[j]}>"
             for i in range(6)
             for j in range(6)
             if vehicle.M_A[i, j] != 0.0
@@ -219,27 +200,6 @@ def hull(vehicle: VehicleModel) -> tuple[float, FloatArray, FloatArray]:
 def _parallel(mass: float, r: FloatArray) -> FloatArray:
     """Return the inertia (3, 3) of a point mass at `r` (3,) about the origin."""
     return np.asarray(mass * (float(r @ r) * np.eye(3) - np.outer(r, r)))
-
-
-def citations(sheet: Mapping[str, Any]) -> Cite:
-    """Return a `Cite` for a sheet."""
-
-    def cite(*path: str) -> str:
-        node: Any = sheet
-        for key in path:
-            node = node.get(key) if isinstance(node, Mapping) else None
-        named = node.get("source") if isinstance(node, Mapping) else None
-        if named is None:
-            return ""
-        text = ", ".join(named) if isinstance(named, list | tuple) else str(named)
-        return f"  <!-- {comment(text)} -->"
-
-    return cite
-
-
-def no_citations(*path: str) -> str:
-    """Return no comment: for models that only the simulator reads."""
-    return ""
 
 
 def comment(text: str) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from auvbench.errors import VehicleError
 from auvbench.simulators.gazebo import parts
-from auvbench.simulators.gazebo.parts import LINK, Cite, comment, no_citations, number, plugin
+from auvbench.simulators.gazebo.parts import LINK, comment, number, plugin
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -72,7 +72,6 @@ def model(
     hydrodynamics: str,
     *,
     name: str | None = None,
-    cite: Cite = no_citations,
     thrusters: bool = True,
     namespace: str | None = None,
     current: FloatArray | None = None,
@@ -83,7 +82,6 @@ def model(
         vehicle: the vehicle.
         hydrodynamics: one of `HYDRODYNAMICS`.
         name: of the model; the vehicle's by default.
-        cite: returns the comment with a number's sources.
         thrusters: with links, joints and Thruster plugins, and with publishers of pose and odometry; else the bare body.
         namespace: of the topics `/NAMESPACE/THRUSTER/cmd`; the model's name by default.
         current: (3,) m/s, world axes, of the water around the model until a message on `/ocean_current` changes it.
@@ -95,15 +93,13 @@ def model(
     name = name or vehicle.name
     space = namespace or name
     lines = [f'<model name="{escape(name)}">', f'  <link name="{LINK}">']
-    lines += parts.inertial(vehicle, hydrodynamics, cite, thrusters)
-    lines += parts.displaced(vehicle, cite)
+    lines += parts.inertial(vehicle, hydrodynamics, thrusters)
+    lines += parts.displaced(vehicle)
     lines.append("  </link>")
     if thrusters:
-        lines += [
-            line for i in range(len(vehicle.units)) for line in parts.propeller(vehicle, i, space, cite)
-        ]
+        lines += [line for i in range(len(vehicle.units)) for line in parts.propeller(vehicle, i, space)]
         lines += parts.publishers(space)
-    lines.append(parts.hydrodynamics_plugin(vehicle, hydrodynamics, cite, current))
+    lines.append(parts.hydrodynamics_plugin(vehicle, hydrodynamics, current))
     return "\n".join([*lines, "</model>"])
 
 
@@ -114,7 +110,6 @@ def world(
     name: str = "ocean",
     step: float = 0.001,
     real_time_factor: float = 1.0,
-    cite: Cite = no_citations,
     scene: bool = True,
     header: str = "",
 ) -> str:
@@ -126,7 +121,6 @@ def world(
         name: of the world.
         step: s, the physics step.
         real_time_factor: 1 for real time, 0 for as fast as possible.
-        cite: returns the comment with a number's sources.
         scene: with light and SceneBroadcaster for a window.
         header: a comment at the top.
     """
@@ -144,7 +138,7 @@ def world(
         f"    <max_step_size>{number(step)}</max_step_size>",
         f"    <real_time_factor>{number(real_time_factor)}</real_time_factor>",
         "  </physics>",
-        f"  <gravity>0 0 {number(-vehicle.gravity)}</gravity>{cite('environment', 'gravity')}",
+        f"  <gravity>0 0 {number(-vehicle.gravity)}</gravity>",
         plugin("physics", "Physics"),
         plugin("user-commands", "UserCommands"),
     ]
@@ -155,8 +149,7 @@ def world(
         plugin(
             "buoyancy",
             "Buoyancy",
-            f"<uniform_fluid_density>{number(vehicle.density)}</uniform_fluid_density>"
-            f"{cite('environment', 'density')}",
+            f"<uniform_fluid_density>{number(vehicle.density)}</uniform_fluid_density>",
         )
     ]
     if scene:

@@ -248,11 +248,12 @@ for words in (*([name] for name in pilot.CONTROLLERS), [sys.argv[2]], ["lqr", *s
 import auvbench.ros2.pilot, auvbench.pilot.mission, auvbench.runs.interruption
 import auvbench.mavlink.pilot
 from auvbench.ardusub.frames import motors_of
-from auvbench.mavlink import link, mixer
+from auvbench.ardusub.radio import dialect
+from auvbench.mavlink import mixer
 from auvbench.ros2 import middleware
 from auvbench.vehicles import sheet
 middleware.load()
-link.load()
+dialect()
 mixed = mixer.Mixer(motors_of(sheet.load("bluerov2")))
 mixed.sticks(mixed.axes(numpy.ones(6), mixed.limits(0.5)), 0.5)
 print(sorted({name.partition(".")[0] for name in sys.modules} & set(sys.argv[1].split())))

@@ -12,7 +12,6 @@ import yaml
 from auvbench.cli import main
 from auvbench.errors import VehicleError
 from auvbench.simulators.gazebo import export, parts, sdf
-from auvbench.vehicles.reader import read
 from auvbench.vehicles.sheet import load
 
 THRUSTERS_ONLY = (
@@ -163,7 +162,7 @@ def test_numbers_read_back_as_the_same_double(value):
 
 def test_the_files_parse_and_name_their_sources(tmp_path):
     vehicle = load("bluerov2")
-    paths = export.write(tmp_path, export.files(vehicle, read("bluerov2").data, "corrected", 0.002))
+    paths = export.write(tmp_path, export.files(vehicle, "corrected", 0.002))
     assert [path.relative_to(tmp_path).as_posix() for path in paths] == [
         "bluerov2/model.config",
         "bluerov2/model.sdf",
@@ -179,8 +178,8 @@ def test_the_files_parse_and_name_their_sources(tmp_path):
     alone = ET.parse(tmp_path / "bluerov2" / "model.sdf").getroot().find("model")
     assert content(world.find("model")) == content(alone)
     for number in ("<mass>15.16</mass>", "<xU>-25.15</xU>", "<xUabsU>-33.8</xUabsU>"):
-        assert any(number in line and "<!-- centrale" in line for line in text.splitlines())
-    assert "<fluid_added_mass>  <!-- centrale, wu2018 -->" in text
+        assert number in text
+    assert all(f"{key}: {parts.comment(citation)}" in text for key, citation in vehicle.sources)
     bridge = yaml.safe_load((tmp_path / "bluerov2.bridge.yaml").read_text())
     assert {
         "ros_topic_name": "/bluerov2/cmd_thruster6",
