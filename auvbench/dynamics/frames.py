@@ -60,6 +60,12 @@ def euler(quaternion: ArrayLike) -> FloatArray:
     return np.stack([phi, theta, np.arctan2(R[..., 1, 0], R[..., 0, 0])], axis=-1)
 
 
+def yaw(quaternion: ArrayLike) -> FloatArray:
+    """Yaw (...) in rad of unit quaternions (..., 4)."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
+    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
 def quaternion(angles: ArrayLike) -> FloatArray:
     """Unit quaternions (..., 4) = (w, x, y, z) of roll, pitch, yaw (..., 3) in rad (Fossen 2021, eq. 2.78).
 

@@ -16,21 +16,13 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.dynamics.compiled import compiled
-from auvbench.dynamics.kernel import advance as advance_vehicles
 from auvbench.envs.simulator_factory import make_simulator
 from auvbench.errors import ActionError, ConfigError
 from auvbench.record import Record
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks import base as tasks
 from auvbench.tasks import disturbances
-from auvbench.tasks.kernels import (
-    C_EPISODE,
-    F_DISTANCE,
-    SUCCESS,
-    TIMEOUT,
-    add_command_noise,
-    observe,
-)
+from auvbench.tasks.kernels import C_EPISODE, F_DISTANCE, SUCCESS, TIMEOUT
 from auvbench.vehicles import sheet
 
 Floats = NDArray[np.float64]
@@ -240,21 +232,19 @@ class Batch:
             self.disturbances.advance(simulator, command)
             power = self.disturbances.power
         force = simulator.command_force
-        ended_count = task.advance(simulator.pose, simulator.velocity, self._action, force, power)
+        count = task.advance(simulator.pose, simulator.velocity, self._action, force, power)
         if self.disturbances is not None:
             self.disturbances.read()
         task.observe(*self._measured())
-        return ended_count
+        return task.checked(count)
 
     def _compute_range(self, simulator: FossenSimulator, start: int, stop: int) -> int:
         """Do the same for the environments start .. stop - 1 in compiled code, while other threads do the others."""
         task, pose, velocity = self.task, simulator.pose, simulator.velocity
         force, power = simulator.command_force, simulator.power
-        add_command_noise(*task.noise_arguments(self._action, start, stop))
-        advance_vehicles(*simulator.kernel_arguments(task.command, task.duration, start, stop))
-        arguments = task.advance_arguments(pose, velocity, self._action, force, power, start, stop)
-        count: int = task.kernel(*arguments)
-        observe(*task.observe_arguments(pose, velocity, self._all[start:stop]))
+        simulator.advance(task.add_noise(self._action, start, stop), task.duration, start, stop)
+        count = task.advance(pose, velocity, self._action, force, power, start, stop)
+        task.observe(pose, velocity, self._all[start:stop])
         return count
 
     def _conclude(self, ended_count: int) -> Transition:

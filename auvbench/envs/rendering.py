@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.dynamics import frames
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import ConfigError, closest
 
@@ -97,8 +98,8 @@ class Renderer:
 
     def _line(self, i: int) -> str:
         state = self._batch.state
-        (x, y, z, qw, qx, qy, qz), (a, b, c) = state.pose[i], state.reference[i]
-        yaw = np.degrees(np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz)))
+        (x, y, z), (a, b, c) = state.pose[i, :3], state.reference[i]
+        yaw = np.degrees(frames.yaw(state.pose[i, 3:]))
         time = self._steps[i] / self._batch.config.step.frequency
         return (
             f"step {self._steps[i]} ({time:.1f} s): at ({x:.2f}, {y:.2f}, {z:.2f}) m, yaw {yaw:.0f} deg; "

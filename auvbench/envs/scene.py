@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema, tasks
+from auvbench.dynamics import frames
 
 Floats = NDArray[np.float64]
 
@@ -53,9 +54,8 @@ class Trail:
 
     def add(self, pose: Floats, distance: float, command: Floats | None = None) -> None:
         """Add a place (7,), its distance to the waypoint, and the forces (n_u,) of the step that led to it."""
-        w, x, y, z = pose[3:]
         self.position.append(pose[:3].copy())
-        self.yaw.append(float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))
+        self.yaw.append(float(frames.yaw(pose[3:])))
         self.distance.append(float(distance))
         if command is not None:
             self.command.append(command.copy())

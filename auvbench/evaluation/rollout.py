@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Agent
 from auvbench.config import schema
 from auvbench.config.simulators import Fossen
+from auvbench.dynamics import frames
 from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import at_once
 from auvbench.record import Record
@@ -201,9 +202,8 @@ def _one_batch(
 
 def _follow(path: Trajectory, pose: Floats, reference: Floats) -> None:
     path.reference.append(reference.copy())
-    w, x, y, z = pose[3:7]
     path.position.append(pose[:3].copy())
-    path.yaw.append(float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))
+    path.yaw.append(float(frames.yaw(pose[3:7])))
 
 
 def time_actions(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:

@@ -109,7 +109,7 @@ class FossenSimulator(VehicleBatch):
         action = np.ascontiguousarray(command, dtype=np.float64)
         if action.shape != self.command_force.shape:
             raise ValueError(f"command has shape {action.shape}, expected {self.command_force.shape}")
-        self.each(lambda start, stop: advance(*self.kernel_arguments(action, duration, start, stop)))
+        self.each(lambda start, stop: self.advance(action, duration, start, stop))
         self._waves.time += duration
 
     def each(self, function: Callable[[int, int], T]) -> list[T]:
@@ -121,13 +121,8 @@ class FossenSimulator(VehicleBatch):
         jobs = [threads.submit(function, *bounds) for bounds in others]
         return [function(*own), *(job.result() for job in jobs)]
 
-    def kernel_arguments(
-        self, command: FloatArray, duration: float, start: int, stop: int
-    ) -> tuple[Any, ...]:
-        """Return the arguments of `dynamics.kernel.advance` for the vehicles start .. stop - 1, multiples of LANES or `n`.
-
-        Compiled callers may keep them: the arrays stay the same until vehicles get other scales.
-        """
+    def advance(self, command: FloatArray, duration: float, start: int, stop: int) -> None:
+        """Hold commands (n, n_u) for `duration` s, for the vehicles start .. stop - 1, multiples of LANES or `n`."""
         substeps = self.substeps(duration)
         h = duration / substeps
         discrete = self._discrete.get(h)
@@ -135,7 +130,7 @@ class FossenSimulator(VehicleBatch):
             if len(self._discrete) >= DISCRETISATIONS:
                 self._discrete.clear()
             discrete = self._discrete[h] = discretise(self.vehicle, h / 2.0)
-        return (
+        advance(
             self.pose,
             self.velocity,
             self.actuators,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import plugins, rewards, schema, tasks
+from auvbench.dynamics import frames
 from auvbench.dynamics.random import TEST, VALIDATION
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.metrics import Totals
@@ -182,26 +183,34 @@ class Task:
         """Replace the drawn start poses (k, 7) of environments that were just reset."""
         F, P = self.F, self.parameters
         distance = np.linalg.norm(self.reference[indices] - pose[:, :3], axis=1)
-        w, x, y, z = pose[:, 3:].T
         F[indices, k.F_START : k.F_START + 3] = F[indices, k.F_POSITION : k.F_POSITION + 3] = pose[:, :3]
-        F[indices, k.F_START_YAW] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        F[indices, k.F_START_YAW] = frames.yaw(pose[:, 3:])
         F[indices, k.F_DISTANCE] = F[indices, k.F_INITIAL_DISTANCE] = distance
         depth = pose[:, 2]
         F[indices, k.F_DEPTH_MARGIN] = np.minimum(P[k.P_DEPTH_HIGH] - depth, depth - P[k.P_DEPTH_LOW])
 
-    def add_noise(self, action: Floats) -> Floats:
+    # Each of these does it for the environments start .. stop - 1, by default all; threads share the environments.
+
+    def add_noise(self, action: Floats, start: int = 0, stop: int | None = None) -> Floats:
         """Return the command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
-        k.add_command_noise(*self.noise_arguments(action, 0, self.n))
+        own = self.C, self.parameters, self.noise_scale, self._test, self.command
+        k.add_command_noise(start, self.n if stop is None else stop, action, *own)
         return self.command
 
-    def advance(self, pose: Floats, velocity: Floats, action: Floats, force: Floats, power: Floats) -> int:
-        """Compute reward and ends after one agent step; return how many episodes ended.
-
-        Raises:
-            TrainingError: the simulation left the finite numbers.
-        """
-        arguments = self.advance_arguments(pose, velocity, action, force, power, 0, self.n)
-        return self.checked(self.kernel(*arguments))
+    def advance(
+        self,
+        pose: Floats,
+        velocity: Floats,
+        action: Floats,
+        force: Floats,
+        power: Floats,
+        start: int = 0,
+        stop: int | None = None,
+    ) -> int:
+        """Compute reward and ends after one agent step; return what `kernel` does, which `checked` takes."""
+        stop = self.n if stop is None else stop
+        sums = self.F, self.C, self.parameters, self.reward, self.hook
+        return self.kernel(start, stop, pose, velocity, action, self.previous, force, power, *sums)
 
     def checked(self, ended: int) -> int:
         """Return the result of `kernel`, a number of episodes.
@@ -219,33 +228,10 @@ class Task:
 
     def observe(self, pose: Floats, velocity: Floats, indices: Integers | None = None) -> NDArray[np.float32]:
         """Return observations (n, n_obs) from measured poses and velocities; with `indices`, only these rows are renewed."""
-        k.observe(*self.observe_arguments(pose, velocity, self._all if indices is None else indices))
-        return self.observation
-
-    # Arguments of the kernels for some of the environments. The arrays stay the same objects.
-
-    def noise_arguments(self, action: Floats, start: int, stop: int) -> tuple[Any, ...]:
-        """Return the arguments of `kernels.add_command_noise`."""
-        return start, stop, action, self.C, self.parameters, self.noise_scale, self._test, self.command
-
-    def advance_arguments(
-        self,
-        pose: Floats,
-        velocity: Floats,
-        action: Floats,
-        force: Floats,
-        power: Floats,
-        start: int,
-        stop: int,
-    ) -> tuple[Any, ...]:
-        """Return the arguments of `kernel`."""
-        sums = self.F, self.C, self.parameters, self.reward, self.hook
-        return start, stop, pose, velocity, action, self.previous, force, power, *sums
-
-    def observe_arguments(self, pose: Floats, velocity: Floats, indices: Integers) -> tuple[Any, ...]:
-        """Return the arguments of `kernels.observe`."""
+        rows = self._all if indices is None else indices
         state = self.previous, self.F, self.C, self.parameters, self.blocks
-        return indices, pose, velocity, self.offset, *state, self._test, self.observation
+        k.observe(rows, pose, velocity, self.offset, *state, self._test, self.observation)
+        return self.observation
 
     def goal(self, i: int) -> Floats:
         """Return where environment i is to be at the end (3,) in m: waypoint, station, dock, end of the path or curve."""

@@ -127,7 +127,11 @@ def its_functions_stay_within_their_arrays(config: schema.TrainConfig) -> None:
         for step in range(steps):
             action = actions(step, 2, len(batch.vehicle.actuators))
             simulator.step(action, task.duration)
-            task.advance(simulator.pose, simulator.velocity, action, simulator.command_force, simulator.power)
+            task.checked(
+                task.advance(
+                    simulator.pose, simulator.velocity, action, simulator.command_force, simulator.power
+                )
+            )
         for row in range(2):
             task.own_metrics(row)
     except (AgentError, IndexError) as error:

@@ -31,7 +31,7 @@ def step(task: WaypointTask, position, force=None, power=0.0, action=None) -> tu
     pose = np.array([[*position, 1.0, 0.0, 0.0, 0.0]])
     force = np.zeros((1, 6)) if force is None else np.asarray(force, dtype=float)[None]
     action = np.zeros((1, 6)) if action is None else np.asarray(action, dtype=float)[None]
-    task.advance(pose, np.zeros((1, 6)), action, force, np.array([power]))
+    task.checked(task.advance(pose, np.zeros((1, 6)), action, force, np.array([power])))
     return float(task.reward[0]), int(task.outcome[0])
 
 
