@@ -8,25 +8,8 @@ from typing import Any
 
 from numba import cfunc, njit, types
 
-from auvbench.tasks.kernels import (
-    COLLISION,
-    F_DISTANCE,
-    F_GOAL,
-    F_REFERENCE,
-    F_REFERENCE_VELOCITY,
-    F_REFERENCE_YAW,
-    OUT_OF_BOUNDS,
-    P_OWN,
-    P_REWARD,
-    P_REWARD_OWN,
-    P_YAW,
-    SUCCESS,
-    TIMEOUT,
-    Floats,
-    velocity_row,
-    wrap,
-    yaw_row,
-)
+from auvbench.tasks import kernels as k
+from auvbench.tasks.kernels import Floats
 
 # Codes of the rewards, and the order of their parameters from P_REWARD_OWN on: that of the fields in `config.rewards`.
 FOREIGN = -1  # of an installed package
@@ -66,13 +49,13 @@ def hook_of(function: Callable[..., float]) -> Any:
 @njit(nogil=True)
 def thesis_row(i: int, outcome: int, distance: float, F: Floats, P: Floats) -> float:
     """Return the reward of the original study: equation 2.1."""
-    p = P_REWARD_OWN
-    if outcome in (COLLISION, OUT_OF_BOUNDS):
+    p = k.P_REWARD_OWN
+    if outcome in (k.COLLISION, k.OUT_OF_BOUNDS):
         return float(P[p + 3])
-    if outcome == SUCCESS:
+    if outcome == k.SUCCESS:
         return float(P[p + 2])
     # F_DISTANCE is that of the step before.
-    return float(P[p] * math.exp(-distance / P[p + 1]) if distance < F[i, F_DISTANCE] else P[p + 4])
+    return float(P[p] * math.exp(-distance / P[p + 1]) if distance < F[i, k.F_DISTANCE] else P[p + 4])
 
 
 @njit(nogil=True)
@@ -95,16 +78,16 @@ def reward_row(
     """
     if hook is not None:
         row = hook(
-            i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P[P_REWARD_OWN:P_OWN]
+            i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P[k.P_REWARD_OWN : k.P_OWN]
         )
         return float(row)
-    kind = int(P[P_REWARD])
-    k, p = P[P_REWARD_OWN], P_REWARD_OWN
-    failed = outcome in (COLLISION, OUT_OF_BOUNDS)
+    kind = int(P[k.P_REWARD])
+    scale, p = P[k.P_REWARD_OWN], k.P_REWARD_OWN
+    failed = outcome in (k.COLLISION, k.OUT_OF_BOUNDS)
     if kind == THESIS:
         return thesis_row(i, outcome, distance, F, P)
     if kind == EXPONENTIAL:
-        return float(P[p + 2] if failed else k * math.exp(-P[p + 1] * distance))
+        return float(P[p + 2] if failed else scale * math.exp(-P[p + 1] * distance))
     effort, change, thrust = 0.0, 0.0, 0.0
     n_u = action.shape[1]
     for j in range(n_u):
@@ -112,27 +95,27 @@ def reward_row(
         effort += action[i, j] ** 2
         change += (action[i, j] - previous[i, j]) ** 2
     if kind == MARINEGYM_HOVER:
-        return float(k * _marinegym_hover(i, distance, thrust, pose, velocity, F, P))
+        return float(scale * _marinegym_hover(i, distance, thrust, pose, velocity, F, P))
     if kind == GYM_AUV_PATH:
-        return float(k * _gym_auv_path(i, effort, pose, velocity, F, P))
+        return float(scale * _gym_auv_path(i, effort, pose, velocity, F, P))
     if kind == GYM_DOCKAUV:
-        return float(k * _gym_dockauv(i, outcome, effort / n_u**2, pose, velocity, F, P))
+        return float(scale * _gym_dockauv(i, outcome, effort / n_u**2, pose, velocity, F, P))
     r = (
         math.exp(-distance / P[p + 1])
         + P[p + 2] * math.exp(-abs(yaw_error) / P[p + 3])
         - P[p + 6] * effort / n_u
         - P[p + 7] * change / n_u
     )
-    if P[p + 4] > 0.0 and P[P_YAW] > 0.0:
+    if P[p + 4] > 0.0 and P[k.P_YAW] > 0.0:
         squared = 0.0
         for axis in range(3):
-            squared += (F[i, F_REFERENCE_VELOCITY + axis] - velocity_row(i, pose, velocity, axis)) ** 2
+            squared += (F[i, k.F_REFERENCE_VELOCITY + axis] - k.velocity_row(i, pose, velocity, axis)) ** 2
         r += P[p + 4] * math.exp(-math.sqrt(squared) / P[p + 5])
-    if outcome == SUCCESS:
+    if outcome == k.SUCCESS:
         r += P[p + 8]
     elif failed:
         r += P[p + 9]
-    return float(k * r)
+    return float(scale * r)
 
 
 @njit(nogil=True)
@@ -140,11 +123,11 @@ def _marinegym_hover(
     i: int, distance: float, thrust: float, pose: Floats, velocity: Floats, F: Floats, P: Floats
 ) -> float:
     """Return MarineGym's reward: marinegym/envs/single/hover.py at commit a72ed67; `thrust` is the sum of the action."""
-    p = P_REWARD_OWN
+    p = k.P_REWARD_OWN
     w, x, y, z = pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]
     # The bow's direction, and that of the reference.
-    hx = math.cos(F[i, F_REFERENCE_YAW]) - (1.0 - 2.0 * (y * y + z * z))
-    hy = math.sin(F[i, F_REFERENCE_YAW]) - 2.0 * (x * y + w * z)
+    hx = math.cos(F[i, k.F_REFERENCE_YAW]) - (1.0 - 2.0 * (y * y + z * z))
+    hy = math.sin(F[i, k.F_REFERENCE_YAW]) - 2.0 * (x * y + w * z)
     hz = -2.0 * (x * z - w * y)
     up = 1.0 - 2.0 * (x * x + y * y)
     near = 0.5 / (1.0 + P[p + 1] ** 2 * (distance * distance + hx * hx + hy * hy + hz * hz))
@@ -167,21 +150,25 @@ def _roll_pitch(i: int, pose: Floats) -> tuple[float, float]:
 @njit(nogil=True)
 def _gym_auv_path(i: int, effort: float, pose: Floats, velocity: Floats, F: Floats, P: Floats) -> float:
     """Return gym-auv's reward: step_reward of gym_auv/envs/pathcolav3d.py at commit 90f88ec; `effort`: sum of squares."""
-    p = P_REWARD_OWN
-    tx, ty, tz = F[i, F_REFERENCE_VELOCITY], F[i, F_REFERENCE_VELOCITY + 1], F[i, F_REFERENCE_VELOCITY + 2]
+    p = k.P_REWARD_OWN
+    tx, ty, tz = (
+        F[i, k.F_REFERENCE_VELOCITY],
+        F[i, k.F_REFERENCE_VELOCITY + 1],
+        F[i, k.F_REFERENCE_VELOCITY + 2],
+    )
     level = math.sqrt(tx * tx + ty * ty)
     course, climb = math.atan2(ty, tx), math.atan2(tz, level)
-    dx, dy = pose[i, 0] - F[i, F_REFERENCE], pose[i, 1] - F[i, F_REFERENCE + 1]
-    dz = pose[i, 2] - F[i, F_REFERENCE + 2]
+    dx, dy = pose[i, 0] - F[i, k.F_REFERENCE], pose[i, 1] - F[i, k.F_REFERENCE + 1]
+    dz = pose[i, 2] - F[i, k.F_REFERENCE + 2]
     # Cross-track errors, to port and up.
     port = dy * math.cos(course) - dx * math.sin(course)
     up = dz * math.cos(climb) - (dx * math.cos(course) + dy * math.sin(course)) * math.sin(climb)
     course -= math.atan2(port, P[p + 1])
     climb -= math.atan2(up, math.sqrt(port * port + P[p + 1] ** 2))
-    vx, vy = velocity_row(i, pose, velocity, 0), velocity_row(i, pose, velocity, 1)
-    vz = velocity_row(i, pose, velocity, 2)
-    course_error = wrap(math.atan2(vy, vx) - course) / math.pi
-    climb_error = wrap(math.atan2(vz, math.sqrt(vx * vx + vy * vy)) - climb) / math.pi
+    vx, vy = k.velocity_row(i, pose, velocity, 0), k.velocity_row(i, pose, velocity, 1)
+    vz = k.velocity_row(i, pose, velocity, 2)
+    course_error = k.wrap(math.atan2(vy, vx) - course) / math.pi
+    climb_error = k.wrap(math.atan2(vz, math.sqrt(vx * vx + vy * vy)) - climb) / math.pi
     roll, _ = _roll_pitch(i, pose)
     return float(
         -P[p + 2] * (course_error**2 + climb_error**2)
@@ -196,16 +183,16 @@ def _gym_dockauv(
     i: int, outcome: int, effort: float, pose: Floats, velocity: Floats, F: Floats, P: Floats
 ) -> float:
     """Return gym_dockauv's reward: reward_step of gym_dockauv/envs/docking3d.py, set 1, at commit 6b36b5b."""
-    p = P_REWARD_OWN
-    dx, dy = F[i, F_GOAL] - pose[i, 0], F[i, F_GOAL + 1] - pose[i, 1]
-    dz = F[i, F_GOAL + 2] - pose[i, 2]
+    p = k.P_REWARD_OWN
+    dx, dy = F[i, k.F_GOAL] - pose[i, 0], F[i, k.F_GOAL + 1] - pose[i, 1]
+    dz = F[i, k.F_GOAL + 2] - pose[i, 2]
     level = math.sqrt(dx * dx + dy * dy)
     distance, near, far = math.sqrt(level * level + dz * dz), P[p + 2], P[p + 3]
     # 0 at the goal's radius, 1 at the bounds.
     away = 1.0 - min(1.0, max(0.0, math.log(max(distance, 1e-3) / far) / math.log(near / far)))
     roll, pitch = _roll_pitch(i, pose)
     elevation = pitch - math.atan2(dz, level)
-    heading = wrap(math.atan2(dy, dx) - yaw_row(i, pose))
+    heading = k.wrap(math.atan2(dy, dx) - k.yaw_row(i, pose))
     # Rates of the Euler angles. The source's episodes end at a pitch of 60 degrees: the rates grow no more beyond it.
     q, r = velocity[i, 4], velocity[i, 5]
     turn = (q * math.sin(roll) + r * math.cos(roll)) / max(0.5, math.cos(pitch))
@@ -221,12 +208,12 @@ def _gym_dockauv(
         - P[p + 7] * rates / quarter**2
         - P[p + 8] * effort
     )
-    if outcome == SUCCESS:
+    if outcome == k.SUCCESS:
         result += P[p + 9]
-    elif outcome == OUT_OF_BOUNDS:
+    elif outcome == k.OUT_OF_BOUNDS:
         result += P[p + 10]
-    elif outcome == TIMEOUT:
+    elif outcome == k.TIMEOUT:
         result += P[p + 11]
-    elif outcome == COLLISION:
+    elif outcome == k.COLLISION:
         result += P[p + 12]
     return float(result)

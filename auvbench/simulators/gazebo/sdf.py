@@ -73,7 +73,6 @@ def model(
     *,
     name: str | None = None,
     thrusters: bool = True,
-    namespace: str | None = None,
     current: FloatArray | None = None,
 ) -> str:
     """Return the `<model>` element.
@@ -83,7 +82,6 @@ def model(
         hydrodynamics: one of `HYDRODYNAMICS`.
         name: of the model; the vehicle's by default.
         thrusters: with links, joints and Thruster plugins, and with publishers of pose and odometry; else the bare body.
-        namespace: of the topics `/NAMESPACE/THRUSTER/cmd`; the model's name by default.
         current: (3,) m/s, world axes, of the water around the model until a message on `/ocean_current` changes it.
 
     Raises:
@@ -91,14 +89,13 @@ def model(
     """
     check_vehicle(vehicle, hydrodynamics)
     name = name or vehicle.name
-    space = namespace or name
     lines = [f'<model name="{escape(name)}">', f'  <link name="{LINK}">']
     lines += parts.inertial(vehicle, hydrodynamics, thrusters)
     lines += parts.displaced(vehicle)
     lines.append("  </link>")
     if thrusters:
-        lines += [line for i in range(len(vehicle.units)) for line in parts.propeller(vehicle, i, space)]
-        lines += parts.publishers(space)
+        lines += [line for i in range(len(vehicle.units)) for line in parts.propeller(vehicle, i, name)]
+        lines += parts.publishers(name)
     lines.append(parts.hydrodynamics_plugin(vehicle, hydrodynamics, current))
     return "\n".join([*lines, "</model>"])
 

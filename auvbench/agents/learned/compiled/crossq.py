@@ -13,8 +13,10 @@ from auvbench.agents.learned.compiled import memory, soft
 Floats = NDArray[np.float32]
 
 
-class CrossQ(sb3_contrib.CrossQ):
+class CrossQ(soft.Compiled, sb3_contrib.CrossQ):
     """SAC without target networks, with batch renormalisation (Bhatt et al. 2024)."""
+
+    counts_batches = False  # layers count their batches in `_update`
 
     def _setup_model(self) -> None:
         super()._setup_model()
@@ -23,31 +25,22 @@ class CrossQ(sb3_contrib.CrossQ):
         self._critic = memory.Networks(policy.critic.q_networks, policy.critic.optimizer)
         self._temperature = soft.Temperature(self)
 
-    def train(self, gradient_steps: int, batch_size: int = 64) -> None:
-        """Update the critics `gradient_steps` times, actor and temperature every `policy_delay`-th time."""
-        self.policy.set_training_mode(False)  # layers count their batches here, not in SB3's passes
-        optimizers = [self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer]
-        self._update_learning_rate([one for one in optimizers if one is not None])
-        batches = memory.Batches(self, gradient_steps, batch_size)
-        losses = []
-        for step in range(gradient_steps):
-            self._n_updates += 1
-            observation, action, following, reward, discount = batches[step]
-            temperature = self._temperature.value
-            loss = self._update_critic(observation, action, following, reward, discount, temperature)
-            losses.append({"ent_coef": temperature, "critic_loss": loss})
-            if self._n_updates % self.policy_delay == 0:
-                losses[-1] |= self._update_actor(observation, temperature)
-        soft.record(self, losses)
+    def _update(self, step: int, observation: Floats, *rest: Floats) -> dict[str, float]:
+        temperature = self._temperature.value
+        losses = {"ent_coef": temperature}
+        losses["critic_loss"] = self._update_critic(temperature, observation, *rest)
+        if self._n_updates % self.policy_delay == 0:
+            losses |= self._update_actor(observation, temperature)
+        return losses
 
     def _update_critic(
         self,
+        temperature: float,
         observation: Floats,
         action: Floats,
         following: Floats,
         reward: Floats,
         discount: Floats,
-        temperature: float,
     ) -> float:
         """Update the critics once; return their loss."""
         n = len(action)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,12 +93,30 @@ class Sample:
         return temperature * float(self.density.mean()) - value
 
 
-def record(model: Any, losses: Sequence[Mapping[str, float]]) -> None:
-    """Log the means of what updates returned, as SB3 does."""
-    model.logger.record("train/n_updates", model._n_updates, exclude="tensorboard")
-    for name in sorted({name for one in losses for name in one}):
-        values = [one[name] for one in losses if name in one]
-        model.logger.record(f"train/{name}", np.mean(values))
+class Compiled:
+    """An algorithm whose `train`, in front of that of SB3's class, calls `_update`.
+
+    `_update(step, observation, action, following, reward, discount)` updates once with a batch and returns its losses by name;
+    `step` counts within a call of `train`.
+    """
+
+    counts_batches = True
+    """whether SB3's own passes of a training may move the statistics of layers that normalise"""
+
+    def train(self: Any, gradient_steps: int, batch_size: int = 64) -> None:
+        """Update `gradient_steps` times, and log the means of the losses as SB3 does."""
+        self.policy.set_training_mode(self.counts_batches)
+        optimizers = [self.actor.optimizer, self.critic.optimizer, getattr(self, "ent_coef_optimizer", None)]
+        self._update_learning_rate([one for one in optimizers if one is not None])
+        batches = memory.Batches(self, gradient_steps, batch_size)
+        losses: list[dict[str, float]] = []
+        for step in range(gradient_steps):
+            self._n_updates += 1
+            losses.append(self._update(step, *batches[step]))
+        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
+        for name in sorted({name for one in losses for name in one}):
+            values = [one[name] for one in losses if name in one]
+            self.logger.record(f"train/{name}", np.mean(values))
 
 
 def squared_error(q: Floats, targets: Floats, factor: float) -> tuple[float, Floats]:
@@ -121,8 +139,8 @@ def least_value(q: Floats) -> tuple[float, Floats]:
     return float(q.min(axis=0).mean()), chosen * np.float32(-1.0 / q.shape[1])
 
 
-class Soft:
-    """What SAC and TQC share: `train`, in front of SB3's class."""
+class Soft(Compiled):
+    """What SAC and TQC share."""
 
     def _setup_model(self: Any) -> None:
         super()._setup_model()  # type: ignore[misc]
@@ -132,24 +150,15 @@ class Soft:
         self._target = memory.Networks(self.policy.critic_target.q_networks)
         self._temperature = Temperature(self)
 
-    def train(self: Any, gradient_steps: int, batch_size: int = 64) -> None:
-        """Update networks and temperature `gradient_steps` times."""
-        self.policy.set_training_mode(True)
-        optimizers = [self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer]
-        self._update_learning_rate([one for one in optimizers if one is not None])
-        batches = memory.Batches(self, gradient_steps, batch_size)
-        losses = []
-        for step in range(gradient_steps):
-            losses.append(self._update(*batches[step]))
-            if step % self.target_update_interval == 0:
-                average(self._target.values, self._critic.values, self.tau)
-        self._n_updates += gradient_steps
-        record(self, losses)
-
     def _update(
-        self: Any, observation: Floats, action: Floats, following: Floats, reward: Floats, discount: Floats
+        self: Any,
+        step: int,
+        observation: Floats,
+        action: Floats,
+        following: Floats,
+        reward: Floats,
+        discount: Floats,
     ) -> dict[str, float]:
-        """Update once; return temperature and losses."""
         drawn = self._actor.sample(observation)
         temperature = self._temperature.value
         losses = {"ent_coef": temperature, **self._temperature.update(drawn.density)}
@@ -163,6 +172,8 @@ class Soft:
         self._critic.update()
 
         losses["actor_loss"] = drawn.climb(self._critic, self._objective, temperature)
+        if step % self.target_update_interval == 0:
+            average(self._target.values, self._critic.values, self.tau)
         return losses
 
 

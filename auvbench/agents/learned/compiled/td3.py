@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from auvbench.agents.learned.compiled import memory
 from auvbench.agents.learned.compiled.arithmetic import average
-from auvbench.agents.learned.compiled.soft import record, squared_error
+from auvbench.agents.learned.compiled.soft import Compiled, squared_error
 
 Floats = NDArray[np.float32]
 
 
-class Delayed:
-    """What TD3 and DDPG share: `train`, in front of SB3's class."""
+class Delayed(Compiled):
+    """What TD3 and DDPG share."""
 
     def _setup_model(self: Any) -> None:
         super()._setup_model()  # type: ignore[misc]
@@ -27,22 +27,13 @@ class Delayed:
         self._target_actor = memory.Networks([self.policy.actor_target.mu])
         self._target_critic = memory.Networks(self.policy.critic_target.q_networks)
 
-    def train(self: Any, gradient_steps: int, batch_size: int = 100) -> None:
-        """Update the critics `gradient_steps` times and the actor every `policy_delay`-th time."""
-        self.policy.set_training_mode(True)
-        self._update_learning_rate([self.actor.optimizer, self.critic.optimizer])
-        batches = memory.Batches(self, gradient_steps, batch_size)
-        losses = []
-        for step in range(gradient_steps):
-            self._n_updates += 1
-            observation, action, following, reward, discount = batches[step]
-            loss = self._update_critic(observation, action, following, reward, discount)
-            losses.append({"critic_loss": loss})
-            if self._n_updates % self.policy_delay == 0:
-                losses[-1]["actor_loss"] = self._update_actor(observation)
-                average(self._target_critic.values, self._critic.values, self.tau)
-                average(self._target_actor.values, self._actor.values, self.tau)
-        record(self, losses)
+    def _update(self: Any, step: int, observation: Floats, *rest: Floats) -> dict[str, float]:
+        losses = {"critic_loss": self._update_critic(observation, *rest)}
+        if self._n_updates % self.policy_delay == 0:
+            losses["actor_loss"] = self._update_actor(observation)
+            average(self._target_critic.values, self._critic.values, self.tau)
+            average(self._target_actor.values, self._actor.values, self.tau)
+        return losses
 
     def _update_critic(
         self: Any, observation: Floats, action: Floats, following: Floats, reward: Floats, discount: Floats
