@@ -34,9 +34,10 @@ def files(vehicle: VehicleModel, hydrodynamics: str, step: float) -> dict[str, s
     model = sdf.model(vehicle, hydrodynamics)
     header = "\n".join(
         [
-            f"{vehicle.title}, written by auvbench from its sheet, which names the source of each number:",
+            f"{vehicle.title}, written by auvbench from its sheet.",
             f"Hydrodynamics {hydrodynamics}: {_MEANING[hydrodynamics]}.",
             "World east, north, up; body forward, port, up; SI units.",
+            "Sources of the sheet's numbers:",
             *(f"{key}: {citation}" for key, citation in vehicle.sources),
             f"Thrust in N: gz topic -t /{name}/{vehicle.actuators[0]}/cmd -m gz.msgs.Double -p 'data: 10'",
         ]

@@ -107,9 +107,9 @@ class Networks(Trained):
         head = [head.weight for head in heads] + [head.bias for head in heads]
         super().__init__([[*_parameters(network), *head] for network in modules], optimizer)
         linear = [one for one in modules[0] if isinstance(one, torch.nn.Linear)]
-        widths = [layer.out_features for layer in linear] + [sum(head.out_features for head in heads)] * bool(
-            heads
-        )
+        widths = [layer.out_features for layer in linear]
+        if heads:
+            widths.append(sum(head.out_features for head in heads))
         self._sizes = np.array([[*linear, *heads][0].in_features, *widths])
         self._normalised = np.arange(len(widths)) < len(self._renorms[0])
         self._running_mean = rows([[one.ra_mean for one in network] for network in self._renorms]).numpy()
@@ -134,7 +134,7 @@ class Networks(Trained):
         *passed, out = forward(*network, self._running_mean, self._running_variance, x, mode, momentum)
 
         def gradient(upstream: Floats, weights: bool) -> Floats:
-            to = self.gradient[:first] if weights else self.gradient[:first, :0]
+            to = self.gradient[:first] if weights else np.empty((len(upstream), 0), np.float32)
             total: Floats = backward(*network, x, *passed, upstream, to, mode, not weights)
             return total
 
