@@ -110,22 +110,34 @@ def _rate(
     )
 
 
-def _own(
+def column(
     name: str,
     unit: str,
     title: str,
     definition: str,
-    tasks: tuple[str, ...],
     better: Literal["higher", "lower", ""] = "lower",
+    *,
     low: float = 0.0,
     high: float = math.inf,
+    tasks: tuple[str, ...] = (),
     counts_failures: bool = False,
 ) -> Metric:
-    """Return a column whose value the task computes (`Task.own_metrics`); without `better` it is one of the scenario."""
-    kind: Kind = "episode" if better else "scenario"
+    """Return a column whose value the task computes: `own_metrics()[name]`.
+
+    Args:
+        name: of the column, with its unit: `pole_distance_m`.
+        unit: in files.
+        title: in tables.
+        definition: in tables and docs.
+        better: empty for a column of the scenario.
+        low: least possible value.
+        high: largest possible value.
+        tasks: that have it; `add` sets that of an installed package.
+        counts_failures: whether a failed episode counts as the worst value, not as the value that it measured.
+    """
     return Metric(
         name,
-        kind,
+        "episode" if better else "scenario",
         unit,
         better,
         title,
@@ -151,32 +163,20 @@ METRICS: list[Metric] = [
     _rate(
         "out_of_bounds_rate", "out of bounds", "episodes that get too far from the reference", tasks=TRACKED
     ),
-    Metric(
-        "par1_steps", "penalised", "", "lower", "PAR-1 steps", "agent steps; a failure counts as the limit"
-    ),
-    Metric(
-        "par2_steps",
-        "penalised",
-        "",
-        "lower",
-        "PAR-2 steps",
-        "agent steps; a failure counts as twice the limit",
-    ),
-    Metric(
-        "par1_time_s",
-        "penalised",
-        "s",
-        "lower",
-        "PAR-1 time",
-        "simulated time; a failure counts as the limit",
-    ),
-    Metric(
-        "par2_time_s",
-        "penalised",
-        "s",
-        "lower",
-        "PAR-2 time",
-        "simulated time; a failure counts as twice the limit",
+    *(
+        Metric(
+            f"par{k}_{name}",
+            "penalised",
+            unit,
+            "lower",
+            f"PAR-{k} {title}",
+            f"{what}; a failure counts as {limit}",
+        )
+        for name, unit, title, what in (
+            ("steps", "", "steps", "agent steps"),
+            ("time_s", "s", "time", "simulated time"),
+        )
+        for k, limit in ((1, "the limit"), (2, "twice the limit"))
     ),
     Metric(
         "time_to_goal_s", "derived", "s", "lower", "time to goal", "simulated time of the successful episodes"
@@ -317,73 +317,75 @@ METRICS: list[Metric] = [
         lambda t: t.depth_margin,
         low=-math.inf,
     ),
-    _own("waypoint_x_m", "m", "waypoint x", "", WAYPOINT, ""),
-    _own("waypoint_y_m", "m", "waypoint y", "", WAYPOINT, ""),
-    _own("waypoint_z_m", "m", "waypoint z", "", WAYPOINT, ""),
+    *(column(f"waypoint_{axis}_m", "m", f"waypoint {axis}", "", "", tasks=WAYPOINT) for axis in "xyz"),
     Metric("start_yaw_rad", "scenario", "rad", "", "start yaw", "", lambda t: t.start_yaw),
-    *(_own(f"start_{axis}_m", "m", f"start {axis}", "", TRACKED, "") for axis in "xyz"),
-    *(_own(f"goal_{axis}_m", "m", f"goal {axis}", "", TRACKED, "") for axis in "xyz"),
-    _own(
+    *(column(f"start_{axis}_m", "m", f"start {axis}", "", "", tasks=TRACKED) for axis in "xyz"),
+    *(column(f"goal_{axis}_m", "m", f"goal {axis}", "", "", tasks=TRACKED) for axis in "xyz"),
+    column(
         "position_error_rms_m",
         "m",
         "RMS position error",
         "root mean square of the distance to the reference, station keeping after the settling time; an episode that "
         "left the bounds or the water counts as the bounds",
-        ("station_keeping", "trajectory_tracking"),
+        tasks=("station_keeping", "trajectory_tracking"),
         counts_failures=True,
     ),
-    _own(
+    column(
         "cross_track_rms_m",
         "m",
         "RMS cross-track distance",
         "root mean square of the distance to the path; an episode that did not reach its end counts as the bounds",
-        ("path_following",),
+        tasks=("path_following",),
         counts_failures=True,
     ),
-    _own(
+    column(
         "yaw_error_rms_rad",
         "rad",
         "RMS yaw error",
         "root mean square of the yaw error over the same steps",
-        TRACKED,
+        tasks=TRACKED,
         high=math.pi,
     ),
-    _own(
+    column(
         "settling_time_s",
         "s",
         "settling time",
         "time after which position and yaw stay within the tolerances to the end",
-        ("station_keeping",),
+        tasks=("station_keeping",),
     ),
-    _own(
+    column(
         "lag_s",
         "s",
         "lag",
         "mean of the position error along the velocity of the reference over its speed; positive: behind",
-        ("trajectory_tracking",),
+        tasks=("trajectory_tracking",),
         low=-math.inf,
     ),
-    _own(
+    column(
         "completion",
         "",
         "completion",
         "share of the path that lies behind",
-        ("path_following",),
         "higher",
+        tasks=("path_following",),
         high=1.0,
     ),
-    _own(
+    column(
         "speed_error_m_per_s",
         "m/s",
         "speed error",
         "mean of the absolute difference of the speed along the path from the speed asked for",
-        ("path_following",),
+        tasks=("path_following",),
     ),
-    _own(
-        "final_position_error_m", "m", "final position error", "distance to the dock at the end", ("docking",)
+    column(
+        "final_position_error_m",
+        "m",
+        "final position error",
+        "distance to the dock at the end",
+        tasks=("docking",),
     ),
-    _own("final_speed_m_per_s", "m/s", "final speed", "speed over ground at the end", ("docking",)),
-    _own("final_yaw_error_rad", "rad", "final yaw error", "at the end", ("docking",), high=math.pi),
+    column("final_speed_m_per_s", "m/s", "final speed", "speed over ground at the end", tasks=("docking",)),
+    column("final_yaw_error_rad", "rad", "final yaw error", "at the end", tasks=("docking",), high=math.pi),
     Metric(
         "time_over_best_known",
         "agent",
@@ -417,32 +419,6 @@ SHARED = (
     *(f"{point}_{axis}_m" for point in ("start", "goal") for axis in "xyz"),
 )
 """columns that every task of an installed package has: what `TrackingTask.errors` returns"""
-
-
-def column(
-    name: str,
-    unit: str,
-    title: str,
-    definition: str,
-    better: Literal["higher", "lower", ""] = "lower",
-    *,
-    low: float = 0.0,
-    high: float = math.inf,
-    counts_failures: bool = False,
-) -> Metric:
-    """Return a column of a task of an installed package, whose value is the task's `own_metrics()[name]`.
-
-    Args:
-        name: of the column, with its unit: `pole_distance_m`.
-        unit: in files.
-        title: in tables.
-        definition: in tables and docs.
-        better: empty for a column of the scenario.
-        low: least possible value.
-        high: largest possible value.
-        counts_failures: whether a failed episode counts as the worst value, not as the value that it measured.
-    """
-    return _own(name, unit, title, definition, (), better, low, high, counts_failures)
 
 
 def add(task: str, own: Iterable[Metric]) -> None:

@@ -31,12 +31,9 @@ SIMULATORS = {"fossen": simulators.Fossen, "gazebo": simulators.Gazebo, "ros2": 
 LAUNCHERS = {"local": schema.Local, "slurm": schema.Slurm, "ray": schema.Ray}
 SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("Runs: `train`", "train.yaml", "", schema.TrainConfig),
+    *((f"`task={name}`", f"task/{name}.yaml", "task.", tasks.SCHEMAS[name]) for name in tasks.TASKS),
     *(
-        (f"`task={name}`", f"task/{name}.yaml", "task.", tasks.SCHEMAS[f"task_{name}_schema"])
-        for name in tasks.TASKS
-    ),
-    *(
-        (f"`reward={name}`", f"reward/{name}.yaml", "reward.", rewards.SCHEMAS[f"reward_{name}_schema"])
+        (f"`reward={name}`", f"reward/{name}.yaml", "reward.", rewards.SCHEMAS[name])
         for name in rewards.KINDS
     ),
     ("Step", "step/default.yaml", "step.", schema.Step),
@@ -108,8 +105,10 @@ def allowed(kind: type, path: str) -> str:
     if not found:
         return ""
     rule = found[0].metadata
-    if "choices" in rule and len(rule["choices"]) > 1:
-        return ", ".join(f"`{name}`" for name in rule["choices"])
+    choices = rule.get("choices", ())
+    choices = choices() if callable(choices) else choices
+    if len(choices) > 1:
+        return ", ".join(f"`{name}`" for name in choices)
     if "low" in rule:
         return _range(rule["low"], rule["high"], rule["open_low"])
     inner = _class(typing.get_type_hints(kind)[found[0].name])

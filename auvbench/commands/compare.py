@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.grammar import Parser
-from auvbench.errors import UserError
+from auvbench.commands.grammar import Parser, number
 
 if TYPE_CHECKING:
     from auvbench.analysis.records import Agent
@@ -45,7 +44,13 @@ def parser() -> Parser:
     )
     add("--protocol", default="test", metavar="NAME", help="the evaluation that is compared (default: test)")
     add("--condition", metavar="NAME", help="the test condition within the protocol: nominal, current=0.5")
-    add("--confidence", type=float, default=0.95, metavar="P", help="of each interval (default: 0.95)")
+    add(
+        "--confidence",
+        type=number(0.5, 0.999),
+        default=0.95,
+        metavar="P",
+        help="of each interval (default: 0.95)",
+    )
     add("--all", action="store_true", dest="every", help="every measure, not only the usual ones")
     add(
         "--out",
@@ -58,8 +63,6 @@ def parser() -> Parser:
 
 def main(arguments: Sequence[str]) -> int:
     given = parser().read(arguments)
-    if not 0.5 <= given.confidence <= 0.999:
-        raise UserError(f"--confidence {given.confidence}: must be from 0.5 to 0.999")
     from rich.console import Console
 
     from auvbench.analysis import side_by_side

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands.grammar import Parser, workers
+from auvbench.commands.grammar import Parser, paths_and_overrides, workers
 from auvbench.errors import RunError, UserError
 
 if TYPE_CHECKING:
@@ -72,8 +72,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.config.validate import evaluate_config
     from auvbench.runs import run_filter
 
-    paths = [word for word in given.words if "=" not in word or os.path.exists(word)]
-    overrides = [word for word in given.words if word not in paths]
+    paths, overrides = paths_and_overrides(given.words)
     _refuse_mixed(overrides, given.where)
     composed = compose("evaluate", overrides)
     if given.cfg:
@@ -84,12 +83,7 @@ def main(arguments: Sequence[str]) -> int:
     config = evaluate_config(composed)
     if not paths:
         raise UserError("name a run directory or a folder that holds runs, e.g. auvbench evaluate outputs")
-    from auvbench.runs.directory import find_runs
-
-    wanted = run_filter.parse(given.where)
-    runs = find_runs(paths)
-    runs = run_filter.select(runs, wanted, run_filter.facts) if wanted else runs
-    return _evaluate_all(runs, config.protocol, given.workers, given.force)
+    return _evaluate_all(run_filter.find(paths, given.where), config.protocol, given.workers, given.force)
 
 
 def _refuse_mixed(overrides: Sequence[str], terms: Sequence[str]) -> None:

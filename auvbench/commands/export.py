@@ -32,13 +32,10 @@ def parser() -> Parser:
 def main(arguments: Sequence[str]) -> int:
     options = parser().read(arguments)
     from auvbench.runs import run_filter
-    from auvbench.runs.directory import find_runs
 
     if options.out is not None and options.out.is_file():
         raise RunError(f"--out {options.out}: is a file; name a folder")
-    runs = find_runs(options.paths)
-    wanted = run_filter.parse(options.where)
-    runs = run_filter.select(runs, wanted, run_filter.facts) if wanted else runs
+    runs = run_filter.find(options.paths, options.where)
     require()
     from auvbench.evaluation.exporting import NoNetworkError, export
 

@@ -6,9 +6,10 @@ The wrong one gets one line with the right one.
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from auvbench.config.suggestions import unknown_flag
@@ -18,29 +19,40 @@ WHERE = "--where"
 WHERE_HELP = "only runs of these values: --where vehicle=rexrov reward.k=1,40 algo!=random"
 
 
-def workers(text: str) -> int:
-    """Return the number of processes at once that `--workers` names; 0 is one per core.
+def number(low: float, high: float) -> Callable[[str], float]:
+    """Return the `type` of a flag that takes a number from `low` to `high`."""
 
-    Raises:
-        ArgumentTypeError: it is no whole number from 0 to 4096.
-    """
-    if not text.isdecimal() or int(text) > 4096:
-        raise argparse.ArgumentTypeError(f"{text}: must be a whole number from 0 to 4096 (0: one per core)")
-    return int(text)
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"must be a number from {low:g} to {high:g}, got {text}")
+        return value
+
+    return read
 
 
-def read_named_sheets(arguments: Sequence[str]) -> None:
-    """Read the sheets that `vehicle=NAME` or `vehicle=A,B` name: Hydra answers broken YAML without file and line.
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """Return the `type` of a flag that takes a whole number from `low` to `high`."""
 
-    Raises:
-        VehicleError: a sheet cannot be read. Unknown names are left to Hydra, which lists all.
-    """
-    from auvbench.vehicles import reader
+    def read(text: str) -> int:
+        if not text.isdecimal() or not low <= int(text) <= high:
+            raise argparse.ArgumentTypeError(f"must be a whole number from {low} to {high}, got {text}")
+        return int(text)
 
-    named = [a.removeprefix("vehicle=") for a in arguments if a.startswith("vehicle=")]
-    names = {name.strip(" '\"") for choice in named for name in choice.split(",")}
-    for name in sorted(names & set(reader.sheet_names())):
-        reader.read(name)
+    return read
+
+
+workers = whole(0, 4096)
+"""the `type` of `--workers`; 0 is one per core"""
+
+
+def paths_and_overrides(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the words that are paths, and those that are overrides, which have an = and do not exist."""
+    paths = [word for word in words if "=" not in word or os.path.exists(word)]
+    return paths, [word for word in words if word not in paths]
 
 
 class Parser(argparse.ArgumentParser):

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands.grammar import Parser
+from auvbench.commands.grammar import Parser, number
 from auvbench.commands.pilot_task import TASKS, defaults, task_of, task_of_policy
 from auvbench.errors import ConfigError, UserError, closest
 
@@ -53,28 +53,35 @@ def parser() -> Parser:
     parser.add_argument(
         "--task", default=None, help=f"{' or '.join(TASKS)} (default: the policy's; else waypoint)"
     )
-    parser.add_argument("--frequency", type=float, default=None, help="Hz (default: the policy's; else 10)")
+    parser.add_argument(
+        "--frequency", type=number(0.001, 1000), default=None, help="Hz (default: the policy's; else 10)"
+    )
     parser.add_argument(
         "--goal",
-        type=float,
+        type=number(-1e6, 1e6),
         nargs=3,
         metavar=("X", "Y", "Z"),
         help="the first waypoint or the station, m, world east north up",
     )
     parser.add_argument(
-        "--yaw", type=float, default=0.0, help="degrees, to hold with --goal on a station (default: 0, east)"
+        "--yaw",
+        type=number(-360, 360),
+        default=0.0,
+        help="degrees, to hold with --goal on a station (default: 0, east)",
     )
     parser.add_argument(
         "--depth",
-        type=float,
+        type=number(-1e4, 1.0),  # a vehicle at the surface may read a height a little above it
         nargs=2,
         metavar=("LOW", "HIGH"),
         help="lowest and highest z in m (default: the policy's; else -60 -1)",
     )
-    parser.add_argument("--goal-radius", type=float, default=None, help="m (default: the policy's; else 3)")
+    parser.add_argument(
+        "--goal-radius", type=number(0.001, 1000), default=None, help="m (default: the policy's; else 3)"
+    )
     parser.add_argument(
         "--pose-timeout",
-        type=float,
+        type=number(0.001, 60),
         default=0.5,
         help="s: zero thrust while the pose is older (default: 0.5)",
     )
@@ -129,22 +136,10 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _check(given: argparse.Namespace) -> None:
-    """Refuse values and combinations that mean nothing."""
-    for flag, value, high in (
-        ("--frequency", given.frequency, 1000.0),
-        ("--goal-radius", given.goal_radius, 1000.0),
-        ("--pose-timeout", given.pose_timeout, 60.0),
-    ):
-        if value is not None and not 0.0 < value <= high:
-            raise UserError(f"{flag} {value:g}: must be more than 0 and at most {high:g}")
-    # A vehicle at the surface may read a height a little above it.
-    if given.depth is not None and not -1e4 <= given.depth[0] < given.depth[1] <= 1.0:
+    """Refuse combinations that mean nothing."""
+    if given.depth is not None and not given.depth[0] < given.depth[1]:
         low, high = given.depth
-        raise UserError(f"--depth {low:g} {high:g}: must be LOW below HIGH, both from -10000 to 1 (z, up)")
-    if given.goal is not None and not all(map(math.isfinite, given.goal)):
-        raise UserError(f"--goal {' '.join(f'{x:g}' for x in given.goal)}: must be finite")
-    if not -360.0 <= given.yaw <= 360.0:
-        raise UserError(f"--yaw {given.yaw:g}: must be from -360 to 360 degrees")
+        raise UserError(f"--depth {low:g} {high:g}: must be LOW below HIGH (z, up)")
     if given.mavlink is None and given.arm:
         raise UserError("--arm: needs --mavlink; over ROS 2 the service pilot/arm arms")
     if given.mavlink is not None and given.namespace is not None:

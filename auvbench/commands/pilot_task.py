@@ -34,7 +34,7 @@ def task_of(name: str, where: str) -> tasks.Task:
     values = defaults("task", name)
     if "preview" in values:
         values["preview"] = tasks.Preview(**values["preview"])
-    made: tasks.Task = tasks.SCHEMAS[f"task_{name}_schema"](**values)
+    made: tasks.Task = tasks.SCHEMAS[name](**values)
     return made
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands.grammar import Parser
+from auvbench.commands.grammar import Parser, number, whole
 from auvbench.errors import UserError
 from auvbench.record import PRIMARY
 
@@ -56,7 +56,7 @@ def parser() -> Parser:
     add("paths", nargs="*", type=Path, metavar="PATH", help="evaluated runs, for how much trainings differ")
     add(
         "--resolve",
-        type=_number(0.001, 1e6),
+        type=number(0.001, 1e6),
         metavar="D",
         help="the difference: points of a rate, else in the measure's unit",
     )
@@ -68,54 +68,32 @@ def parser() -> Parser:
     )
     add(
         "--sd",
-        type=_number(0, 10),
+        type=number(0, 10),
         metavar="S",
         help="instead of PATH: standard deviation of the seeds, in logits of the rate",
     )
     add(
         "--rates",
-        type=_several(_number(0.5, 99.5)),
+        type=_several(number(0.5, 99.5)),
         metavar="A,B",
         help="the two rates in percent, instead of --resolve around the median",
     )
-    add("--agents", type=_whole(2, 1000), metavar="N", help="in the table (default: those of PATH, else 2)")
+    add("--agents", type=whole(2, 1000), metavar="N", help="in the table (default: those of PATH, else 2)")
     add(
         "--episodes",
-        type=_several(_whole(2, 1_000_000)),
+        type=_several(whole(2, 1_000_000)),
         metavar="N,...",
         help="test episodes (default: those of PATH and four times as many)",
     )
     add(
         "--confidence",
-        type=_number(0.5, 0.9999),
+        type=number(0.5, 0.9999),
         metavar="P",
         default=0.95,
         help="of the table, as of the report",
     )
     add("--protocol", metavar="NAME", default="test", help="the evaluation of PATH that is looked at")
     return parser
-
-
-def _number(low: float, high: float) -> Callable[[str], float]:
-    def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = float("nan")
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"must be a number from {low:g} to {high:g}, got {text}")
-        return value
-
-    return read
-
-
-def _whole(low: int, high: int) -> Callable[[str], int]:
-    def read(text: str) -> int:
-        if not text.isdecimal() or not low <= int(text) <= high:
-            raise argparse.ArgumentTypeError(f"must be a whole number from {low} to {high}, got {text}")
-        return int(text)
-
-    return read
 
 
 def _several(one: Callable[[str], Any]) -> Callable[[str], tuple[Any, ...]]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 _PLAIN_INTERVAL = 10.0  # s between lines if the output is no terminal
 
 
-def _bar(title: str, **options: Any) -> Bars:
+def _bar(title: str) -> Bars:
     from rich.console import Console
 
     from auvbench.runs.progress import bars
 
-    return bars(Console(stderr=True, highlight=False), title, **options)
+    return bars(Console(stderr=True, highlight=False), title)
 
 
 class _Interval:
@@ -116,14 +116,3 @@ def counting_bar(total: int, title: str, parts: int = 1) -> Iterator[Teller]:
             yield Teller(parts, bar, total)
     else:
         yield Teller(parts, None, total)
-
-
-@contextmanager
-def work_bar(title: str, unit: str) -> Iterator[Callable[[int, int], None]]:
-    """Count parts of one piece of work on a terminal; print nothing elsewhere, because it takes seconds."""
-    if not sys.stderr.isatty():
-        yield lambda done, of: None
-        return
-    with _bar(title, transient=True) as bar:
-        task = bar.add_task("", total=None, now=unit)
-        yield lambda done, of: bar.update(task, completed=done, total=of)

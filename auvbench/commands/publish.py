@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,6 @@ from auvbench.untrusted import path_safety
 if TYPE_CHECKING:
     from auvbench.analysis.records import RunRecord
     from auvbench.commands.grammar import Parser
-    from auvbench.runs.lock import Holder
 
 PICTURES = "success_over_grid,success_over_conditions,training_success,failures"
 """in addition to the main figure, which every README has"""
@@ -111,13 +110,11 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
 
     Raises:
         ReportError: No run can be published, or runs lie in the study's folder.
-        RunHeldError: Other processes work on all of them.
     """
     from auvbench.analysis.formatting import listed
     from auvbench.analysis.grouping import failed_training
     from auvbench.analysis.load import load, require
     from auvbench.reporting import archive
-    from auvbench.runs import lock
 
     folder = study.folder
     protocols = (options.protocol, *study.also)
@@ -126,13 +123,7 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
     for run in runs:
         if run.archive is None and folder.resolve() in run.directory.resolve().parents:
             raise ReportError(f"--to {folder}: {run.directory} lies there; name a folder without runs")
-    held = {run.id: holder for run in runs if (holder := _holder(run)) is not None}
-    chosen = [run for run in runs if (run.evaluations or failed_training(run)) and run.id not in held]
-    if not any(options.protocol in run.evaluations for run in chosen):
-        name, holder = next(iter(held.items()))
-        raise lock.RunHeldError(
-            Path(name), holder, f"all runs that could be published are at work; {_at_work(held)}"
-        )
+    chosen = [run for run in runs if run.evaluations or failed_training(run)]
     _refuse_loss(folder, {run.id for run in chosen})
     left = archive.write(chosen, folder, protocols, trajectories=study.paths)
     ids = {run.id for run in chosen}
@@ -142,7 +133,6 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
         for p in problems
         if p.kind not in ("missing", "duplicate") and not (p.kind == "failed" and p.where in ids)
     ]
-    left += [_at_work({name: holder}) for name, holder in held.items()]
     if untested:
         left.append(f"{listed([p.where for p in untested], NAMED)}: {untested[0].message}")
     for line in left:
@@ -169,14 +159,3 @@ def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:
             f"{folder} holds {counted(len(lost), 'run')} that would be lost, first {lost[0]}; name {folder} as well to keep "
             f"them, publish into another folder, or remove {folder / RUNS}"
         )
-
-
-def _holder(run: RunRecord) -> Holder | None:
-    from auvbench.runs import lock
-
-    return None if run.archive is not None else lock.living_holder(run.directory)
-
-
-def _at_work(held: Mapping[str, Holder]) -> str:
-    name, holder = next(iter(held.items()))
-    return f"{name}: {holder} works on it at present; publish again when it is done"

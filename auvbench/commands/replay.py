@@ -86,14 +86,6 @@ def _show(episodes: Sequence[Replay], stem: Path, video: Path | None) -> int:
     if video is not None:
         target = video if video != Path() else stem.with_name(f"{stem.name}.gif")
         with storage(f"cannot write {target}"):
-            _film(episodes, target)
+            replay_pictures.film(episodes, target)
+        print(f"wrote {target}")
     return 0
-
-
-def _film(episodes: Sequence[Replay], target: Path) -> None:
-    from auvbench.commands.progress import work_bar
-    from auvbench.reporting import replay_pictures
-
-    with work_bar(f"film {target.name}", "pictures") as tell:
-        replay_pictures.film(episodes, target, tell)
-    print(f"wrote {target}")

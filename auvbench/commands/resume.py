@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import shlex
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.grammar import Parser, workers
+from auvbench.commands.grammar import Parser, paths_and_overrides, workers
 from auvbench.errors import AuvbenchError, ConfigError, RunError
 
 if TYPE_CHECKING:
@@ -28,8 +27,7 @@ A resumed run ends with the same bits as one that was never interrupted; docs/re
 
 def main(arguments: Sequence[str]) -> int:
     given = parser().read(arguments, overrides=True)
-    paths = [Path(text) for text in given.runs if not _is_override(text)]
-    overrides = [text for text in given.runs if _is_override(text)]
+    paths, overrides = paths_and_overrides(given.runs)
     if not paths:
         raise ConfigError("resume: name at least one run or folder, e.g. auvbench resume outputs")
     from auvbench.commands import train
@@ -58,10 +56,6 @@ def parser() -> Parser:
     )
     parser.add_argument("--workers", type=workers, default=0, help="runs at once (default: as many as cores)")
     return parser
-
-
-def _is_override(text: str) -> bool:
-    return "=" in text and not Path(text).exists()
 
 
 def _budget(override: str) -> int:

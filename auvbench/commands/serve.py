@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from auvbench.commands import serve_ardusub
-from auvbench.commands.grammar import Parser
+from auvbench.commands.grammar import Parser, number, whole
 from auvbench.errors import ConfigError, UserError, closest
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ def parser() -> Parser:
     parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help=f"configuration: {', '.join(KEYS)}")
     parser.add_argument("--face", default=FACES[0], help=f"{' or '.join(FACES)} (default: {FACES[0]})")
     parser.add_argument(
-        "--vehicles", type=int, default=1, help="in one world: NAME_1, NAME_2, ... (default: 1)"
+        "--vehicles", type=whole(1, 1000), default=1, help="in one world: NAME_1, NAME_2, ... (default: 1)"
     )
     ros2 = parser.add_argument_group("--face ros2")
     ros2.add_argument("--namespace", default=None, help="of the topics (default: the vehicle's name)")
@@ -58,15 +57,7 @@ def parser() -> Parser:
 
 
 def _pace(text: str) -> float:
-    if text == "max":
-        return 0.0
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value <= 1e6:
-        raise UserError(f"--pace {text}: must be more than 0 and at most 1000000, or max")
-    return value
+    return 0.0 if text == "max" else number(1e-6, 1e6)(text)
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -109,8 +100,6 @@ def _given(arguments: Sequence[str]) -> argparse.Namespace:
     }.items():
         if face != given.face and getattr(given, name) != reader.get_default(name):
             raise UserError(f"--{name.replace('_', '-')}: belongs to --face {face}")
-    if not 1 <= given.vehicles <= 1000:
-        raise UserError(f"--vehicles {given.vehicles}: must be from 1 to 1000")
     return given
 
 

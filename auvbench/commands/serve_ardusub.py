@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from auvbench.commands.grammar import number, whole
 from auvbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -16,8 +15,6 @@ if TYPE_CHECKING:
 START = ("task.depth_low=-10000", "task.depth_high=0", "task.start=[0,0,0]")
 """ArduSub takes the depth at which it starts for the surface"""
 FLAGS = ("port", "address", "battery", "thrust", "motors", "give_up")
-LIVE = 1.0
-"""s between two lines of progress on a terminal"""
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +22,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("--face ardusub")
     group.add_argument(
         "--port",
-        type=int,
+        type=whole(1, 65535),
         default=9002,
         help="UDP port of the first vehicle (default: 9002); the next: 10 more",
     )
@@ -36,7 +33,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--battery",
-        type=float,
+        type=number(6.0, 24.0),
         default=16.0,
         metavar="V",
         help="voltage; thrust is in proportion (default: 16)",
@@ -50,7 +47,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="thrusters in the order of ArduSub's motors, - reversed (default: by where they push)",
     )
     group.add_argument(
-        "--give-up", type=float, metavar="S", help="end after so many seconds without ArduSub (default: wait)"
+        "--give-up",
+        type=number(0.001, 1e9),
+        metavar="S",
+        help="end after so many seconds without ArduSub (default: wait)",
     )
 
 
@@ -60,11 +60,12 @@ def serve(given: argparse.Namespace) -> int:
     Raises:
         UserError: a flag's value is out of range, or what `Server` raises.
     """
-    _check(given)
+    last = 65535 - 10 * (given.vehicles - 1)
+    if given.port > last:
+        raise UserError(f"--port {given.port}: must be at most {last} for {given.vehicles} vehicles")
     from auvbench.ardusub.server import Server
     from auvbench.runs import interruption
 
-    screen = Screen()
     with interruption.deferred() as request:
         vehicles = _vehicles(given)
         server = Server(
@@ -72,9 +73,6 @@ def serve(given: argparse.Namespace) -> int:
             given.address,
             given.port,
             give_up=given.give_up,
-            say=screen.say,
-            report=screen.report,
-            **({"every": LIVE} if screen.live else {}),
         )
         try:
             server.compile()
@@ -82,44 +80,8 @@ def serve(given: argparse.Namespace) -> int:
             server.run(lambda: request.signal is None)
         finally:
             server.close()
-            screen.end()
     print("auvbench: stopped", flush=True)
     return 0
-
-
-class Screen:
-    """Lines for people: progress is rewritten in place on a terminal."""
-
-    def __init__(self) -> None:
-        self.live = sys.stdout.isatty()
-        self._open = False
-
-    def say(self, line: str) -> None:
-        self.end()
-        print(line, flush=True)
-
-    def report(self, line: str) -> None:
-        if not self.live:
-            self.say(line)
-            return
-        print(f"\r\033[K{line}", end="", flush=True)
-        self._open = True
-
-    def end(self) -> None:
-        """Leave the line of progress."""
-        if self._open:
-            print()
-        self._open = False
-
-
-def _check(given: argparse.Namespace) -> None:
-    last = 65535 - 10 * (given.vehicles - 1)
-    if not 1 <= given.port <= last:
-        raise UserError(f"--port {given.port}: must be from 1 to {last}")
-    if not 6.0 <= given.battery <= 24.0:
-        raise UserError(f"--battery {given.battery:g}: must be from 6 to 24 V")
-    if given.give_up is not None and not (given.give_up > 0.0 and math.isfinite(given.give_up)):
-        raise UserError(f"--give-up {given.give_up:g}: must be a positive number of seconds")
 
 
 def _vehicles(given: argparse.Namespace) -> list[Physics]:

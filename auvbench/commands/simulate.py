@@ -18,54 +18,12 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".svg", ".pdf")
 
-HELP = """\
-usage: auvbench simulate [KEY=VALUE ...] [--cfg job]
-
-Integrates one vehicle open loop and writes its trajectory as CSV, or draws it with plot=FILE.
-
-examples:
-  auvbench simulate vehicle=bluerov2_heavy 'input.wrench=[40,0,0,0,0,0]' input.frame=ned duration=20 sample=0.1 output=surge.csv
-  auvbench simulate vehicle=bluerov2 'input.command=[0.5,0.5,0.5,0.5,0,0]' plot=forward.png
-  auvbench simulate vehicle=rexrov thrusters=off 'input.pose=[0,0,-5,0.9962,0.0872,0,0]' 'input.current=[0.3,0,0]'
-
-flags:
-  --cfg job       print the configuration instead of simulating
-
-vehicles (vehicle=NAME): {vehicles}
-
-keys and their defaults:
-{keys}
-The CSV has the columns {header};
-psi is unwrapped. A sheet of your own goes to ./conf/vehicle/ (docs/adding-a-vehicle.md).
-"""
-
 
 def main(arguments: Sequence[str]) -> int:
-    if any(argument in ("-h", "--help") for argument in arguments):
-        _help()
-        return 0
-    if any(argument in ("-m", "--multirun") for argument in arguments):
-        raise ConfigError(
-            "-m: simulate computes one trajectory, type it once for each; grids are for auvbench train"
-        )
-    from auvbench.commands.grammar import read_named_sheets
     from auvbench.config.compose import run
 
-    read_named_sheets(arguments)
     run("simulate", arguments, simulate)
     return 0
-
-
-def _help() -> None:
-    from importlib import resources
-
-    from auvbench.simulators.openloop import HEADER
-    from auvbench.vehicles.reader import sheet_names
-
-    text = (resources.files("auvbench.conf") / "simulate.yaml").read_text(encoding="utf-8")
-    keys = text[text.index("\ninput:") :].strip()
-    keys = "".join(f"  {line}\n" for line in keys.splitlines())
-    print(HELP.format(vehicles=", ".join(sheet_names()), keys=keys, header=HEADER), end="")
 
 
 def simulate(config: DictConfig) -> None:

@@ -6,8 +6,6 @@ import shlex
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from auvbench.commands.grammar import read_named_sheets
-
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
@@ -17,7 +15,6 @@ if TYPE_CHECKING:
 def main(arguments: Sequence[str]) -> int:
     from auvbench.config.compose import run
 
-    read_named_sheets(arguments)
     command = shlex.join(["auvbench", "train", *arguments])
     result = run(
         "train",

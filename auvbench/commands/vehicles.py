@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from auvbench.commands.grammar import Parser
+from auvbench.commands.grammar import Parser, number
 from auvbench.errors import UserError
 
 
@@ -34,7 +33,7 @@ def parser() -> Parser:
         help="with --sdf: corrected (the default) gives added mass to DART, published to the Hydrodynamics plugin",
     )
     parser.add_argument(
-        "--step", type=_step, help="with --sdf: physics step of the world in s, 0.001 by default"
+        "--step", type=number(1e-6, 1.0), help="with --sdf: physics step of the world in s, 0.001 by default"
     )
     return parser
 
@@ -70,16 +69,6 @@ def _print_sheet(name: str) -> None:
     path = Path(name)
     file = path if path.suffix in (".yaml", ".yml") else sheets()[name]
     print(file.read_text(encoding="utf-8"), end="")
-
-
-def _step(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value <= 1.0:
-        raise UserError(f"--step {text}: must be more than 0 and at most 1 s")
-    return value
 
 
 def _write_sdf(name: str, folder: Path, hydrodynamics: str, step: float) -> None:

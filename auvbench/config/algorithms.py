@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
-from auvbench.config.schema import choice, later, name, number
+from auvbench.config.schema import choice, choice_of, later, name, number
 
 
 @dataclass(kw_only=True)
@@ -21,26 +22,18 @@ class Tuned:
     date: str
 
 
+def _agents() -> Collection[str]:
+    from auvbench.config.agents import AGENTS
+
+    return AGENTS
+
+
 @dataclass(kw_only=True)
 class Algorithm:
     """What every `algo/*.yaml` has: which agent it is and how many environments it drives."""
 
     name: str = name()
-    agent: str = choice(
-        *(
-            "ppo",
-            "sac",
-            "ddpg",
-            "td3",
-            "tqc",
-            "crossq",
-            "trpo",
-            "recurrent_ppo",
-            "ppo_residual",
-            "sac_residual",
-        ),
-        *("pid", "alos", "lqr", "smc", "mpc", "random", "onnx", "ardusub"),
-    )
+    agent: str = choice_of(_agents)
     n_envs: int = number(1, 65_536)
     tuned: Tuned | None = None  # where its values were searched for
 

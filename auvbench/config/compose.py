@@ -73,11 +73,14 @@ def _register_schemas(store: ConfigStore) -> None:
         "tune_schema": tuning.TuneConfig,
         "simulate_schema": simulation.Simulation,
         **{f"{name}_schema": spec.schema for name, spec in AGENTS.items()},
-        **schema.LAUNCHERS,
-        **simulators.SCHEMAS,
-        **tasks.SCHEMAS,
-        **rewards.SCHEMAS,
     }
+    for group, known in (
+        ("launcher", schema.LAUNCHERS),
+        ("simulator", simulators.SCHEMAS),
+        ("task", tasks.SCHEMAS),
+        ("reward", rewards.SCHEMAS),
+    ):
+        kinds |= {f"{group}_{name}_schema": kind for name, kind in known.items()}
     # At the top level: the folders algo, launcher and simulator then list their answers alone.
     store.repo |= {f"{name}.yaml": _node(f"{name}.yaml", kind) for name, kind in kinds.items()}
 
@@ -165,13 +168,9 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         config = installed.complete(config, frozen=True)
         merged = OmegaConf.structured(schema.TrainConfig)
         merged.algo = _empty(config, "algo.agent", {name: spec.schema for name, spec in AGENTS.items()})
-        merged.simulator = _empty(
-            config, "simulator.name", {name: simulators.schema_of(name) for name in simulators.CAPABILITIES}
-        )
-        merged.task = _empty(config, "task.name", {name: tasks.schema_of(name) for name in tasks.OWN})
-        merged.reward = _empty(
-            config, "reward.name", {name: rewards.schema_of(name) for name in rewards.KINDS}
-        )
+        merged.simulator = _empty(config, "simulator.name", simulators.SCHEMAS)
+        merged.task = _empty(config, "task.name", tasks.SCHEMAS)
+        merged.reward = _empty(config, "reward.name", rewards.SCHEMAS)
         merged = OmegaConf.merge(merged, config)
     except OmegaConfBaseException as error:
         raise translate(error) from error
@@ -179,7 +178,7 @@ def typed(config: DictConfig) -> schema.TrainConfig:
     return train_config(merged)
 
 
-def _empty(config: DictConfig, key: str, schemas: Mapping[str, type | None]) -> Any:
+def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:
     """Return the typed, still empty `algo`, `simulator`, `task` or `reward` of a configuration."""
     known = OmegaConf.get_type(config, key.partition(".")[0])
     if isinstance(known, type) and issubclass(known, installed.CONFIGS):
@@ -249,11 +248,9 @@ def run(
             if parsed.cfg:
                 single = loader.load_configuration(entry, overrides, RunMode.RUN, from_shell=False)
                 return print(OmegaConf.to_yaml(grids.without_hydra(single)), end="")
-            if grid is not None:
-                composed = grids.compose(loader, entry, overrides, parsed.multirun)
-            else:
-                single = loader.load_configuration(entry, overrides, RunMode.RUN, from_shell=False)
-                composed = [grids.without_hydra(single)]
+            if parsed.multirun and grid is None:
+                raise ConfigError(f"-m: {entry} takes one value for each key; grids are for auvbench train")
+            composed = grids.compose(loader, entry, overrides, parsed.multirun)
         composed = [installed.complete(config) for config in composed]
     except hydra_errors.FAULTS as error:
         raise translate(error, entry, arguments) from error

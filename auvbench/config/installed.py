@@ -48,7 +48,7 @@ OWN = {
     plugins.AGENTS: tuple(AGENTS),
     plugins.SIMULATORS: tuple(CAPABILITIES),
     plugins.TASKS: tasks.OWN,
-    plugins.REWARDS: rewards.KINDS,
+    plugins.REWARDS: tuple(rewards.SCHEMAS),
 }
 """names of auvbench's own, by group of entry points"""
 _BASES: dict[str, tuple[str, type, str]] = {

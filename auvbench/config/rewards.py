@@ -4,29 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from auvbench.config.schema import choice, number
+from auvbench.config.schema import choice_of, number
 from auvbench.config.schema import name as plain_name
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ConfigError
-
-KINDS = (
-    "thesis",
-    "tracking",
-    "exponential",
-    "marinegym_hover",
-    "gym_auv_path",
-    "gym_dockauv",
-    "goal",
-    "path",
-)
-"""names of rewards, in the order of their codes in `tasks.rewards`"""
 
 
 @dataclass(kw_only=True)
 class Reward:
     """The keys of every reward."""
 
-    name: str = choice(*KINDS)
+    name: str = choice_of(lambda: SCHEMAS)
     k: float = number(0.0, 1e6)
 
 
@@ -134,20 +122,16 @@ class GymDockauv(Reward):
 
 
 SCHEMAS: dict[str, type] = {
-    "reward_thesis_schema": Thesis,
-    "reward_tracking_schema": Tracking,
-    "reward_exponential_schema": Exponential,
-    "reward_marinegym_hover_schema": MarineGymHover,
-    "reward_gym_auv_path_schema": GymAuvPath,
-    "reward_gym_dockauv_schema": GymDockauv,
-    "reward_goal_schema": Tracking,
-    "reward_path_schema": Tracking,
+    "thesis": Thesis,
+    "tracking": Tracking,
+    "exponential": Exponential,
+    "marinegym_hover": MarineGymHover,
+    "gym_auv_path": GymAuvPath,
+    "gym_dockauv": GymDockauv,
+    "goal": Tracking,
+    "path": Tracking,
 }
-
-
-def schema_of(name: str) -> type | None:
-    """Return the schema of a reward's configuration; None if the reward is unknown."""
-    return SCHEMAS.get(f"reward_{name}_schema")
+"""by name, in the order of their codes in `tasks.rewards`"""
 
 
 def check_reward(task: str, reward: str) -> None:

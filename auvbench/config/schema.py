@@ -7,6 +7,7 @@ by `validate.validate_fields`, its type by OmegaConf while Hydra composes.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, is_dataclass
 from typing import Any, get_args, get_type_hints
 
@@ -22,6 +23,11 @@ def number(low: float = -INF, high: float = INF, *, open_low: bool = False) -> A
 
 def choice(*names: str) -> Any:
     """A field that takes one of a few names."""
+    return field(metadata={"choices": names})
+
+
+def choice_of(names: Callable[[], Collection[str]]) -> Any:
+    """A field that takes one of the names of a registry, which is complete when a value is checked."""
     return field(metadata={"choices": names})
 
 
@@ -266,7 +272,7 @@ class EvaluateConfig:
 class Analysis:
     """The primary analysis that an experiment declares before its runs; never changes a result."""
 
-    measure: str = field(metadata={"choices": lambda: (PRIMARY, *measure_names())})
+    measure: str = choice_of(lambda: (PRIMARY, *measure_names()))
     baseline: str | None
     margin: float | None = number(0.0, open_low=True)  # unit of the measure, percentage points for a rate
     seeds: int | None = number(1, 1_000_000)
@@ -314,9 +320,9 @@ class Ray(Launcher):
 
 
 LAUNCHERS: dict[str, type] = {
-    "launcher_local_schema": Local,
-    "launcher_slurm_schema": Slurm,
-    "launcher_ray_schema": Ray,
+    "local": Local,
+    "slurm": Slurm,
+    "ray": Ray,
 }
 
 

@@ -82,15 +82,10 @@ class InstalledSimulator(Simulator):
 
 
 SCHEMAS: dict[str, type] = {
-    "simulator_fossen_schema": Fossen,
-    "simulator_gazebo_schema": Gazebo,
-    "simulator_ros2_schema": Ros2,
+    "fossen": Fossen,
+    "gazebo": Gazebo,
+    "ros2": Ros2,
 }
-
-
-def schema_of(name: str) -> type | None:
-    """Return the schema of a simulator's configuration; None if the simulator is unknown."""
-    return SCHEMAS.get(f"simulator_{name}_schema")
 
 
 def capabilities(simulator: Simulator) -> Capabilities:

@@ -214,17 +214,12 @@ class Docking(Tracked):
 
 
 SCHEMAS: dict[str, type] = {
-    "task_waypoint_schema": Waypoint,
-    "task_station_keeping_schema": StationKeeping,
-    "task_trajectory_tracking_schema": TrajectoryTracking,
-    "task_path_following_schema": PathFollowing,
-    "task_docking_schema": Docking,
+    "waypoint": Waypoint,
+    "station_keeping": StationKeeping,
+    "trajectory_tracking": TrajectoryTracking,
+    "path_following": PathFollowing,
+    "docking": Docking,
 }
-
-
-def schema_of(name: str) -> type | None:
-    """Return the schema of a task's configuration; None if the task is unknown."""
-    return SCHEMAS.get(f"task_{name}_schema")
 
 
 def primary_of(name: str) -> str:

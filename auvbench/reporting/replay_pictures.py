@@ -6,7 +6,7 @@ times faster than drawing the figure anew.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -182,15 +182,12 @@ def check(path: Path) -> None:
     check_writable(path, f"--video {path}")
 
 
-def film(
-    episodes: Sequence[Replay], path: Path, tell: Callable[[int, int], None] = lambda done, of: None
-) -> Path:
+def film(episodes: Sequence[Replay], path: Path) -> Path:
     """Write the episodes as one film, all from the same moment on.
 
     Args:
         episodes: as replayed.
         path: FILE.gif.
-        tell: called after each picture with how many are done, of how many.
 
     Raises:
         UserError: as `check`.
@@ -201,10 +198,8 @@ def film(
     longest = max(episodes, key=lambda episode: episode.time[-1])
     n = len(longest.command)
     steps = np.unique(np.linspace(0, n, min(n + 1, LONGEST)).astype(int))
-    every = []
-    for frame in pictures(episodes, [float(longest.time[step]) for step in steps]):
-        every.append(Image.fromarray(frame))
-        tell(len(every), len(steps))
+    frames = pictures(episodes, [float(longest.time[step]) for step in steps])
+    every = [Image.fromarray(frame) for frame in frames]
     # One palette for all: the last picture has every colour, and colours that change from picture to picture flicker.
     palette = every[-1].quantize(256)
     indexed = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in every]

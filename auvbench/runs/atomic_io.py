@@ -21,9 +21,6 @@ from auvbench.errors import TrainingError, UserError
 
 _BLOCK = 1 << 20
 
-READABLE = 0o644
-"""mode of files that others may read"""
-
 _REASONS = {
     errno.ENOSPC: "the disk is full; free some space",
     errno.EDQUOT: "the disk quota is used up; free some space",
@@ -134,9 +131,9 @@ def write_atomic(path: Path, data: bytes, *, sync_folder: bool = True) -> None:
         fsync_directory(path.parent)
 
 
-def create_atomic(path: Path, data: bytes, mode: int = READABLE) -> bool:
+def create_atomic(path: Path, data: bytes) -> bool:
     """Make a file unless it exists; return whether this call made it."""
-    staged = _stage(path, data, mode)
+    staged = _stage(path, data)
     try:
         os.link(staged, path)
     except FileExistsError:
@@ -149,7 +146,7 @@ def create_atomic(path: Path, data: bytes, mode: int = READABLE) -> bool:
     return True
 
 
-def _stage(path: Path, data: bytes, mode: int = READABLE) -> Path:
+def _stage(path: Path, data: bytes) -> Path:
     make_folder(path.parent)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
@@ -157,7 +154,7 @@ def _stage(path: Path, data: bytes, mode: int = READABLE) -> Path:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(name, mode)  # mkstemp makes files private
+        os.chmod(name, 0o644)  # mkstemp makes files private
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise

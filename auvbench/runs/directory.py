@@ -240,7 +240,7 @@ def _renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
     try:
         run.write_config(config)
     except OSError as error:
-        raise RunError(f"{run.path}: cannot be written: {error.strerror or error}") from error
+        raise _unwritable(run.path, error) from error
 
 
 def _fresh_manifest(

@@ -126,10 +126,7 @@ def difference(holder: Mapping[str, Any], name: str, data: bytes) -> str:
         name: of the file in its table.
         data: the content.
     """
-    return _difference(table(holder).get(name), data)
-
-
-def _difference(expected: Entry | None, data: bytes) -> str:
+    expected = table(holder).get(name)
     if expected is None:
         return "has no digest that could be checked"
     if len(data) != expected["bytes"]:
@@ -152,7 +149,7 @@ def lacking(folder: Path, holder: Mapping[str, Any], prefix: str = "", *, deep: 
         try:
             path = child(folder, name)
             if deep:
-                wrong = _difference(expected, reading.content(path, reading.WEIGHTS))
+                wrong = difference(holder, name, reading.content(path, reading.WEIGHTS))
             else:
                 size = path.stat().st_size
                 wrong = (

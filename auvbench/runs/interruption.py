@@ -88,7 +88,7 @@ def deferred() -> Iterator[Request]:
             raise Interrupted(number)
         request.signal = signal.Signals(number)
 
-    with _handlers(note):
+    with handlers(note):
         yield request
 
 
@@ -105,7 +105,7 @@ def immediate() -> Iterator[Request]:
         request.signal = signal.Signals(number)
         raise Interrupted(number)
 
-    with _handlers(leave):
+    with handlers(leave):
         yield request
 
 
@@ -122,7 +122,8 @@ def behind(error: BaseException) -> KeyboardInterrupt | None:
 
 
 @contextlib.contextmanager
-def _handlers(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+def handlers(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+    """Handle `SIGNALS` inside. Without effect outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -13,10 +13,11 @@ import fnmatch
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 from auvbench.errors import RunError, UserError, closest
-from auvbench.runs.directory import RunDirectory
+from auvbench.runs.directory import RunDirectory, find_runs
 
 Item = TypeVar("Item")
 
@@ -114,6 +115,17 @@ def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             found[f"{prefix}{key}"] = value
     return found
+
+
+def find(paths: Iterable[Path | str], where: Sequence[str]) -> list[RunDirectory]:
+    """Return the runs under some paths for which all terms hold.
+
+    Raises:
+        RunError, UserError: as `find_runs`, `parse` and `select`.
+    """
+    terms = parse(where)
+    runs = find_runs(paths)
+    return select(runs, terms, facts) if terms else runs
 
 
 def facts(run: RunDirectory) -> dict[str, Any]:

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
 import signal
-import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from types import FrameType
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from auvbench.errors import RunError, UserError
-from auvbench.runs import lock
+from auvbench.runs import interruption, lock
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import SIGNALS
 from auvbench.runs.status import lost_model
 from auvbench.training import worker
 from auvbench.training.worker import HELD
+
+if TYPE_CHECKING:
+    from auvbench.scheduling.views import View
 
 
 class SubmitError(UserError):
@@ -138,18 +139,6 @@ class Result:
         return 0 if all(outcome is Outcome.COMPLETE for outcome, _ in self.outcomes.values()) else 1
 
 
-class View(Protocol):
-    """Shows how a sweep goes on."""
-
-    def begin(self) -> None: ...
-    def started(self, run: RunDirectory, job: Job) -> None: ...
-    def polled(self, run: RunDirectory, phase: Phase) -> None: ...
-    def ended(self, run: RunDirectory, outcome: Outcome, message: str) -> None: ...
-    def say(self, text: str) -> None: ...
-    def refresh(self) -> None: ...
-    def end(self) -> None: ...
-
-
 class Loop:
     """Drives one sweep."""
 
@@ -172,7 +161,7 @@ class Loop:
         """
         self.view.begin()
         try:
-            with self._listen():
+            with interruption.handlers(self._note):
                 while self.goes_on():
                     self._obey()
                     self._fill()
@@ -242,18 +231,6 @@ class Loop:
         for job in self.active:
             job.cancel(force=force)
 
-    @contextlib.contextmanager
-    def _listen(self) -> Iterator[None]:
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-        before = {number: signal.signal(number, self._note) for number in SIGNALS}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
     def _note(self, number: int, _frame: FrameType | None) -> None:
         self.signals += 1
         self.result.signal = self.result.signal or signal.Signals(number)
@@ -281,7 +258,7 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
         message = f"{message}; {run.train / 'log.txt'} may say why"
     try:
         with lock.acquire(run.path):
-            worker.fail(run, kind="WorkerDied", message=message)
+            worker.fail(run, worker.WorkerDied(message))
     except lock.RunHeldError as held:
         if (
             job.mark is not None and held.holder.job == job.mark

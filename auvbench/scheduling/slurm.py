@@ -31,48 +31,18 @@ from auvbench.untrusted.typed_json import Range
 SCRIPT = "slurm.sh"
 """In the run directory: the batch script that was last submitted for it."""
 
-RESERVED = frozenset(
-    [
-        "-a",
-        "--array",
-        "-e",
-        "--error",
-        "-H",
-        "--hold",
-        "-J",
-        "--job-name",
-        "-o",
-        "--output",
-        "--open-mode",
-        "--parsable",
-        "-Q",
-        "--quiet",
-        "--requeue",
-        "--no-requeue",
-        "--signal",
-        "--test-only",
-        "-V",
-        "--version",
-        "-W",
-        "--wait",
-        "--wrap",
-    ]
+RESERVED = (
+    "-a --array -e --error -H --hold -J --job-name -o --output --open-mode --parsable -Q --quiet --requeue "
+    "--no-requeue --signal --test-only -V --version -W --wait --wrap"
 )
 """sbatch's options that auvbench needs itself, or that change its answer"""
 
 JOB_FILE = "slurm.json"
 """In the run directory: the job that was last submitted for it, so that the next sweep finds it again."""
 
-WAITING = {
-    "PENDING",
-    "CONFIGURING",
-    "REQUEUED",
-    "REQUEUE_HOLD",
-    "REQUEUE_FED",
-    "RESV_DEL_HOLD",
-    "SPECIAL_EXIT",
-}
-RUNNING = {"RUNNING", "COMPLETING", "STAGE_OUT", "SIGNALING", "SUSPENDED", "STOPPED", "RESIZING"}
+WAITING = "PENDING CONFIGURING REQUEUED REQUEUE_HOLD REQUEUE_FED RESV_DEL_HOLD SPECIAL_EXIT"
+RUNNING = "RUNNING COMPLETING STAGE_OUT SIGNALING SUSPENDED STOPPED RESIZING"
+"""States of jobs, as squeue names them"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +95,7 @@ class SlurmBackend:
             if shutil.which(program) is None:
                 raise UserError(f"launcher=slurm: there is no {program} on this machine; valid: a login node")
         for option in options.sbatch:
-            if option.split("=")[0] in RESERVED:
+            if option.split("=")[0] in RESERVED.split():
                 raise UserError(
                     f"launcher.sbatch={option}: auvbench needs that option itself, or one job and its number as "
                     "the answer; valid: other options of sbatch"
@@ -166,7 +136,7 @@ class SlurmBackend:
             return None
         state = self._states([number]).get(number)
         # Numbers are given out again after a reinstallation: the job's name has to be the run's as well.
-        if state is None or state[0] not in WAITING | RUNNING or state[1] != run.name:
+        if state is None or state[0] not in f"{WAITING} {RUNNING}".split() or state[1] != run.name:
             return None
         return self._watch(run, number)
 
@@ -225,9 +195,9 @@ class SlurmBackend:
             return  # the controller does not answer; that says nothing about the jobs
         for number, job in open_jobs.items():
             state = states.get(number, ("", ""))[0]
-            if state in WAITING:
+            if state in WAITING.split():
                 job.status = Status(Phase.QUEUED)
-            elif state in RUNNING:
+            elif state in RUNNING.split():
                 job.status = Status(Phase.RUNNING)
             else:
                 self._missing(job, state)

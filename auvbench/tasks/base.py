@@ -124,7 +124,7 @@ class Task:
         P[k.P_PREVIEW], P[k.P_PREVIEWED] = preview, previewed
         P[k.P_HISTORY] = task.history
         name = config.reward.name
-        P[k.P_REWARD] = rewards.KINDS.index(name) if name in rewards.KINDS else FOREIGN
+        P[k.P_REWARD] = list(rewards.SCHEMAS).index(name) if name in rewards.SCHEMAS else FOREIGN
         values = rewards.parameters(config.reward)
         P[k.P_REWARD_OWN : k.P_REWARD_OWN + len(values)] = values
         P[k.P_OWN :] = own

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import time
-import traceback
 from contextlib import suppress
 from typing import Any
 
@@ -22,6 +21,7 @@ from auvbench.runs.lock import LockLostError
 from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch
 from auvbench.tasks.base import check_vehicle
+from auvbench.training import worker
 from auvbench.vehicles import sheet
 
 
@@ -91,7 +91,9 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
     with interruption.deferred() as stop:
         try:
             if learns(config.algo):
-                result = _learn(run, config, watch, stop, note)
+                from auvbench.training.learning import learn
+
+                result = learn(run, config, watch, stop, note)
             else:
                 result = {"files": _admit(run, config)}
             with storage(f"cannot write {run.path}"):
@@ -101,17 +103,16 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
                 )
         except LockLostError:
             raise  # the run and its manifest belong to another process by now
-        except (KeyboardInterrupt, interruption.Interrupted):
-            with suppress(OSError):
-                close("interrupted")
-            raise
-        except Exception as error:
-            if (interrupted := interruption.behind(error)) is not None:  # caught by a library on its way
+        except (KeyboardInterrupt, Exception) as error:
+            if (
+                interrupted := interruption.behind(error)
+            ) is not None:  # maybe caught by a library on its way
                 with suppress(OSError):
                     close("interrupted")
-                raise interrupted from error
+                raise interrupted from (None if interrupted is error else error)
             with suppress(OSError):  # a full disk takes no manifest either, and the first error is the cause
-                close("failed", error=_detail(error, run.manifest()["steps"]))
+                note()
+                worker.fail(run, error)
             if isinstance(error, AuvbenchError):
                 raise
             raise TrainingError(f"{run.id}: {type(error).__name__}: {error}") from error
@@ -119,15 +120,6 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
         # It came when nothing was left to stop here; a command with several runs must know of it.
         raise interruption.Interrupted(stop.signal, f"{run.path}: complete")
     return manifest
-
-
-def _detail(error: Exception, step: int) -> dict[str, Any]:
-    return {
-        "type": type(error).__name__,
-        "message": str(error),
-        "step": step,
-        "traceback": traceback.format_exc(),
-    }
 
 
 def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity.Entry]:
@@ -162,9 +154,3 @@ def _try(config: schema.TrainConfig) -> None:
     agent = make(config, batch.vehicle)
     agent.reset(np.zeros(1, dtype=np.int64))
     batch.step(np.asarray(agent.act(batch.reset())))
-
-
-def _learn(run: RunDirectory, config: schema.TrainConfig, *arguments: Any) -> dict[str, Any]:
-    from auvbench.training.learning import learn
-
-    return learn(run, config, *arguments)

@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,52 +34,34 @@ from auvbench.training.validation import Validator
 GRACE = 20.0  # s to reach the next checkpoint after SIGTERM; SLURM kills 30 s after it by default
 
 
+@dataclass
 class Session:
-    """One training, as its learner sees it.
+    """One training, as its learner sees it (`agents.base.Callbacks`)."""
 
-    Args:
-        run: its directory.
-        learner: who learns; the one that is saved and tested.
-        environment: in which it learns.
-        total_steps: the budget, in environment steps.
-        checkpointer: prepared, with its parts.
-        log: of the episodes.
-        events: of the scalars.
-        reporter: of the progress.
-        validator: tests the policy on the way; None where it is not wanted.
-        stop: checked in every step: whether the run shall stop.
-
-    Attributes:
-        steps: environment steps that lie behind.
-        began_at: when training began, by the monotonic clock; None before `begin`.
-    """
-
-    def __init__(
-        self,
-        run: RunDirectory,
-        learner: Learner,
-        environment: Environment,
-        total_steps: int,
-        *,
-        checkpointer: Checkpointer,
-        log: EpisodeLog,
-        events: EventWriter,
-        reporter: Reporter,
-        validator: Validator | None,
-        stop: Request,
-    ) -> None:
-        self.total_steps = total_steps
-        self.steps = 0
-        self.began_at: float | None = None
-        self._run, self._learner, self._environment = run, learner, environment
-        self._checkpointer, self._log, self._events = checkpointer, log, events
-        self._reporter, self._validator, self._stop = reporter, validator, stop
-        self._asked_at: float | None = None
+    run: RunDirectory
+    learner: Learner
+    """the one that is saved and tested"""
+    environment: Environment
+    total_steps: int
+    """the budget, in environment steps"""
+    checkpointer: Checkpointer
+    """prepared, with its parts"""
+    episodes: EpisodeLog
+    events: EventWriter
+    reporter: Reporter
+    validator: Validator | None
+    stop: Request
+    """looked at in every step"""
+    steps: int = 0
+    """environment steps that lie behind"""
+    began_at: float | None = None
+    """when training began, by the monotonic clock; None before `begin`"""
+    _asked_at: float | None = None
 
     def begin(self) -> int:
         """As the contract says."""
         self.began_at = time.monotonic()
-        self.steps = self._checkpointer.restore(self._learner)
+        self.steps = self.checkpointer.restore(self.learner)
         return self.steps
 
     def step(self, steps: int, transition: Transition) -> float:
@@ -90,23 +73,23 @@ class Session:
         """
         self.steps = steps
         check_step(transition.observation, transition.reward, steps)
-        if self._stop.signal is not None:
+        if self.stop.signal is not None:
             self._asked_at = self._asked_at or time.monotonic()
-            if not self._learner.exact_resume or time.monotonic() - self._asked_at > GRACE:
+            if not self.learner.exact_resume or time.monotonic() - self._asked_at > GRACE:
                 self._leave(self._kept())
         if transition.records:
-            self._log.append(steps, transition.records)
+            self.episodes.append(steps, transition.records)
             for record in transition.records:
-                self._reporter.episode(record["outcome"] == "success", float(record["return"]))
-        self._reporter.step(steps)
-        if self._validator is not None and self._validator.is_due(steps, self._environment.n):
-            return self._test(self._validator)
+                self.reporter.episode(record["outcome"] == "success", float(record["return"]))
+        self.reporter.step(steps)
+        if self.validator is not None and self.validator.is_due(steps, self.environment.n):
+            return self._test(self.validator)
         return 0.0
 
     def _test(self, validator: Validator) -> float:
-        elapsed = self._checkpointer.elapsed
-        spent = validator.test(self._learner, self.steps, self._reporter.episodes, elapsed)
-        self._checkpointer.paused += spent
+        elapsed = self.checkpointer.elapsed
+        spent = validator.test(self.learner, self.steps, self.reporter.episodes, elapsed)
+        self.checkpointer.paused += spent
         return spent
 
     def checkpoint(self, steps: int) -> None:
@@ -116,18 +99,18 @@ class Session:
             Interrupted: the run was asked to stop; it is saved.
         """
         self.steps = steps
-        lock.verify(self._run.path, every=1.0)
-        if self._stop.signal is not None:
-            if self._learner.exact_resume:
-                self._checkpointer.save(self._learner, steps)
+        lock.verify(self.run.path, every=1.0)
+        if self.stop.signal is not None:
+            if self.learner.exact_resume:
+                self.checkpointer.save(self.learner, steps)
                 self._leave(f"saved at step {steps:,}")
             self._leave(self._kept())
-        if self._learner.exact_resume and self._checkpointer.is_due(steps):
-            self._checkpointer.save(self._learner, steps)
+        if self.learner.exact_resume and self.checkpointer.is_due(steps):
+            self.checkpointer.save(self.learner, steps)
 
     def log(self, scalars: Mapping[str, float], steps: int) -> None:
         """As the contract says."""
-        self._events.write(scalars, steps)
+        self.events.write(scalars, steps)
 
     def end(self) -> None:
         """Call when the learner has returned: saves the last checkpoint, and tests once more where that is owed.
@@ -139,22 +122,22 @@ class Session:
             raise TrainingError(
                 f"the learner returned at step {self.steps:,} of {self.total_steps:,}; it must go on until the budget is used up"
             )
-        lock.verify(self._run.path)
-        if self._learner.exact_resume:
-            self._checkpointer.save(self._learner, self.steps)
-        if self._validator is not None and self._validator.is_owed(self.steps, self._environment.n):
-            self._test(self._validator)
+        lock.verify(self.run.path)
+        if self.learner.exact_resume:
+            self.checkpointer.save(self.learner, self.steps)
+        if self.validator is not None and self.validator.is_owed(self.steps, self.environment.n):
+            self._test(self.validator)
 
     def _kept(self) -> str:
-        if self._learner.exact_resume:
-            return f"the last checkpoint is of step {self._checkpointer.saved_step:,}"
+        if self.learner.exact_resume:
+            return f"the last checkpoint is of step {self.checkpointer.saved_step:,}"
         return "which this learner cannot go on from: it begins anew"
 
     def _leave(self, what: str) -> None:
-        assert self._stop.signal is not None
-        cause = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM"}.get(self._stop.signal.name, self._stop.signal.name)
-        goes_on = "; the same command goes on from there" if self._learner.exact_resume else ""
-        raise Interrupted(self._stop.signal, f"{self._run.path}: stopped by {cause}, {what}{goes_on}")
+        assert self.stop.signal is not None
+        cause = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM"}.get(self.stop.signal.name, self.stop.signal.name)
+        goes_on = "; the same command goes on from there" if self.learner.exact_resume else ""
+        raise Interrupted(self.stop.signal, f"{self.run.path}: stopped by {cause}, {what}{goes_on}")
 
 
 def reached(steps: int, reporter: Reporter) -> dict[str, Any]:
@@ -256,12 +239,12 @@ def learn(
             learner,
             batch,
             train.total_steps,
-            checkpointer=checkpointer,
-            log=log,
-            events=writer,
-            reporter=reporter,
-            validator=validator,
-            stop=stop or Request(),
+            checkpointer,
+            log,
+            writer,
+            reporter,
+            validator,
+            stop or Request(),
         )
         note = note or run.update_manifest
         checkpointer.flush = log.flush

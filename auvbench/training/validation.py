@@ -23,7 +23,7 @@ from auvbench.config import schema
 from auvbench.config.tasks import TASKS
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.evaluation.rollout import roll_out
-from auvbench.record import Record, record_columns
+from auvbench.record import record_columns
 from auvbench.runs.progress import EpisodeLog
 
 
@@ -112,22 +112,25 @@ class Validator:
             elapsed: s of wall time of training so far, without tests.
         """
         began = time.monotonic()
-        records = self._records(agent)
+        records = roll_out(
+            self._config,
+            agent,
+            episodes=np.arange(self._protocol.episodes),
+            seed=self._protocol.seed,
+            batch=self._protocol.batch,
+            scenarios=self._protocol.scenarios,
+        ).records
         counts = Counter(str(record["outcome"]) for record in records)
-        rates = {
-            f"{outcome}_rate": counts[outcome] / len(records)
-            for outcome in TASKS[self._config.task.name].outcomes
-        }
+        task = self._config.task.name
+        rates = {f"{outcome}_rate": counts[outcome] / len(records) for outcome in TASKS[task].outcomes}
+        means = (float(np.mean([float(record[name]) for record in records])) for name in _means(task))
         row: tuple[float | int | str, ...] = (
             steps / self._frequency,
             episodes,
             self._fingerprint,
             len(records),
             *rates.values(),
-            *(
-                float(np.mean([float(record[name]) for record in records]))
-                for name in _means(self._config.task.name)
-            ),
+            *means,
             round(elapsed, 3),
         )
         self._log.append(steps, [dict(zip(self._columns, row, strict=True))])
@@ -137,16 +140,6 @@ class Validator:
         spent = time.monotonic() - began
         self.spent += spent
         return spent
-
-    def _records(self, agent: Agent) -> list[Record]:
-        return roll_out(
-            self._config,
-            agent,
-            episodes=np.arange(self._protocol.episodes),
-            seed=self._protocol.seed,
-            batch=self._protocol.batch,
-            scenarios=self._protocol.scenarios,
-        ).records
 
     def close(self) -> None:
         """Closes the file."""

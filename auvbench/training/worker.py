@@ -84,24 +84,18 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
             return
         try:
             function(run)
-        except KeyboardInterrupt:
-            _interrupted(run)
-            raise
         except lock.LockLostError:
             raise  # the manifest belongs to another process by now
         except BaseException as error:
-            asked = request.signal if request is not None else None
-            interrupted = Interrupted(asked) if asked is not None else interruption.behind(error)
+            interrupted = interruption.behind(error)
+            if interrupted is None and request is not None and request.signal is not None:
+                interrupted = Interrupted(request.signal)
             if interrupted is not None:
                 _interrupted(run)
-                raise interrupted from error
+                raise interrupted from (None if interrupted is error else error)
             with contextlib.suppress(OSError):  # on a full disk the first error is the one to tell
-                if not (
-                    run.manifest()["state"] == "failed" and run.manifest()["error"]
-                ):  # unless the loop said it
-                    name = type(error).__name__
-                    trace = "".join(traceback.format_exception(error))
-                    fail(run, kind=name, message=str(error) or name, trace=trace)
+                if not (run.manifest()["state"] == "failed" and run.manifest()["error"]):
+                    fail(run, error)  # unless the loop did it
             raise
 
 
@@ -119,13 +113,20 @@ def _interrupted(run: RunDirectory) -> None:
             run.update_manifest(state="interrupted", ended=now())
 
 
-def fail(run: RunDirectory, *, kind: str, message: str, trace: str | None = None) -> None:
+class WorkerDied(Exception):
+    """A worker could not record its end itself."""
+
+
+def fail(run: RunDirectory, error: BaseException) -> None:
     """Marks a run as failed. The caller holds its lock."""
-    run.update_manifest(
-        state="failed",
-        ended=now(),
-        error={"type": kind, "message": message, "step": run.manifest()["steps"], "traceback": trace},
-    )
+    name = type(error).__name__
+    detail = {
+        "type": name,
+        "message": str(error) or name,
+        "step": run.manifest()["steps"],
+        "traceback": "".join(traceback.format_exception(error)) if error.__traceback__ else None,
+    }
+    run.update_manifest(state="failed", ended=now(), error=detail)
 
 
 def redirect(path: Path) -> None:

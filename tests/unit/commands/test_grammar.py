@@ -78,7 +78,7 @@ def test_the_wrong_one_names_the_right_one(
         (["train", "--cfg", "all of it"], "invalid choice"),
         (["train", "--multi"], "did you mean '--multirun'"),
         (["evaluate", "outputs", "--workers", "-1"], "must be a whole number from 0 to 4096"),
-        (["resume", "outputs", "--workers", "two"], "two: must be a whole number"),
+        (["resume", "outputs", "--workers", "two"], "must be a whole number from 0 to 4096, got two"),
         (["resume", "--bogus"], "unknown option '--bogus' of resume"),
         (["replay", "--bogus", "outputs"], "unknown option '--bogus' of replay"),
         (["replay"], "RUN"),

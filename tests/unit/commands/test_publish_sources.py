@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 
 from auvbench import cli
-from auvbench.runs import lock
 from tests.numbers import assert_same_numbers
 from tests.synthetic import set_state, write_experiment
 
@@ -86,17 +85,6 @@ def test_a_run_directory_counts_before_its_published_copy(first, capsys):
     for run in first:
         assert f"{run} is reported, {TO}/{run.name} is not" in said
     assert "not published" not in said
-
-
-@pytest.mark.slow
-def test_a_run_at_work_is_left_out(first, capsys):
-    with lock.acquire(first[0]):
-        assert publish("first/outputs") == 1
-        assert f"not published: {first[0].name}: " in capsys.readouterr().out
-        assert first[0].name not in published()
-        assert publish(str(first[0]), to="results/alone") == 1
-        assert "works on it at present" in capsys.readouterr().err
-    assert not Path("results/alone").exists()
 
 
 @pytest.mark.slow
