@@ -134,7 +134,7 @@ def _copied(tree: dict[str, Any]) -> dict[str, Any]:
 def _compose(entry: str, overrides: Sequence[str], folder: Path | None = WORKING_DIRECTORY) -> DictConfig:
     given = typing.read(overrides)
     with _loader(folder) as loader:
-        return grids.without_hydra(loader.load_configuration(entry, given, RunMode.RUN, from_shell=False))
+        return grids.single(loader, entry, given)
 
 
 def compose(
@@ -199,13 +199,16 @@ def with_algorithm(config: schema.TrainConfig, algo: Mapping[str, Any]) -> schem
     Raises:
         ConfigError: a key is unknown, a type or a value is wrong, or it contradicts another.
     """
-    from auvbench.config.validate import again
+    from auvbench.config.validate import check_across, validate_fields
 
     try:
         merged = OmegaConf.merge(OmegaConf.structured(type(config.algo)), dict(algo))
     except OmegaConfBaseException as error:
         raise translate(error) from error
-    return again(dataclasses.replace(config, algo=OmegaConf.to_object(merged)))
+    changed = dataclasses.replace(config, algo=OmegaConf.to_object(merged))
+    validate_fields(changed.algo, "algo.")
+    check_across(changed)
+    return changed
 
 
 def option(group: str, choice: str) -> DictConfig:
@@ -246,8 +249,7 @@ def run(
             if parsed.help:
                 return print(_help(Hydra("auvbench", loader), entry, overrides))
             if parsed.cfg:
-                single = loader.load_configuration(entry, overrides, RunMode.RUN, from_shell=False)
-                return print(OmegaConf.to_yaml(grids.without_hydra(single)), end="")
+                return print(OmegaConf.to_yaml(grids.single(loader, entry, overrides)), end="")
             if parsed.multirun and grid is None:
                 raise ConfigError(f"-m: {entry} takes one value for each key; grids are for auvbench train")
             composed = grids.compose(loader, entry, overrides, parsed.multirun)

@@ -47,8 +47,7 @@ def compose(
     # Values may belong to a swept file, so they are set per job: `algo=sac,td3 algo.learning_starts=300`.
     chosen = loader.load_configuration(entry, choices, RunMode.MULTIRUN).hydra
     if not multirun and chosen.mode != RunMode.MULTIRUN:
-        single = loader.load_configuration(entry, list(overrides), RunMode.RUN, from_shell=False)
-        return [without_hydra(single)]
+        return [single(loader, entry, overrides)]
     union, shared = chosen.sweeper.get("grids"), chosen.sweeper.get("params") or {}
     common = from_config(parser, [shared])[0]
     typed = axes(parser, [line for line in overrides if line not in own])
@@ -69,15 +68,19 @@ def compose(
                 raise ConfigError(
                     f"{' '.join(files)}: an experiment with grids is swept alone, one at a time"
                 )
-            bases[files] = without_hydra(base)
+            bases[files] = _without_hydra(base)
         config = copy.deepcopy(bases[files])
         loader._apply_overrides_to_config(values, config)
         composed.append(config)
     return composed
 
 
-def without_hydra(config: DictConfig) -> DictConfig:
-    """Remove Hydra's own keys from a configuration."""
+def single(loader: ConfigLoaderImpl, entry: str, overrides: Sequence[str]) -> DictConfig:
+    """Return the configuration of one job."""
+    return _without_hydra(loader.load_configuration(entry, list(overrides), RunMode.RUN, from_shell=False))
+
+
+def _without_hydra(config: DictConfig) -> DictConfig:
     with open_dict(config):
         del config["hydra"]
     return config
@@ -125,12 +128,8 @@ def from_config(parser: OverridesParser, node: Any) -> list[Grid]:
     Raises:
         ConfigError: it is not a list of mappings from keys to values.
     """
-    if node is None:
-        return []
-    if not isinstance(node, Sequence | ListConfig) or isinstance(node, str):
-        raise ConfigError(f"hydra.sweeper.grids={node}: must be a list of mappings from keys to values")
     grids = []
-    for entry in node:
+    for entry in node or ():
         if not isinstance(entry, Mapping | DictConfig):
             raise ConfigError(
                 f"hydra.sweeper.grids: {entry} must map keys to values, e.g. {{algo: 'sac,ppo'}}"

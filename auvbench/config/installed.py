@@ -254,16 +254,14 @@ def thing_of(group: str, name: str, release: str) -> Any:
     return plugins.load(found)
 
 
-_PARTS = tuple(key.partition(".")[0] for key in plugins.KEYS.values())
-
-
 def releases(config: Any) -> dict[str, str]:
-    """Return the versions of the packages behind a typed configuration, by name, for a manifest."""
-    given = (str(getattr(getattr(config, key), "package", "")) for key in _PARTS)
-    return dict(release.split("==", 1) for release in given if "==" in release)
-
-
-def releases_of(config: Mapping[str, Any]) -> list[str]:
-    """Return the packages behind a plain configuration, with their versions."""
-    nodes = (config.get(key) for key in _PARTS)
-    return [str(node["package"]) for node in nodes if isinstance(node, Mapping) and node.get("package")]
+    """Return the versions of the packages behind a configuration, typed or plain, by name, for a manifest."""
+    found = {}
+    for key in plugins.KEYS.values():
+        group = key.partition(".")[0]
+        node = config.get(group) if isinstance(config, Mapping) else getattr(config, group)
+        package = node.get("package") if isinstance(node, Mapping) else getattr(node, "package", None)
+        if package:
+            name, _, version = str(package).partition("==")
+            found[name] = version
+    return found

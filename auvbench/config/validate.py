@@ -109,19 +109,8 @@ def train_config(config: DictConfig) -> schema.TrainConfig:
         ConfigError: a value is out of range or missing, or contradicts another.
     """
     typed = structured(config, schema.TrainConfig)
-    _across(typed)
+    check_across(typed)
     return typed
-
-
-def again(config: schema.TrainConfig) -> schema.TrainConfig:
-    """Checks the algorithm of a configuration, the rest of which was checked before.
-
-    Raises:
-        ConfigError: a value is out of range, or at odds with another.
-    """
-    validate_fields(config.algo, "algo.")
-    _across(config)
-    return config
 
 
 def evaluate_config(config: DictConfig) -> schema.EvaluateConfig:
@@ -159,8 +148,12 @@ def require(holds: bool, key: str, value: Any, what: str) -> None:
         raise ConfigError(f"{key}={_show(value)}: must {what}")
 
 
-def _across(config: schema.TrainConfig) -> None:
-    """Check rules that span several keys."""
+def check_across(config: schema.TrainConfig) -> None:
+    """Check rules that span several keys.
+
+    Raises:
+        ConfigError: a value contradicts another.
+    """
     task, noise, frequency = config.task, config.noise, config.step.frequency
     _task(task)
     rewards.check_reward(task.name, config.reward.name)

@@ -247,7 +247,7 @@ def _named_packages(run: RunDirectory) -> Iterator[None]:
     except AuvbenchError:
         raise
     except Exception as error:
-        releases = installed.releases_of(run.config())
+        releases = [f"{name}=={version}" for name, version in installed.releases(run.config()).items()]
         if not releases:
             raise
         raise AgentError(

@@ -174,8 +174,7 @@ def acquire(run: str | Path, *, job: str | None = None) -> RunLock:
 
 def verify(run: str | Path, every: float = 0.0) -> None:
     """As `RunLock.verify`, for the lock that this process took; do nothing if it took none."""
-    held = _mine.get(Path(run).absolute())
-    if held is not None:
+    if (held := _mine.get(Path(run).absolute())) is not None:
         held.verify(every)
 
 

@@ -54,12 +54,9 @@ class EpisodeLog:
         csv.writer(text, lineterminator="\n").writerows(rows)
         self._file.write(text.getvalue().encode())
 
-    def flush(self, *, sync: bool = False) -> int:
-        """Hands all rows to the system (and to the disk); returns the file's length in bytes."""
+    def flush(self) -> None:
+        """Hands all rows to the system."""
         self._file.flush()
-        if sync:
-            os.fsync(self._file.fileno())
-        return self._file.tell()
 
     def abandon(self) -> None:
         """Closes without writing what is still held back."""

@@ -80,7 +80,8 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
         RunError: the run cannot be extended; the message says why.
     """
     config = run.check()
-    _check_budget(run, config, total_steps)
+    if total_steps <= (present := config["train"]["total_steps"]):
+        raise ConfigError(f"train.total_steps={total_steps}: must be more than the {present} of {run.path}")
     _check_schedule(run, config)
     now = status.of(run)
     if now.holder is not None:
@@ -101,29 +102,19 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
     return Extension(run, larger, target, checkpoint)
 
 
-def _check_budget(run: RunDirectory, config: dict[str, Any], total_steps: int) -> None:
-    present = config["train"]["total_steps"]
-    if total_steps <= present:
-        raise ConfigError(f"train.total_steps={total_steps}: must be more than the {present} of {run.path}")
-
-
 def _check_schedule(run: RunDirectory, config: dict[str, Any]) -> None:
     algo = config["algo"]
     if not learns(algo):
         raise RunError(f"{run.path}: {algo['name']} does not learn, so there is nothing to extend")
-    if algo.get("package") and not _resumes_exactly(config):
-        raise RunError(
-            f"{run.path} cannot be extended: {algo['name']} does not resume exactly; train it anew"
-        )
+    if algo.get("package"):  # of auvbench's own learners all resume exactly
+        made = typed(OmegaConf.create(config))
+        if not learner_of(made, sheet.load(made.vehicle)).exact_resume:
+            raise RunError(
+                f"{run.path} cannot be extended: {algo['name']} does not resume exactly; train it anew"
+            )
     if algo.get("learning_rate_schedule", "constant") != "constant":
         raise RunError(
             f"{run.path} cannot be extended: with algo.learning_rate_schedule={algo['learning_rate_schedule']} the "
             "learning rate at every step depends on train.total_steps, so a longer run is another run from its "
             "first step on; train it with auvbench train"
         )
-
-
-def _resumes_exactly(config: dict[str, Any]) -> bool:
-    """Return whether the learner of an installed package resumes with the same bits."""
-    made = typed(OmegaConf.create(config))
-    return learner_of(made, sheet.load(made.vehicle)).exact_resume

@@ -59,7 +59,9 @@ def test_it_is_chosen_with_its_reward_its_types_and_its_package(site: Site) -> N
     assert (config.task.radius, config.task.package) == (4.0, "auvbench-example==1.0")
     assert (config.reward.name, config.reward.package) == ("view", "auvbench-example==1.0")
     assert installed.releases(config) == {"auvbench-example": "1.0"}
-    assert installed.releases_of({"algo": {}, "reward": {"package": "auvbench-example==1.0"}})
+    assert installed.releases({"algo": {}, "reward": {"package": "auvbench-example==1.0"}}) == {
+        "auvbench-example": "1.0"
+    }
     assert tasks.TASKS["circling"].title == "circling a pole"
     assert record_columns("circling")[-2:] == ("in_view", "closest_m")
     assert set(metrics.SHARED) < set(record_columns("circling"))
