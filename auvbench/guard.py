@@ -91,16 +91,9 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
         return 2
     saved = _save(error, arguments)
     where = f"; details: {saved}" if saved else " (and no details could be saved)"
-    reason = short(f"{type(error).__name__}: {_text(error)}")
+    reason = short(f"{type(error).__name__}: {error}")
     say(f"auvbench: a defect of auvbench, not of what you typed: {reason}{where}")
     return DEFECT
-
-
-def _text(error: BaseException) -> str:
-    try:
-        return str(error)
-    except Exception:  # an error whose own text fails
-        return "no text"
 
 
 def _save(error: BaseException, arguments: Sequence[str]) -> Path | None:

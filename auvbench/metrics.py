@@ -62,14 +62,14 @@ class Metric:
 
     name: str
     """of the column of episodes.csv, or of the measure"""
-    kind: Kind
     unit: str
     """in files"""
-    better: Literal["higher", "lower", ""]
     title: str
     definition: str
     value: Callable[[Totals], float | int | str] | None = None
     """the column of a record from the totals of an episode"""
+    kind: Kind = "episode"
+    better: Literal["higher", "lower", ""] = "lower"
     latex: str = ""
     """title in LaTeX where it has a symbol"""
     shown_unit: str | None = None
@@ -106,7 +106,16 @@ def _rate(
     tasks: tuple[str, ...] = (),
 ) -> Metric:
     return Metric(
-        name, "rate", "1", better, title, definition, shown_unit="%", scale=100.0, high=1.0, tasks=tasks
+        name,
+        "1",
+        title,
+        definition,
+        kind="rate",
+        better=better,
+        shown_unit="%",
+        scale=100.0,
+        high=1.0,
+        tasks=tasks,
     )
 
 
@@ -137,12 +146,12 @@ def column(
     """
     return Metric(
         name,
-        "episode" if better else "scenario",
         unit,
-        better,
         title,
         definition,
         lambda t: t.own[name],
+        kind="episode" if better else "scenario",
+        better=better,
         low=low,
         high=high,
         tasks=tasks,
@@ -166,11 +175,10 @@ METRICS: list[Metric] = [
     *(
         Metric(
             f"par{k}_{name}",
-            "penalised",
             unit,
-            "lower",
             f"PAR-{k} {title}",
             f"{what}; a failure counts as {limit}",
+            kind="penalised",
         )
         for name, unit, title, what in (
             ("steps", "", "steps", "agent steps"),
@@ -179,54 +187,37 @@ METRICS: list[Metric] = [
         for k, limit in ((1, "the limit"), (2, "twice the limit"))
     ),
     Metric(
-        "time_to_goal_s", "derived", "s", "lower", "time to goal", "simulated time of the successful episodes"
+        "time_to_goal_s", "s", "time to goal", "simulated time of the successful episodes", kind="derived"
     ),
-    Metric("episode", "key", "", "", "episode", "", lambda t: t.episode),
-    Metric("environment", "key", "", "", "environment", "", lambda t: t.environment),
-    Metric("outcome", "key", "", "", "outcome", "", lambda t: t.outcome),
-    Metric("steps", "episode", "", "lower", "steps", "agent steps until the end", lambda t: t.steps, low=1.0),
-    Metric(
-        "duration_s",
-        "episode",
-        "s",
-        "lower",
-        "duration",
-        "simulated time until the end",
-        lambda t: t.steps * t.step_s,
-    ),
+    Metric("episode", "", "episode", "", lambda t: t.episode, kind="key", better=""),
+    Metric("environment", "", "environment", "", lambda t: t.environment, kind="key", better=""),
+    Metric("outcome", "", "outcome", "", lambda t: t.outcome, kind="key", better=""),
+    Metric("steps", "", "steps", "agent steps until the end", lambda t: t.steps, low=1.0),
+    Metric("duration_s", "s", "duration", "simulated time until the end", lambda t: t.steps * t.step_s),
     Metric(
         "return",
-        "episode",
         "",
-        "higher",
         "return",
         "sum of raw rewards; not comparable between reward functions",
         lambda t: t.reward,
+        better="higher",
         low=-math.inf,
     ),
     Metric(
         "initial_distance_m",
-        "scenario",
         "m",
-        "",
         "initial distance",
         "distance from start to waypoint",
         lambda t: t.initial_distance,
+        kind="scenario",
+        better="",
     ),
     Metric(
-        "final_distance_m",
-        "episode",
-        "m",
-        "lower",
-        "final distance",
-        "distance to the waypoint at the end",
-        lambda t: t.distance,
+        "final_distance_m", "m", "final distance", "distance to the waypoint at the end", lambda t: t.distance
     ),
     Metric(
         "deviation_mean_m",
-        "episode",
         "m",
-        "lower",
         "deviation",
         "mean distance to the line through start and waypoint",
         lambda t: t.mean_deviation,
@@ -235,9 +226,7 @@ METRICS: list[Metric] = [
     ),
     Metric(
         "deviation_std_m",
-        "episode",
         "m",
-        "lower",
         "std of deviation",
         "population standard deviation of the distance to that line",
         lambda t: (
@@ -248,9 +237,7 @@ METRICS: list[Metric] = [
     ),
     Metric(
         "command_norm_mean_N",
-        "episode",
         "N",
-        "lower",
         "norm u",
         "norm of the commanded forces after noise and limits, before lag: mean over the steps",
         lambda t: t.command_norm / max(t.steps, 1),
@@ -258,9 +245,7 @@ METRICS: list[Metric] = [
     ),
     Metric(
         "command_norm_sum_N",
-        "episode",
         "N",
-        "lower",
         "sum of norm u",
         "sum of that norm over the steps",
         lambda t: t.command_norm,
@@ -268,9 +253,7 @@ METRICS: list[Metric] = [
     ),
     Metric(
         "energy_J",
-        "episode",
         "J",
-        "lower",
         "energy",
         "electrical energy of the commands by the thruster's table of power",
         lambda t: t.energy,
@@ -279,46 +262,40 @@ METRICS: list[Metric] = [
     ),
     Metric(
         "path_length_m",
-        "episode",
         "m",
-        "lower",
         "path length",
         "sum of the distances between the positions after each step",
         lambda t: t.path,
     ),
     Metric(
         "path_efficiency",
-        "episode",
         "",
-        "higher",
         "path efficiency",
         "(initial - final distance) / path length; at most 1: a straight path",
         lambda t: (t.initial_distance - t.distance) / t.path if t.path > 0.0 else 0.0,
+        better="higher",
         low=-1.0,
         high=1.0,
         tasks=WAYPOINT,
     ),
     Metric(
         "smoothness_per_s",
-        "episode",
         "1/s",
-        "lower",
         "smoothness",
         "mean norm of the change of the normalised action, per second",
         lambda t: t.change / (max(t.steps, 1) * t.step_s),
     ),
     Metric(
         "depth_margin_m",
-        "episode",
         "m",
-        "higher",
         "depth margin",
         "smallest distance to a depth limit; negative after a collision",
         lambda t: t.depth_margin,
+        better="higher",
         low=-math.inf,
     ),
     *(column(f"waypoint_{axis}_m", "m", f"waypoint {axis}", "", "", tasks=WAYPOINT) for axis in "xyz"),
-    Metric("start_yaw_rad", "scenario", "rad", "", "start yaw", "", lambda t: t.start_yaw),
+    Metric("start_yaw_rad", "rad", "start yaw", "", lambda t: t.start_yaw, kind="scenario", better=""),
     *(column(f"start_{axis}_m", "m", f"start {axis}", "", "", tasks=TRACKED) for axis in "xyz"),
     *(column(f"goal_{axis}_m", "m", f"goal {axis}", "", "", tasks=TRACKED) for axis in "xyz"),
     column(
@@ -388,27 +365,24 @@ METRICS: list[Metric] = [
     column("final_yaw_error_rad", "rad", "final yaw error", "at the end", tasks=("docking",), high=math.pi),
     Metric(
         "time_over_best_known",
-        "agent",
         "",
-        "lower",
         "time over best known",
         "time to goal over the best known time, geometric mean over successes; at least 1",
+        kind="agent",
     ),
     Metric(
         "action_ms",
-        "agent",
         "ms",
-        "lower",
         "computing time",
         "processor time of one action: median, mean over runs",
+        kind="agent",
     ),
     Metric(
         "training_cpu_s",
-        "agent",
         "s",
-        "lower",
         "a training, cores",
         "processor time of a training, mean over runs",
+        kind="agent",
     ),
 ]
 """auvbench's own, and those of tasks of installed packages (`add`)"""

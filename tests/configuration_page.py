@@ -34,7 +34,7 @@ SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     *((f"`task={name}`", f"task/{name}.yaml", "task.", tasks.SCHEMAS[name]) for name in tasks.TASKS),
     *(
         (f"`reward={name}`", f"reward/{name}.yaml", "reward.", rewards.SCHEMAS[name])
-        for name in rewards.KINDS
+        for name in rewards.SCHEMAS
     ),
     ("Step", "step/default.yaml", "step.", schema.Step),
     ("Noise", "noise/thesis.yaml", "noise.", schema.Noise),

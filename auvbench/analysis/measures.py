@@ -16,7 +16,7 @@ from auvbench.record import OUTCOMES, columns
 from auvbench.statistics import Crossed, crossed
 from auvbench.statistics.intervals import FloatArray
 
-UNKNOWN = Metric("unknown", "episode", "", "higher", "", "", low=-math.inf)
+UNKNOWN = Metric("unknown", "", "", "", better="higher", low=-math.inf)
 """a column that is not in the registry"""
 
 LIMITED_BY_STEPS = ("steps", "duration_s", "time_to_goal_s")

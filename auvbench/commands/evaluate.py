@@ -109,7 +109,7 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
     ready, unfinished = _ready(runs)
     if not ready:
         raise UserError(f"nothing to evaluate: {_left_out(unfinished)}")
-    failed = held = there = tested = 0
+    ends = Counter[str]()
     episodes = protocol.episodes * len(protocol.conditions)
     with (
         counting_bar(len(ready), f"protocol {protocol.name}", episodes) as tell,
@@ -121,14 +121,13 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
                 if result.error and request.signal is not None:
                     break
                 if result.error:
-                    failed += 1
-                    held += result.held
+                    ends["held" if result.held else "failed"] += 1
                     tell.line(f"auvbench: {result.error}", error=True)
                 elif result.summary is None:
-                    there += 1
+                    ends["there"] += 1
                     tell.line(None)
                 else:
-                    tested += 1
+                    ends["tested"] += 1
                     again = [f"{result.run.id}: tested again: {result.why}"] if result.why else []
                     tell.line("\n".join([*again, *_lines(result.run, result.summary)]))
                 if request.signal is not None:
@@ -137,21 +136,19 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
             if request.signal is None:
                 raise
         if request.signal is not None:
-            done = f"interrupted: {tested + there} of {len(ready)} runs tested and kept; the same command goes on"
+            done = f"interrupted: {ends['tested'] + ends['there']} of {len(ready)} runs tested and kept; the same command goes on"
             raise Interrupted(request.signal, done) from None
-    if there:
+    if there := ends["there"]:
         what = "run is" if there == 1 else "runs are"
         print(f"{there} {what} tested already by protocol {protocol.name} (--force tests again)")
     if unfinished:
         print(f"auvbench: {_left_out(unfinished)}", file=sys.stderr)
-    if failed == len(ready):
-        if held:
-            return 1
+    if not ends["tested"] and not there and not ends["held"]:
         raise UserError("nothing could be evaluated")
     which = "" if protocol.name == "test" else f" --protocol {protocol.name}"
     folder = Path(os.path.commonpath([run.path.parent for run in ready]))
     print(f"next: auvbench report {shlex.quote(str(folder))}{which}")
-    return 1 if failed else 0
+    return 1 if ends["failed"] or ends["held"] else 0
 
 
 def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[RunStatus]]:

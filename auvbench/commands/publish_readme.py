@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from auvbench.commands.report_options import STORED, Options, defaults
 
 if TYPE_CHECKING:
-    from auvbench.analysis.records import Ranking, Report, RunRecord
+    from auvbench.analysis.records import Report, RunRecord
     from auvbench.runs.declared import Declared
 
 
@@ -114,18 +114,14 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
 
 def _tables(protocols: Sequence[tuple[str, Sequence[Report]]], folder: Path) -> None:
     """Write table.csv and verdicts.json of the first protocol, and conditions.csv of all protocols."""
+    from auvbench.commands.report_sections import rows
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
 
-    def of_sections(reports: Sequence[Report], draw: Callable[[Ranking], str]) -> str:
-        if len(reports) == 1:
-            return draw(reports[0].ranking)
-        return tables.joined("vehicle", [(r.section.vehicle, draw(r.ranking)) for r in reports])
-
     reports = protocols[0][1]
-    files.text(folder / "table.csv", of_sections(reports, tables.csv))
+    files.text(folder / "table.csv", rows(reports, tables.csv))
     files.if_any(folder / "verdicts.json", files.verdicts(reports))
-    conditions = [(name, of_sections(found, tables.conditions_csv)) for name, found in protocols]
+    conditions = [(name, rows(found, tables.conditions_csv)) for name, found in protocols]
     files.if_any(folder / "conditions.csv", tables.joined("protocol", conditions))
 
 
@@ -183,12 +179,9 @@ def _findings(reports: Sequence[Report]) -> str:
     """Return the findings of each section, the first five at once."""
     from auvbench.reporting.write import findings_in_markdown
 
-    parts = []
-    for report in reports:
-        if len(reports) > 1:
-            parts.append(_heading(report))
-        parts.append(findings_in_markdown(report.findings) or "None.")
-    return "\n\n".join(parts)
+    headings = [f"{_heading(report)}\n\n" if len(reports) > 1 else "" for report in reports]
+    found = [findings_in_markdown(report.findings) or "None." for report in reports]
+    return "\n\n".join(map(str.__add__, headings, found))
 
 
 def _claims(reports: Sequence[Report]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from auvbench.commands.report import write
 from auvbench.commands.report_options import Options
 
 if TYPE_CHECKING:
-    from auvbench.analysis.records import Agent, Report
+    from auvbench.analysis.records import Agent, Ranking, Report
     from auvbench.analysis.score import Scores
 
 
@@ -105,8 +105,7 @@ def write_sections(
     if "md" in options.format:
         above.append(text(out / "report.md", files.sections_markdown(whole, score)))
     if "csv" in options.format:
-        rows = tables.joined("vehicle", [(r.section.vehicle, tables.csv(r.ranking)) for r in whole])
-        above.append(text(out / "table.csv", rows))
+        above.append(text(out / "table.csv", rows(whole, tables.csv)))
     files.clear(out)
     if "tex" in options.format:
         above += files.if_any(
@@ -115,6 +114,15 @@ def write_sections(
     if "csv" in options.format:
         above += files.if_any(out / "score.csv", tables.score_csv(score) if score else "")
     return whole, above + [path for path in below if path.suffix not in {p.suffix for p in above}]
+
+
+def rows(reports: Sequence[Report], draw: Callable[[Ranking], str]) -> str:
+    """Return a CSV table of all sections; several have a column for it."""
+    from auvbench.reporting import tables
+
+    if len(reports) == 1:
+        return draw(reports[0].ranking)
+    return tables.joined("vehicle", [(r.section.vehicle, draw(r.ranking)) for r in reports])
 
 
 def show(report: Report, options: Options) -> None:

@@ -65,7 +65,7 @@ def check(path: Path, names: Iterable[str]) -> str:
         UserError: it cannot be read, or a block's markers are not there, or not in their order.
     """
     try:
-        text = reading.text(path)
+        text = reading.content(path).decode("utf-8")
     except FileNotFoundError:
         return ""
     except (OSError, ValueError) as error:

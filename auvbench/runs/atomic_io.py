@@ -73,8 +73,8 @@ def check_writable(path: Path, typed: str) -> None:
         path.unlink()
 
 
-def fsync_directory(path: Path) -> None:
-    """Put the names in a directory on the disk."""
+def fsync(path: Path) -> None:
+    """Put the content of a file, or the names in a directory, on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -93,16 +93,7 @@ def make_folder(path: Path) -> None:
         path = path.parent
     for folder in reversed(missing):
         folder.mkdir(exist_ok=True)
-        fsync_directory(folder.parent)
-
-
-def fsync_file(path: Path) -> None:
-    """Put the content of a file on the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        fsync(folder.parent)
 
 
 def write_durable(path: Path, data: bytes) -> None:
@@ -128,7 +119,7 @@ def write_atomic(path: Path, data: bytes, *, sync_folder: bool = True) -> None:
         staged.unlink(missing_ok=True)
         raise
     if sync_folder:
-        fsync_directory(path.parent)
+        fsync(path.parent)
 
 
 def create_atomic(path: Path, data: bytes) -> bool:
@@ -142,7 +133,7 @@ def create_atomic(path: Path, data: bytes) -> bool:
         os.replace(staged, path)
     finally:
         staged.unlink(missing_ok=True)
-    fsync_directory(path.parent)
+    fsync(path.parent)
     return True
 
 
@@ -180,11 +171,11 @@ def replace_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     try:
         for name, data in files.items():
             write_durable(staged / name, data)
-        fsync_directory(staged)
+        fsync(staged)
         if folder.exists():
             folder.rename(former)
         staged.rename(folder)
-        fsync_directory(folder.parent)
+        fsync(folder.parent)
     finally:
         _restore(former, folder)
         for leftover in (staged, former):

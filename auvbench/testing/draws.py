@@ -48,14 +48,10 @@ def same(first: Any, second: Any, what: str) -> None:
     if a.shape != b.shape or a.dtype != b.dtype:
         raise ConformanceError(f"{what}: {a.dtype}{a.shape} and {b.dtype}{b.shape}")
     if a.tobytes() != b.tobytes():
-        differing = np.nonzero(~((a == b) | ((a != a) & (b != b))))
-        where = (
-            ", ".join(str(int(index[0])) for index in differing)
-            if differing and len(differing[0])
-            else "sign of a zero"
-        )
+        differing = np.argwhere(~((a == b) | ((a != a) & (b != b))))
+        where = f"first at {differing[0].tolist()}" if len(differing) else "in the sign of a zero"
         largest = float(np.max(np.abs(a.astype(np.float64) - b.astype(np.float64))))
-        raise ConformanceError(f"{what}: they differ by up to {largest:.3g}, first at [{where}]")
+        raise ConformanceError(f"{what}: they differ by up to {largest:.3g}, {where}")
 
 
 def generators() -> dict[str, bytes]:

@@ -26,11 +26,12 @@ Make = Callable[[int], Simulator]
 STATE = ("pose", "velocity", "command_force", "power")
 
 
-def start(simulator: Simulator) -> None:
-    """Put all vehicles at different places, at rest."""
+def start(simulator: Simulator, first: int = 0, **options: Any) -> None:
+    """Put all vehicles at different places, at rest; the place of one depends on `first` and its row."""
+    rows = np.arange(simulator.n)
     pose = np.zeros((simulator.n, 7))
-    pose[:, 0], pose[:, 2], pose[:, 3] = 2.0 * np.arange(simulator.n), -20.0, 1.0
-    simulator.reset(np.arange(simulator.n), pose, np.zeros((simulator.n, 6)))
+    pose[:, 0], pose[:, 2], pose[:, 3] = 2.0 * (first + rows), -20.0, 1.0
+    simulator.reset(rows, pose, np.zeros((simulator.n, 6)), **options)
 
 
 def fly(simulator: Simulator, steps: range = range(STEPS), first: int = 0) -> dict[str, NDArray[np.float64]]:
@@ -90,17 +91,12 @@ def motion_does_not_depend_on_the_batch(make: Make) -> None:
     simulator = make(N)
     start(simulator)
     together = fly(simulator)
-    pose = np.zeros((1, 7))
-    pose[0, 2], pose[0, 3], pose[0, 0] = -20.0, 1.0, 2.0
     alone = make(1)
-    alone.reset(np.array([0]), pose, np.zeros((1, 6)))
+    start(alone, first=1)
     single = fly(alone, first=1)
     if simulator.capabilities.deterministic:
-        compare(
-            {name: values[:, 1:2] for name, values in together.items()},
-            single,
-            "alone instead of among three",
-        )
+        second = {name: values[:, 1:2] for name, values in together.items()}
+        compare(second, single, "alone instead of among three")
 
 
 def nothing_outlives_a_reset(make: Make) -> None:
@@ -179,10 +175,7 @@ def it_can_what_it_says(make: Make) -> None:
         speeds = []
         for mass in (1.0, 1.5):
             simulator = make(1)
-            pose = np.array([[0.0, 0.0, -20.0, 1.0, 0.0, 0.0, 0.0]])
-            simulator.reset(
-                np.array([0]), pose, np.zeros((1, 6)), np.array([[mass, mass, 1.0, 1.0, 1.0, 1.0]])
-            )
+            start(simulator, scales=np.array([[mass, mass, 1.0, 1.0, 1.0, 1.0]]))
             simulator.step(np.full((1, len(simulator.vehicle.actuators)), 0.5), DURATION)
             speeds.append(np.array(simulator.velocity))
         if np.array_equal(speeds[0], speeds[1]):

@@ -20,7 +20,7 @@ from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.record import record_columns
 from auvbench.runs import integrity, lock
-from auvbench.runs.atomic_io import fsync_directory, fsync_file, storage
+from auvbench.runs.atomic_io import fsync, storage
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.identity import digest_of
 from auvbench.runs.interruption import Interrupted, Request
@@ -170,9 +170,9 @@ VALIDATION = "train/validation.csv"
 def learn(
     run: RunDirectory,
     config: schema.TrainConfig,
-    watch: Watch | None = None,
-    stop: Request | None = None,
-    note: Callable[..., object] | None = None,
+    watch: Watch | None,
+    stop: Request,
+    note: Callable[..., object],
 ) -> dict[str, Any]:
     """Trains the learner of a run, from its last checkpoint on; returns what its manifest is to say.
 
@@ -181,7 +181,7 @@ def learn(
         config: its typed configuration.
         watch: called with each report of progress.
         stop: set to make the run save and stop.
-        note: called after each checkpoint with entries for the manifest; `run.update_manifest` by default.
+        note: called after each checkpoint with entries for the manifest.
 
     Raises:
         TrainingError: a NaN, or a disk that is full, read-only or failing.
@@ -244,9 +244,8 @@ def learn(
             writer,
             reporter,
             validator,
-            stop or Request(),
+            stop,
         )
-        note = note or run.update_manifest
         checkpointer.flush = log.flush
         checkpointer.saved_hook = lambda: note(**reached(session.steps, reporter))
         try:
@@ -270,8 +269,8 @@ def learn(
         # On the disk before the manifest says so: a loss of power right after that leaves a whole run.
         written = [name for name in (EPISODES, EVENTS, VALIDATION) if (run.path / name).exists()]
         for name in written:
-            fsync_file(run.path / name)
-        fsync_directory(run.train)
+            fsync(run.path / name)
+        fsync(run.train)
         files = run.write_model(_model(learner))
         files |= {name: integrity.entry_of(run.path / name) for name in written if name != EVENTS}
     return {**reached(session.steps, reporter), "files": files, "phases": phases(trained)}

@@ -36,12 +36,3 @@ def content(path: Path | str, limit: int = DOCUMENT) -> bytes:
         size = f"{limit // 1024**2} MiB" if limit >= 1024**2 else f"{limit} bytes"
         raise ValueError(f"it has more than {size}, the most that is read")
     return data
-
-
-def text(path: Path | str, limit: int = DOCUMENT) -> str:
-    """`content` as UTF-8.
-
-    Raises:
-        OSError, ValueError: as `content`; a UnicodeDecodeError, which is a ValueError, where it is no UTF-8.
-    """
-    return content(path, limit).decode("utf-8")

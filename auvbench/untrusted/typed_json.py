@@ -60,16 +60,7 @@ def read(path: Path | str, schema: type[T], limit: int = reading.DOCUMENT) -> T:
         OSError: the file is missing or cannot be read.
         ValueError: it is no regular file, too long, no JSON, or an entry has another type.
     """
-    return parse(reading.content(path, limit), schema)
-
-
-def parse(data: bytes | str, schema: type[T]) -> T:
-    """Return a JSON text as `schema`.
-
-    Raises:
-        ValueError: it is no JSON, nested too deep, or an entry has another type.
-    """
-    return convert(json_value(data), schema)
+    return convert(json_value(reading.content(path, limit)), schema)
 
 
 def convert(value: object, schema: type[T]) -> T:

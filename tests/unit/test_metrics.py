@@ -17,7 +17,7 @@ from auvbench import metrics
 
 metrics.METRICS += [
     metrics.Metric(
-        "jerk_m_s3", "episode", "m/s³", "lower", "jerk", "change of acceleration, mean over the steps",
+        "jerk_m_s3", "m/s³", "jerk", "change of acceleration, mean over the steps",
         lambda t: t.change / (t.steps * t.step_s), latex=r"mean $j$",
     ),
 ]

@@ -18,7 +18,7 @@ from tensorboard.compat.proto.event_pb2 import Event
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 
-from auvbench.runs.atomic_io import fsync_directory, sha256_of_prefix
+from auvbench.runs.atomic_io import fsync, sha256_of_prefix
 from auvbench.tracking import Tracker
 from auvbench.untrusted.typed_json import Count
 
@@ -102,8 +102,8 @@ class GrowingLog:
                 self._length += len(block)
             os.fsync(file.fileno())
         if not self._named:
-            fsync_directory(self.path.parent)
-            fsync_directory(self.path.parent.parent)
+            fsync(self.path.parent)
+            fsync(self.path.parent.parent)
             self._named = True
         return LogMark(self._length, self._digest.hexdigest())
 
@@ -117,7 +117,7 @@ def cut(path: Path, length: int) -> None:
     if length == 0:
         path.unlink(missing_ok=True)
         if path.parent.is_dir():
-            fsync_directory(path.parent)
+            fsync(path.parent)
         return
     if path.stat().st_size > length:
         with path.open("r+b") as file:

@@ -15,7 +15,7 @@ from auvbench.agents.base import Learner, Ring, replay
 from auvbench.errors import TrainingError
 from auvbench.runs import lock
 from auvbench.runs.atomic_io import (
-    fsync_directory,
+    fsync,
     make_folder,
     sha256,
     storage,
@@ -56,7 +56,7 @@ class ReplayStore:
             stop = min(start + length, rows)
             known = self._written.get((start, stop))
             segments.append(known or self._write(buffer, start, stop, rows))
-        fsync_directory(self.folder)
+        fsync(self.folder)
         return segments
 
     def _write(self, buffer: Ring, start: int, stop: int, rows: int) -> Segment:
