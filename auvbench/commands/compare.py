@@ -94,9 +94,13 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _measures(pair: Sequence[Agent], differences: Sequence[Difference]) -> Table:
+    from auvbench.analysis.formatting import counted
     from auvbench.reporting.tables.table import Cell, Heading, Line, Table, column_of, estimate_cell
 
-    headings = [Heading("measure", words=True), *(Heading(agent.label, _seeds(agent)) for agent in pair)]
+    headings = [
+        Heading("measure", words=True),
+        *(Heading(agent.label, counted(len(agent.runs), "run")) for agent in pair),
+    ]
     lines = []
     for one in differences:
         column = column_of(one.measure.name)
@@ -107,10 +111,6 @@ def _measures(pair: Sequence[Agent], differences: Sequence[Difference]) -> Table
         lines.append(Line(tuple(cells)))
     headings += [Heading("difference", "second less first"), Heading("better", words=True)]
     return Table(tuple(headings), tuple(lines))
-
-
-def _seeds(agent: Agent) -> str:
-    return f"{len(agent.runs)} run{'s' if len(agent.runs) > 1 else ''}"
 
 
 def _settings(pair: Sequence[Agent], changed: Sequence[tuple[str, str, str]]) -> Table:

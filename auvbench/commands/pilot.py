@@ -212,7 +212,7 @@ def _setup(given: argparse.Namespace) -> Steering:
         task, spec = task_of_policy(word, card, given.task, vehicle)
         frequency = given.frequency or card.frequency
         name = card.name
-        controller: Any = policy_agent(policy)
+        controller: Any = SimpleNamespace(reset=lambda episodes: None, act=policy.act)  # has no state
     else:
         from auvbench.tasks.observation import observation_spec
 
@@ -233,11 +233,6 @@ def _setup(given: argparse.Namespace) -> Steering:
         holds=task.name == "station_keeping",
     )
     return Steering(controller, vehicle, frequency, spec, limits, name)
-
-
-def policy_agent(policy: Any) -> Any:
-    """Return an exported policy as a controller without a state."""
-    return SimpleNamespace(reset=lambda episodes: None, act=policy.act)
 
 
 def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Task | None = None) -> Any:

@@ -68,14 +68,12 @@ def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str
             words.append(word)
         before = word
     if ranges:
+        from auvbench.config.overrides import quote
+
         # Shown by --cfg job; Hydra itself would take a range for a grid.
-        quoted = ",".join(f"{key}:{_quoted(text)}" for key, text in ranges.items())
+        quoted = ",".join(f"{key}:{quote(text)}" for key, text in ranges.items())
         words.insert(place, f"++tune.space={{{quoted}}}")
     return words, ranges, fixed
-
-
-def _quoted(text: str) -> str:
-    return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
 def _is_range(key: str, text: str) -> bool:

@@ -58,7 +58,7 @@ def _read(override: str) -> str:
     is_text = key in PATHS or not re.match(r"""\w*[(\[{'"]""", value)
     if not value or not is_text or is_valid(written):
         return written
-    return f"{key}={_quote(value)}"
+    return f"{key}={quote(value)}"
 
 
 def is_valid(override: str) -> bool:
@@ -70,7 +70,8 @@ def is_valid(override: str) -> bool:
     return True
 
 
-def _quote(text: str) -> str:
+def quote(text: str) -> str:
+    """Return a text in quotes, as Hydra's grammar takes it."""
     escaped = re.sub(r"(\\*)'", r"\1\1\\'", text)
     trailing = len(escaped) - len(escaped.rstrip("\\"))  # would escape the closing quote
     return f"'{escaped}{escaped[len(escaped) - trailing :]}'"

@@ -35,10 +35,6 @@ class RunStatus:
     lost: str = ""
     """of a complete run: which file of its model is missing or damaged"""
 
-    @property
-    def name(self) -> str:
-        return self.run.path.name
-
 
 def of(run: RunDirectory, *, deep: bool = False) -> RunStatus:
     """Return where a run stands now.

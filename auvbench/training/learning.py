@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from auvbench import tracking
 from auvbench.agents.base import Environment, Learner, Transition, learner_of
-from auvbench.config import schema, simulators
+from auvbench.config import schema
 from auvbench.envs.batch import Batch
-from auvbench.errors import ConfigError, TrainingError
+from auvbench.errors import TrainingError
 from auvbench.record import record_columns
 from auvbench.runs import integrity, lock
 from auvbench.runs.atomic_io import fsync, storage
@@ -190,11 +190,6 @@ def learn(
     begun = time.monotonic()
     earlier: dict[str, float] = run.manifest().get("phases", {})  # of attempts that could still write it
     train = config.train
-    if train.evaluate_every and isinstance(config.simulator, simulators.Ros2):
-        raise ConfigError(
-            f"train.evaluate_every={train.evaluate_every}: with simulator=ros2 a test would take the server's vehicles away"
-            " from the episodes in flight; leave it at 0"
-        )
     checkpointer = Checkpointer(
         run.path,
         every_steps=train.checkpoint.steps,
@@ -221,7 +216,10 @@ def learn(
         }
         return {name: round(earlier.get(name, 0.0) + seconds, 3) for name, seconds in spent.items()}
 
-    tracker = tracking.start(train.log, _log_key(run), run.config(), run.id)
+    key = digest_of(
+        [run.id, run.manifest()["created"]], 32
+    )  # the same in every attempt, but not in a run made anew
+    tracker = tracking.start(train.log, key, run.config(), run.id)
     with storage(f"cannot write the records of {run.path}"):
         columns = record_columns(config.task.name)
         log = EpisodeLog(columns, run.path / EPISODES, keep=resumed.logs[EPISODES].bytes if resumed else None)
@@ -288,11 +286,6 @@ def _tell_what_is_lost(run: RunDirectory, step: int | None, exact: bool, learner
     if not learner.exact_resume and manifest["attempts"] > 1:
         lost = [*manifest.get("started_over", []), manifest["steps"]]
         run.update_manifest(started_over=lost, steps=0, episodes=0, success_rate=None)
-
-
-def _log_key(run: RunDirectory) -> str:
-    """Return what names a run's log in every attempt: a run that is made anew has another log."""
-    return digest_of([run.id, run.manifest()["created"]], 32)
 
 
 def _model(learner: Learner) -> dict[str, bytes]:

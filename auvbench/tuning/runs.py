@@ -11,7 +11,6 @@ from auvbench.config.tuning import refuse_test
 from auvbench.evaluation.evaluate import evaluate, stale
 from auvbench.runs.directory import RunDirectory, freeze, place
 from auvbench.training.checkpoint import extending
-from auvbench.training.checkpoint.store import CheckpointStore
 from auvbench.training.execute import execute
 from auvbench.tuning.folder import FRESH, RUNS, Plan, StudyFolder, of_run
 
@@ -45,17 +44,13 @@ def prepare(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int) 
     """
     made = []
     for i, run in enumerate(of_trial(plan, study, algo, rung)):
-        if rung and not _has_begun(run):
+        if rung and not extending.has_begun(run):
             shorter = of_trial(plan, study, algo, rung - 1)[i]
             made.append(extending.prepare(shorter, plan.budgets[rung]).begin(plan.command))
         else:
             config = configuration(plan, study, algo, plan.tune.seeds[i], plan.budgets[rung])
             made.append(freeze(config, plan.command))
     return made
-
-
-def _has_begun(run: RunDirectory) -> bool:
-    return run.exists() and (run.manifest()["state"] == "complete" or bool(CheckpointStore(run.path).steps()))
 
 
 def fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[dict[str, Any]]:

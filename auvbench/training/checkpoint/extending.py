@@ -92,7 +92,7 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
     larger["output"], larger["name"] = str(run.path.parent.parent), run.path.parent.name
     typed(OmegaConf.create(larger))
     target = place(larger)
-    if target.exists() and (target.manifest()["state"] == "complete" or CheckpointStore(target.path).steps()):
+    if has_begun(target):
         return Extension(run, larger, target, None)
     checkpoint = CheckpointStore(run.path).peek()
     if checkpoint is None:
@@ -100,6 +100,11 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
             f"{run.path}: there is no checkpoint to go on from; auvbench resume {run.path} trains it"
         )
     return Extension(run, larger, target, checkpoint)
+
+
+def has_begun(run: RunDirectory) -> bool:
+    """Return whether a run needs no checkpoint of another one."""
+    return run.exists() and (run.manifest()["state"] == "complete" or bool(CheckpointStore(run.path).steps()))
 
 
 def _check_schedule(run: RunDirectory, config: dict[str, Any]) -> None:

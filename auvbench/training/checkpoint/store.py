@@ -68,8 +68,6 @@ class CheckpointStore:
     """
 
     def __init__(self, run: Path, keep: int = 2) -> None:
-        if keep < 1:
-            raise ValueError(f"keep={keep}: at least one checkpoint must stay")
         self.run = run
         self.folder = run / "checkpoints"
         self.replay_folder = self.folder / REPLAY

@@ -29,6 +29,7 @@ def test_the_common_options_come_first_with_their_defaults(
     for key, value in options:
         found = OmegaConf.select(config, key)
         name = found.name if OmegaConf.is_dict(found) else found
+        name = "null" if name is None else name
         if key == "experiment":
             assert value == "null"
         elif key != "disturbance":  # its file has no name
