@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands.grammar import Parser, workers
+from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError, closest
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ def parser() -> Parser:
         "continues after an interruption. Needs CasADi: pip install 'auvbench[mpc]'.",
         epilog="example: auvbench bound protocol=test vehicle=bluerov2_heavy",
         keys=KEYS,
+        workers="searches",
     )
     add = parser.add_argument
     add(
@@ -56,12 +57,6 @@ def parser() -> Parser:
         nargs="*",
         metavar="KEY=VALUE",
         help=f"protocol=NAME, vehicle=NAME, output=DIR (default: {OUTPUT})",
-    )
-    add(
-        "--workers",
-        type=workers,
-        default=0,
-        help="searches at once (default: one per core); changes no result",
     )
     add("--force", action="store_true", help="search again")
     return parser

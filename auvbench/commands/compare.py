@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,7 +25,6 @@ def parser() -> Parser:
         "  auvbench compare pid mpc --in outputs/quickstart\n"
         "  auvbench compare outputs/default/ppo-k1-f10-s0-bbe2fa44 outputs/default/ppo-k1-f10-s1-44c8f5ef\n"
         "  auvbench compare outputs/before outputs/after --where algo=ppo",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     for name in ("first", "second"):

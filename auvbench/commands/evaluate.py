@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import shlex
@@ -12,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands.grammar import Parser, paths_and_overrides, workers
+from auvbench.commands.grammar import Parser, paths_and_overrides
 from auvbench.errors import RunError, UserError
 
 if TYPE_CHECKING:
@@ -49,20 +48,14 @@ def parser() -> Parser:
         description="Applies a test protocol to complete runs: every agent meets the same frozen scenarios, with a deterministic\n"
         "policy and frozen statistics. What is tested already is skipped, what is not complete is left out and named.",
         epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
         where=True,
         keys=KEYS,
+        workers="runs, or episodes of a slow controller,",
     )
     add = parser.add_argument
     add("words", nargs="*", metavar="PATH", help="runs, folders of runs; protocol=NAME, protocol.KEY=VALUE")
     add("-c", "--cfg", choices=("job",), help="print the configuration of the test and stop")
     add("--force", action="store_true", help="test again what is tested already")
-    add(
-        "--workers",
-        type=workers,
-        default=0,
-        help="runs, or episodes of a slow controller, at once (default: one per core)",
-    )
     return parser
 
 

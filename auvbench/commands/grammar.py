@@ -45,14 +45,15 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-workers = whole(0, 4096)
-"""the `type` of `--workers`; 0 is one per core"""
-
-
 def paths_and_overrides(words: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the words that are paths, and those that are overrides, which have an = and do not exist."""
     paths = [word for word in words if "=" not in word or os.path.exists(word)]
     return paths, [word for word in words if word not in paths]
+
+
+class _Formatter(argparse.HelpFormatter):
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
 class Parser(argparse.ArgumentParser):
@@ -60,19 +61,25 @@ class Parser(argparse.ArgumentParser):
 
     Args:
         where: the parsed options have `where`, the terms after `--where`.
+        workers: the parsed options have `workers`; this is what is done at once.
         keys: those that the command takes as key=value.
+        options: of `ArgumentParser`.
     """
 
     def __init__(
-        self, *arguments: Any, where: bool = False, keys: Sequence[str] = (), **options: Any
+        self, *, where: bool = False, workers: str = "", keys: Sequence[str] = (), **options: Any
     ) -> None:
-        super().__init__(*arguments, **{"allow_abbrev": False, **options})
+        super().__init__(allow_abbrev=False, formatter_class=_Formatter, **options)
         self._where = where
         self._keys = keys
         if where:
             self.add_argument(
                 WHERE, nargs="+", action="extend", default=[], metavar="KEY=VALUE,...", help=WHERE_HELP
             )
+
+        if workers:
+            what = f"{workers} at once (default: one per core)"
+            self.add_argument("--workers", type=whole(0, 4096), default=0, help=what)
 
     @property
     def command(self) -> str:

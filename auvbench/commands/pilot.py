@@ -43,7 +43,6 @@ def parser() -> Parser:
         prog="auvbench pilot",
         description="Steer a vehicle over ROS 2 or MAVLink by an exported policy or a classical controller, until Ctrl-C.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "controller", metavar="POLICY.onnx", help=f"an exported policy, or one of {', '.join(CONTROLLERS)}"

@@ -50,7 +50,6 @@ def parser() -> Parser:
         description="Says how many training seeds and test episodes resolve a difference with 80 and 95 % power, by "
         "simulation with the report's own test.",
         epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("paths", nargs="*", type=Path, metavar="PATH", help="evaluated runs, for how much trainings differ")

@@ -144,7 +144,6 @@ def parser() -> Parser:
         description="Ranks runs and writes tables, figures and a page next to them.\n"
         "Defaults: conf/report.yaml.",
         epilog=f"example:\n  auvbench report outputs/quickstart --baseline pid --format terminal,tex --out paper/\n\n{measures()}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("paths", nargs="+", type=Path, metavar="PATH", help="run directories, or folders above them")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import shlex
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from auvbench.commands.grammar import Parser, paths_and_overrides, workers
+from auvbench.commands.grammar import Parser, paths_and_overrides
 from auvbench.errors import AuvbenchError, ConfigError, RunError
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ def parser() -> Parser:
         prog="auvbench resume",
         description="Finishes interrupted, failed and pending runs, or extends runs to a larger budget.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        workers="runs",
     )
     parser.add_argument(
         "runs",
@@ -54,7 +53,6 @@ def parser() -> Parser:
         metavar="RUN",
         help=f"run directories or folders; {BUDGET}=N extends",
     )
-    parser.add_argument("--workers", type=workers, default=0, help="runs at once (default: as many as cores)")
     return parser
 
 

@@ -36,7 +36,6 @@ def parser() -> Parser:
         prog="auvbench serve",
         description="Serve a simulator behind the ROS 2 interface of Centrale Nantes' BlueROV2, or to ArduSub, until Ctrl-C.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help=f"configuration: {', '.join(KEYS)}")
     parser.add_argument("--face", default=FACES[0], help=f"{' or '.join(FACES)} (default: {FACES[0]})")
