@@ -96,7 +96,7 @@ def _there(protocol: Protocol, config: dict[str, Any], root: Path) -> Limits | N
 
 
 def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: int) -> int:
-    from auvbench.commands.progress import counting_bar
+    from auvbench.commands.progress import RunBar
     from auvbench.evaluation.bounds.compute import PRELOAD, compute, eligible
     from auvbench.evaluation.bounds.files import folder_of
     from auvbench.evaluation.protocol import resolve_conditions
@@ -109,7 +109,7 @@ def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: in
     total = protocol.episodes * len(good)
     done = 0
     with (
-        counting_bar(total, f"bounds of protocol {protocol.name}") as tell,
+        RunBar(total, f"bounds of protocol {protocol.name}") as tell,
         Pool(workers, PRELOAD) as pool,
     ):
         for line in left_out:

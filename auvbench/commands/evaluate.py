@@ -94,7 +94,7 @@ def _refuse_mixed(overrides: Sequence[str], terms: Sequence[str]) -> None:
 
 
 def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, force: bool) -> int:
-    from auvbench.commands.progress import counting_bar
+    from auvbench.commands.progress import RunBar
     from auvbench.evaluation.parallel import PRELOAD, evaluate_all
     from auvbench.runs.interruption import Interrupted, immediate
     from auvbench.runs.pool import Pool
@@ -105,7 +105,7 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
     ends = Counter[str]()
     episodes = protocol.episodes * len(protocol.conditions)
     with (
-        counting_bar(len(ready), f"protocol {protocol.name}", episodes) as tell,
+        RunBar(len(ready), f"protocol {protocol.name}", episodes) as tell,
         Pool(workers, PRELOAD) as pool,
         immediate() as request,
     ):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def _one(config: DictConfig, command: str) -> int:
 
 def carry_out(run: RunDirectory, *, shown: bool) -> int:
     """Carry out one run in this process, with a live bar where it is to be shown; return the exit code."""
-    from auvbench.commands.progress import training_bar
+    from auvbench.commands.progress import Bar
     from auvbench.runs import status
     from auvbench.runs.progress import WINDOW, telling
     from auvbench.training import worker
@@ -60,8 +61,9 @@ def carry_out(run: RunDirectory, *, shown: bool) -> int:
     steps, total = now.manifest["steps"], now.manifest["total_steps"]
     lost = f"{now.lost}: its training goes on from its last checkpoint, " if now.lost else ""
     print(f"{run.path}: {lost}{now.state}, {steps:,} of {total:,} steps", flush=True)
-    with training_bar(total, shown=shown) as watch:
-        worker.carry_out(run, lambda run: execute(run, watch))
+    bar = Bar(total, now="compiling, first episodes") if shown else None
+    with bar or nullcontext():
+        worker.carry_out(run, lambda run: execute(run, bar.watch if bar else None))
     manifest = run.manifest()
     rate = telling(manifest["success_rate"], manifest["episodes"])
     last = min(manifest["episodes"], WINDOW)

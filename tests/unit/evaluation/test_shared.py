@@ -139,7 +139,7 @@ def test_a_single_run_tells_of_its_episodes_in_a_log(
     clock = iter(np.arange(0.0, 1e4, 3.0))
     monkeypatch.setattr(progress.time, "monotonic", lambda: float(next(clock)))
     run = RunDirectory("mpc-k1-f10-s0-12345678")
-    with progress.counting_bar(1, "protocol test", 20) as tell:
+    with progress.RunBar(1, "protocol test", 20) as tell:
         for _ in range(20):
             tell.doing(run, "nominal", 1)
         tell.line("done")
@@ -152,7 +152,7 @@ def test_a_single_run_tells_of_its_episodes_in_a_log(
 
 
 def test_several_runs_are_counted_as_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    with progress.counting_bar(2, "protocol test", 20) as tell:
+    with progress.RunBar(2, "protocol test", 20) as tell:
         tell.doing(RunDirectory("a"), "nominal", 20)
         tell.line("a is done")
     assert capsys.readouterr() == ("a is done\n", "")
