@@ -8,11 +8,11 @@ the factory, and its attribute `Config` is the dataclass of what its YAML file s
 
 from auvbench.agents.base import Agent, Callbacks, Environment, Learner, Transition
 from auvbench.agents.components import Components
-from auvbench.config.installed import AgentConfig, RewardConfig, SimulatorConfig, TaskConfig
-from auvbench.config.rewards import RewardSpec
+from auvbench.config.installed import AgentConfig
+from auvbench.config.rewards import RewardConfig, RewardSpec
 from auvbench.config.schema import TrainConfig, choice, number
-from auvbench.config.simulators import Capabilities
-from auvbench.config.tasks import ERRORS, TaskSpec
+from auvbench.config.simulators import Capabilities, SimulatorConfig
+from auvbench.config.tasks import ERRORS, TaskConfig, TaskSpec
 from auvbench.errors import AgentError, ConfigError, RunError, TrainingError
 from auvbench.metrics import column
 from auvbench.simulators.base import Simulator

@@ -23,7 +23,7 @@ from auvbench.config import plugins, rewards, schema, tasks
 from auvbench.config.agents import AGENTS
 from auvbench.config.algorithms import Tuned
 from auvbench.config.overrides import whole
-from auvbench.config.simulators import CAPABILITIES, Capabilities, InstalledSimulator
+from auvbench.config.simulators import CAPABILITIES, Capabilities, SimulatorConfig
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.text import short
 
@@ -40,10 +40,6 @@ class AgentConfig:
     tuned: Tuned | None = None  # where its values were searched for
 
 
-SimulatorConfig = InstalledSimulator
-TaskConfig = tasks.InstalledTask
-RewardConfig = rewards.InstalledReward
-
 OWN = {
     plugins.AGENTS: tuple(AGENTS),
     plugins.SIMULATORS: tuple(CAPABILITIES),
@@ -51,14 +47,14 @@ OWN = {
     plugins.REWARDS: tuple(rewards.SCHEMAS),
 }
 """names of auvbench's own, by group of entry points"""
-_BASES: dict[str, tuple[str, type, str]] = {
-    plugins.AGENTS: ("Config", AgentConfig, "AgentConfig"),
-    plugins.SIMULATORS: ("Config", SimulatorConfig, "SimulatorConfig"),
-    plugins.TASKS: ("schema", TaskConfig, "TaskConfig"),
-    plugins.REWARDS: ("schema", RewardConfig, "RewardConfig"),
+_BASES: dict[str, tuple[str, type]] = {
+    plugins.AGENTS: ("Config", AgentConfig),
+    plugins.SIMULATORS: ("Config", SimulatorConfig),
+    plugins.TASKS: ("schema", tasks.TaskConfig),
+    plugins.REWARDS: ("schema", rewards.RewardConfig),
 }
-"""by group: the attribute that holds the schema, the base class of the schema, and its name in `auvbench.plugin`"""
-CONFIGS = tuple(kind for _, kind, _ in _BASES.values())
+"""by group: the attribute that holds the schema, and the base class of the schema"""
+CONFIGS = tuple(kind for _, kind in _BASES.values())
 
 
 def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
@@ -119,7 +115,7 @@ def _schema_of(one: plugins.Declared, thing: Any) -> type:
     Raises:
         ConfigError: it is no such dataclass.
     """
-    attribute, base, name = _BASES[one.group]
+    attribute, base = _BASES[one.group]
     found = getattr(thing, attribute, base)
     try:
         if isinstance(found, type) and issubclass(found, base) and dataclasses.is_dataclass(found):
@@ -128,7 +124,7 @@ def _schema_of(one: plugins.Declared, thing: Any) -> type:
         reason = ""
     except (OmegaConfBaseException, TypeError, ValueError) as error:
         reason = f" ({plugins.describe_error(error)})"
-    raise one.error(f"has a {attribute} that is no dataclass below auvbench.plugin.{name}{reason}")
+    raise one.error(f"has a {attribute} that is no dataclass below auvbench.plugin.{base.__name__}{reason}")
 
 
 def enter(found: plugins.Declared) -> None:
@@ -226,7 +222,7 @@ def _learns(one: plugins.Declared, thing: Any) -> bool:
     return True
 
 
-def capabilities(simulator: InstalledSimulator) -> Capabilities:
+def capabilities(simulator: SimulatorConfig) -> Capabilities:
     """Return the capabilities that a simulator of an installed package declares.
 
     Raises:

@@ -19,7 +19,7 @@ class Reward:
 
 
 @dataclass(kw_only=True)
-class InstalledReward(Reward):
+class RewardConfig(Reward):
     """A reward of an installed package; a subclass has keys of its own, all of them numbers."""
 
     name: str = plain_name()
@@ -35,7 +35,7 @@ class RewardSpec:
     function: str
     """`module:function`, the reward of a step (`tasks.rewards.hook_of`)"""
     schema: type
-    """of its configuration, below `InstalledReward`"""
+    """of its configuration, below `RewardConfig`"""
     tasks: tuple[str, ...] = ()
     """for which it makes sense, in addition to the tasks that name it"""
 

@@ -74,7 +74,7 @@ class Ros2(Simulator):
 
 
 @dataclass(kw_only=True)
-class InstalledSimulator(Simulator):
+class SimulatorConfig(Simulator):
     """A simulator of an installed package; a subclass has keys of its own."""
 
     name: str = name()
@@ -90,7 +90,7 @@ SCHEMAS: dict[str, type] = {
 
 def capabilities(simulator: Simulator) -> Capabilities:
     """Return a simulator's capabilities with its present options."""
-    if isinstance(simulator, InstalledSimulator):
+    if isinstance(simulator, SimulatorConfig):
         from auvbench.config import installed
 
         return installed.capabilities(simulator)

@@ -41,7 +41,7 @@ class TaskSpec:
     has_yaw: bool = True
     """whether the reference has a yaw of its own; otherwise it is the bearing of the reference"""
     schema: type | None = None
-    """of its configuration, below `InstalledTask`, where an installed package brings it; auvbench's own are `SCHEMAS`"""
+    """of its configuration, below `TaskConfig`, where an installed package brings it; auvbench's own are `SCHEMAS`"""
     metrics: tuple[Metric, ...] = ()
     """that an installed package brings with it (`metrics.column`), in addition to `metrics.SHARED`"""
 
@@ -149,7 +149,7 @@ class Tracked(Task):
 
 
 @dataclass(kw_only=True)
-class InstalledTask(Tracked):
+class TaskConfig(Tracked):
     """A task of an installed package; a subclass has keys of its own."""
 
     name: str = plain_name()

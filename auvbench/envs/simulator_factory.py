@@ -57,7 +57,7 @@ def make_simulator(
         from auvbench.simulators.ros2 import Ros2Simulator
 
         return Ros2Simulator(vehicle, n, config)
-    assert isinstance(config, simulators.InstalledSimulator)
+    assert isinstance(config, simulators.SimulatorConfig)
     factory = installed.thing_of(plugins.SIMULATORS, config.name, config.package)
     found: Simulator = factory(config, vehicle, n, limit)
     return found

@@ -330,7 +330,7 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
         ConfigError: the vehicle cannot do it.
     """
     check_vehicle(config.task, vehicle)
-    if isinstance(config.task, tasks.InstalledTask) or isinstance(config.reward, rewards.InstalledReward):
+    if isinstance(config.task, tasks.TaskConfig) or isinstance(config.reward, rewards.RewardConfig):
         from auvbench.tasks import installed
 
         return installed.make(config, vehicle, n, seed, **stream)

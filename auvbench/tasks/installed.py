@@ -26,13 +26,13 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
     """
     task, reward = config.task, config.reward
     who = f"task={task.name}"
-    if isinstance(task, tasks.InstalledTask):
+    if isinstance(task, tasks.TaskConfig):
         who = f"{who} of {task.package}"
     kind = _class(task.name, who)
     with plugins.telling(who, "cannot be made"):
         made: Task = kind(config, vehicle, n, seed, **stream)
     paid = who
-    if isinstance(reward, rewards.InstalledReward):
+    if isinstance(reward, rewards.RewardConfig):
         paid = f"reward={reward.name} of {reward.package}"
         with plugins.telling(paid, "cannot be compiled"):
             made.hook = hook_of(plugins.resolve(rewards.REWARDS[reward.name].function))
