@@ -63,7 +63,8 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
         from auvbench import tracking
         from auvbench.reporting import tables
 
-        tracking.table(options.log, command, sections.rows(reports, tables.csv), written)
+        rows = tables.joined("vehicle", [(r.section.vehicle, tables.csv(r.ranking)) for r in reports])
+        tracking.table(options.log, command, rows, written)
 
 
 def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
