@@ -45,6 +45,20 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
+def read_named_sheets(arguments: Sequence[str]) -> None:
+    """Read the sheets that `vehicle=NAME` or `vehicle=A,B` name: Hydra answers broken YAML without file and line.
+
+    Raises:
+        VehicleError: a sheet cannot be read. Unknown names are left to Hydra, which lists all.
+    """
+    from auvbench.vehicles import reader
+
+    named = [a.removeprefix("vehicle=") for a in arguments if a.startswith("vehicle=")]
+    names = {name.strip(" '\"") for choice in named for name in choice.split(",")}
+    for name in sorted(names & set(reader.sheet_names())):
+        reader.read(name)
+
+
 def paths_and_overrides(words: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the words that are paths, and those that are overrides, which have an = and do not exist."""
     paths = [word for word in words if "=" not in word or os.path.exists(word)]

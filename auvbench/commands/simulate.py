@@ -20,8 +20,10 @@ PICTURES = (".png", ".svg", ".pdf")
 
 
 def main(arguments: Sequence[str]) -> int:
+    from auvbench.commands.grammar import read_named_sheets
     from auvbench.config.compose import run
 
+    read_named_sheets(arguments)
     run("simulate", arguments, simulate)
     return 0
 

@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
+    from auvbench.commands.grammar import read_named_sheets
     from auvbench.config.compose import run
 
+    read_named_sheets(arguments)
     words, ranges, fixed = split(arguments)
     command = shlex.join(["auvbench", "tune", *arguments])
 
