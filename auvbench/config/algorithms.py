@@ -92,6 +92,7 @@ class OffPolicy(Network, Algorithm):
     learning_starts: int = number(0, 1 << 40)
     train_freq: int = number(1, 1 << 24)
     gradient_steps: int = number(-1, 1 << 24)
+    n_steps: int = later(number(1, 1000), 1)
     updates: str = later(choice("compiled", "sb3"), "sb3")
 
 

@@ -47,6 +47,7 @@ LATER: dict[str, Any] = {
     "task.history": 1,
     "algo.horizon_s": None,
     "algo.tuned": None,
+    "algo.n_steps": 1,
     "algo.updates": "sb3",
     "train.evaluate_every": 0,
     "disturbance.waves": {

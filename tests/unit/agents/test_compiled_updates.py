@@ -40,6 +40,7 @@ CASES: dict[str, tuple[Any, Any, dict[str, Any], dict[str, Any]]] = {
         {"ent_coef": 0.2, "target_update_interval": 3, "tau": 0.3},
         {"net_arch": [37, 50, 21], "n_critics": 3},
     ),
+    "sac, returns of 5 steps": (stable_baselines3.SAC, compiled.SAC, {"n_steps": 5, "gamma": 0.9}, {}),
     "sac, linear": (stable_baselines3.SAC, compiled.SAC, {}, {"net_arch": []}),
     "td3": (stable_baselines3.TD3, compiled.TD3, {"target_policy_noise": 0.4, "policy_delay": 2}, {}),
     "ddpg": (stable_baselines3.DDPG, compiled.DDPG, {}, {}),

@@ -91,10 +91,10 @@ def test_the_id_is_the_one_of_older_runs():
 
 
 def test_runs_older_than_compiled_updates_keep_id_and_updates():
-    older = plain("algo=sac", "algo.updates=sb3")
+    older = plain("algo=sac", "algo.updates=sb3", "algo.n_steps=1")
     assert identity.run_id(plain("algo=sac")) != identity.run_id(older)
     of_sb3 = identity.run_id(older)
-    del older["algo"]["updates"]
+    del older["algo"]["updates"], older["algo"]["n_steps"]
     assert identity.run_id(older) == of_sb3
     assert typed(OmegaConf.create(older)).algo.updates == "sb3"
 

@@ -157,12 +157,20 @@ class Batches:
     Attributes:
         observation, following: (m, d), of before and after the step.
         action: (m, n_u).
-        reward, discount: (m, 1); the discount is 0 where the episode ended otherwise than by its time limit.
+        reward, discount: (m, 1); of `model.n_steps` steps, or fewer where the episode ended. The discount is 0 where it ended
+            otherwise than by its time limit.
     """
 
     def __init__(self, model: OffPolicyAlgorithm, updates: int, batch: int) -> None:
         buffer, scale = model.replay_buffer, model.get_vec_normalize_env()
         assert buffer is not None
+        self._batch = batch
+        if model.n_steps > 1:
+            samples = [buffer.sample(batch, scale) for _ in range(updates)]
+            columns = [np.concatenate(column) for column in zip(*samples, strict=True)]
+            self.observation, self.action, self.following, ended, self.reward, discount = columns
+            self.discount = (1.0 - ended) * discount
+            return
         end = buffer.buffer_size if buffer.full else buffer.pos
         drawn = [
             [np.random.randint(0, high, size=batch) for high in (end, buffer.n_envs)]  # noqa: NPY002
@@ -175,7 +183,6 @@ class Batches:
         self.reward = buffer._normalize_reward(buffer.rewards[row, column, None], scale)
         going = 1.0 - buffer.dones[row, column] * (1.0 - buffer.timeouts[row, column])
         self.discount = going[:, None] * np.float32(model.gamma)
-        self._batch = batch
 
     def __getitem__(self, update: int) -> tuple[Floats, ...]:
         """Return observation, action, following observation, reward and discount of one update."""
