@@ -88,8 +88,9 @@ def two_of_each(configs: list[DictConfig]) -> list[DictConfig]:
     seen: Counter[str] = Counter()
     kept = []
     for config in configs:
-        seen[config.algo.name] += 1
-        if seen[config.algo.name] <= 2:
+        name = config.algo.name if "algo" in config else ""  # `simulate` has none
+        seen[name] += 1
+        if seen[name] <= 2:
             kept.append(config)
     return kept
 
