@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from auvbench.ardusub import protocol
-from auvbench.ardusub.frames import NEUTRAL, Motors, driven_pulse
+from auvbench.ardusub.frame_check import FrameCheck
 from auvbench.ardusub.physics import Physics
 from auvbench.ardusub.protocol import Packet, PacketError
 from auvbench.errors import UserError
@@ -23,8 +23,6 @@ SILENT = 2.0
 """s after which another ArduSub may take a port: a waiting one repeats its packet every second"""
 PATIENCE = 10.0
 """s of silence until a hint what to check, and between reports"""
-_DIFFERENCE = 5
-"""us from neutral from which a motor turns"""
 _AT_ONCE = 64
 """datagrams read from a port before the others have their turn"""
 
@@ -56,12 +54,13 @@ class Port:
         self._rival: Address | None = None
         """another sender, from its first packet on until the peer is heard again"""
         self._told: set[str] = set()
+        self._frame = FrameCheck(physics.motors)
 
     def serve(self) -> None:
         """Answer what has arrived.
 
         Raises:
-            UserError: ArduSub has fewer motors than the vehicle.
+            UserError: ArduSub has another frame than the vehicle.
             TrainingError: the motion left the finite numbers.
         """
         packet = self._newest()
@@ -70,7 +69,7 @@ class Port:
         if packet.frame_count != self._count:
             if packet.frame_count < self._count:
                 self._begin("ArduSub restarted")
-            check_frame(self.physics.motors, packet.pwm)
+            self._frame.check(packet.pwm)
             self._count, self.frame_rate = packet.frame_count, packet.frame_rate
             self._reply = protocol.reply(self.physics.step(packet.pwm, packet.duration))
             self.steps += 1
@@ -119,32 +118,13 @@ class Port:
     def _begin(self, why: str) -> None:
         """Reset the vehicle for an ArduSub that starts."""
         self.physics.reset()
-        self._count = -1
+        self._count, self._frame = -1, FrameCheck(self.physics.motors)
         self.say(f"port {self.number}: {why}; {self.physics.vehicle.name} at its start")
 
     def _tell_once(self, what: str, text: str) -> None:
         if what not in self._told:
             self._told.add(what)
             self.say(f"port {self.number}: {text}")
-
-
-def check_frame(motors: Motors, pwm: Sequence[int]) -> None:
-    """Take a packet's PWM in us.
-
-    Raises:
-        UserError: ArduSub drives fewer motors than the vehicle has.
-    """
-    driven = [driven_pulse(pulse) for pulse in pwm[: len(motors.order)]]
-    # Before ArduSub is set up, channels have no pulse; a motor that turns says that it is.
-    turning = any(
-        there and abs(pulse - NEUTRAL) > _DIFFERENCE for there, pulse in zip(driven, pwm, strict=False)
-    )
-    if turning and not all(driven):
-        need = f"FRAME_CONFIG {motors.frame.config}" if motors.frame else "another FRAME_CONFIG or --motors"
-        raise UserError(
-            f"channel {driven.index(False) + 1} has no PWM: ArduSub has fewer than the {len(driven)} motors of"
-            f" vehicle={motors.vehicle.name}; set {need} and reboot ArduSub, or serve another vehicle"
-        )
 
 
 class Server:
@@ -201,7 +181,7 @@ class Server:
         """Serve while `go_on()`.
 
         Raises:
-            UserError: ArduSub has fewer motors than the vehicle, or every ArduSub was silent for `give_up` s.
+            UserError: ArduSub has another frame than the vehicle, or every ArduSub was silent for `give_up` s.
             TrainingError: the motion left the finite numbers.
         """
         while go_on():

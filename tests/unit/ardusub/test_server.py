@@ -252,11 +252,25 @@ def test_the_real_ardusub_steps_and_starts_anew(server, tmp_path):
     assert server.server.ports[0].frame_rate == 1200
 
 
-def test_an_ardusub_with_fewer_motors_than_the_vehicle_ends_the_server():
-    with serving(DEEP, "vehicle=bluerov2_heavy") as server, Peer(server.port) as peer:
+EIGHT = (1400, 1400, 1600, 1600, 1450, 1550, 1420, 1520)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "pwm", "match"),
+    [
+        ("bluerov2_heavy", (1400, 1400, 1600, 1600, 1450, 1450) + (0,) * 10, "FRAME_CONFIG to 2"),
+        ("bluerov2", (*EIGHT, *NEUTRAL[8:]), "FRAME_CONFIG to 1"),
+    ],
+)
+def test_another_frame_than_the_vehicles_ends_the_server(vehicle, pwm, match):
+    with serving(DEEP, f"vehicle={vehicle}") as server, Peer(server.port) as peer:
         peer.step((0,) * 16)  # before ArduSub is set up
-        peer.send((1400, 1400, 1600, 1600, 1450, 1450) + (0,) * 10)
-        assert "FRAME_CONFIG 2" in str(server.failure())
+        for _ in range(60):
+            peer.send(pwm)
+            peer.count += 1
+            if peer.silent(0.5):
+                break
+        assert match in str(server.failure())
 
 
 def test_a_camera_mount_on_channel_eight_is_no_other_frame(server, peer):

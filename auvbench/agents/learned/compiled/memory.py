@@ -161,13 +161,16 @@ class Batches:
             otherwise than by its time limit.
     """
 
+    observation: Any
+    following: Any
+
     def __init__(self, model: OffPolicyAlgorithm, updates: int, batch: int) -> None:
         buffer, scale = model.replay_buffer, model.get_vec_normalize_env()
         assert buffer is not None
         self._batch = batch
         if model.n_steps > 1:
             samples = [buffer.sample(batch, scale) for _ in range(updates)]
-            columns = [np.concatenate(column) for column in zip(*samples, strict=True)]
+            columns: list[Any] = [np.concatenate(column) for column in zip(*samples, strict=True)]
             self.observation, self.action, self.following, ended, self.reward, discount = columns
             self.discount = (1.0 - ended) * discount
             return
@@ -177,8 +180,8 @@ class Batches:
             for _ in range(updates)
         ]
         row, column = (np.concatenate(part) for part in zip(*drawn, strict=True))
-        self.observation: Any = buffer._normalize_obs(buffer.observations[row, column], scale)
-        self.following: Any = buffer._normalize_obs(buffer.next_observations[row, column], scale)
+        self.observation = buffer._normalize_obs(buffer.observations[row, column], scale)
+        self.following = buffer._normalize_obs(buffer.next_observations[row, column], scale)
         self.action = buffer.actions[row, column]
         self.reward = buffer._normalize_reward(buffer.rewards[row, column, None], scale)
         going = 1.0 - buffer.dones[row, column] * (1.0 - buffer.timeouts[row, column])
