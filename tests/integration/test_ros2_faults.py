@@ -310,7 +310,7 @@ def test_a_restarted_server_gets_a_new_connection(elsewhere):
 
 def test_no_validation_on_a_servers_vehicles(tmp_path, capsys):
     assert main(["train", f"output={tmp_path}", *LEARNER, "train.evaluate_every=64"]) == 2
-    assert "train.evaluate_every=64: with simulator=ros2" in capsys.readouterr().err
+    assert "train.evaluate_every=64: must be 0 with simulator=ros2" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
