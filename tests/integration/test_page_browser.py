@@ -90,7 +90,14 @@ def opened(browser: Driver, report: tuple[Path, dict[str, Any]]) -> Iterator[Dri
 
 def requested(browser: Driver) -> list[str]:
     messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    sent = [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
+    sent = [
+        m["params"]["request"]["url"]
+        for m in messages
+        if m["method"] == "Network.requestWillBeSent"
+        and not m["params"]["documentURL"].startswith(
+            "chrome:"
+        )  # the browser's own start page, late on a busy machine
+    ]
     sockets = [m["params"]["url"] for m in messages if m["method"] == "Network.webSocketCreated"]
     return sent + sockets
 
