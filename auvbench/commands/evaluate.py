@@ -136,7 +136,9 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
         print(f"{there} {what} tested already by protocol {protocol.name} (--force tests again)")
     if unfinished:
         print(f"auvbench: {_left_out(unfinished)}", file=sys.stderr)
-    if not ends["tested"] and not there and not ends["held"]:
+    if not ends["tested"] and not there:
+        if ends["held"]:
+            return 1
         raise UserError("nothing could be evaluated")
     which = "" if protocol.name == "test" else f" --protocol {protocol.name}"
     folder = Path(os.path.commonpath([run.path.parent for run in ready]))

@@ -31,18 +31,48 @@ from auvbench.untrusted.typed_json import Range
 SCRIPT = "slurm.sh"
 """In the run directory: the batch script that was last submitted for it."""
 
-RESERVED = (
-    "-a --array -e --error -H --hold -J --job-name -o --output --open-mode --parsable -Q --quiet --requeue "
-    "--no-requeue --signal --test-only -V --version -W --wait --wrap"
+RESERVED = frozenset(
+    [
+        "-a",
+        "--array",
+        "-e",
+        "--error",
+        "-H",
+        "--hold",
+        "-J",
+        "--job-name",
+        "-o",
+        "--output",
+        "--open-mode",
+        "--parsable",
+        "-Q",
+        "--quiet",
+        "--requeue",
+        "--no-requeue",
+        "--signal",
+        "--test-only",
+        "-V",
+        "--version",
+        "-W",
+        "--wait",
+        "--wrap",
+    ]
 )
 """sbatch's options that auvbench needs itself, or that change its answer"""
 
 JOB_FILE = "slurm.json"
 """In the run directory: the job that was last submitted for it, so that the next sweep finds it again."""
 
-WAITING = "PENDING CONFIGURING REQUEUED REQUEUE_HOLD REQUEUE_FED RESV_DEL_HOLD SPECIAL_EXIT"
-RUNNING = "RUNNING COMPLETING STAGE_OUT SIGNALING SUSPENDED STOPPED RESIZING"
-"""States of jobs, as squeue names them"""
+WAITING = {
+    "PENDING",
+    "CONFIGURING",
+    "REQUEUED",
+    "REQUEUE_HOLD",
+    "REQUEUE_FED",
+    "RESV_DEL_HOLD",
+    "SPECIAL_EXIT",
+}
+RUNNING = {"RUNNING", "COMPLETING", "STAGE_OUT", "SIGNALING", "SUSPENDED", "STOPPED", "RESIZING"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +125,7 @@ class SlurmBackend:
             if shutil.which(program) is None:
                 raise UserError(f"launcher=slurm: there is no {program} on this machine; valid: a login node")
         for option in options.sbatch:
-            if option.split("=")[0] in RESERVED.split():
+            if option.split("=")[0] in RESERVED:
                 raise UserError(
                     f"launcher.sbatch={option}: auvbench needs that option itself, or one job and its number as "
                     "the answer; valid: other options of sbatch"
@@ -136,7 +166,7 @@ class SlurmBackend:
             return None
         state = self._states([number]).get(number)
         # Numbers are given out again after a reinstallation: the job's name has to be the run's as well.
-        if state is None or state[0] not in f"{WAITING} {RUNNING}".split() or state[1] != run.name:
+        if state is None or state[0] not in WAITING | RUNNING or state[1] != run.name:
             return None
         return self._watch(run, number)
 
@@ -195,9 +225,9 @@ class SlurmBackend:
             return  # the controller does not answer; that says nothing about the jobs
         for number, job in open_jobs.items():
             state = states.get(number, ("", ""))[0]
-            if state in WAITING.split():
+            if state in WAITING:
                 job.status = Status(Phase.QUEUED)
-            elif state in RUNNING.split():
+            elif state in RUNNING:
                 job.status = Status(Phase.RUNNING)
             else:
                 self._missing(job, state)

@@ -151,46 +151,15 @@ def _parameters(network: Sequence[Any]) -> list[torch.Tensor]:
     return found
 
 
-class Batches:
-    """Transitions for several updates, drawn and scaled at once with the numbers that SB3 draws.
+def batch(model: OffPolicyAlgorithm, n: int) -> tuple[Floats, ...]:
+    """Draw n transitions as SB3 does, each of `model.n_steps` steps or fewer where the episode ended.
 
-    Attributes:
-        observation, following: (m, d), of before and after the step.
-        action: (m, n_u).
-        reward, discount: (m, 1); of `model.n_steps` steps, or fewer where the episode ended. The discount is 0 where it ended
-            otherwise than by its time limit.
+    Returns:
+        Observation (n, d), action (n, n_u), following observation (n, d), reward (n, 1) and discount (n, 1), which is 0 where the
+        episode ended otherwise than by its time limit.
     """
-
-    observation: Any
-    following: Any
-
-    def __init__(self, model: OffPolicyAlgorithm, updates: int, batch: int) -> None:
-        buffer, scale = model.replay_buffer, model.get_vec_normalize_env()
-        assert buffer is not None
-        self._batch = batch
-        if model.n_steps > 1:
-            samples = [buffer.sample(batch, scale) for _ in range(updates)]
-            columns: list[Any] = [np.concatenate(column) for column in zip(*samples, strict=True)]
-            self.observation, self.action, self.following, ended, self.reward, discount = columns
-            self.discount = (1.0 - ended) * discount
-            return
-        end = buffer.buffer_size if buffer.full else buffer.pos
-        drawn = [
-            [np.random.randint(0, high, size=batch) for high in (end, buffer.n_envs)]  # noqa: NPY002
-            for _ in range(updates)
-        ]
-        row, column = (np.concatenate(part) for part in zip(*drawn, strict=True))
-        self.observation = buffer._normalize_obs(buffer.observations[row, column], scale)
-        self.following = buffer._normalize_obs(buffer.next_observations[row, column], scale)
-        self.action = buffer.actions[row, column]
-        self.reward = buffer._normalize_reward(buffer.rewards[row, column, None], scale)
-        going = 1.0 - buffer.dones[row, column] * (1.0 - buffer.timeouts[row, column])
-        self.discount = going[:, None] * np.float32(model.gamma)
-
-    def __getitem__(self, update: int) -> tuple[Floats, ...]:
-        """Return observation, action, following observation, reward and discount of one update."""
-        part = slice(update * self._batch, (update + 1) * self._batch)
-        return tuple(
-            array[part]
-            for array in (self.observation, self.action, self.following, self.reward, self.discount)
-        )
+    assert model.replay_buffer is not None
+    drawn: Any = model.replay_buffer.sample(n, env=model.get_vec_normalize_env())
+    discount = (1.0 - drawn.dones) * (model.gamma if drawn.discounts is None else drawn.discounts)
+    tensors = drawn.observations, drawn.actions, drawn.next_observations, drawn.rewards, discount
+    return tuple(tensor.numpy() for tensor in tensors)

@@ -108,11 +108,10 @@ class Compiled:
         self.policy.set_training_mode(self.counts_batches)
         optimizers = [self.actor.optimizer, self.critic.optimizer, getattr(self, "ent_coef_optimizer", None)]
         self._update_learning_rate([one for one in optimizers if one is not None])
-        batches = memory.Batches(self, gradient_steps, batch_size)
         losses: list[dict[str, float]] = []
         for step in range(gradient_steps):
             self._n_updates += 1
-            losses.append(self._update(step, *batches[step]))
+            losses.append(self._update(step, *memory.batch(self, batch_size)))
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         for name in sorted({name for one in losses for name in one}):
             values = [one[name] for one in losses if name in one]
