@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,9 @@ from auvbench.ros2.middleware import SLICE, InterfaceError, Session
 from auvbench.ros2.vehicle_node import Settings, VehicleNode
 
 Floats = NDArray[np.float64]
+
+SINCE = "since_"
+"""of a node in each vehicle's namespace, which says when its server began: of two servers the later one leaves"""
 
 
 class Simulated(Protocol):
@@ -97,6 +100,10 @@ class Server:
         self.vehicles = [
             VehicleNode(self, i, name, start, about or {}) for i, name in enumerate(self.namespaces)
         ]
+        # 19 digits: names compare as times do.
+        self.since = f"{SINCE}{time.time_ns()}"
+        for name in self.namespaces:
+            self.session.node(self.since, name)
         first = self.vehicles[0].node
         self._clock = first.create_publisher(ros.rosgraph.Clock, interface.CLOCK, self.session.qos)
         self._now = ros.rosgraph.Clock()
@@ -193,11 +200,15 @@ class Server:
         """Serve while `go_on()`.
 
         Raises:
-            AuvbenchError: the simulator failed.
+            AuvbenchError: the simulator failed, or a server that began earlier has one of the namespaces.
         """
-        self._due = time.monotonic()
+        self._due = look = time.monotonic()
         while go_on():
             self.spin_once()
+            if time.monotonic() >= look:
+                # On a busy machine another server is discovered late.
+                self._leave_to(self._claimed(by="server"))
+                look = time.monotonic() + 1.0
 
     def spin_once(self) -> None:
         """Serve for a moment."""
@@ -219,21 +230,35 @@ class Server:
             self._due = now if now - self._due > 5 * period else self._due + period
 
     def check_alone(self, seconds: float) -> None:
-        """Wait for signs of another server in these namespaces.
+        """Wait for signs of another publisher of these vehicles' odometry.
 
         Raises:
-            InterfaceError: there is one.
+            InterfaceError: there is one, and it is no server that began later.
         """
-        count = self.vehicles[0].node.count_publishers
-        self.session.discovered(lambda: any(count(one) > 1 for one in self._odometry()), seconds)
-        for topic in self._odometry():
-            if count(topic) > 1:
-                raise InterfaceError(
-                    f"{topic}: another server publishes it, too; stop one of the two, or give one another name with --namespace"
-                )
+        self.session.discovered(lambda: bool(self._claimed()), seconds)
+        self._leave_to(self._claimed())
 
-    def _odometry(self) -> list[str]:
-        return [interface.Names(name).odometry for name in self.namespaces]
+    def _leave_to(self, topic: str) -> None:
+        if topic:
+            raise InterfaceError(
+                f"{topic}: another server publishes it, too; stop one of the two, or give one another name with --namespace"
+            )
+
+    def _claimed(self, by: Literal["any", "server"] = "any") -> str:
+        """Return a topic that another server, which began earlier, publishes too; or an empty text.
+
+        Args:
+            by: any: publishers that are no server count too; server: they do not, since they may have come later.
+        """
+        node = self.vehicles[0].node
+        for name in self.namespaces:
+            topic = interface.Names(name).odometry
+            if node.count_publishers(topic) > 1:
+                found = node.get_node_names_and_namespaces()
+                began = [one for one, space in found if space == f"/{name}" and one.startswith(SINCE)]
+                if min(began, default=self.since) < self.since or (by == "any" and len(began) < 2):
+                    return topic
+        return ""
 
     def close(self) -> None:
         """Leave the network."""

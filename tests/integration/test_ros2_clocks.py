@@ -8,7 +8,7 @@ import pytest
 
 from auvbench.config.simulators import Fossen, Ros2
 from auvbench.envs.simulator_factory import make_simulator
-from auvbench.ros2.middleware import InterfaceError
+from auvbench.ros2.middleware import InterfaceError, Session
 from auvbench.ros2.server import Server
 from auvbench.simulators import ros2
 from auvbench.simulators.ros2 import Ros2Simulator
@@ -124,3 +124,55 @@ def test_a_late_world_makes_no_step_after_lockstep_or_a_pause(ask, monkeypatch):
         server.spin_once()
         assert server.time == 0
         server.close()
+
+
+def test_of_two_servers_that_meet_after_their_start_the_later_leaves():
+    def begin():
+        physical = PhysicalCommands(VEHICLE)
+        inner = make_simulator(
+            Fossen(name="fossen", max_step=0.01, threads=1), VEHICLE, 1, None, physical.model
+        )
+        start = START[0].tolist()
+        return Server(
+            inner, physical, VEHICLE.actuators, physical.neutral, ["twins"], start=start, step_duration=0.02
+        )
+
+    with dds.domain():
+        first, second = begin(), begin()
+        for server in (first, second):
+            node = server.vehicles[0].node
+
+            def met(node=node):
+                names = [name for name, _ in node.get_node_names_and_namespaces()]
+                return (
+                    first.since in names
+                    and second.since in names
+                    and node.count_publishers("/twins/odom") == 2
+                )
+
+            assert server.session.discovered(met, LIMIT)
+        turns = iter([True, True, False])
+        first.run(lambda: next(turns))
+        with pytest.raises(InterfaceError, match=r"^/twins/odom: another server"):
+            second.run(lambda: True)
+        # A publisher that is no server keeps a server from starting; one that comes later does not stop it.
+        second.close()
+        stranger = Session()
+        stranger.node("stranger").create_publisher(stranger.ros.nav.Odometry, "/twins/odom", stranger.qos)
+        node = first.vehicles[0].node
+
+        def strange():
+            names = [name for name, _ in node.get_node_names_and_namespaces()]
+            return (
+                "stranger" in names
+                and second.since not in names
+                and node.count_publishers("/twins/odom") == 2
+            )
+
+        assert first.session.discovered(strange, LIMIT)
+        turns = iter([True, False])
+        first.run(lambda: next(turns))
+        with pytest.raises(InterfaceError, match=r"^/twins/odom: another server"):
+            first.check_alone(0.0)
+        stranger.close()
+        first.close()
