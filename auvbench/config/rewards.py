@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from auvbench.config.schema import choice_of, number
+from auvbench.config.schema import choice_of, later, number
 from auvbench.config.schema import name as plain_name
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ConfigError
@@ -63,7 +63,7 @@ class Thesis(Reward):
 
 @dataclass(kw_only=True)
 class Tracking(Reward):
-    """Small errors, little effort; goal and path are the same formula with other values."""
+    """Small errors, little effort; path is the same formula with other values."""
 
     length: float = number(0.0, 1e6, open_low=True)  # m
     yaw: float = number(0.0, 1e6)
@@ -74,6 +74,14 @@ class Tracking(Reward):
     change: float = number(0.0, 1e6)
     success: float = number(-1e9, 1e9)
     failure: float = number(-1e9, 1e9)
+
+
+@dataclass(kw_only=True)
+class Goal(Tracking):
+    """Tracking, with a second term that grows only near the goal."""
+
+    fine: float = later(number(0.0, 1e6), 0.0)
+    fine_length: float = later(number(0.0, 1e6, open_low=True), 1.0)  # m
 
 
 @dataclass(kw_only=True)
@@ -128,7 +136,7 @@ SCHEMAS: dict[str, type] = {
     "marinegym_hover": MarineGymHover,
     "gym_auv_path": GymAuvPath,
     "gym_dockauv": GymDockauv,
-    "goal": Tracking,
+    "goal": Goal,
     "path": Tracking,
 }
 """by name, in the order of their codes in `tasks.rewards`"""

@@ -49,6 +49,8 @@ LATER: dict[str, Any] = {
     "algo.tuned": None,
     "algo.n_steps": 1,
     "algo.updates": "sb3",
+    "reward.fine": 0.0,
+    "reward.fine_length": 1.0,
     "train.evaluate_every": 0,
     "disturbance.waves": {
         "height": 0.0,

@@ -19,7 +19,8 @@ EXPONENTIAL = 2
 MARINEGYM_HOVER = 3
 GYM_AUV_PATH = 4
 GYM_DOCKAUV = 5
-# 6 and 7, goal and path: the formula of TRACKING.
+GOAL = 6
+# 7, path: the formula of TRACKING.
 
 _TABLE = types.Array(types.float64, 2, "C")
 _SIGNATURE = types.float64(
@@ -111,6 +112,8 @@ def reward_row(
         for axis in range(3):
             squared += (F[i, k.F_REFERENCE_VELOCITY + axis] - k.velocity_row(i, pose, velocity, axis)) ** 2
         r += P[p + 4] * math.exp(-math.sqrt(squared) / P[p + 5])
+    if kind == GOAL:
+        r += P[p + 10] * math.exp(-distance / P[p + 11])
     if outcome == k.SUCCESS:
         r += P[p + 8]
     elif failed:

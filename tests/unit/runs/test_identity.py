@@ -99,6 +99,15 @@ def test_runs_older_than_compiled_updates_keep_id_and_updates():
     assert typed(OmegaConf.create(older)).algo.updates == "sb3"
 
 
+def test_runs_older_than_the_fine_term_of_goal_keep_their_id():
+    older = plain("task=docking", "reward.fine=0")
+    of_one_term = identity.run_id(older)
+    assert identity.run_id(plain("task=docking")) != of_one_term
+    del older["reward"]["fine"], older["reward"]["fine_length"]
+    assert identity.run_id(older) == of_one_term
+    assert typed(OmegaConf.create(older)).reward.fine == 0.0
+
+
 def test_controllers_have_no_budget():
     assert identity.run_id(plain("algo=pid", "train.total_steps=5")) == identity.run_id(plain("algo=pid"))
 

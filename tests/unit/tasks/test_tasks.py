@@ -372,6 +372,24 @@ def test_the_way_to_the_reference_never_leads_through_the_dock() -> None:
         assert not np.any(ahead > math.radians(30)), math.degrees(angle)
 
 
+def test_the_reward_of_a_goal_by_its_formula() -> None:
+    batch = batch_of("docking", "reward.k=3")
+    yaw = float(batch.task.F[0, k.F_REFERENCE_YAW])
+    out = -np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    # On the axis the way is the distance. The last case is success.
+    for distance, end in ((4.0, 0.0), (0.8, 0.0), (0.2, 500.0)):
+        batch.task.C[0, k.C_OUTCOME] = -1
+        turned = 0.4 if not end else 0.0
+        put(batch, batch.task.goal(0) + distance * out, yaw + turned)
+        error = math.exp(-distance / 5.0) + 2.0 * math.exp(-distance) + 0.5 * math.exp(-turned / 0.5)
+        assert advance(batch)[0] == pytest.approx(3 * (error + end))
+    put(batch, batch.task.goal(0) - 0.9 * out, yaw)
+    batch.task.C[0, k.C_OUTCOME] = -1
+    reward, outcome = advance(batch)
+    assert outcome == k.COLLISION
+    assert reward < 0.0
+
+
 def test_rewards_by_their_formulas() -> None:
     position, yaw = [0.6, -0.8, -20.0], 0.4
     for reward, expected in (
@@ -413,17 +431,6 @@ def test_the_reward_of_docking_grows_on_the_way_of_the_reference() -> None:
         assert np.linalg.norm(position - dock) < 0.1
         batch.reset()
         yaw, dock = float(batch.task.F[0, k.F_REFERENCE_YAW]), batch.task.goal(0)
-
-
-def test_the_end_of_docking_pays() -> None:
-    batch = batch_of("docking")
-    yaw = float(batch.task.F[0, k.F_REFERENCE_YAW])
-    put(batch, batch.task.goal(0), yaw)
-    assert advance(batch)[0] == pytest.approx(1.0 + 0.5 + 500.0)
-    put(batch, batch.task.goal(0) + np.array([0.0, 0.0, 0.5]), yaw)
-    reward, outcome = advance(batch)
-    assert outcome == k.COLLISION
-    assert -20.0 < reward < -18.0
 
 
 def test_a_vehicle_that_cannot_do_the_task_is_refused_before_anything_starts() -> None:
