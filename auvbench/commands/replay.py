@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from auvbench.commands.grammar import Parser
-from auvbench.errors import RunError
+from auvbench.errors import ConfigError, RunError, UserError
 
 if TYPE_CHECKING:
     from auvbench.evaluation.replay import Replay
@@ -66,7 +66,11 @@ def main(arguments: Sequence[str]) -> int:
         if len(found) != 1:
             raise RunError(f"{path}: holds {len(found)} runs; name one of them, e.g. {found[0].path}")
         runs += found
-    protocol = evaluate_config(compose("evaluate", [f"protocol={options.protocol}"])).protocol
+    try:
+        protocol = evaluate_config(compose("evaluate", [f"protocol={options.protocol}"])).protocol
+    except ConfigError as error:
+        _, _, wrong = str(error).partition(": ")  # after the key that was not typed
+        raise UserError(f"--protocol {options.protocol}: {wrong}") from error
     condition = options.condition or protocol.conditions[0].name
     episodes = [replay(run, protocol, condition, options.episode) for run in runs]
     folder = options.out or runs[0].path / "replays"

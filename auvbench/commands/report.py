@@ -183,8 +183,8 @@ def _check_margin(parts: Sequence[Section], options: Options) -> None:
     measures = dict.fromkeys(_measure(part, options) for part in parts)
     if options.margin is not None and len(measures) > 1:
         raise ReportError(
-            f"margin={options.margin:g}: the tasks are ranked by {', '.join(measures)}, of different units; leave the margin "
-            "out (null), or name one task: --where task=NAME"
+            f"--margin {options.margin:g}: the tasks are ranked by {', '.join(measures)}, of different units; leave it "
+            "out (null in a declared analysis), or name one task: --where task=NAME"
         )
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import os
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from auvbench.commands.grammar import Parser
+from auvbench.commands.grammar import Parser, number
 from auvbench.errors import UserError, closest
 from auvbench.metrics import METRICS
 from auvbench.record import measure_names
@@ -91,8 +91,8 @@ def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict
     if declared is not None:
         settings |= _known(declared.report)
         settings |= {key: getattr(declared, name) for key, name in DECLARED_AS.items()}
-    settings |= {key: given[key] for key in KEYS if given.get(key) is not None}
-    options = _options(settings)
+    typed = {key: given[key] for key in KEYS if given.get(key) is not None}
+    options = _options(settings | typed, typed)
     instead = () if declared is None else _differing(options, declared)
     return given["paths"], replace(options, declared=declared, instead=instead, undecided=undecided), given
 
@@ -114,10 +114,14 @@ def _declared(paths: Sequence[Path]) -> tuple[Declared | None, str]:
 def _differing(options: Options, declared: Declared) -> tuple[str, ...]:
     """Return the options that are not those of the declared analysis, as they are typed."""
     return tuple(
-        f"--{key.replace('_', '-')} {getattr(options, key)}"
+        f"{_flag(key)} {getattr(options, key)}"
         for key, name in DECLARED_AS.items()
         if getattr(options, key) != getattr(declared, name)
     )
+
+
+def _flag(key: str) -> str:
+    return f"--{key.replace('_', '-')}"
 
 
 def measures() -> str:
@@ -174,10 +178,10 @@ def parser() -> Parser:
     )
     add("--out", metavar="DIR", help="folder of the report; default <experiment>/report")
     add("--study", metavar="NAME", help=f"answer the claims of a study: {', '.join(STUDIES)}")
-    add("--confidence", type=float, metavar="P", help="of every interval, between 0.5 and 0.999")
+    add("--confidence", type=number(0.5, 0.999), metavar="P", help="of every interval, between 0.5 and 0.999")
     add(
         "--margin",
-        type=float,
+        type=number(analyses.SMALLEST, 1e12),
         metavar="M",
         help="smallest difference of interest, in the measure's unit: 2 is 2 points",
     )
@@ -193,8 +197,8 @@ def _known(settings: Mapping[str, Any]) -> dict[str, Any]:
     return named
 
 
-def _options(settings: Mapping[str, Any]) -> Options:
-    """Return options of the declared types and ranges."""
+def _options(settings: Mapping[str, Any], typed: Collection[str] = ()) -> Options:
+    """Return options of the declared types and ranges; an error names those that were `typed` as flags."""
     values = {key: settings[key] for key in KEYS}
     for key in LISTS:
         if isinstance(values[key], str):
@@ -203,5 +207,7 @@ def _options(settings: Mapping[str, Any]) -> Options:
     try:
         found = typed_json.convert(values, Options)
     except ValueError as error:
-        raise UserError(f"report: {error}") from error
+        entry, _, rest = str(error).partition(" ")
+        key = entry.partition("[")[0]  # of a list: format[0]
+        raise UserError(f"{_flag(key)} {rest}" if key in typed else f"report: {error}") from error
     return replace(found, out=None if found.out is None else Path(str(found.out)))

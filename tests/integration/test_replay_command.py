@@ -87,7 +87,7 @@ def test_a_condition_with_a_decimal_point_keeps_its_whole_name(run, tmp_path, mo
     [
         (["--episode", "500"], "protocol test has episodes 0 to 499"),
         (["--condition", "nominl"], "did you mean 'nominal'?"),
-        (["--protocol", "tst"], "did you mean 'test'?"),
+        (["--protocol", "tst"], "--protocol tst: no such option; did you mean 'test'?"),
         (["--video", "film.avi"], "must end in .gif"),
         (["--frobnicate"], "unknown option '--frobnicate' of replay"),
     ],

@@ -118,12 +118,12 @@ def test_what_can_be_reported_is_and_the_rest_is_named(
         (("--baseline", "ppo"), "PPO K=1"),
         (("--protocol", "robust"), "robust"),
         (("--condition", "nominel"), "did you mean 'nominal'?"),
-        (("--format", "pdf"), "format[0] is 'pdf', must be one of terminal, md, tex, csv, html"),
-        (("--confidence", "95"), "confidence is 95.0, must be a finite number in [0.5, 0.999]"),
-        (("--margin", "0"), "margin is 0.0, must be a finite number"),
-        (("--study", "thesys"), "study is 'thesys', must be one of thesis"),
+        (("--format", "pdf"), "--format is 'pdf', must be one of terminal, md, tex, csv, html"),
+        (("--confidence", "95"), "--confidence: must be a number from 0.5 to 0.999, got 95"),
+        (("--margin", "0"), "--margin: must be a number from 1e-12 to 1e+12, got 0"),
+        (("--study", "thesys"), "--study is 'thesys', must be one of thesis"),
         (("--out", "/dev/null/report"), "cannot write into /dev/null/report"),
-        (("--format", ","), "format[0] is ''"),
+        (("--format", ","), "--format is ''"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(

@@ -89,7 +89,7 @@ def test_a_baseline_that_no_task_has_is_answered_with_those_there_are(
 def test_a_margin_needs_one_unit(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["report", str(study), "--margin", "0.1", "--out", str(tmp_path), "--format", "csv"]
     assert main(words) == 2
-    assert "margin=0.1" in capsys.readouterr().err
+    assert "--margin 0.1: " in capsys.readouterr().err
     assert main([*words, "--where", "task=path_following"]) == 0
 
 
