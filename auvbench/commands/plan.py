@@ -231,8 +231,8 @@ def _text(found: _Found, basis: Basis, agents: int, m: Measure, options: argpars
     notes = [
         f"Simulated with the report's test at {percent:g} % confidence, {REPLICATIONS} experiments for each "
         f"number of seeds (± 1 seed or a tenth).{corrected}",
-        "Fix the number before you look: who looks after each of 3 to 15 seeds and stops when a difference is resolved "
-        "finds one where there is none in 14 % of the cases instead of 5 %.",
+        "Fix the number before you look: a test after each of 3 to 15 seeds, stopped at the first resolved difference, "
+        "finds a difference between equal agents in 14 % of the cases instead of 5 %.",
         f"Trainings that fail now and then are not in this model. Seeds without a failure that bound the failure rate with "
         f"{percent:g} % confidence, {bounds}.",
     ]

@@ -49,6 +49,7 @@ def _one(config: DictConfig, command: str) -> int:
 def carry_out(run: RunDirectory, *, shown: bool) -> int:
     """Carry out one run in this process, with a live bar where it is to be shown; return the exit code."""
     from auvbench.commands.progress import Bar
+    from auvbench.config.agents import learns
     from auvbench.runs import status
     from auvbench.runs.progress import WINDOW, telling
     from auvbench.training import worker
@@ -60,9 +61,11 @@ def carry_out(run: RunDirectory, *, shown: bool) -> int:
             f"{run.path}: complete already, nothing to do (auvbench resume RUN train.total_steps=N extends it)"
         )
         return 0
+    trained = learns(run.config()["algo"])
     steps, total = now.manifest["steps"], now.manifest["total_steps"]
     lost = f"{now.lost}: its training goes on from its last checkpoint, " if now.lost else ""
-    print(f"{run.path}: {lost}{now.state}, {steps:,} of {total:,} steps", flush=True)
+    budget = f", {steps:,} of {total:,} steps" if trained else ""
+    print(f"{run.path}: {lost}{now.state}{budget}", flush=True)
     bar = Bar(total, now="compiling, first episodes") if shown else None
     with bar or nullcontext():
         worker.carry_out(run, lambda run: execute(run, bar.watch if bar else None))
@@ -70,7 +73,11 @@ def carry_out(run: RunDirectory, *, shown: bool) -> int:
     rate = telling(manifest["success_rate"], manifest["episodes"])
     last = min(manifest["episodes"], WINDOW)
     success = "" if rate is None else f", success over the last {last} episodes {100 * rate:.0f} %"
-    print(f"complete: {manifest['steps']:,} steps in {manifest['wall_time_s']:.1f} s{success}")
+    print(
+        f"complete: {manifest['steps']:,} steps in {manifest['wall_time_s']:.1f} s{success}"
+        if trained
+        else "complete: nothing to train"
+    )
     print(f"{run.path}")
     print(f"next: auvbench evaluate {shlex.quote(str(run.path))}")
     return 0
