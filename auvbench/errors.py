@@ -45,7 +45,7 @@ class MissingExtraError(UserError):
 
     def __init__(self, package: str, *, extra: str, purpose: str) -> None:
         super().__init__(
-            f"{package} is not installed, which {purpose} need{'' if ' and ' in purpose else 's'}: pip install 'auvbench[{extra}]'"
+            f"{package} is not installed (needed for {purpose}): pip install 'auvbench[{extra}]'"
         )
 
 
