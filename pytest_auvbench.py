@@ -1,4 +1,4 @@
-"""pytest's plug-in of auvbench: `pytest --auvbench algo=NAME --auvbench simulator=NAME` runs the conformance suites.
+"""pytest's plug-in of auvbench: `pytest --auvbench algo=NAME --auvbench task=NAME` runs the conformance suites.
 
 A module outside the package, because pytest imports it in every session of an environment that has auvbench, and
 until `--auvbench` is given it imports nothing but pytest.
@@ -20,9 +20,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="append",
         default=[],
         metavar="OVERRIDES",
-        help="check an agent ('algo=NAME ...'), a simulator ('simulator=NAME ...') or a task ('task=NAME ...') against auvbench's "
-        "contracts; "
-        "may be given several times",
+        help="check an agent ('algo=NAME ...') or a task ('task=NAME ...') against auvbench's contracts; may be given "
+        "several times",
     )
     group.addoption(
         "--auvbench-steps",
@@ -53,9 +52,6 @@ def _checks(session: pytest.Session, typed: str, steps: int) -> list[Check]:
         raise pytest.UsageError(f"--auvbench '{typed}': {error}") from None
     chosen: list[tuple[Any, Callable[[], None]]] = []
     checks: tuple[Any, ...]
-    if any(word.startswith("simulator=") for word in overrides):
-        for check in testing.SIMULATOR_CHECKS:
-            chosen.append((check, partial(testing.check_simulator, *overrides, only=check)))
     if any(word.startswith("task=") for word in overrides):
         for one_of_a_task in testing.TASK_CHECKS:
             chosen.append((one_of_a_task, partial(testing.check_task, *overrides, only=one_of_a_task)))
@@ -70,7 +66,7 @@ def _checks(session: pytest.Session, typed: str, steps: int) -> list[Check]:
 
 
 class Check(pytest.Item):
-    """One check of one agent, simulator or task."""
+    """One check of one agent or task."""
 
     def __init__(self, *, call: Callable[[], None], **named: Any) -> None:
         super().__init__(**named)

@@ -16,7 +16,7 @@ from auvbench.errors import AgentError
 
 
 class ConformanceError(AssertionError):
-    """An agent, a simulator or a task breaks its contract; the message names it and says how."""
+    """An agent or a task breaks its contract; the message names it and says how."""
 
 
 def run_checks(

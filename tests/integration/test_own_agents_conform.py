@@ -1,4 +1,4 @@
-"""All agents and simulators of our own against the suites that we ask others to pass."""
+"""All agents of our own against the suites that we ask others to pass, and our simulators against their contract."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from auvbench import testing
 from auvbench.config import plugins
 from auvbench.config.agents import AGENTS, learns
 from auvbench.simulators.gazebo import bindings
+from tests.simulator_contract import SIMULATOR_CHECKS, check_simulator
 
 ON_POLICY = ("algo.n_envs=2", "algo.n_steps=32", "algo.batch_size=32", "algo.net_arch=[8]")
 OFF_POLICY = (
@@ -84,6 +85,12 @@ def test_a_controller_keeps_its_contract(agent: str, tmp_path: Path) -> None:
 
 @pytest.mark.gazebo
 @pytest.mark.skipif(absent is not None, reason=f"Gazebo is not here: {absent}")
-@pytest.mark.parametrize("check", testing.SIMULATOR_CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", SIMULATOR_CHECKS, ids=lambda check: check.__name__)
 def test_gazebo_keeps_its_contract(check: object) -> None:
-    testing.check_simulator("simulator=gazebo", only=check)  # type: ignore[arg-type]
+    check_simulator("simulator=gazebo", only=check)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("check", SIMULATOR_CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("vehicle", ["bluerov2", "lrauv"])
+def test_the_embedded_simulator_keeps_its_contract(vehicle: str, check: object) -> None:
+    check_simulator("simulator=fossen", f"vehicle={vehicle}", only=check)  # type: ignore[arg-type]

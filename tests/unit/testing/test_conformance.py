@@ -1,4 +1,4 @@
-"""Our own agents and simulators keep the contracts, and who breaks one is told which."""
+"""Our own agents keep the contracts, and who breaks one is told which."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from auvbench import testing
 from auvbench.errors import ConfigError
-from auvbench.testing import ConformanceError, agents, simulators
+from auvbench.testing import ConformanceError, agents
 from tests.packages import DRAWN, Site, learning, site, steering
 
 __all__ = ["site"]
@@ -27,12 +27,6 @@ def test_our_controllers(algo: str, check: object) -> None:
 
 def test_pid_on_fins() -> None:
     testing.check_agent("algo=pid", "vehicle=lrauv")
-
-
-@pytest.mark.parametrize("check", testing.SIMULATOR_CHECKS, ids=lambda check: check.__name__)
-@pytest.mark.parametrize("vehicle", ["bluerov2", "lrauv"])
-def test_the_embedded_simulator(vehicle: str, check: object) -> None:
-    testing.check_simulator("simulator=fossen", f"vehicle={vehicle}", only=check)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -140,71 +134,6 @@ def test_a_learner_that_breaks_its_contract(
     assert message in str(caught.value)
 
 
-WATER = """
-    from auvbench.plugin import Capabilities
-    from auvbench.simulators.fossen import FossenSimulator
-    import numpy as np
-
-    class Water(FossenSimulator):
-        capabilities = Capabilities(exact_resume=True, deterministic=True, scales=True, currents="sheared")
-
-        def __init__(self, config, vehicle, n, max_step):
-            super().__init__(vehicle, n, max_step=max_step)
-"""
-
-
-def water(site: Site, more: str = "") -> None:
-    site.install(
-        "water-package",
-        {
-            "water/__init__.py": "",
-            "water/sea.py": WATER + more,
-            "water/conf/simulator/water.yaml": "name: water\n",
-        },
-        simulators={"water": "water.sea:Water"},
-        conf="water.conf",
-    )
-
-
-def test_a_simulator_of_a_package(site: Site) -> None:
-    water(site)
-    testing.check_simulator("simulator=water")
-
-
-@pytest.mark.parametrize(
-    ("more", "check", "message"),
-    [
-        (
-            "def step(self, command, duration): super().step(command + 0.01 * np.random.uniform(), duration)",
-            simulators.motion_is_deterministic,
-            "generator of numpy.random",
-        ),
-        (
-            "def step(self, command, duration): super().step(command * 0.9 ** self.n, duration)",
-            simulators.motion_does_not_depend_on_the_batch,
-            "alone instead of among three",
-        ),
-        ("def state_dict(self): return {}", simulators.its_state_comes_back, "KeyError"),
-        (
-            "def set_current(self, velocity, bottom=None, depths=(0.0, 1.0)): pass",
-            simulators.it_can_what_it_says,
-            "carries a drifting vehicle",
-        ),
-        (
-            "def reset(self, indices, pose, velocity, scales=None): super().reset(np.arange(self.n), "
-            "np.repeat(pose[:1], self.n, 0), np.zeros((self.n, 6)))",
-            simulators.reset_puts_vehicles_where_it_says,
-            "reset of vehicle 1 moves others",
-        ),
-    ],
-)
-def test_a_simulator_that_breaks_its_contract(site: Site, more: str, check: object, message: str) -> None:
-    water(site, f"\n        {more}\n")
-    with pytest.raises((ConformanceError, KeyError)) as caught:
-        testing.check_simulator("simulator=water", only=check)  # type: ignore[arg-type]
-    assert message in f"{type(caught.value).__name__}: {caught.value}"
-
-
 def pytest_says(*words: str) -> subprocess.CompletedProcess[str]:
     command = [
         sys.executable,
@@ -229,9 +158,9 @@ def pytest_says(*words: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.slow
 def test_pytest_runs_the_checks_one_by_one(site: Site) -> None:
     steering(site, "return np.full((len(observation), self.n_u), 1.5)")
-    done = pytest_says("--auvbench", "algo=mine", "--auvbench", "simulator=fossen", "-rA")
+    done = pytest_says("--auvbench", "algo=mine", "--auvbench", "task=waypoint", "-rA")
     assert done.returncode == 1
-    assert f"{len(testing.SIMULATOR_CHECKS)} passed" in done.stdout
+    assert f"{len(testing.TASK_CHECKS)} passed" in done.stdout
     assert f"{len(testing.AGENT_CHECKS)} failed" in done.stdout
     assert "gets the action 1.5; actions must be in [-1, 1]" in done.stdout
     assert "Traceback" not in done.stdout

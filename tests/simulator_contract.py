@@ -1,4 +1,4 @@
-"""The checks of every simulator."""
+"""What every simulator must do (`auvbench.simulators.base.Simulator`), as checks for the simulators of auvbench."""
 
 from __future__ import annotations
 
@@ -196,16 +196,7 @@ SIMULATOR_CHECKS: tuple[Callable[[Make], None], ...] = (
 
 
 def check_simulator(*overrides: str, only: Callable[[Make], None] | None = None) -> None:
-    """Check a simulator against its contract (`auvbench.simulators.base.Simulator`).
-
-    Args:
-        overrides: what one would type behind `auvbench train`: the simulator, `simulator=NAME`, a vehicle perhaps.
-        only: one of `SIMULATOR_CHECKS`; all of them by default.
-
-    Raises:
-        ConformanceError: it breaks its contract.
-        ConfigError: the overrides are none.
-    """
+    """Check a simulator, all of `SIMULATOR_CHECKS` or `only` one."""
     config = train_config(compose("train", list(overrides)))
     vehicle = sheet.load(config.vehicle)
 
