@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import zip_longest
 
 import numpy as np
 
-from auvbench.analysis.conditions import UNDISTURBED, by_condition, in_words
 from auvbench.analysis.effects import Effect, effects, learns
 from auvbench.analysis.formatting import counted, difference, name, turned, unit
 from auvbench.analysis.measures import TIMEOUT, Measure, measure
 from auvbench.analysis.records import Agent, Finding, Ranking
-from auvbench.statistics import contrast, crossed, holm, means
-from auvbench.statistics.intervals import Estimate, FloatArray
+from auvbench.statistics import contrast, holm
 
 SHOWN = 5
 """findings that a report shows at once; the others are one click away"""
@@ -29,7 +27,6 @@ def find(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
     ordered = [by_label[row.label] for row in ranking.rows]
     kinds: list[Sequence[Finding | None]] = [
         [return_misleads(ordered, ranking.confidence)],
-        [costliest_condition(ranking, ordered)],
         resolved_effects(ranking, ordered, m),
         [seed_variance(ordered, m)],
     ]
@@ -125,61 +122,3 @@ def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
     )
     ids = tuple(run.id for run in agent.runs)
     return Finding("seed_variance", text, (agent.label,), None, "", ids)
-
-
-ABLE = 0.5
-"""success without a disturbance below which an agent has too little to lose"""
-
-Losses = Mapping[str, Mapping[str, FloatArray]]
-"""by condition and agent: (seeds, episodes) success under it minus success without, scenario by scenario"""
-
-
-def costliest_condition(ranking: Ranking, agents: Sequence[Agent]) -> Finding | None:
-    """Return the condition that costs most success on average, with the agents that lose most and least.
-
-    Losses are those of agents with at least `ABLE` success undisturbed, paired by seed and scenario. Their intervals
-    hold for all conditions together (Bonferroni). None where no loss is resolved, or nothing was disturbed.
-    """
-    names = [c.name for c in ranking.conditions if c.name != UNDISTURBED]
-    losses = _losses(agents, ranking.protocol, names) if len(names) < len(ranking.conditions) else {}
-    if not losses:
-        return None
-    confidence = 1 - (1 - ranking.confidence) / len(losses)
-    overall = {name: _mean(by, confidence) for name, by in losses.items()}
-    worst = min(overall, key=lambda name: overall[name].value)
-    if not overall[worst].high < 0:
-        return None
-    by = losses[worst]
-    table = crossed(list(by.values()), bounds=(-1, 1), paired=False)
-    own = dict(zip(by, means(table, confidence), strict=True))
-    most, least = min(own, key=lambda a: own[a].value), max(own, key=lambda a: own[a].value)
-    m = measure("success_rate")
-    text = f"Of {counted(len(overall), 'condition')}, {' '.join(filter(None, in_words(worst)))} costs most success: "
-    text += difference(overall[worst], m)
-    if len(own) > 1:
-        text += (
-            f" on average, from {difference(own[least], m)} ({least}) to {difference(own[most], m)} ({most})"
-        )
-    basis = f"{counted(len(own), 'agent')} with at least {100 * ABLE:.0f} % success undisturbed; paired by scenario"
-    return Finding("costliest_condition", f"{text}.", tuple(own), overall[worst], basis)
-
-
-def _losses(agents: Sequence[Agent], protocol: str, names: Sequence[str]) -> Losses:
-    """Return losses of the agents with something to lose, under the conditions that all of them met."""
-    met = {
-        a.label: by_condition([run.evaluations[protocol] for run in a.runs if protocol in run.evaluations])
-        for a in agents
-    }
-    still = {label: of[UNDISTURBED].success for label, of in met.items() if UNDISTURBED in of}
-    still = {label: success for label, success in still.items() if success.mean() >= ABLE}
-    losses = {}
-    for condition in names:
-        there = {label: met[label][condition].success for label in still if condition in met[label]}
-        if all(label in there and there[label].shape == still[label].shape for label in still):
-            losses[condition] = {label: there[label] - still[label] for label in still}
-    return losses if still else {}
-
-
-def _mean(by_agent: Mapping[str, FloatArray], confidence: float) -> Estimate:
-    table = crossed(list(by_agent.values()), bounds=(-1, 1))
-    return contrast(table, np.full(len(by_agent), 1 / len(by_agent)), confidence).estimate

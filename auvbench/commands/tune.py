@@ -218,7 +218,7 @@ def _conclude(plan: Plan, study: StudyFolder) -> int:
 
     A failed trial is a result.
     """
-    from auvbench.reporting.tuning import write
+    from auvbench.reporting import tuning
     from auvbench.tuning import outcome
 
     found = outcome.read(study)
@@ -232,14 +232,14 @@ def _conclude(plan: Plan, study: StudyFolder) -> int:
             found.algo(best),
             trials=len(found.trials),
             steps=found.steps,
-            evidence=write.evidence(found),
+            evidence=tuning.evidence(found),
         )
-    page = write.report(found)
-    for sentence in write.summary(found):
+    trials = tuning.report(found)
+    for sentence in tuning.summary(found):
         print(sentence)
     if best is not None:
         print(
             f"{study.best}: cp it to conf/algo/{outcome.name_of(plan)}.yaml, then algo={outcome.name_of(plan)}"
         )
-    print(f"{page}", flush=True)
+    print(f"{trials}", flush=True)
     return int(best is None or bool(found.broken))

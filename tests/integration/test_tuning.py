@@ -72,8 +72,6 @@ def test_pid_is_tuned_and_its_preset_can_be_used(
     assert [len(found.trials), {outcome.state_of(t) for t in found.trials}] == [4, {"done"}]
     assert found.gains
     assert found.best is not None
-    page = (study.report / "index.html").read_text()
-    assert f"Trial {found.best.number}" in page
     assert (study.report / "trials.csv").read_text().count("\n") == 5
     assert {path.stem for path in (study.report / "figures").glob("*.svg")} == {"history", "slices"}
     commit = provenance.git()["commit"]

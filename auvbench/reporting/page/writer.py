@@ -93,10 +93,24 @@ def write(
 
 
 def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
-    """Return the page of some runs as HTML; it leaves out what `shown` does not name."""
-    return filled(
-        "page.html",
-        SCRIPTS,
+    """Return the page of some runs as HTML, with the policy that lets only its own script run.
+
+    It leaves out what `shown` does not name.
+    """
+    script = "\n".join(_asset(name) for name in SCRIPTS)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    policy = (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
+        f"script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
+    )
+    # Labels, ids and messages come from foreign files, so everything is escaped.
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_asset), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.get_template("page.html").render(
+        style=Markup(_asset("page.css")),
+        script=Markup(script),
+        policy=policy,
         ranking=ranking,
         vehicles=distinct(run.config.get("vehicle.name") for run in found),
         runs_found=len(found),
@@ -112,23 +126,6 @@ def title_of(runs: Sequence[RunRecord]) -> str:
         return "auvbench report"
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return f"auvbench report: {', '.join(names[:3])}{more}"
-
-
-def filled(template: str, scripts: Sequence[str], **shown: Any) -> str:
-    """Return a template of `assets/` with its style, its one script, and the policy that lets only this script run."""
-    script = "\n".join(_asset(name) for name in scripts)
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
-    policy = (
-        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
-        f"script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
-    )
-    # Labels, ids and messages come from foreign files, so everything is escaped.
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_asset), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.get_template(template).render(
-        style=Markup(_asset("page.css")), script=Markup(script), policy=policy, **shown
-    )
 
 
 def _asset(name: str) -> str:

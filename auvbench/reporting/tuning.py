@@ -1,0 +1,237 @@
+"""The report of a study: all trials as CSV, Optuna's figures, and the findings in sentences."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import optuna
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import LogLocator, NullLocator
+from optuna.study import Study
+from optuna.trial import TrialState, create_trial
+from optuna.visualization import matplotlib as plots
+
+from auvbench.analysis.formatting import amount, counted, difference, listed, name
+from auvbench.analysis.measures import Measure
+from auvbench.reporting.figures import style
+from auvbench.reporting.write import text
+from auvbench.statistics.intervals import Estimate
+from auvbench.tuning.controller import worth
+from auvbench.tuning.outcome import Outcome, state_of
+from auvbench.tuning.search import ERROR
+from auvbench.untrusted import path_safety
+
+
+def report(found: Outcome) -> Path:
+    """Write trials.csv and the figures into the study's report/; return the table.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    folder = found.folder.report
+    path_safety.check_output(folder, ("trials.csv", "figures"))
+    draw(found, folder)
+    return text(folder / "trials.csv", table(found).to_csv(index=False, lineterminator="\n"))
+
+
+def table(found: Outcome) -> pd.DataFrame:
+    """Return a row per trial, best first."""
+    keys = [dimension.key for dimension in found.plan.dimensions]
+    names = (found.objective.measure.name, "low", "high", found.objective.then.name)
+    rows = []
+    for place, trial in enumerate(found.ordered, 1):
+        row: dict[str, Any] = {"place": place, "trial": trial.number, "state": state_of(trial)}
+        row["steps"] = (trial.last_step or 0) if found.plan.learns else 0
+        if shown := found.results(trial):
+            last = shown[-1]
+            row |= zip(names, (last.objective, last.low, last.high, last.then), strict=True)
+        rows.append(
+            row
+            | {key: trial.params.get(key, "") for key in keys}
+            | {"error": str(trial.user_attrs.get(ERROR, ""))}
+        )
+    return pd.DataFrame(rows, columns=["place", "trial", "state", "steps", *names, *keys, "error"])
+
+
+def summary(found: Outcome) -> list[str]:
+    """Return the findings, the most important first."""
+    lines = [gain(found)] if found.gains else []
+    if found.broken:
+        lines.append(broken(found))
+    if found.best is not None:
+        lines.append(
+            f"Best in the search: trial {found.best.number}, {worth(found.results(found.best)[-1], found.objective)}, on the "
+            "validation scenarios that chose it. The best of many trials is partly lucky."
+        )
+    counts = Counter(state_of(trial) for trial in found.trials)
+    states = [f"{count} {state}" for state, count in sorted(counts.items())]
+    trained = f" Trained: {found.steps:,} environment steps." if found.steps else ""
+    lines.append(f"{counted(len(found.trials), 'trial')}: {', '.join(states) or 'none'}.{trained}")
+    if shares := sorted(found.importances.items(), key=lambda item: -item[1]):
+        lines.append(f"Importance: {listed([f'{key} {100 * share:.0f} %' for key, share in shares])}.")
+    if edges := at_the_edge(found):
+        lines.append(edges)
+    return lines
+
+
+def at_the_edge(found: Outcome) -> str:
+    """Name the best values at an end of their range; return '' for none."""
+    if found.best is None:
+        return ""
+    params = found.best.params
+    near = [f"{d.key} ({d.text})" for d in found.plan.dimensions if d.at_end(params[d.key])]
+    if not near:
+        return ""
+    return f"At an end of the range: {listed(near, 4)}. A wider range may hold better settings."
+
+
+def gain(found: Outcome) -> str:
+    """Compare the best and the untuned settings on what the search has not seen."""
+    seeds = len(found.plan.tune.fresh_seeds)
+    on = f"{seeds} fresh training seeds and " if found.plan.learns and seeds > 1 else ""
+    parts = [
+        f"{name(of.measure)}: {amount(of.tuned, of.measure)} tuned, {amount(of.untuned, of.measure)} untuned, "
+        f"difference {difference(of.difference, of.measure)}, {verdict(of.difference, of.measure)}"
+        for of in found.gains
+    ]
+    return f"On {on}fresh validation scenarios: {'; '.join(parts)}."
+
+
+def verdict(of: Estimate, measure: Measure) -> str:
+    """Return better, worse or not resolved: whether the interval of tuned less untuned excludes zero."""
+    if of.low > 0 or of.high < 0:
+        return "better" if of.value * measure.sign > 0 else "worse"
+    return "not resolved"
+
+
+def broken(found: Outcome) -> str:
+    """Name the trainings with fresh seeds that failed."""
+    return f"With fresh seeds {counted(len(found.broken), 'training')} failed, so no gain is shown: {listed(found.broken, 3)}."
+
+
+def evidence(found: Outcome) -> str:
+    """Return the sentence for the header of the preset."""
+    if found.broken:
+        return broken(found)
+    return (
+        gain(found)
+        if found.gains
+        else "Not compared with fresh seeds: its result in the search is partly lucky."
+    )
+
+
+COLUMNS = 4
+"""panels in a row"""
+
+
+def draw(found: Outcome, out: Path) -> None:
+    """Draw the figures that the study has enough trials for into `out`/figures, as PNG and SVG."""
+    study, measure = in_units(found)
+    label = f"{measure.name}, %" if measure.rate else measure.name
+    drawn = {}
+    with style.styled(), plt.ioff(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        if found.complete > 1:
+            drawn["history"] = _history(study, label)
+        if found.complete > 2:
+            drawn["slices"] = _slices(study, label)
+        if any(len(trial.intermediate_values) > 1 for trial in study.trials):
+            drawn["rungs"] = _rungs(study, label, found.plan.budgets)
+        for name, canvas in drawn.items():
+            style.save(canvas, out / "figures" / name)
+            plt.close(canvas)
+
+
+def in_units(found: Outcome) -> tuple[Study, Measure]:
+    """Return the study in the unit of the measure that tells its trials apart, and that measure.
+
+    The second measure takes over where more than half of the trials with the best trial's budget tie in the first.
+    """
+    best = found.best
+    peers = [trial for trial in found.trials if best and trial.last_step == best.last_step]
+    tops = [found.results(trial)[-1].objective for trial in peers]
+    second = bool(tops) and 2 * tops.count(tops[0]) > len(tops) > 1
+    measure = found.objective.then if second else found.objective.measure
+    study = optuna.create_study(direction="maximize" if measure.higher_is_better else "minimize")
+    for trial in sorted(found.trials, key=lambda trial: trial.number):
+        values = [
+            (100 if measure.rate else 1) * (score.then if second else score.objective)
+            for score in found.results(trial)
+        ]
+        complete = trial.state is TrialState.COMPLETE and math.isfinite(values[-1])
+        study.add_trial(
+            create_trial(
+                state=TrialState.COMPLETE if complete else TrialState.PRUNED,
+                value=values[-1] if complete else None,
+                params={_short(key): value for key, value in trial.params.items()},
+                distributions={_short(key): value for key, value in trial.distributions.items()},
+                intermediate_values=dict(zip(found.plan.budgets, values, strict=False)),
+            )
+        )
+    return study, measure
+
+
+def _short(key: str) -> str:
+    return key.partition(".")[2]
+
+
+def _history(study: Study, label: str) -> Canvas:
+    ax = plots.plot_optimization_history(study, target_name=label)
+    ax.legend(loc="best")
+    return _restyled([ax], 5.4, 3.4)
+
+
+def _slices(study: Study, label: str) -> Canvas:
+    found = plots.plot_slice(study, target_name=label)
+    panels: list[Axes] = [found] if isinstance(found, Axes) else list(found)
+    figure = panels[0].get_figure()
+    assert isinstance(figure, Canvas)
+    for extra in [ax for ax in figure.axes if ax not in panels]:  # the colour bar of trial numbers
+        extra.remove()
+    columns = min(COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    grid = figure.add_gridspec(rows, columns)
+    for place, ax in enumerate(panels):
+        ax.set_subplotspec(grid[place])
+        if ax.get_xscale() == "log":
+            low, high = ax.get_xlim()
+            ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if high < 100 * low else (1.0,)))
+            ax.xaxis.set_minor_locator(NullLocator())
+            ax.xaxis.set_major_formatter("{x:g}")
+        ax.set_ylabel(label if place % columns == 0 else "")
+    return _restyled(panels, 2.35 * columns, 2.1 * rows)
+
+
+def _rungs(study: Study, label: str, budgets: Sequence[int]) -> Canvas:
+    ax = plots.plot_intermediate_values(study)
+    if legend := ax.get_legend():
+        legend.remove()
+    ax.set_xscale("log")
+    ax.set_xticks(budgets, [f"{budget:,}" for budget in budgets])
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.set_xlabel("environment steps of training")
+    ax.set_ylabel(label)
+    return _restyled([ax], 5.4, 3.4)
+
+
+def _restyled(panels: Sequence[Axes], width: float, height: float) -> Canvas:
+    """Return the figure in the style of the other figures, without Optuna's titles."""
+    figure = panels[0].get_figure()
+    assert isinstance(figure, Canvas)
+    figure.suptitle("")
+    for ax in panels:
+        ax.set_title("")
+        ax.set_facecolor("white")
+        ax.grid(color="#dddddd")
+    figure.set_size_inches(width, height)
+    figure.set_dpi(style.DPI)
+    figure.set_layout_engine("constrained")
+    return figure

@@ -1,1 +1,0 @@
-"""What a person reads of a study: its page, its figures, its sentences."""
