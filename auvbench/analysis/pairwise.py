@@ -93,15 +93,6 @@ def _holm(p: FloatArray) -> FloatArray:
     return adjusted
 
 
-def letters(resolved: BoolArray, compared: BoolArray) -> list[str]:
-    """Return the group letters of the agents that are compared; '' for the others."""
-    here = np.flatnonzero(compared)
-    names = [""] * len(compared)
-    for i, name in zip(here, st.letters(resolved[np.ix_(here, here)]), strict=True):
-        names[i] = name
-    return names
-
-
 def rank_intervals(value: FloatArray, resolved: BoolArray) -> list[tuple[int, int]]:
     """Return for each agent the ranks from 1 + its resolved superiors to n - its resolved inferiors.
 

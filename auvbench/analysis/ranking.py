@@ -14,7 +14,7 @@ from auvbench.analysis.conditions import successes
 from auvbench.analysis.effects import budget_of, learns
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.measures import Measure, all_measures, measure, to_rank_by
-from auvbench.analysis.pairwise import BoolArray, all_pairs, letters, rank_intervals
+from auvbench.analysis.pairwise import BoolArray, all_pairs, rank_intervals
 from auvbench.analysis.primary import find_baseline, primary_analysis
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row, RunRecord
 from auvbench.errors import ReportError
@@ -39,8 +39,8 @@ def rank(
 ) -> Ranking:
     """Rank agents by one measure and compare each with a baseline; the order of the agents does not matter.
 
-    Rows are in the order of the point values. The primary analysis compares each agent with the baseline. Group
-    letters, rank intervals and comparisons are exploratory: they come from the tests of all pairs.
+    Rows are in the order of the point values. The primary analysis compares each agent with the baseline.
+    Rank intervals and comparisons are exploratory: they come from the tests of all pairs.
 
     Args:
         agents: of one protocol and condition, with the same scenarios.
@@ -70,7 +70,6 @@ def rank(
     tests = all_pairs(agents, by, compared, confidence)
     ranks = _ranks(value, _oriented(estimates, finer))
     intervals = rank_intervals(value, tests.resolved)
-    groups = letters(tests.resolved, compared)
     rows = tuple(
         Row(
             label=agent.label,
@@ -80,7 +79,6 @@ def rank(
             episodes=agent.outcome.shape[1],
             rank=int(ranks[i]),
             rank_interval=intervals[i],
-            group=groups[i],
             estimates=estimates[i],
             trained=learns(agent),
             compared=bool(compared[i]),

@@ -118,8 +118,6 @@ class Row:
     rank: int
     rank_interval: tuple[int, int]
     """ranks that the tests leave open; 1 to the number of rows for one that is not compared"""
-    group: str
-    """agents that share a letter are not resolved from each other (compact letter display); '' if not compared"""
     estimates: Mapping[str, Estimate]
     """by metric name: success_rate, collision_rate, timeout_rate, mean_steps, and mean_<column> for the others"""
     trained: bool = True

@@ -1,7 +1,7 @@
 """Pure functions on arrays (seeds, episodes); docs/statistics-appendix.md has the reasons and the measurements.
 
 `crossed` has means over seeds and scenarios, `differences` those of agents with the tests of all pairs, `intervals` those of
-rates, `multiple` corrections and letters, `power` plans.
+rates, `multiple` corrections, `power` plans.
 """
 
 from auvbench.statistics.crossed import (
@@ -23,7 +23,7 @@ from auvbench.statistics.intervals import (
     trials_that_bound,
     wilson,
 )
-from auvbench.statistics.multiple import discordant, holm, letter, letters, mcnemar
+from auvbench.statistics.multiple import discordant, holm, mcnemar
 
 __all__ = [
     "EPISODES_ONLY",
@@ -35,8 +35,6 @@ __all__ = [
     "crossed",
     "discordant",
     "holm",
-    "letter",
-    "letters",
     "limits",
     "mcnemar",
     "means",

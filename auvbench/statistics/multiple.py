@@ -1,16 +1,12 @@
-"""Tests of many pairs: McNemar's, Holm's correction, and the letters that say which agents are not resolved."""
+"""Tests of many pairs: McNemar's and Holm's correction."""
 
 from __future__ import annotations
 
-import string
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import bdtr, gammaln
 
 from auvbench.statistics.intervals import FloatArray
-
-_SINGLE = string.ascii_lowercase + string.ascii_uppercase
 
 
 def mcnemar(b: ArrayLike, c: ArrayLike) -> FloatArray:
@@ -46,64 +42,3 @@ def holm(p: ArrayLike) -> FloatArray:
     factors = np.arange(len(order), 0, -1)
     adjusted[order] = np.minimum(np.maximum.accumulate(factors * p[order]), 1.0)
     return adjusted
-
-
-def letter(index: int) -> str:
-    """Name of the group number `index`: a to z, A to Z, then a1, b1, ...
-
-    >>> letter(0), letter(26), letter(52)
-    ('a', 'A', 'a1')
-    """
-    turn, place = divmod(index, len(_SINGLE))
-    return _SINGLE[place] + (str(turn) if turn else "")
-
-
-def letters(resolved: NDArray[np.bool_]) -> list[str]:
-    """Letters of n agents, best first, from the symmetric matrix (n, n) of which pairs are resolved.
-
-    Two agents share a letter if and only if they are not resolved, overlapping groups included (which
-    underlines below a ranking cannot express). A display is a cover of the graph of unresolved pairs by cliques:
-    Piepho (2004, J. Comput. Graph. Stat. 13:456), Gramm et al. (2007, Comput. Stat. Data Anal. 52:725). Here
-    each pair that no group holds yet, in ranking order, is grown to a maximal clique; groups that the others make
-    needless are dropped. Few letters, though not always the fewest: that problem is NP-hard.
-    """
-    n = len(resolved)
-    together = ~resolved & ~np.eye(n, dtype=bool)
-    covered = np.zeros((n, n), dtype=bool)
-    groups: list[tuple[int, ...]] = []
-    for i in range(n):
-        # Only an agent without any company needs a group of its own.
-        for j in np.flatnonzero(together[i]).tolist() or [i]:
-            if covered[i, j]:
-                continue
-            group, common = {i, j}, together[i] & together[j]
-            while common.any():
-                # The one closest to i in the ranking, the better one of two.
-                agent = int(min(np.flatnonzero(common), key=lambda k: abs(k - i)))
-                group.add(agent)
-                common &= together[agent]
-            members = tuple(sorted(group))
-            covered[np.ix_(members, members)] = True
-            groups.append(members)
-    groups = sorted(_without_needless(groups, n))
-    names = [""] * n
-    for index, members in enumerate(groups):
-        name = letter(index)
-        for agent in members:
-            names[agent] += name
-    return names
-
-
-def _without_needless(groups: list[tuple[int, ...]], n: int) -> list[tuple[int, ...]]:
-    """The groups without those all of whose pairs lie in others."""
-    times = np.zeros((n, n), dtype=np.int64)
-    for members in groups:
-        times[np.ix_(members, members)] += 1
-    kept = []
-    for members in groups:
-        block = np.ix_(members, members)
-        if (times[block] > 1).all():
-            times[block] -= 1
-        else:
-            kept.append(members)
-    return kept

@@ -23,36 +23,27 @@ from auvbench.reporting.tables.table import (
 )
 from auvbench.statistics.intervals import Estimate
 
-MOST_LETTERS = 8
-"""of an agent's group that are shown"""
-
 
 def ranks_table(ranking: Ranking) -> Table:
-    """Return rank, the ranks that agree with the data, group letters, and the measure ranked by."""
+    """Return rank, the ranks that agree with the data, and the measure ranked by."""
     column = column_of(ranking.rank_by)
-    # Longer ones cannot be read, and the rank intervals say the same.
-    letters = all(len(row.group) <= MOST_LETTERS for row in ranking.rows)
-    headings = [Heading("agent", words=True), Heading("rank"), Heading("ranks")]
-    headings += [Heading("group", words=True)] * letters
     lines = [
         Line(
             (
                 Cell(label_of(row)),
                 Cell(str(row.rank), sort=float(row.rank)),
                 Cell(ranks_of(row), sort=row.rank + sum(row.rank_interval) / 1e6),
-                *[Cell(row.group or NOTHING)] * letters,
                 estimate_cell(row.estimates.get(column.metric), column.scale),
             )
         )
         for row in ranking.rows
     ]
-    groups = (
-        "Agents that share a group letter are not resolved from each other."
-        if letters
-        else "Agents whose ranks do not overlap are resolved from each other."
+    note = (
+        "Corrected over all pairs of agents (Holm), which are in comparisons.csv. Agents whose ranks do not overlap are "
+        "resolved from each other."
     )
-    note = f"Corrected over all pairs of agents (Holm), which are in comparisons.csv. {groups}"
-    return Table((*headings, column), tuple(lines), "Ranks", (note,))
+    headings = (Heading("agent", words=True), Heading("rank"), Heading("ranks"), column)
+    return Table(headings, tuple(lines), "Ranks", (note,))
 
 
 def ranks_of(row: Row) -> str:

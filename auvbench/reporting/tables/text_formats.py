@@ -26,7 +26,7 @@ def csv(ranking: Ranking) -> str:
         line: dict[str, Any] = {"agent": row.label, "budget": " ".join(map(str, row.budget))}
         line |= _against(ranking, row)
         line |= {"rank": row.rank, "rank_low": row.rank_interval[0], "rank_high": row.rank_interval[1]}
-        line |= {"group": row.group, "compared": int(row.compared)}
+        line["compared"] = int(row.compared)
         line |= {key: row.key.get(key) for key in keys}
         line |= {
             "seeds": " ".join(map(str, row.seeds)),

@@ -51,14 +51,12 @@ def test_intervals_say_what_they_cover(ranking):
     assert {c.difference.covers for c in ranking.primary.comparisons} == {MIXED}
 
 
-def test_letters_intervals_and_p_values_tell_the_same():
+def test_intervals_and_p_values_tell_the_same():
     ranking = rank(GRID)
     places = {row.label: row for row in ranking.rows}
     assert len(ranking.comparisons) == 10
     better = dict.fromkeys(places, 0)
     for c in ranking.comparisons:
-        shared = set(places[c.first].group) & set(places[c.second].group)
-        assert bool(shared) == (c.p_adjusted >= 0.05)
         better[c.second] += c.p_adjusted < 0.05
         assert c.p_adjusted >= c.p_value
         assert c.difference.value >= 0
@@ -99,14 +97,12 @@ def test_one_training_seed_is_one_policy_and_takes_no_part_in_any_test():
     alone = {a.label for a in single}
     assert {row.label for row in ranking.rows if not row.compared} == alone
     for row in ranking.rows:
-        assert bool(row.group) == row.compared
         if not row.compared:
             assert row.rank_interval == (1, 5)
     assert len(ranking.comparisons) == 3
     assert not any({c.first, c.second} & alone for c in ranking.comparisons)
     # An agent that is not compared changes nothing of what is said of the others.
     assert rank([*several, pid], baseline="pid", margin=0.02).comparisons == ranking.comparisons
-    assert any(row.group != "a" for row in ranking.rows if row.compared)
 
 
 def test_a_controller_given_twice_is_one_controller():
@@ -215,7 +211,7 @@ def test_equal_success_is_decided_by_steps_and_full_equality_shares_the_rank():
     twin = replace(a, label="twin")
     rows = rank([b, twin, a]).rows
     assert [(row.label, row.rank) for row in rows] == [(a.label, 1), ("twin", 1), (b.label, 3)]
-    assert {row.group for row in rows} == {"a"}
+    assert {row.rank_interval for row in rows} == {(1, 3)}
     assert all(row.estimates["success_rate"].low < 1 for row in rows)
 
 
@@ -226,7 +222,7 @@ def test_a_missing_measure_is_nan_and_last_and_named():
     assert [row.label for row in ranking.rows] == [whole.label, without.label]
     assert np.isnan(ranking.rows[1].estimates["mean_return"].value)
     assert np.isnan(ranking.comparisons[0].p_value)
-    assert ranking.rows[0].group == ranking.rows[1].group
+    assert ranking.rows[0].rank_interval == ranking.rows[1].rank_interval
     assert [problem.where for problem in ranking.problems] == [without.label]
 
 
@@ -244,7 +240,7 @@ def test_many_agents_list_fewer_pairs_and_still_test_all():
 def test_one_agent():
     ranking = rank([GRID[0]])
     row = ranking.rows[0]
-    assert (row.rank, row.rank_interval, row.group) == (1, (1, 1), "a")
+    assert (row.rank, row.rank_interval) == (1, (1, 1))
     assert ranking.comparisons == ()
 
 
@@ -288,5 +284,5 @@ def test_false_discoveries_are_as_rare_as_promised():
         for name in "abcdef":
             success = rng.random((3, 60)) < 1 / (1 + np.exp(-(1 + 0.5 * rng.normal(size=(3, 1)) - hard)))
             agents.append(replace(base, label=name, outcome=np.where(success, 0, 2).astype(np.int8)))
-        wrong += any(row.group != "a" for row in rank(agents).rows)
+        wrong += any(c.p_adjusted < 0.05 for c in rank(agents).comparisons)
     assert wrong / n < 0.05 + 3.5 * np.sqrt(0.05 * 0.95 / n)

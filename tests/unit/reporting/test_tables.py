@@ -14,7 +14,6 @@ from auvbench.analysis.load import agents, load
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, Finding, Needed, Problem, Ranking, Row
 from auvbench.reporting import tables
-from auvbench.reporting.tables.appendix import ranks_table
 from auvbench.reporting.tables.main import main_table, needed_text
 from auvbench.reporting.tables.notes import cautions, notes
 from auvbench.reporting.write import findings_in_markdown
@@ -190,8 +189,7 @@ def test_notes_say_what_the_numbers_are(ranking: Ranking) -> None:
     assert "hold together with 95 %; within ±2 points equivalent" in text
     assert "†" not in text
     single = tuple(
-        replace(row, seeds=row.seeds[:1], succeeded=1, compared=not row.trained, group="")
-        for row in ranking.rows
+        replace(row, seeds=row.seeds[:1], succeeded=1, compared=not row.trained) for row in ranking.rows
     )
     one = replace(ranking, rows=single)
     assert "† one training seed" in " ".join(notes(one))
@@ -215,14 +213,6 @@ def test_cautions_stand_where_the_numbers_do(ranking: Ranking) -> None:
     assert told(rows=tuple(replace(row, seeds=tuple(range(20))) for row in rated(0.98))) == ""
     assert "however they ended" in told(rows=rated(0.5), rank_by="mean_energy_J")
     assert told(rows=rated(0.5), rank_by="par1_steps") == ""
-
-
-def test_letters_too_many_to_read_give_way_to_the_ranks(ranking: Ranking) -> None:
-    rows = tuple(replace(row, group="abcdefghi"[i:]) for i, row in enumerate(ranking.rows))
-    many = replace(ranking, rows=rows)
-    assert "group" in [heading.title for heading in ranks_table(ranking).headings]
-    assert "group" not in [heading.title for heading in ranks_table(many).headings]
-    assert next(csv_module.DictReader(io.StringIO(tables.csv(many))))["group"] == "abcdefghi"
 
 
 def test_csv_reads_back_bit_for_bit(ranking: Ranking) -> None:
