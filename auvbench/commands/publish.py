@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from auvbench.analysis.records import RunRecord
     from auvbench.commands.grammar import Parser
 
-PICTURES = "success_over_grid,success_over_conditions,training_success,failures"
+PICTURES = "success_over_grid,success_over_conditions,training_success"
 """in addition to the main figure, which every README has"""
 NAMED = 3
 """most runs that are named; the rest is counted"""

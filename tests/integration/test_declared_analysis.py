@@ -97,7 +97,7 @@ def test_a_baseline_that_a_part_of_the_runs_lacks_is_no_error(runs: list[Path]) 
 
 @pytest.mark.slow
 def test_a_published_study_reports_itself_without_flags(runs: list[Path], tmp_path: Path) -> None:
-    words = ["--rank-by", "par1_steps", "--columns", "collision_rate", "--pictures", "failures"]
+    words = ["--rank-by", "par1_steps", "--columns", "collision_rate", "--pictures", "success_over_time"]
     assert main(["publish", "outputs/grid", "--to", "results/grid", *words]) == 0
     stored = declared.read(tmp_path / "results/grid" / declared.FILE)
     assert stored == Declared("par1_steps", "ppo", 7.0, 2, {"columns": ["collision_rate"]})

@@ -92,7 +92,7 @@ def test_figures_are_there_in_both_formats(grid: Path) -> None:
     figures = grid / "report" / "figures"
     names = {path.stem for path in figures.glob("*.png")}
     assert names == {path.stem for path in figures.glob("*.svg")}
-    assert {"steps_deviation", "success_over_grid", "failures"} <= names
+    assert {"steps_deviation", "success_over_grid"} <= names
 
 
 def test_the_page_needs_no_network(grid: Path) -> None:

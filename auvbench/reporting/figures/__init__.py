@@ -17,7 +17,6 @@ FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     "success_over_grid": conditions.success_over_grid,
     "success_over_time": testing.success_over_time,
     "steps_deviation": testing.steps_deviation,
-    "failures": testing.failures,
     "success_over_conditions": conditions.success_over_conditions,
     "gazebo": conditions.gazebo,
     "training_success": training.success,

@@ -138,15 +138,6 @@ def legend(figure: Canvas, looks: dict[str, Look], *, lines: bool = True, marker
     )
 
 
-def outcome_legend(figure: Canvas) -> None:
-    """Add the legend of the outcomes under the panels."""
-    handles = [
-        Line2D([], [], color=colour, marker=marker, linestyle="", label=name)
-        for name, (colour, marker) in OUTCOME_LOOK.items()
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
-
-
 def engineering(axis: Any) -> None:
     """Write ticks as 250k for 250000."""
     axis.set_major_formatter(EngFormatter(sep=""))

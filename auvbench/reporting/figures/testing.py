@@ -1,4 +1,4 @@
-"""Figures of the test: steps against deviation, success over time, places of failures."""
+"""Figures of the test: steps against deviation, success over time."""
 
 from __future__ import annotations
 
@@ -8,13 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from auvbench.analysis.records import Agent
-from auvbench.record import OUTCOMES
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import (
     MANY,
     Drawing,
-    FloatArray,
     Scene,
     shown,
 )
@@ -94,52 +91,3 @@ def success_over_time(scene: Scene) -> Drawing | None:
         "the end of a line is the success rate." + lines_sentence(chosen) + shown(chosen, scene.agents)
     )
     return Drawing(figure, "Test: success over simulated time", caption)
-
-
-def failures(scene: Scene) -> Drawing | None:
-    """Draw the waypoints of the test coloured by outcome, from above and from the side."""
-    chosen = scene.top(4)
-    if "waypoint_x_m" not in chosen[0].metrics:
-        return None
-    figure = style.canvas(max(4.4, 2.7 * len(chosen)), 6.4)
-    grid = figure.subplots(2, len(chosen), squeeze=False, sharex=True, sharey="row")
-    for column, agent in enumerate(chosen):
-        x, y, z = (agent.metrics[f"waypoint_{axis}_m"].ravel() for axis in "xyz")
-        _waypoints(grid[0, column], x, y, agent.outcome.ravel())
-        _waypoints(grid[1, column], x, z, agent.outcome.ravel())
-        failed = int((agent.outcome != 0).sum())
-        style.title(grid[0, column], agent.label, f"{failed} of {agent.outcome.size} failed")
-        grid[0, column].set_aspect("equal")
-        grid[1, column].set_xlabel("x (m)")
-    low, high = depth_limits(chosen[0])
-    for ax in grid[1]:
-        ax.axhline(high, color="#444444", linestyle="--", linewidth=0.9)
-        ax.axhline(low, color="#444444", linestyle="--", linewidth=0.9)
-        ax.plot(0, -20, marker="+", color="black", markersize=8)
-    for ax in grid[0]:
-        ax.plot(0, 0, marker="+", color="black", markersize=8)
-    grid[0, 0].set_ylabel("y (m)")
-    grid[1, 0].set_ylabel("z (m)")
-    style.outcome_legend(figure)
-    caption = (
-        "The waypoint of every test episode, seeds together, from above (top) and from the "
-        "side (bottom); dashed the depth limits, + the start." + shown(chosen, scene.agents)
-    )
-    return Drawing(figure, "Test: where failures lie", caption)
-
-
-def _waypoints(ax: Axes, x: FloatArray, y: FloatArray, outcome: np.ndarray) -> None:
-    large = 24 if (outcome != 0).sum() < 150 else 9
-    for code, name in enumerate(OUTCOMES):  # successes first, beneath the failures
-        here = outcome == code
-        colour, marker = style.OUTCOME_LOOK[name]
-        size, alpha = (5, 0.3) if code == 0 else (large, 0.9)
-        ax.scatter(
-            x[here], y[here], s=size, color=colour, marker=marker, alpha=alpha, linewidth=0, rasterized=True
-        )
-
-
-def depth_limits(agent: Agent) -> tuple[float, float]:
-    """Return the lowest and the highest z of the task, m."""
-    config = agent.runs[0].config
-    return float(config.get("task.depth_low", -60.0)), float(config.get("task.depth_high", -1.0))

@@ -61,7 +61,7 @@ def report(*arguments: str) -> int:
 @pytest.mark.slow
 @pytest.mark.parametrize("study", [(), ("--study", "thesis")])
 def test_a_report_of_what_is_shipped_has_the_same_numbers(grid, tmp_path, study):
-    assert publish("--pictures", "failures", *study) == 0
+    assert publish("--pictures", "success_over_time", *study) == 0
     assert report("outputs/grid", "--out", "before", *study) == 0
     assert report("results/grid", "--out", "after", *study) == 0
     names = {path.name for path in (tmp_path / "before").iterdir()}
@@ -74,7 +74,7 @@ def test_a_report_of_what_is_shipped_has_the_same_numbers(grid, tmp_path, study)
 
 @pytest.mark.slow
 def test_the_verdicts_are_the_claims_of_the_study_and_the_findings(grid, tmp_path):
-    assert publish("--pictures", "failures", "--study", "thesis") == 0
+    assert publish("--pictures", "success_over_time", "--study", "thesis") == 0
     verdicts = json.loads((tmp_path / "results/grid/verdicts.json").read_text())
     claims = [v for v in verdicts if "claim" in v]
     assert [v["claim"] for v in claims] == list(range(1, 8))
@@ -91,7 +91,7 @@ def test_the_verdicts_are_the_claims_of_the_study_and_the_findings(grid, tmp_pat
 
 @pytest.mark.slow
 def test_without_a_study_the_verdicts_are_the_findings(grid, tmp_path):
-    assert publish("--pictures", "failures") == 0
+    assert publish("--pictures", "success_over_time") == 0
     verdicts = json.loads((tmp_path / "results/grid/verdicts.json").read_text())
     assert [v["finding"] for v in verdicts] == list(range(1, len(verdicts) + 1))
     assert all(v["text"] for v in verdicts)
@@ -107,7 +107,7 @@ def test_nothing_of_the_machine_is_published(runs, tmp_path):
         (run / "manifest.json").write_text(json.dumps(integrity.sealed(manifest)))
         config = yaml.safe_load((run / "config.yaml").read_text())
         (run / "config.yaml").write_text(yaml.safe_dump({**config, "output": "/home/somebody/outputs"}))
-    assert publish("--pictures", "failures") == 0
+    assert publish("--pictures", "success_over_time") == 0
     study = tmp_path / "results/grid"
     texts = [path.read_bytes() for path in study.rglob("*") if path.is_file() and path.suffix != ".parquet"]
     texts += [path.read_text().encode() for path in study.glob("*.json")]
@@ -131,7 +131,7 @@ def test_an_entry_of_another_type_costs_its_run_alone(
 ):
     path = runs[0] / name
     path.write_text(json.dumps(integrity.sealed(json.loads(path.read_text()) | changes)))
-    assert publish("--pictures", "failures") == 1
+    assert publish("--pictures", "success_over_time") == 1
     output = capsys.readouterr()
     (said,) = (line for line in output.out.splitlines() if line.startswith("not published: "))
     assert runs[0].name in said
@@ -146,7 +146,7 @@ def test_a_renamed_training_column_costs_the_training_rows_alone(runs, tmp_path,
     path = learner / "train" / "episodes.csv"
     path.write_text(path.read_text().replace(old, f"x{old}", 1))
     seal(learner / "manifest.json")
-    assert publish("--pictures", "failures") == 1
+    assert publish("--pictures", "success_over_time") == 1
     assert "lacks the columns" in capsys.readouterr().out
     rows = pd.read_parquet("results/grid/episodes.parquet")
     assert set(rows.loc[rows["run"] == learner.name, "protocol"]) == {"test"}
@@ -156,14 +156,14 @@ def test_a_renamed_training_column_costs_the_training_rows_alone(runs, tmp_path,
 def test_a_condition_may_be_called_as_a_number(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_experiment(tmp_path / "outputs/grid", algorithms=("pid",), protocols={"test": ("1.30",)})
-    assert publish("--pictures", "failures") == 0
+    assert publish("--pictures", "success_over_time") == 0
     assert report("results/grid", "--out", "after") == 0
     assert "PID" in (tmp_path / "after/table.csv").read_text()
 
 
 @pytest.mark.slow
 def test_every_number_is_kept(grid, tmp_path):
-    assert publish("--pictures", "failures", "--also", "robustness") == 0
+    assert publish("--pictures", "success_over_time", "--also", "robustness") == 0
     rows = pd.read_parquet("results/grid/episodes.parquet")
     original = pd.read_csv(grid[0] / "evaluations/test/episodes.csv")
     mine = rows[(rows["run"] == grid[0].name) & (rows["protocol"] == "test")]
@@ -177,10 +177,10 @@ def test_every_number_is_kept(grid, tmp_path):
 
 @pytest.mark.slow
 def test_pictures_have_few_colours_and_look_the_same(runs, tmp_path):
-    assert publish("--pictures", "failures") == 0
+    assert publish("--pictures", "success_over_time") == 0
     report = ["report", "results/grid", "--format", "md", "--out", "after"]
     assert cli.main(report) == 0
-    shipped, drawn = (tmp_path / f / "figures/failures.png" for f in ("results/grid", "after"))
+    shipped, drawn = (tmp_path / f / "figures/success_over_time.png" for f in ("results/grid", "after"))
     assert shipped.stat().st_size < 0.6 * drawn.stat().st_size
     with Image.open(shipped) as few, Image.open(drawn) as many:
         assert few.mode == "P"
@@ -190,7 +190,7 @@ def test_pictures_have_few_colours_and_look_the_same(runs, tmp_path):
 
 @pytest.mark.slow
 def test_conditions_of_all_protocols_are_one_table(runs, tmp_path):
-    assert publish("--pictures", "failures", "--also", "robustness") == 0
+    assert publish("--pictures", "success_over_time", "--also", "robustness") == 0
     rows = pd.read_csv(tmp_path / "results/grid/conditions.csv")
     assert set(rows["protocol"]) == {"robustness"}
     assert len(set(rows["condition"])) > 1
@@ -199,28 +199,28 @@ def test_conditions_of_all_protocols_are_one_table(runs, tmp_path):
 
 @pytest.mark.slow
 def test_what_a_person_wrote_stays(runs, tmp_path, capsys):
-    assert publish("--pictures", "failures") == 0
+    assert publish("--pictures", "success_over_time") == 0
     assert "next: write the question and the answer" in capsys.readouterr().out
     readme = tmp_path / "results/grid/README.md"
     readme.write_text(
         "# Mine\n\nThe answer.\n\n" + readme.read_text().partition("\n")[2].replace("PPO", "XXX")
     )
-    assert publish("--pictures", "failures") == 0
+    assert publish("--pictures", "success_over_time") == 0
     text = readme.read_text()
     assert text.startswith("# Mine\n\nThe answer.")
     assert "XXX" not in text
     assert "PPO" in text
     readme.write_text("# Mine\n")
-    assert publish("--pictures", "failures") == 2
+    assert publish("--pictures", "success_over_time") == 2
     assert "<!-- begin: table -->" in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_published_again_from_what_was_published_is_the_same(runs):
-    assert publish("--pictures", "failures") == 0
+    assert publish("--pictures", "success_over_time") == 0
     before = parquet("results/grid")
     for to in ("results/grid", "results/copy"):
-        assert cli.main(["publish", "results/grid", "--to", to, "--pictures", "failures"]) == 0
+        assert cli.main(["publish", "results/grid", "--to", to, "--pictures", "success_over_time"]) == 0
         assert parquet(to) == before
 
 

@@ -262,7 +262,6 @@ def test_nobody_arrives(tmp_path: Path) -> None:
     drawn_from = build(tmp_path / "grid", algorithms=("random",), seeds=(0,), episodes=4)
     assert not drawn_from.agents[0].success.any()
     assert draw("success_over_time", drawn_from) is None
-    assert draw("failures", drawn_from) is not None
 
 
 def test_the_heat_map_shows_the_table(small: Scene) -> None:
@@ -278,7 +277,7 @@ def test_the_heat_map_shows_the_table(small: Scene) -> None:
 def test_a_training_without_one_finished_episode_is_not_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    only(monkeypatch, "training_curves", "failures")
+    only(monkeypatch, "training_curves", "steps_deviation")
     folder = tmp_path / "short"
     for run in write_experiment(folder, algorithms=("ppo", "pid"), seeds=(0,), episodes=12):
         table = run / "train" / "episodes.csv"
