@@ -8,8 +8,7 @@ from pathlib import Path
 
 from auvbench import statistics as st
 from auvbench.analysis.conditions import default
-from auvbench.analysis.grouping import agents
-from auvbench.analysis.grouping_keys import SEEDS
+from auvbench.analysis.grouping import SEEDS, agents
 from auvbench.analysis.load import load, require
 from auvbench.analysis.measures import RANKED_AS, Measure, all_measures, measure, metric_of
 from auvbench.analysis.primary import find_baseline

@@ -10,8 +10,8 @@ from typing import Any
 from auvbench.analysis.formatting import counted
 from auvbench.analysis.records import RunRecord
 from auvbench.errors import UserError
-from auvbench.reporting.provenance import facts
 from auvbench.reporting.tables.text_formats import escape
+from auvbench.reporting.write import facts
 from auvbench.runs.progress import duration
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import short

@@ -1,15 +1,15 @@
-"""Write the parts of a report into files."""
+"""Write the parts of a report into files, and what a reader needs to judge and repeat its numbers."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from auvbench.analysis.findings import SHOWN
-from auvbench.analysis.records import ClaimVerdict, Finding, Report
+from auvbench.analysis.records import ClaimVerdict, Finding, Report, RunRecord
 from auvbench.analysis.score import Scores
 from auvbench.reporting import tables
 from auvbench.reporting.figures import FIGURES, MAIN, Figure
@@ -141,3 +141,33 @@ def clear(out: Path) -> None:
     stale += [out / "figures" / f"{name}{suffix}" for name in FIGURES for suffix in (".png", ".svg")]
     for path in stale:
         path.unlink(missing_ok=True)
+
+
+Facts = list[tuple[str, tuple[str, ...]]]
+"""titles, and the different values of the runs"""
+
+
+def facts(runs: Sequence[RunRecord]) -> Facts:
+    """Return vehicles, simulators, machines, versions and commits of the runs; without those that no run has."""
+    versions, commits, hosts = (
+        [found for run in runs if (found := run.manifest.get(key))] for key in ("versions", "git", "host")
+    )
+    packages = sorted({str(name) for found in versions for name in found})
+    found = [
+        ("Vehicle", distinct(run.config.get("vehicle.name") for run in runs)),
+        ("Simulator", distinct(run.config.get("simulator.name") for run in runs)),
+        ("Versions", tuple(f"{n} {' and '.join(distinct(v.get(n) for v in versions))}" for n in packages)),
+        ("Source", distinct(_commit(git) for git in commits)),
+        ("Hosts", distinct(f"{host.get('cpu')}, {host.get('cores')} cores" for host in hosts)),
+    ]
+    return [(name, values) for name, values in found if values]
+
+
+def _commit(git: Mapping[str, Any]) -> str:
+    commit = str(git.get("commit") or "")[:12]
+    return f"commit {commit}{' with local changes' if git.get('dirty') else ''}" if commit else ""
+
+
+def distinct(values: Iterable[Any]) -> tuple[str, ...]:
+    """Return the different values as sorted text, without missing ones."""
+    return tuple(sorted({str(value) for value in values if value is not None and value != ""}))

@@ -13,9 +13,10 @@ from auvbench.reporting.figures.scene import (
     MANY,
     Drawing,
     Scene,
+    band,
+    lines_sentence,
     shown,
 )
-from auvbench.reporting.figures.seeds import band, lines_sentence
 from auvbench.statistics.intervals import Estimate
 
 MOST_LABELS = 12

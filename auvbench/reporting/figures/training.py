@@ -11,8 +11,16 @@ from auvbench.analysis.evaluations import Damage
 from auvbench.analysis.recorded import read_validation_curve
 from auvbench.analysis.records import Agent, RunRecord
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.scene import Drawing, Scene, shown, wants_symlog
-from auvbench.reporting.figures.seeds import Curve, band, lines_sentence, middle
+from auvbench.reporting.figures.scene import (
+    Curve,
+    Drawing,
+    Scene,
+    band,
+    lines_sentence,
+    middle,
+    shown,
+    wants_symlog,
+)
 
 FEW = 4
 """agents whose lines and bands one panel holds; of more, each has a panel"""

@@ -21,12 +21,11 @@ from auvbench.reporting.figures import MAIN, Figure, colour_of
 from auvbench.reporting.figures.style import Look
 from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories
-from auvbench.reporting.provenance import Facts, distinct, facts
 from auvbench.reporting.tables.appendix import comparison_table, conditions_table, ranks_table, score_table
 from auvbench.reporting.tables.main import main_table
 from auvbench.reporting.tables.notes import grouped, limit_lines
 from auvbench.reporting.tables.table import Table
-from auvbench.reporting.write import overview, text
+from auvbench.reporting.write import Facts, distinct, facts, overview, text
 
 SCRIPTS = ("tables.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
 """Joined in this order into the page's one script."""

@@ -28,7 +28,10 @@ def published(folder: Path) -> None:
     write_experiment(
         runs, algorithms=("pid", "ppo"), seeds=(0, 1), protocols={"test": ("nominal",)}, train_episodes=5
     )
-    assert cli.main(["publish", str(runs), "--to", str(folder / "study"), "--pictures", "success_over_time"]) == 0
+    assert (
+        cli.main(["publish", str(runs), "--to", str(folder / "study"), "--pictures", "success_over_time"])
+        == 0
+    )
 
 
 @pytest.fixture

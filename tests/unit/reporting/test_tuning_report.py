@@ -77,7 +77,8 @@ def test_the_gain_with_fresh_seeds_comes_before_the_winner_of_the_search(found: 
     assert "trial 0" in said[1]
     assert "12 done, 1 failed, 4 pruned" in said[2]
     assert f"{12 * 300 + 4 * 100:,} environment steps" in said[2]
-    assert "algo.n_epochs (interval(2,20))" in said[3]
+    assert said[3].startswith("Importance: algo.n_epochs 79 %, ")
+    assert "algo.n_epochs (interval(2,20))" in said[4]
 
 
 @pytest.mark.parametrize(
