@@ -1,23 +1,32 @@
-"""Optional columns: computing time of actions and trainings, and any measure."""
+"""Optional columns: computing time of actions and trainings, time over the best known time, and any measure.
+
+The best known time of a scenario (`auvbench bound`) is that of a trajectory which arrives in the simulator: one found by
+optimal control, or that of the quickest agent. The true optimum is no longer, so an agent takes at least this many times
+the optimum. The ratio is over successes, as a geometric mean, which does not depend on the denominator (Fleming and
+Wallace 1986, CACM 29:218).
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from auvbench.analysis import optimality
+from auvbench import statistics as st
 from auvbench.analysis.effects import learns
 from auvbench.analysis.measures import measures
-from auvbench.analysis.records import Agent, Ranking
+from auvbench.analysis.records import Agent, Limit, Ranking
 from auvbench.errors import ReportError, closest
-from auvbench.statistics.intervals import Estimate
+from auvbench.evaluation.bounds import files
+from auvbench.statistics import crossed
+from auvbench.statistics.intervals import Estimate, FloatArray
 
-ACTION, TRAINING = "action_ms", "training_cpu_s"
-COLUMNS = (ACTION, TRAINING, optimality.COLUMN)
-"""names of --columns, in addition to the measures; `optimality.add_optimality` computes the last"""
+ACTION, TRAINING, OVER_BEST_KNOWN = "action_ms", "training_cpu_s", "time_over_best_known"
+COLUMNS = (ACTION, TRAINING, OVER_BEST_KNOWN)
+"""names of --columns, in addition to the measures; `add_optimality` computes the last"""
 
 
 def action_time(agent: Agent, protocol: str) -> Estimate | None:
@@ -85,3 +94,80 @@ def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]
     return replace(
         ranking, rows=tuple(rows), columns=tuple(names), machines=machines(agents, ranking.protocol, names)
     )
+
+
+def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
+    """Return the ranking with its limit and each agent's time over it, or with the line that says why there is none."""
+    vehicles = {str(run.config.get("vehicle.name") or "") for agent in agents for run in agent.runs}
+    name = vehicles.pop()
+    if vehicles or not files.is_name(name) or not files.is_name(ranking.protocol):
+        return replace(ranking, no_limit="No limit: the runs do not name one vehicle.")
+    # `bounds` in the folder of the runs' experiments, where `auvbench bound` writes.
+    parents = {run.directory.absolute().parent.parent for agent in agents for run in agent.runs}
+    roots = [parent / files.FOLDER for parent in sorted(parents)[:4]]
+    limits, unusable = files.find(ranking.protocol, name, ranking.fingerprint, roots)
+    held = [] if limits is None else limits.condition(ranking.condition)
+    # Episodes are whole numbers from 0 in the order of the columns; a table refuses others.
+    if [bound.episode for bound in held] != list(range(len(agents[0].outcome[0]))):
+        return replace(ranking, no_limit=_none(ranking, name, limits, unusable))
+    steps, least, frequency = np.array([(b.steps, b.least_steps, b.frequency_hz) for b in held]).T
+    best, proven = steps / frequency, least / frequency
+    for agent in agents:
+        times = agent.metrics.get("time_to_goal_s")
+        if times is not None:
+            quickest = np.min(np.where(np.isfinite(times), times, np.inf), axis=0)
+            # Times are multiples of a step: what is less is rounding.
+            best = np.where(best - quickest > 1e-6, quickest, best)
+    by_label = {agent.label: agent for agent in agents}
+    rows = []
+    for row in ranking.rows:
+        found = over(by_label[row.label], best, ranking.confidence)
+        rows.append(
+            row if found is None else replace(row, estimates={**row.estimates, OVER_BEST_KNOWN: found})
+        )
+    limit = Limit(
+        seconds=float(best.mean()),
+        steps=float(best.mean() * held[0].frequency_hz),
+        proven_seconds=float(proven.mean()),
+        gap=float(np.median(best / proven)),
+        episodes=len(best),
+    )
+    return replace(ranking, rows=tuple(rows), limit=limit)
+
+
+def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
+    """Return the geometric mean of time to goal over the best known (n,) s, over successes; None without successes."""
+    times = agent.metrics.get("time_to_goal_s")
+    if times is None:
+        return None
+    with np.errstate(invalid="ignore", divide="ignore"):
+        logs = np.log(np.asarray(times, dtype=np.float64) / limit)
+    logs = np.where(np.isfinite(logs), logs, np.nan)
+    if not np.isfinite(logs).any():
+        return None
+    # The limit is no longer than any agent's time, so a ratio is no less than 1.
+    table = crossed([logs], paired=False, bounds=(0.0, np.inf))
+    found = st.means(table, confidence)[0]
+    return replace(found, value=math.exp(found.value), low=math.exp(found.low), high=math.exp(found.high))
+
+
+def _none(ranking: Ranking, vehicle: str, limits: files.Limits | None, unusable: Sequence[str]) -> str:
+    if limits is not None:
+        why = next((line for line in limits.about.left_out if line.startswith(f"{ranking.condition}:")), "")
+        return f"No limit under condition {why or ranking.condition}."
+    stale = f" What is there cannot be used: {unusable[0]}." if unusable else ""
+    return (
+        f"No limit for protocol {ranking.protocol} and {vehicle}: auvbench bound protocol={ranking.protocol} "
+        f"vehicle={vehicle} computes it.{stale}"
+    )
+
+
+def sentences(limit: Limit) -> list[str]:
+    """Return what stands below a table: what the column is, and the limit itself, which has no rank."""
+    return [
+        "Time over best known: time to goal over the best known time of the scenario, geometric mean over successes; read "
+        "it with the success rate. The optimum is at most the best known time, so the ratio to it is at least this one.",
+        f"Best known: {limit.seconds:.2f} s on average ({limit.steps:.1f} steps) over {limit.episodes} scenarios, by optimal "
+        "control that knows the state, without noise, replayed in the simulator; it has no rank. Proven lower bound: "
+        f"{limit.proven_seconds:.2f} s on average; best known is {limit.gap:.2f} times the lower bound (median).",
+    ]

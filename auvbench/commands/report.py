@@ -136,8 +136,7 @@ def _analyse(
     from auvbench.analysis.findings import find
     from auvbench.analysis.load import agents
     from auvbench.analysis.measures import in_unit
-    from auvbench.analysis.optimality import add_optimality
-    from auvbench.analysis.optional_columns import with_columns
+    from auvbench.analysis.optional_columns import add_optimality, with_columns
     from auvbench.analysis.primary import declaration, find_baseline
     from auvbench.analysis.ranking import one_run_of_a_controller, rank
     from auvbench.analysis.records import Problem, Report

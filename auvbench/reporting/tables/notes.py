@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from auvbench.analysis import optimality
+from auvbench.analysis import optional_columns
 from auvbench.analysis.formatting import name, size
 from auvbench.analysis.labels import OWN
 from auvbench.analysis.measures import measure
@@ -49,7 +49,7 @@ def notes(ranking: Ranking) -> list[str]:
     if any(metric.startswith("par") for metric in (ranking.rank_by, *ranking.columns)):
         lines.append("PAR-1: a failure counts as the limit of the episode; PAR-2: as twice the limit.")
     lines += remarks(ranking)
-    return [*lines, *limit_lines(ranking)] if optimality.COLUMN in ranking.columns else lines
+    return [*lines, *limit_lines(ranking)] if optional_columns.OVER_BEST_KNOWN in ranking.columns else lines
 
 
 def explained(primary: Primary) -> list[str]:
@@ -108,7 +108,7 @@ def limit_lines(ranking: Ranking) -> list[str]:
     """Return what the shortest known times are, or why there are none."""
     if ranking.limit is None:
         return [ranking.no_limit] if ranking.no_limit else []
-    return optimality.sentences(ranking.limit)
+    return optional_columns.sentences(ranking.limit)
 
 
 def failed_trainings(ranking: Ranking) -> list[str]:

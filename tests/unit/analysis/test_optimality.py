@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from auvbench import statistics as st
-from auvbench.analysis import optimality
+from auvbench.analysis import optional_columns
 from auvbench.analysis.optional_columns import with_columns
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, Ranking, RunRecord
@@ -66,7 +66,7 @@ def write(root: Path, fingerprint: str = "0123456789abcdef", protocol: str = "te
 
 
 def ranked(agents: list[Agent], protocol: str = "test") -> Ranking:
-    return optimality.add_optimality(rank(agents, protocol=protocol), agents)
+    return optional_columns.add_optimality(rank(agents, protocol=protocol), agents)
 
 
 def test_the_ratio_is_a_geometric_mean_over_successes(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_the_ratio_is_a_geometric_mean_over_successes(tmp_path: Path) -> None:
         ratios = one.metrics["time_to_goal_s"] * FREQUENCY / best()
         expected = np.exp(np.nanmean(np.log(ratios)))
         row = next(row for row in ranking.rows if row.label == one.label)
-        found = row.estimates[optimality.COLUMN]
+        found = row.estimates[optional_columns.OVER_BEST_KNOWN]
         assert found.value == pytest.approx(expected)
         assert 1.0 <= found.low <= found.value <= found.high
 
@@ -92,7 +92,7 @@ def test_the_interval_does_not_reach_below_the_limit(tmp_path: Path) -> None:
     slow.metrics["time_to_goal_s"][1] *= 1.3
     ranking = ranked([quick, slow])
     row = next(row for row in ranking.rows if row.label == slow.label)
-    found = row.estimates[optimality.COLUMN]
+    found = row.estimates[optional_columns.OVER_BEST_KNOWN]
     logs = np.log(slow.metrics["time_to_goal_s"] * FREQUENCY / best())
     free = st.means(crossed([logs], paired=False), 0.95)[0]
     assert np.exp(free.low) < 0.9, "otherwise this shows nothing"
@@ -106,7 +106,7 @@ def test_a_table_has_the_column_where_it_is_asked_for_and_the_csv_always(tmp_pat
     ranking = ranked(agents)
     assert "time over best known" not in tables.markdown(ranking)
     assert "time_over_best_known,time_over_best_known_low" in tables.csv(ranking)
-    text = tables.markdown(with_columns(ranking, agents, [optimality.COLUMN]))
+    text = tables.markdown(with_columns(ranking, agents, [optional_columns.OVER_BEST_KNOWN]))
     assert "time over best known" in text
     assert "Best known: " in text
     assert [row.label for row in ranking.rows] == [agents[0].label], "the limit has no row"
@@ -118,7 +118,7 @@ def test_an_agent_that_was_quicker_than_what_was_computed_sets_the_limit(tmp_pat
     ranking = ranked(agents)
     assert ranking.limit is not None
     assert ranking.limit.seconds < best().mean() / FREQUENCY
-    assert all(row.estimates[optimality.COLUMN].value >= 1.0 for row in ranking.rows)
+    assert all(row.estimates[optional_columns.OVER_BEST_KNOWN].value >= 1.0 for row in ranking.rows)
 
 
 def test_limits_of_other_scenarios_are_not_used_and_the_command_is_named(tmp_path: Path) -> None:
@@ -128,10 +128,10 @@ def test_limits_of_other_scenarios_are_not_used_and_the_command_is_named(tmp_pat
     assert ranking.limit is None
     assert "auvbench bound protocol=test vehicle=bluerov2 computes it" in ranking.no_limit
     assert "of other scenarios" in ranking.no_limit
-    assert optimality.COLUMN not in ranking.rows[0].estimates
-    assert ranking.no_limit in tables.markdown(with_columns(ranking, agents, [optimality.COLUMN])).replace(
-        "\\", ""
-    )
+    assert optional_columns.OVER_BEST_KNOWN not in ranking.rows[0].estimates
+    assert ranking.no_limit in tables.markdown(
+        with_columns(ranking, agents, [optional_columns.OVER_BEST_KNOWN])
+    ).replace("\\", "")
 
 
 def test_names_that_lead_elsewhere_find_nothing(tmp_path: Path) -> None:
@@ -148,4 +148,4 @@ def test_an_agent_without_success_has_no_ratio(tmp_path: Path) -> None:
     )
     ranking = ranked([never, timed("sac", tmp_path, 1.5)])
     row = next(row for row in ranking.rows if row.label == never.label)
-    assert optimality.COLUMN not in row.estimates
+    assert optional_columns.OVER_BEST_KNOWN not in row.estimates

@@ -234,7 +234,7 @@ def parquet(folder: str) -> dict[str, bytes]:
         (["outputs/grid"], "--to"),
         (["outputs/grid", "--to", "x", "--out", "y"], "--to DIR is the folder"),
         (["outputs/grid", "--to", "a-file"], "is a file"),
-        (["outputs/grid", "--to", "x", "--pictures", "failure"], "did you mean 'failures'"),
+        (["outputs/grid", "--to", "x", "--pictures", "success_over_tim"], "did you mean 'success_over_time'"),
         (["outputs/nothing", "--to", "x"], "no such file or directory"),
         (["outputs/grid", "--to", "x", "--protocol", "thesis"], "robustness, test"),
         (["outputs/grid", "--to", "x", "--also", "transfer"], "evaluated by protocol 'transfer'"),
