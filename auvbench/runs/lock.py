@@ -3,8 +3,7 @@
 `RUN/lock/held` carries the lock: `flock`, which NFS keeps on the file server. The kernel or the server frees it when the
 holder ends, however that ends. So no clock, host name or process id decides who may work on a run.
 
-`RUN/lock/holder.json` names the holder. On a file system without `flock` this file is the lock itself. There it outlives
-a killed holder, and the message says what to remove.
+`RUN/lock/holder.json` names the holder. A file system without `flock` is refused.
 """
 
 from __future__ import annotations
@@ -62,16 +61,14 @@ class Holder:
     command: str
     token: str  # unique for each acquisition; empty where holder.json is damaged
     job: str | None = None  # the cluster's job, for example "slurm:17"
-    kernel: bool = True  # whether a kernel lock was held, which ends with its holder
     path: str = field(default="", compare=False)  # of holder.json, where it was read
 
     def __str__(self) -> str:
-        file = shlex.quote(self.path)
         if not self.token:
+            file = shlex.quote(self.path)
             return f"an unknown process ({file} does not say which; remove it if no process works here)"
         job = f", {short(self.job).replace(':', ' job ')}" if self.job else ""
-        text = f"{short(self.host)}, pid {self.pid}{job}, since {self.since} ({short(self.command, 80)})"
-        return text if self.kernel else f"{text}; if that process is dead, rm {file} frees it"
+        return f"{short(self.host)}, pid {self.pid}{job}, since {self.since} ({short(self.command, 80)})"
 
 
 class RunHeldError(RunError):
@@ -92,7 +89,7 @@ class LockLostError(TrainingError):
 class RunLock:
     """A held lock. Use `with lock.acquire(run) as held:`."""
 
-    def __init__(self, run: Path, holder: Holder, kernel_lock: BaseFileLock | None) -> None:
+    def __init__(self, run: Path, holder: Holder, kernel_lock: BaseFileLock) -> None:
         self.run = run
         self.holder = holder
         self._kernel_lock = kernel_lock
@@ -122,8 +119,7 @@ class RunLock:
             found = current(self.run)
             if found is not None and found.token == self.holder.token:
                 _holder_path(self.run).unlink(missing_ok=True)
-        if self._kernel_lock is not None:
-            self._kernel_lock.release()
+        self._kernel_lock.release()
 
     def __enter__(self) -> RunLock:
         return self
@@ -148,7 +144,7 @@ def acquire(run: str | Path, *, job: str | None = None) -> RunLock:
 
     Raises:
         RunHeldError: another process holds it.
-        RunError: the directory cannot be written, or a link in it leads out of it.
+        RunError: the directory cannot be written or has no file locks, or a link in it leads out of it.
         TrainingError: the disk is full or failing.
     """
     run = Path(run)
@@ -158,17 +154,18 @@ def acquire(run: str | Path, *, job: str | None = None) -> RunLock:
     try:
         (run / FOLDER).mkdir(exist_ok=True)
         kernel_lock = _kernel_lock(run, LEASE if requeued else 0.0)
-        holder = _myself(job, kernel=kernel_lock is not None)
+        holder = _myself(job)
+        named = as_json({key: value for key, value in asdict(holder).items() if key != "path"})
         try:
-            _announce(run, holder)
+            write_atomic(_holder_path(run), named, sync_folder=False)
         except BaseException:
-            if kernel_lock is not None:
-                kernel_lock.release()
+            kernel_lock.release()
             raise
     except OSError as error:
         if error.errno in FAULTS:
             raise storage_error(error, f"cannot lock {run}") from error
-        raise RunError(f"{run} cannot be locked: {error.strerror or error}") from error
+        hint = "; use an output folder on a file system with flock" if error.errno in _NO_LOCKS else ""
+        raise RunError(f"{run} cannot be locked: {error.strerror or error}{hint}") from error
     return RunLock(run, holder, kernel_lock)
 
 
@@ -196,7 +193,7 @@ def living_holder(run: str | Path) -> Holder | None:
     """Return the process that holds the run; None if it is free."""
     run = Path(run)
     holder = current(run)
-    if holder is None or not holder.kernel or _is_locked(run / FOLDER / LOCK):
+    if holder is None or _is_locked(run / FOLDER / LOCK):
         return holder
     return None
 
@@ -219,8 +216,8 @@ class _MovedError(Exception):
     """The run's folder was renamed between opening its lock file and locking it."""
 
 
-def _kernel_lock(run: Path, patience: float) -> BaseFileLock | None:
-    """Take the kernel's lock; return None where the file system has none.
+def _kernel_lock(run: Path, patience: float) -> BaseFileLock:
+    """Take the kernel's lock.
 
     Args:
         run: the run directory.
@@ -228,6 +225,7 @@ def _kernel_lock(run: Path, patience: float) -> BaseFileLock | None:
 
     Raises:
         RunHeldError: another process holds it.
+        OSError: the file system has no locks.
     """
     import filelock
 
@@ -250,37 +248,9 @@ def _kernel_lock(run: Path, patience: float) -> BaseFileLock | None:
             if time.monotonic() - began >= limit:
                 raise RunHeldError(run, current(run) or _unknown(run)) from error
             time.sleep(0.02)
-        except OSError as error:
-            if error.errno in _NO_LOCKS:
-                return None
-            raise
 
 
-def _announce(run: Path, holder: Holder) -> None:
-    """Write holder.json.
-
-    Raises:
-        RunHeldError: a process without a kernel lock holds the run.
-    """
-    path = _holder_path(run)
-    data = as_json({key: value for key, value in asdict(holder).items() if key != "path"})
-    found = current(run)
-    if found is not None and not (holder.kernel and found.kernel):
-        raise RunHeldError(run, found)
-    if holder.kernel:
-        write_atomic(path, data, sync_folder=False)
-        return
-    try:
-        with path.open("xb") as file:
-            file.write(data)
-    except FileExistsError:
-        raise RunHeldError(run, current(run) or _unknown(run)) from None
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
-
-
-def _myself(job: str | None, *, kernel: bool) -> Holder:
+def _myself(job: str | None) -> Holder:
     return Holder(
         host=interruption.host(),
         pid=os.getpid(),
@@ -288,7 +258,6 @@ def _myself(job: str | None, *, kernel: bool) -> Holder:
         command=short(shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])),
         token=uuid.uuid4().hex,
         job=job,
-        kernel=kernel,
     )
 
 
