@@ -1,9 +1,9 @@
-"""A vehicle sheet's content with line numbers: sourced quantities, and messages that name the place and the rule."""
+"""A vehicle sheet's content: sourced quantities, and messages that name the file, the key and the rule."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
@@ -22,31 +22,17 @@ Keys = tuple[str, ...]
 
 @dataclass
 class Document:
-    """The content of a sheet and where each key stands."""
+    """The content of a sheet."""
 
     data: dict[str, Any]
-    places: dict[Keys, str] = field(default_factory=dict)  # key path -> "file line n"
-    label: str = "vehicle"
-    used: set[str] = field(default_factory=set)  # sources that a quantity named
-    origin: Callable[[], Document | None] = lambda: None  # the sheet that a composed mapping comes from
+    label: str
+    """the file, or the vehicle of a composed configuration"""
+    used: set[str] = field(default_factory=set)
+    """sources that a quantity named"""
 
     def fail(self, path: Keys, rule: str) -> NoReturn:
-        """Raise a `VehicleError` that names the place of `path` and the rule."""
-        place = self._place(path) or self.label
-        raise VehicleError(f"{place}: {'.'.join(path)}: {rule}" if path else f"{place}: {rule}")
-
-    def _place(self, path: Keys) -> str | None:
-        """File and line of `path` or of what holds it; None where an override of the sheet is what is wrong."""
-        sheet = self if self.places else self.origin()
-        if sheet is None:
-            return None
-        near = next((path[:n] for n in range(len(path), 0, -1) if path[:n] in sheet.places), None)
-        if near is None:
-            # A key that is missing at the top has the file for a place.
-            return sheet.label
-        # As texts, because a value that is not a number differs from itself.
-        same = repr(_at(self.data, near)) == repr(_at(sheet.data, near))
-        return sheet.places[near] if same else None
+        """Raise a `VehicleError` that names `path` and the rule."""
+        raise VehicleError(": ".join([self.label, *([".".join(path)] if path else []), rule]))
 
     def section(self, path: Keys, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, Any]:
         """The mapping at `path`, which must hold `required` and may hold `optional` keys, no others."""
@@ -155,9 +141,3 @@ class Document:
                 path, f"{short(repr(value))} holds a number beyond ±{LARGEST:g}, which nothing measures"
             )
         return array
-
-
-def _at(data: Any, path: Keys) -> Any:
-    for key in path:
-        data = data.get(key) if isinstance(data, Mapping) else None
-    return data

@@ -36,7 +36,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
             that come with auvbench.
 
     Raises:
-        VehicleError: the sheet breaks a rule; the message names the line (when read from a file) and the rule.
+        VehicleError: the sheet breaks a rule; the message names file, key and rule.
 
     >>> load("bluerov2").mass
     15.22
