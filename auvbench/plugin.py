@@ -1,8 +1,7 @@
-"""What a package imports to bring agents, simulators, tasks or rewards to auvbench (docs/adding-a-controller.md).
+"""What a package imports to bring agents, tasks or rewards to auvbench (docs/adding-a-controller.md).
 
-An agent is made by `factory(config, vehicle)` from the whole configuration, a simulator by `factory(config, vehicle, n,
-max_step)` from its own part of it, for n vehicles and steps of at most `max_step` s; the entry point names
-the factory, and its attribute `Config` is the dataclass of what its YAML file says. A task is a `TaskSpec`, a reward a
+An agent is made by `factory(config, vehicle)` from the whole configuration; the entry point names the
+factory, and its attribute `Config` is the dataclass of what its YAML file says. A task is a `TaskSpec`, a reward a
 `RewardSpec` (docs/adding-a-task.md); their code takes `auvbench.tasks.base` and `auvbench.tasks.kernels` too.
 """
 
@@ -11,11 +10,9 @@ from auvbench.agents.components import Components
 from auvbench.config.installed import AgentConfig
 from auvbench.config.rewards import RewardConfig, RewardSpec
 from auvbench.config.schema import TrainConfig, choice, number
-from auvbench.config.simulators import Capabilities, SimulatorConfig
 from auvbench.config.tasks import ERRORS, TaskConfig, TaskSpec
 from auvbench.errors import AgentError, ConfigError, RunError, TrainingError
 from auvbench.metrics import column
-from auvbench.simulators.base import Simulator
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 __all__ = [
@@ -24,7 +21,6 @@ __all__ = [
     "AgentConfig",
     "AgentError",
     "Callbacks",
-    "Capabilities",
     "Components",
     "ConfigError",
     "Environment",
@@ -32,8 +28,6 @@ __all__ = [
     "RewardConfig",
     "RewardSpec",
     "RunError",
-    "Simulator",
-    "SimulatorConfig",
     "TaskConfig",
     "TaskSpec",
     "TrainConfig",

@@ -30,7 +30,6 @@ class Site:
         files: Mapping[str, str],
         *,
         agents: Mapping[str, str] | None = None,
-        simulators: Mapping[str, str] | None = None,
         tasks: Mapping[str, str] | None = None,
         rewards: Mapping[str, str] | None = None,
         conf: str | None = None,
@@ -43,7 +42,7 @@ class Site:
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_text(textwrap.dedent(text))
             self.modules.add(path.split("/", 1)[0].removesuffix(".py"))
-        groups = {"auvbench.agents": agents or {}, "auvbench.simulators": simulators or {}}
+        groups = {"auvbench.agents": agents or {}}
         groups |= {"auvbench.tasks": tasks or {}, "auvbench.rewards": rewards or {}}
         groups["auvbench.conf"] = {} if conf is None else {package: conf}
         info = self.folder / f"{package.replace('-', '_')}-{version}.dist-info"

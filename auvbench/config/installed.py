@@ -1,7 +1,7 @@
 """The configuration of what installed packages bring: its schemas, and the keys added to them.
 
 A package's `algo/NAME.yaml` holds its values and the comments that explain them; the class behind its entry point holds
-their types and ranges as `Config`, a dataclass below `AgentConfig` (`SimulatorConfig`), and the `TaskSpec` or `RewardSpec`
+their types and ranges as `Config`, a dataclass below `AgentConfig`, and the `TaskSpec` or `RewardSpec`
 behind it as `schema`. Composing adds the key `package`, name and version of the installed package, and to agents
 `learns`. They are part of a run's identity: another version is another run. A task enters the registries of tasks and
 metrics when it is composed.
@@ -23,7 +23,6 @@ from auvbench.config import plugins, rewards, schema, tasks
 from auvbench.config.agents import AGENTS
 from auvbench.config.algorithms import Tuned
 from auvbench.config.overrides import whole
-from auvbench.config.simulators import CAPABILITIES, Capabilities, SimulatorConfig
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.text import short
 
@@ -42,14 +41,12 @@ class AgentConfig:
 
 OWN = {
     plugins.AGENTS: tuple(AGENTS),
-    plugins.SIMULATORS: tuple(CAPABILITIES),
     plugins.TASKS: tasks.OWN,
     plugins.REWARDS: tuple(rewards.SCHEMAS),
 }
 """names of auvbench's own, by group of entry points"""
 _BASES: dict[str, tuple[str, type]] = {
     plugins.AGENTS: ("Config", AgentConfig),
-    plugins.SIMULATORS: ("Config", SimulatorConfig),
     plugins.TASKS: ("schema", tasks.TaskConfig),
     plugins.REWARDS: ("schema", rewards.RewardConfig),
 }
@@ -61,7 +58,7 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
     """Return a composed configuration with the types and the added keys of installed packages.
 
     Args:
-        config: composed; agents and simulators of auvbench itself are left as they are.
+        config: composed; what is of auvbench itself is left as it is.
         frozen: it is that of a run: the package must be installed in the version that it names.
 
     Raises:
@@ -220,22 +217,6 @@ def _learns(one: plugins.Declared, thing: Any) -> bool:
     if lacking:
         raise one.error(f"learns and lacks {', '.join(lacking)} (auvbench.agents.base.Learner)")
     return True
-
-
-def capabilities(simulator: SimulatorConfig) -> Capabilities:
-    """Return the capabilities that a simulator of an installed package declares.
-
-    Raises:
-        ConfigError: it declares none.
-    """
-    thing = thing_of(plugins.SIMULATORS, simulator.name, simulator.package)
-    found = getattr(thing, "capabilities", None)
-    if not isinstance(found, Capabilities):
-        raise ConfigError(
-            f"simulator.name={simulator.name}: its class in {simulator.package} lacks capabilities, an "
-            "auvbench.plugin.Capabilities"
-        )
-    return found
 
 
 def thing_of(group: str, name: str, release: str) -> Any:

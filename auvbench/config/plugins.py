@@ -1,4 +1,4 @@
-"""Agents, simulators, tasks, rewards and folders of configuration that installed packages declare as entry points.
+"""Agents, tasks, rewards and folders of configuration that installed packages declare as entry points.
 
 Nothing else is ever loaded: no path and no code that a configuration or a run directory names. Names come from the
 metadata alone; a package is imported when something of it is chosen.
@@ -21,17 +21,12 @@ from typing import Any
 from auvbench.errors import AgentError, AuvbenchError, ConfigError
 from auvbench.untrusted.text import first_line, short
 
-AGENTS, SIMULATORS, TASKS, REWARDS = (
-    "auvbench.agents",
-    "auvbench.simulators",
-    "auvbench.tasks",
-    "auvbench.rewards",
-)
-"""The groups of entry points `module:object`: of an agent, a simulator, a `TaskSpec`, a `RewardSpec`."""
+AGENTS, TASKS, REWARDS = "auvbench.agents", "auvbench.tasks", "auvbench.rewards"
+"""The groups of entry points `module:object`: of an agent, a `TaskSpec`, a `RewardSpec`."""
 CONF = "auvbench.conf"
 """The group of entry points that are the dotted path of a folder."""
 
-KEYS = {AGENTS: "algo.agent", SIMULATORS: "simulator.name", TASKS: "task.name", REWARDS: "reward.name"}
+KEYS = {AGENTS: "algo.agent", TASKS: "task.name", REWARDS: "reward.name"}
 """The key of a configuration that names an entry point of a group"""
 
 

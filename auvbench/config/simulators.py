@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from auvbench.config.schema import SCALES, Current, Disturbance, Scale, choice, name, number
+from auvbench.config.schema import SCALES, Current, Disturbance, Scale, choice, number
 from auvbench.errors import ConfigError
 
 CURRENTS = ("none", "steady", "varying", "sheared")
@@ -73,14 +73,6 @@ class Ros2(Simulator):
     timeout: float = number(0.0, 1e4, open_low=True)  # s
 
 
-@dataclass(kw_only=True)
-class SimulatorConfig(Simulator):
-    """A simulator of an installed package; a subclass has keys of its own."""
-
-    name: str = name()
-    package: str
-
-
 SCHEMAS: dict[str, type] = {
     "fossen": Fossen,
     "gazebo": Gazebo,
@@ -90,10 +82,6 @@ SCHEMAS: dict[str, type] = {
 
 def capabilities(simulator: Simulator) -> Capabilities:
     """Return a simulator's capabilities with its present options."""
-    if isinstance(simulator, SimulatorConfig):
-        from auvbench.config import installed
-
-        return installed.capabilities(simulator)
     can = CAPABILITIES[simulator.name]
     if isinstance(simulator, Gazebo) and simulator.hydrodynamics == "published":
         return replace(can, currents="steady")  # the plugin takes a current when a vehicle is made
@@ -122,8 +110,9 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
     def need(key: str, what: str, able: Callable[[Capabilities], bool]) -> None:
         if able(capabilities(simulator)):
             return
-        full = CAPABILITIES.get(simulator.name)
-        own = [_FULL[simulator.name]] if full and simulator.name in _FULL and able(full) else []
+        own = (
+            [_FULL[simulator.name]] if simulator.name in _FULL and able(CAPABILITIES[simulator.name]) else []
+        )
         others = [
             f"simulator={name}" for name, can in CAPABILITIES.items() if able(can) and name != simulator.name
         ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from auvbench.config import installed, plugins, schema, simulators
+from auvbench.config import schema, simulators
 from auvbench.config.schema import SCALES
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
@@ -53,14 +53,10 @@ def make_simulator(
 
         step = min(config.max_step, limit)
         return GazeboSimulator(vehicle, n, max_step=step, hydrodynamics=config.hydrodynamics)
-    if isinstance(config, simulators.Ros2):
-        from auvbench.simulators.ros2 import Ros2Simulator
+    from auvbench.simulators.ros2 import Ros2Simulator
 
-        return Ros2Simulator(vehicle, n, config)
-    assert isinstance(config, simulators.SimulatorConfig)
-    factory = installed.thing_of(plugins.SIMULATORS, config.name, config.package)
-    found: Simulator = factory(config, vehicle, n, limit)
-    return found
+    assert isinstance(config, simulators.Ros2)
+    return Ros2Simulator(vehicle, n, config)
 
 
 def _shortest_time_constant(vehicle: VehicleModel, drawn: schema.Randomisation | None) -> float:

@@ -238,7 +238,7 @@ def _named_packages(run: RunDirectory) -> Iterator[None]:
     """Name the packages behind a run where their code fails.
 
     Raises:
-        AgentError: an agent or a simulator of an installed package fails.
+        AgentError: code of an installed package fails.
     """
     try:
         yield

@@ -146,7 +146,7 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
 
 
 def _try(config: schema.TrainConfig) -> None:
-    """Use the agent, simulator, task and reward of installed packages once, so that a defect fails the run at its start."""
+    """Use the agent, task and reward of installed packages once, so that a defect fails the run at its start."""
     from auvbench.agents.base import make
     from auvbench.envs.batch import Batch
 
