@@ -97,7 +97,7 @@ class Thruster(Actuator):
 
     @classmethod
     def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
-        aim = ("directions", "angles", "orientations")
+        aim = ("directions", "angles")
         optional = ("lag", "transfer_function", "power", *aim)
         section = document.section(at, ("type", "curve", "positions"), optional)
         curve, rotor = _thrust_curve(document, (*at, "curve"))
@@ -336,18 +336,12 @@ def _directions(document: Document, at: Keys, key: str) -> dict[str, FloatArray]
             _, pitch, yaw = np.deg2rad(angles)
             found[name] = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
         return found
-    vectors = _vectors(document, where, "1", 4 if key == "orientations" else 3)
+    vectors = _vectors(document, where, "1", 3)
     for name, vector in vectors.items():
         length = float(np.linalg.norm(vector))
         if abs(length - 1.0) > 1e-3:
-            what = {
-                "orientations": "an orientation is a unit quaternion w, x, y, z",
-                "hinges": "a hinge is a unit vector",
-            }.get(key, "a direction is a unit vector")
+            what = "a hinge is a unit vector" if key == "hinges" else "a direction is a unit vector"
             document.fail((*where, "value", name), f"{what}; this one has length {length:g}")
-        if key == "orientations":
-            w, x, y, z = vector
-            vectors[name] = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
     return vectors
 
 

@@ -125,12 +125,11 @@ class Document:
     def numbers(self, path: Keys, value: Any, shapes: tuple[tuple[int, ...], ...]) -> FloatArray:
         """`value` as an array of finite numbers with one of `shapes`."""
         try:
+            if isinstance(value, str):  # numpy reads such texts
+                raise TypeError
             array = np.array(value, dtype=np.float64)
         except (TypeError, ValueError):
             self.fail(path, f"{value!r} is not a number or a regular list of numbers")
-        if isinstance(value, str):
-            # numpy reads such texts; YAML takes 1e1 for one, because its numbers have a point and a sign.
-            self.fail(path, f"{value!r} is a text to YAML: write a number like 1.0 or 1.0e+1, without quotes")
         if isinstance(value, bool) or (array.shape not in shapes):
             wanted = " or ".join("x".join(map(str, shape)) or "one number" for shape in shapes)
             self.fail(path, f"{value!r} has the wrong shape: expected {wanted}")

@@ -4,8 +4,9 @@ For those who need derivatives of the motion: model predictive control and time-
 compare a step of these equations with the compiled kernel's for every vehicle that has thrusters alone.
 
 State (13 + n_a): x y z (m, world ENU), qw qx qy qz (body to world), u v w p q r (m/s, rad/s, body FLU), then the
-states of the thrusters' lags in the order of the actuators. Input (n_u): what each static curve makes of its command,
-in N or rad/s (`VehicleModel.command_limits`). The current is constant in the world, (3,) m/s.
+states of the thrusters' lags in the order of the actuators. Input (n_u): steady thrusts in N, also where a rotor stands
+between, since thrust over the speed of rotation has no slope at rest. A lag of higher order is replaced by one of the first
+order with the same mean delay, which acts on the thrust. The current is constant in the world, (3,) m/s.
 """
 
 from __future__ import annotations
@@ -52,12 +53,10 @@ class SymbolicModel:
     n_u: int
     derivative: Any
     """Function (state (n_x), input (n_u), current (3)) -> d state / dt (n_x)"""
-    force: Any
-    """Function (state (n_x), input (n_u)) -> thrust (n_u) in N"""
     rigid: Any
     """Function (rigid state (13), thrust (n_u) in N, current (3)) -> d rigid state / dt (13)"""
     input_limits: FloatArray
-    """(n_u, 2) of the inputs, N or rad/s"""
+    """(n_u, 2) of the inputs, N"""
     rest: FloatArray
     """(n_x - 13,) states of the actuators when their commands have been 0 for long"""
     longest_step: float
@@ -82,20 +81,14 @@ class SymbolicModel:
         return ca.Function("step", [x0, u, c], [x])
 
 
-def symbolic(vehicle: VehicleModel, *, by_thrust: bool = False) -> SymbolicModel:
+def symbolic(vehicle: VehicleModel) -> SymbolicModel:
     """The symbolic model of a vehicle.
-
-    Args:
-        vehicle: its sheet's numbers.
-        by_thrust: what optimisers want. The inputs are steady thrusts in N also where a rotor stands between, since thrust
-            over the speed of rotation has no slope at rest; and a lag of higher order is replaced by one of the
-            first order with the same mean delay, which acts on the thrust.
 
     Raises:
         ConfigError: the vehicle has actuators that are no thrusters, or rate-limited ones.
     """
     ca = require()
-    lags = [_first_order(unit.lag) if by_thrust else unit.lag for unit in vehicle.units]
+    lags = [_first_order(unit.lag) for unit in vehicle.units]
     thrusters = [unit for _, unit in vehicle.thrusters if unit.rate == 0.0]
     others = [unit.name for unit in vehicle.units if unit not in thrusters]
     if others:
@@ -117,25 +110,17 @@ def symbolic(vehicle: VehicleModel, *, by_thrust: bool = False) -> SymbolicModel
         first += order
         rates.append(ca.DM(lag.A) @ own + ca.DM(lag.B) * u[j])
         outputs.append(ca.dot(ca.DM(lag.C), own))
-    force = ca.vertcat(
-        *(
-            out if by_thrust or unit.rotor_constant == 0.0 else unit.rotor_constant * out * ca.fabs(out)
-            for out, unit in zip(outputs, thrusters, strict=True)
-        )
-    )
     rigid = _rigid(ca, vehicle, n_u)
-    x_dot = ca.vertcat(rigid(x[:RIGID], force, current), *rates)
-    rest = np.zeros(n_a) if by_thrust or n_a == 0 else np.concatenate([unit.rest for unit in vehicle.units])
+    x_dot = ca.vertcat(rigid(x[:RIGID], ca.vertcat(*outputs), current), *rates)
     poles = [pole for lag in lags for pole in np.linalg.eigvals(lag.A)]
     return SymbolicModel(
         vehicle,
         RIGID + n_a,
         n_u,
         ca.Function("derivative", [x, u, current], [x_dot]),
-        ca.Function("force", [x, u], [force]),
         rigid,
-        vehicle.force_limits if by_thrust else vehicle.command_limits,
-        rest,
+        vehicle.force_limits,
+        np.zeros(n_a),
         2.0 * min(shortest_time_constant(vehicle), *(1.0 / abs(pole) for pole in poles), np.inf),
     )
 

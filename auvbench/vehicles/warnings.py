@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from auvbench.vehicles.inspect import (
     AXES,
-    COMPONENTS,
     free_speed,
     gyration,
     independent_axes,
@@ -63,7 +62,7 @@ def _and(names: list[str]) -> str:
 
 
 def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
-    own, B = independent_axes(vehicle), vehicle.allocation
+    own = independent_axes(vehicle)
     others = vehicle.others
     missing = [axis for axis in range(6) if axis not in own]
     found = []
@@ -71,8 +70,6 @@ def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
         names = _and([AXES[axis] for axis in missing])
         verb = "is" if len(missing) == 1 else "are"
         text = f"rank {len(own)}: {names} {verb} not independently actuated by the thrusters"
-        ties = [t for axis in missing if (t := _tie(B, axis, own))]
-        text += f" ({'; '.join(ties)})" if ties else ""
         text += f"; besides them act {', '.join(others)}" if others else ""
         found.append(text)
     first: dict[str, str] = {}  # actuators of one kind mostly share their curve: said once
@@ -81,17 +78,6 @@ def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
             first.setdefault(text, unit.name)
     found += [f"{name}: {text}" for text, name in first.items()]
     return found
-
-
-def _tie(B: FloatArray, axis: int, own: tuple[int, ...]) -> str:
-    """How a dependent row of the allocation follows from the independent ones, as an equation."""
-    if not np.any(np.abs(B[axis]) > 1e-12):
-        return ""
-    coefficients = np.linalg.lstsq(B[list(own)].T, B[axis], rcond=None)[0]
-    terms = [
-        f"{c:+.4g} {COMPONENTS[other]}" for c, other in zip(coefficients, own, strict=True) if abs(c) > 1e-9
-    ]
-    return f"{COMPONENTS[axis]} = {' '.join(terms).removeprefix('+')}"
 
 
 def _stability_warnings(vehicle: VehicleModel) -> list[str]:

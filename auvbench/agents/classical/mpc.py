@@ -59,7 +59,7 @@ class MPCController:
         algo = config.algo
         assert isinstance(algo, algorithms.MPC)
         self.vehicle = vehicle
-        model = symbolic(vehicle, by_thrust=True)
+        model = symbolic(vehicle)
         self.observer = Observer(model, config)
         self.dt = 1.0 / config.step.frequency
         task = config.task

@@ -182,7 +182,7 @@ def kalman_gain(
     vehicle = model.vehicle
     damping = vehicle.linear_damping + vehicle.quadratic_damping * np.repeat([TYPICAL_SPEED, TYPICAL_RATE], 3)
     about = replace(vehicle, linear_damping=damping, quadratic_damping=np.zeros(6))
-    A, _, E = linearised(symbolic(about, by_thrust=True), np.zeros(6), np.zeros(model.n_u))
+    A, _, E = linearised(symbolic(about), np.zeros(6), np.zeros(model.n_u))
     n = A.shape[0]
     full = np.zeros((n + 3, n + 3))
     full[:n, :n] = A

@@ -106,7 +106,7 @@ def compute(
     conditions = resolve_conditions(protocol, config)
     good, left_out = eligible(conditions)
     for condition in good:  # refuses before anything is written
-        symbolic(sheet.load(condition.config.vehicle), by_thrust=True)
+        symbolic(sheet.load(condition.config.vehicle))
     parts = fingerprint_parts(protocol, conditions)
     vehicle = str(config["vehicle"]["name"])
     folder = folder_of(root, protocol.name, vehicle)

@@ -233,7 +233,7 @@ class Search:
         task = config.task
         self.radius = task.goal_radius
         self.programs = Programs(
-            symbolic(self.vehicle, by_thrust=True),
+            symbolic(self.vehicle),
             (task.depth_low, task.depth_high),
             task.start[2],
             task.goal_radius,

@@ -79,7 +79,7 @@ def computed(
 def test_energy_is_what_thrusters_give_less_what_damping_takes() -> None:
     """d/dt (K + V) = nu' B f - D(nu), of which the proven bound is made, holds for the equations of motion."""
     vehicle = sheet.load("bluerov2")
-    model = symbolic(vehicle, by_thrust=True)
+    model = symbolic(vehicle)
     rng = np.random.default_rng(0)
     lever = vehicle.buoyancy * vehicle.center_of_buoyancy - vehicle.weight * vehicle.center_of_gravity
 

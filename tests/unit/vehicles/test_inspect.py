@@ -72,7 +72,6 @@ class TestReach:
             "roll",
             "yaw",
         ]
-        assert any("My = -0.0725 Fx -0.0025 Fz" in text for text in warnings(vehicle("bluerov2")))
 
     def test_no_actuators_no_reach(self) -> None:
         assert inspect.reach(openloop.without_actuators(vehicle("bluerov2"))) == []

@@ -217,25 +217,6 @@ def test_a_wrong_sheet_is_refused_with_file_and_rule(case, tmp_path):
     assert text.startswith(f"{path}: ")
 
 
-def test_a_quaternion_must_have_length_one(tmp_path):
-    text = BLUEROV2.replace("directions:", "orientations:")
-    head, tail = text.split("orientations:")
-    block = (
-        '\n      unit: "1"\n      source: centrale\n      value:\n'
-        + "".join(f"        thruster{i}: [0.9, 0, 0, 0]\n" for i in range(1, 7))
-        + "\ncontrollable: [surge]\n"
-    )
-    path = tmp_path / "quaternion.yaml"
-    path.write_text(head + "orientations:" + block)
-    assert "controllable" in tail
-    with pytest.raises(
-        VehicleError, match=r"thruster1: an orientation is a unit quaternion w, x, y, z; .* 0\.9"
-    ):
-        load(path)
-    path.write_text(head + "orientations:" + block.replace("0.9", "1"))
-    np.testing.assert_array_equal(load(path).allocation[0], np.ones(6))
-
-
 def test_errors_without_a_file_name_the_key():
     sheet = yaml.safe_load(BLUEROV2)
     sheet["rigid_body"]["mass"]["value"] = 0

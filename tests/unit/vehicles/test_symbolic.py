@@ -1,11 +1,14 @@
 """The symbolic equations against the compiled kernel."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from auvbench.errors import ConfigError
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
+from auvbench.vehicles.curves import Lag
 from auvbench.vehicles.symbolic import RIGID, symbolic
 
 pytest.importorskip("casadi")
@@ -24,6 +27,9 @@ def states(vehicle, n, seed):
 @pytest.mark.parametrize("name", THRUSTERS_ALONE)
 def test_accelerations_are_those_of_the_compiled_kernel(name):
     vehicle = sheet.load(name)
+    # What the symbolic model simplifies, a rotor's lag and one of higher order, is left out.
+    units = [replace(u, lag=Lag.none()) if u.rotor_constant or u.lag.order > 1 else u for u in vehicle.units]
+    vehicle = replace(vehicle, units=tuple(units))
     model, n, h = symbolic(vehicle), 64, 1e-3
     pose, velocity, action = states(vehicle, n, 1)
     current = np.array([0.3, -0.2, 0.1])
@@ -31,7 +37,7 @@ def test_accelerations_are_those_of_the_compiled_kernel(name):
     simulator.reset(np.arange(n), pose, velocity)
     simulator.set_current(current)
     simulator.step(action, h)
-    values = np.array([unit.curve(action[:, j]) for j, unit in enumerate(vehicle.units)]).T
+    values = vehicle.force(action)
     step = model.step(h, 1)
     found = np.array(
         [
