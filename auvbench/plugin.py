@@ -5,12 +5,13 @@ factory, and its attribute `Config` is the dataclass of what its YAML file says.
 `RewardSpec` (docs/adding-a-task.md); their code takes `auvbench.tasks.base` and `auvbench.tasks.kernels` too.
 """
 
-from auvbench.agents.base import Agent, Callbacks, Environment, Learner, Transition
+from auvbench.agents.base import Agent, Callbacks, Learner
 from auvbench.agents.components import Components
 from auvbench.config.installed import AgentConfig
 from auvbench.config.rewards import RewardConfig, RewardSpec
 from auvbench.config.schema import TrainConfig, choice, number
 from auvbench.config.tasks import ERRORS, TaskConfig, TaskSpec
+from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import AgentError, ConfigError, RunError, TrainingError
 from auvbench.metrics import column
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -20,10 +21,10 @@ __all__ = [
     "Agent",
     "AgentConfig",
     "AgentError",
+    "Batch",
     "Callbacks",
     "Components",
     "ConfigError",
-    "Environment",
     "Learner",
     "RewardConfig",
     "RewardSpec",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,10 @@ from auvbench.agents.components import Components
 from auvbench.config import schema
 from auvbench.config.agents import AGENTS
 from auvbench.config.plugins import resolve
-from auvbench.record import Record
 from auvbench.vehicles.vehicle_model import VehicleModel
+
+if TYPE_CHECKING:
+    from auvbench.envs.batch import Batch, Transition
 
 Integers = NDArray[np.int64]
 Observations = NDArray[np.float32]
@@ -40,42 +42,6 @@ class Agent(Protocol):
 
     def act(self, observation: Observations) -> Actions:
         """Return actions (n, n_u) in [-1, 1] for observations (n, n_obs)."""
-
-
-class Transition(Protocol):
-    """What one step of the environments gives; arrays are theirs: copy what must outlive the next step."""
-
-    observation: NDArray[np.float32]  # (n, n_obs), already of the next episode where one ended
-    reward: NDArray[np.float64]  # (n,)
-    terminated: NDArray[np.bool_]  # (n,) success or collision
-    truncated: NDArray[np.bool_]  # (n,) timeout
-    ended: NDArray[np.int64]  # indices of the episodes that ended
-    final_observation: NDArray[np.float32]  # (len(ended), n_obs) their last observations
-    records: list[Record]  # a row of train/episodes.csv for each of them
-
-
-class Environment(Protocol):
-    """What a learner learns in: N episodes side by side, each followed by the next (`auvbench.envs.batch.Batch`)."""
-
-    n: int
-    vehicle: VehicleModel
-
-    @property
-    def restarted(self) -> NDArray[np.float32] | None:
-        """First observations (n, n_obs) where a resumed run had to begin the episodes in flight again.
-
-        That is so with a simulator that cannot bring its state back; None otherwise.
-        """
-
-    def reset(self) -> NDArray[np.float32]:
-        """Begin an episode everywhere; observations (n, n_obs)."""
-
-    def step(self, action: Actions) -> Transition:
-        """Take one step of 1 / `step.frequency` s with actions (n, n_u), clipped to [-1, 1].
-
-        Raises:
-            ActionError: another shape, a NaN or an infinity; nothing has moved.
-        """
 
 
 class Callbacks(Protocol):
@@ -140,7 +106,7 @@ class Learner(Agent, Protocol):
     cannot says False: it has no checkpoints, `state` and `restore` are never called, and a run that was stopped begins
     anew, which its manifest names."""
 
-    def learn(self, environment: Environment, config: schema.TrainConfig, callbacks: Callbacks) -> None:
+    def learn(self, environment: Batch, config: schema.TrainConfig, callbacks: Callbacks) -> None:
         """Train until at least `callbacks.total_steps` environment steps are done; the state is whole on return.
 
         Args:

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench import tracking
-from auvbench.agents.base import Environment, Learner, Transition, learner_of
+from auvbench.agents.base import Learner, learner_of
 from auvbench.config import schema
-from auvbench.envs.batch import Batch
+from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import TrainingError
 from auvbench.record import record_columns
 from auvbench.runs import integrity, lock
@@ -41,7 +41,7 @@ class Session:
     run: RunDirectory
     learner: Learner
     """the one that is saved and tested"""
-    environment: Environment
+    environment: Batch
     total_steps: int
     """the budget, in environment steps"""
     checkpointer: Checkpointer

@@ -27,7 +27,7 @@ from auvbench.agents.base import Actions, Agent, Integers, Observations, make
 from auvbench.agents.components import Components
 from auvbench.agents.learned.sb3 import SB3Learner
 from auvbench.config import algorithms, schema
-from auvbench.envs.batch import Transition
+from auvbench.envs.batch import Batch, Transition
 from auvbench.envs.sb3 import WaypointVecEnv
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -167,7 +167,7 @@ class ResidualLearner(SB3Learner):
         self._base = Base(config, vehicle)
         self._seen: ResidualVecEnv | None = None
 
-    def _faced(self, environment: Any) -> ResidualVecEnv:
+    def _faced(self, environment: Batch) -> ResidualVecEnv:
         self._seen = ResidualVecEnv(WaypointVecEnv(environment, detailed=False), self._base)
         return self._seen
 

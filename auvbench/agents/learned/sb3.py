@@ -14,12 +14,13 @@ from stable_baselines3.common.logger import KVWriter, Logger
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from auvbench.agents.base import Actions, Agent, Callbacks, Environment, Integers, Observations
+from auvbench.agents.base import Actions, Agent, Callbacks, Integers, Observations
 from auvbench.agents.components import Components
 from auvbench.agents.learned import learners, state
 from auvbench.agents.learned.trained_policy import FrozenPolicy, LearnedPolicy, Network
 from auvbench.config import schema
 from auvbench.config.schema import discount
+from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -37,7 +38,7 @@ class SB3Learner:
         self._config = config
         self._vehicle = vehicle
         self.model: BaseAlgorithm | None = None
-        self._environment: Environment | None = None
+        self._environment: Batch | None = None
         self._tested: Agent | None = None  # in the tests of now
 
     def reset(self, episodes: Integers) -> None:
@@ -70,11 +71,11 @@ class SB3Learner:
             len(self._vehicle.actuators),
         )
 
-    def _faced(self, environment: Any) -> Any:
+    def _faced(self, environment: Batch) -> Any:
         """Return the environment as SB3 expects it; its `transition` is the result of its last step."""
         return WaypointVecEnv(environment, detailed=False)
 
-    def learn(self, environment: Environment, config: schema.TrainConfig, callbacks: Callbacks) -> None:
+    def learn(self, environment: Batch, config: schema.TrainConfig, callbacks: Callbacks) -> None:
         """Train as the contract says; PPO may exceed the budget by up to a rollout, as SB3 does.
 
         Raises:
