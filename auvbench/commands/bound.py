@@ -126,8 +126,8 @@ def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: in
                 protocol,
                 config,
                 root,
-                pool=pool if pool.workers > 1 else None,
-                tell=told,
+                pool,
+                told,
             )
         except Interrupted as interrupted:
             raise Interrupted(

@@ -83,8 +83,7 @@ def compute(
     protocol: schema.Protocol,
     config: dict[str, Any],
     root: Path,
-    *,
-    pool: Pool | None = None,
+    pool: Pool,
     tell: Callable[[Bound], None] = lambda bound: None,
 ) -> Limits:
     """Compute the bounds of a protocol for a vehicle and write them to `<root>/<protocol>-<vehicle>`.
@@ -93,7 +92,7 @@ def compute(
         protocol: which scenarios.
         config: a resolved configuration with the vehicle and the simulator.
         root: folder of bounds; holds finished searches until all are.
-        pool: workers for the searches; None: this process. The result is the same.
+        pool: workers for the searches; the result does not depend on their number.
         tell: called with each bound, also with those of an earlier call that was stopped.
 
     Raises:
@@ -132,7 +131,7 @@ def _bounds(
     protocol: schema.Protocol,
     place: Path,
     stem: str,
-    pool: Pool | None,
+    pool: Pool,
     tell: Callable[[Bound], None],
 ) -> list[Bound]:
     config, frequency = condition.config, condition.config.step.frequency
@@ -144,7 +143,7 @@ def _bounds(
             done[episode] = bound
             tell(bound)
     jobs = {e: (config, protocol, e, s) for e, s in enumerate(there) if e not in done}
-    for episode, found in _here(jobs) if pool is None else _apart(jobs, pool):
+    for episode, found in _searched(jobs, pool):
         done[episode] = bound = Bound(
             condition.name,
             frequency,
@@ -160,20 +159,7 @@ def _bounds(
     return [done[episode] for episode in range(len(there))]
 
 
-def _here(jobs: Mapping[int, Job]) -> Iterator[tuple[int, Found]]:
-    for episode, job in jobs.items():
-        with interruption.immediate() as request:
-            try:
-                found = _solve(*job)
-            except Exception:  # CasADi may make another error of the interruption, and IPOPT swallow it
-                if request.signal is None:
-                    raise
-        if request.signal is not None:
-            raise interruption.Interrupted(request.signal)
-        yield episode, found
-
-
-def _apart(jobs: Mapping[int, Job], pool: Pool) -> Iterator[tuple[int, Found]]:
+def _searched(jobs: Mapping[int, Job], pool: Pool) -> Iterator[tuple[int, Found]]:
     with interruption.immediate():
         for episode, found in pool.results(_solve, jobs, "search"):
             if isinstance(found, WorkerDiedError):

@@ -70,7 +70,8 @@ def computed(
     near: tuple[schema.Protocol, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, files.Limits]:
     root = tmp_path_factory.mktemp("computed")
-    compute(*near, root)
+    with Pool(1, PRELOAD) as pool:
+        compute(*near, root, pool)
     limits = files.read(root / "test-bluerov2")
     assert limits is not None
     return root, limits
@@ -178,15 +179,15 @@ def test_workers_and_interruptions_change_nothing(
         if bound.episode == 1:
             raise Enough
 
-    with pytest.raises(Enough):
-        compute(*near, tmp_path, tell=stop)
+    with pytest.raises(Enough), Pool(1, PRELOAD) as pool:
+        compute(*near, tmp_path, pool, stop)
     place = tmp_path / ".test-bluerov2"
     first, second = sorted(place.glob("*.json"))
     assert files.read_finished(first) == computed[1].bounds[0]
     second.write_bytes(second.read_bytes()[:-20])
     assert files.read_finished(second) is None
     with Pool(2, PRELOAD) as pool:
-        compute(*near, tmp_path, pool=pool)
+        compute(*near, tmp_path, pool)
     assert not list(place.glob("*.json"))
     for name in ("bounds.jsonl", "summary.json"):
         mine = (tmp_path / "test-bluerov2" / name).read_bytes()
