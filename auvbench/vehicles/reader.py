@@ -13,7 +13,6 @@ from omegaconf._utils import get_yaml_loader
 from auvbench.config import plugins
 from auvbench.errors import VehicleError, closest
 from auvbench.untrusted import documents, reading
-from auvbench.untrusted.path_safety import is_plain
 from auvbench.vehicles.document import Document
 
 
@@ -61,21 +60,20 @@ def _read(source: str | Path | Mapping[str, Any]) -> Document:
             raise VehicleError(
                 f"vehicle sheet {str(source)!r} does not exist; {closest(path.stem, sheet_names())}"
             )
-        return _compose(path, str(path), path.parent)
+        return _compose(path, str(path))
     name = str(source)
     known = sheets()
     if name not in known:
         raise VehicleError(f"vehicle {name!r} is not known; {closest(name, known)}")
-    return _compose(known[name], f"conf/vehicle/{name}.yaml", None)
+    return _compose(known[name], f"conf/vehicle/{name}.yaml")
 
 
-def _compose(entry: Traversable, label: str, folder: Path | None, heirs: tuple[str, ...] = ()) -> Document:
+def _compose(entry: Traversable, label: str, heirs: tuple[str, ...] = ()) -> Document:
     """Parse a sheet and merge it over those that its `defaults` name, as Hydra does.
 
     Args:
         entry: the file.
         label: what messages call it.
-        folder: where its parents are looked for first.
         heirs: labels of the sheets that inherit from this one, which therefore cannot be its parents.
     """
     document = Document(_parse(entry, label), label)
@@ -83,25 +81,21 @@ def _compose(entry: Traversable, label: str, folder: Path | None, heirs: tuple[s
     merged: dict[str, Any] = {}
     for parent in parents if isinstance(parents, list) else [parents]:
         if parent != "_self_":
-            merged = _merge(merged, _parent(str(parent), folder, document, (*heirs, label)).data)
+            merged = _merge(merged, _parent(str(parent), document, (*heirs, label)).data)
     document.data = _merge(merged, document.data)
     return document
 
 
-def _parent(name: str, folder: Path | None, heir: Document, heirs: tuple[str, ...]) -> Document:
-    """The sheet `name` that `heir` inherits from, out of `folder` if it lies there."""
-    if folder is not None and is_plain(name) and (folder / f"{name}.yaml").is_file():
-        entry: Traversable = folder / f"{name}.yaml"
-        label = str(entry)
-    else:
-        folder, known = None, sheets()
-        if name not in known:
-            heir.fail(("defaults",), f"vehicle {name!r} is not known; {closest(name, known)}")
-        entry, label = known[name], f"conf/vehicle/{name}.yaml"
+def _parent(name: str, heir: Document, heirs: tuple[str, ...]) -> Document:
+    """The sheet `name` that `heir` inherits from."""
+    known = sheets()
+    if name not in known:
+        heir.fail(("defaults",), f"vehicle {name!r} is not known; {closest(name, known)}")
+    label = f"conf/vehicle/{name}.yaml"
     if label in heirs:
         loop = " -> ".join((*heirs[heirs.index(label) :], label))
         heir.fail(("defaults",), f"{name!r} inherits from itself ({loop}); name another sheet")
-    return _compose(entry, label, folder, heirs)
+    return _compose(known[name], label, heirs)
 
 
 def _parse(entry: Traversable, label: str) -> dict[str, Any]:

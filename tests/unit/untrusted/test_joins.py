@@ -33,7 +33,6 @@ PATH = re.compile(
 
 TYPED = "typed by the user, and checked by the schema of the configuration"
 OWN = "written in the code, or a number"
-CHECKED = "checked by path_safety.is_plain, or by a pattern, where it is read"
 
 KNOWN = {
     ("analysis/archive.py", "self.folder / name"): OWN,
@@ -56,7 +55,6 @@ KNOWN = {
     ("training/checkpoint/store.py", "self.folder / str(step)"): OWN,
     ("training/execute.py", "run.model / name"): OWN,
     ("training/learning.py", "run.path / name"): OWN,
-    ("vehicles/reader.py", "folder / f'{name}.yaml'"): CHECKED,
 }
 
 
