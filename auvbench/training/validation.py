@@ -10,17 +10,16 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
-from omegaconf import OmegaConf
 
 from auvbench.agents.base import Agent
 from auvbench.config import schema
+from auvbench.config.compose import compose
 from auvbench.config.tasks import TASKS
+from auvbench.config.validate import evaluate_config
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.evaluation.rollout import roll_out
 from auvbench.record import record_columns
@@ -48,12 +47,7 @@ def protocol() -> schema.Protocol:
 
     A file of that name in `./conf` counts for `auvbench evaluate` alone.
     """
-    text = (resources.files("auvbench.conf") / "protocol" / "validation.yaml").read_text(encoding="utf-8")
-    found = OmegaConf.to_object(
-        OmegaConf.merge(OmegaConf.structured(schema.Protocol), OmegaConf.create(yaml.safe_load(text)))
-    )
-    assert isinstance(found, schema.Protocol)
-    return found
+    return evaluate_config(compose("evaluate", ["protocol=validation"], folder=None)).protocol
 
 
 class Validator:
