@@ -87,9 +87,11 @@ def _clock(path: Path) -> str:
     from auvbench.policies.cards import read_card
 
     card = read_card(path)
-    typed = "" if card.vehicle == "bluerov2" else f" vehicle={card.vehicle}"
-    typed += "" if card.frequency == 10.0 else f" step.frequency={card.frequency:g}"
+    typed = "" if card.vehicle.name == "bluerov2" else f" vehicle={card.vehicle.name}"
+    typed += "" if card.frequency_hz == 10.0 else f" step.frequency={card.frequency_hz:g}"
     task = str(card.document["task"].get("name", "waypoint"))
     if task != "waypoint":
         return f"{typed} task={task}"
-    return typed + ("" if card.position_frame == "world" else f" task.position_frame={card.position_frame}")
+    return typed + (
+        "" if card.task.position_frame == "world" else f" task.position_frame={card.task.position_frame}"
+    )

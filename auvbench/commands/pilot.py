@@ -202,14 +202,14 @@ def _setup(given: argparse.Namespace) -> Steering:
             raise UserError(
                 f"{word}: its card is missing, which says what its numbers mean; auvbench export writes both"
             )
-        vehicle = sheet.load(given.vehicle or card.vehicle)
-        if tuple(card.action) != vehicle.actuators:
+        vehicle = sheet.load(given.vehicle or card.vehicle.name)
+        if card.actuators != vehicle.actuators:
             raise UserError(
-                f"{word}: commands {', '.join(card.action)}, and {vehicle.name} has {', '.join(vehicle.actuators)};"
+                f"{word}: commands {', '.join(card.actuators)}, and {vehicle.name} has {', '.join(vehicle.actuators)};"
                 " --vehicle names another sheet"
             )
         task, spec = task_of_policy(word, card, given.task, vehicle)
-        frequency = given.frequency or card.frequency
+        frequency = given.frequency or card.frequency_hz
         name = card.name
         controller: Any = SimpleNamespace(reset=lambda episodes: None, act=policy.act)  # has no state
     else:

@@ -56,7 +56,7 @@ def task_of_policy(
     task = task_of(trained, f"{word}: its task is")
     # "velocity_x" and "velocity_error_x" both begin with "velocity".
     blocks = [
-        max((b for b in SUPPLIED if label.startswith(b)), key=len, default="") for label in card.observation
+        max((b for b in SUPPLIED if label.startswith(b)), key=len, default="") for label in card.observed
     ]
     try:
         changed: dict[str, Any] = {
@@ -69,11 +69,11 @@ def task_of_policy(
     except (KeyError, TypeError, ValueError) as error:
         raise UserError(f"{word}: its card has no valid entry of the task: {short(error)}") from error
     observation = list(dict.fromkeys(filter(None, blocks))) or [*SUPPLIED]
-    task = replace(task, position_frame=card.position_frame, observation=observation, **changed)
+    task = replace(task, position_frame=card.task.position_frame, observation=observation, **changed)
     spec = observation_spec(task, vehicle.actuators)
     supplied = [entry["name"] for entry in spec.card()]
-    if supplied != list(card.observation):
-        wrong = next((name for name in card.observation if name not in supplied), card.observation[-1])
+    if supplied != list(card.observed):
+        wrong = next((name for name in card.observed if name not in supplied), card.observed[-1])
         raise UserError(
             f"{word}: observes {short(wrong, 40)}, which a pilot does not have; it has {', '.join(SUPPLIED)}"
         )

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -27,7 +26,9 @@ class PolicyError(RunError):
 
 
 @dataclass(frozen=True, slots=True)
-class _Named:
+class Named:
+    """A vehicle, an observed number or an actuator."""
+
     name: str
 
 
@@ -39,33 +40,32 @@ class _File:
 @dataclass(frozen=True, slots=True)
 class _Task:
     position_frame: Literal["world", "body"]
-
-
-@dataclass(frozen=True, slots=True)
-class _Entries:
-    """The entries of a card that are read."""
-
-    name: str
-    vehicle: _Named
-    frequency_hz: Annotated[float, typed_json.Range(1e-3, 1000)]
-    task: _Task
-    observation: list[_Named]
-    action: list[_Named]
-    file: _File
+    """of the position error that the policy observes"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Card:
-    """What is known of a policy in addition to its network."""
+    """The entries of a card that are read."""
 
     name: str
-    vehicle: str
-    frequency: float  # Hz of its actions
-    position_frame: str  # world | body: of the position error that it observes
-    observation: tuple[str, ...]  # names of what it observes, in order
-    action: tuple[str, ...]  # names of the actuators, in order
-    sha256: str  # of the ONNX file
-    document: Mapping[str, Any]  # the whole of it
+    vehicle: Named
+    frequency_hz: Annotated[float, typed_json.Range(1e-3, 1000)]
+    task: _Task
+    observation: tuple[Named, ...]
+    action: tuple[Named, ...]
+    file: _File
+    document: dict[str, Any] = field(default_factory=dict)
+    """the whole card"""
+
+    @property
+    def observed(self) -> tuple[str, ...]:
+        """Names of the observed numbers, in their order."""
+        return tuple(item.name for item in self.observation)
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Names of the actuators, in their order."""
+        return tuple(item.name for item in self.action)
 
 
 def card_path(path: Path | str) -> Path:
@@ -107,22 +107,13 @@ def parse_card(data: bytes, where: str) -> Card | None:
             f"{where}: schema_version {short(version, 40)}, but this auvbench reads {SCHEMA_VERSION}"
         )
     try:
-        found = typed_json.convert(document, _Entries)
+        found = replace(typed_json.convert(document, Card), document=document)
     except ValueError as error:
         raise PolicyError(f"{where}: {error}") from error
     for key, items in (("observation", found.observation), ("action", found.action)):
         if not 0 < len(items) <= MOST:
             raise PolicyError(f"{where}: {key} has {len(items)} entries, must have 1 to {MOST}")
-    return Card(
-        name=found.name,
-        vehicle=found.vehicle.name,
-        frequency=float(found.frequency_hz),
-        position_frame=found.task.position_frame,
-        observation=tuple(item.name for item in found.observation),
-        action=tuple(item.name for item in found.action),
-        sha256=found.file.sha256,
-        document=document,
-    )
+    return found
 
 
 def content(path: Path, limit: int) -> bytes:

@@ -70,7 +70,7 @@ class Policy:
             self.file = file = onnx_file.parse(data)
             self._input = _only(file.inputs, "input", "observation (n, length)")
             self._output = _only(file.outputs, "output", "action (n, actuators)")
-            _fits("input", self._input, observations, card.observation if card else None)
+            _fits("input", self._input, observations, card.observed if card else None)
             fixed, width = self._input.shape or (None, None)
             width = width or observations or (len(card.observation) if card else None)
             if width is None:
@@ -80,7 +80,7 @@ class Policy:
             if shape[:1] != (self._rows,):
                 raise ValueError(f"it answers {self._rows} observations with an array of shape {shape}")
             answer = replace(self._output, shape=(None, *shape[1:]))
-            _fits("output", answer, actions, card.action if card else None)
+            _fits("output", answer, actions, card.actuators if card else None)
         except ValueError as error:
             raise PolicyError(f"{where}: {error}") from error
         self.n_observations, self.n_actions = width, shape[1] or 0
@@ -153,7 +153,7 @@ def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
     card = parse_card(text, str(card_file))
     if card is None:
         return data, None, None
-    if card.sha256 != hashlib.sha256(data).hexdigest():
+    if card.file.sha256 != hashlib.sha256(data).hexdigest():
         raise PolicyError(
             f"{card_file}: is the card of another file than {path.name} (its sha256 differs); "
             "export again, or remove the card"

@@ -169,14 +169,14 @@ def _keep_policy(run: RunDirectory, config: dict[str, Any]) -> None:
 
 def _compare(card: cards.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
     """Refuse a file of another vehicle, frame or frequency, which would steer wrongly without an error."""
-    if card.action != vehicle.actuators:
+    if card.actuators != vehicle.actuators:
         raise ConfigError(
-            f"algo.path={where}: its card is of {card.vehicle}, which has the actuators {', '.join(card.action)}; "
+            f"algo.path={where}: its card is of {card.vehicle.name}, which has the actuators {', '.join(card.actuators)}; "
             f"vehicle={vehicle.name} has {', '.join(vehicle.actuators)}"
         )
     own = [entry["name"] for entry in observation_spec(config.task, vehicle.actuators).card()]
-    if own != list(card.observation):
-        missing = [name for name in card.observation if name not in own]
+    if own != list(card.observed):
+        missing = [name for name in card.observed if name not in own]
         what = (
             f"{missing[0]}, which is not observed here"
             if missing
@@ -187,15 +187,15 @@ def _compare(card: cards.Card, where: str, config: schema.TrainConfig, vehicle: 
             f"task={config.task.name}: {where} observes {what}, its card says; it was trained with task={trained} "
             "(task.observation lists what is observed)"
         )
-    if card.position_frame != config.task.position_frame:
+    if card.task.position_frame != config.task.position_frame:
         raise ConfigError(
             f"task.position_frame={config.task.position_frame}: {where} observes the position error in the "
-            f"{card.position_frame} frame, its card says; type task.position_frame={card.position_frame}"
+            f"{card.task.position_frame} frame, its card says; type task.position_frame={card.task.position_frame}"
         )
-    if card.frequency != config.step.frequency:
+    if card.frequency_hz != config.step.frequency:
         raise ConfigError(
-            f"step.frequency={config.step.frequency:g}: {where} acts at {card.frequency:g} Hz, its card says; "
-            f"type step.frequency={card.frequency:g} (a protocol may test it at another)"
+            f"step.frequency={config.step.frequency:g}: {where} acts at {card.frequency_hz:g} Hz, its card says; "
+            f"type step.frequency={card.frequency_hz:g} (a protocol may test it at another)"
         )
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from omegaconf._utils import get_yaml_loader
 
 from auvbench.config import plugins
 from auvbench.errors import VehicleError, closest
@@ -98,12 +97,25 @@ def _parent(name: str, heir: Document, heirs: tuple[str, ...]) -> Document:
     return _compose(known[name], label, heirs)
 
 
+class _Loader(yaml.SafeLoader):
+    """Refuse a key that is given twice, as Hydra does; a pilot reads sheets without it."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in seen:
+                why = f"found duplicate key {key.value}"
+                raise yaml.constructor.ConstructorError(None, None, why, key.start_mark)
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
 def _parse(entry: Traversable, label: str) -> dict[str, Any]:
-    """Return the content of a file, read by the loader that Hydra has for it."""
+    """Return the content of a file."""
     try:
         data = reading.content(entry) if isinstance(entry, Path) else entry.read_bytes()
         documents.check_yaml(data)
-        found = yaml.load(data.decode("utf-8"), Loader=get_yaml_loader())  # a safe loader without double keys
+        found = yaml.load(data.decode("utf-8"), Loader=_Loader)
     except UnicodeDecodeError:
         raise VehicleError(f"{label}: is no UTF-8: save the sheet as UTF-8 text") from None
     except OSError as error:

@@ -192,7 +192,9 @@ CARD = {"position_frame": "body", "depth_low_m": -60.0, "depth_high_m": -1.0, "m
 
 def card_of(task, observation, **named):
     return SimpleNamespace(
-        observation=observation, position_frame="body", document={"task": {"name": task} | CARD | named}
+        observed=observation,
+        task=SimpleNamespace(position_frame="body"),
+        document={"task": {"name": task} | CARD | named},
     )
 
 

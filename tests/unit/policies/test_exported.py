@@ -254,8 +254,8 @@ def test_a_card_is_read_with_its_file(tmp_path: Path) -> None:
     path.with_suffix(".json").write_text(json.dumps(card(path.read_bytes())))
     policy = exported.load(path)
     assert policy.card is not None
-    assert (policy.card.name, policy.card.frequency, policy.n_actions) == ("mine", 10.0, 6)
-    assert cards.read_card(path.with_suffix(".json")).action[0] == "thruster1"
+    assert (policy.card.name, policy.card.frequency_hz, policy.n_actions) == ("mine", 10.0, 6)
+    assert cards.read_card(path.with_suffix(".json")).actuators[0] == "thruster1"
 
 
 @pytest.mark.parametrize(
