@@ -1,7 +1,7 @@
 """The command line: names the commands and imports one only when it is chosen.
 
 Nothing heavy is imported here (a test asserts that torch, hydra, numba and pandas stay out of `--help`), so
-that help answers at once.
+that help and completion answer at once.
 """
 
 from __future__ import annotations

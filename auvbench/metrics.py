@@ -1,6 +1,6 @@
-"""The metrics of agents: one entry each, from which records, tables, page, LaTeX and docs are made.
+"""The metrics of agents: one entry each, from which records, tables, page, LaTeX, docs and completion are made.
 
-A new metric is one entry here (docs/adding-a-metric.md). Nothing heavy is imported.
+A new metric is one entry here (docs/adding-a-metric.md). Nothing heavy is imported: shell completion reads this file.
 """
 
 from __future__ import annotations

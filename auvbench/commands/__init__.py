@@ -18,5 +18,6 @@ COMMANDS: dict[str, str] = {
     "runs": "list runs with state, progress and success",
     "export": "write the policy of a run as an ONNX file with a card",
     "replay": "show one test episode again: summary, figure, film",
+    "completion": "print a script for tab completion in bash, zsh or fish",
 }
 """Name and one line of help, in the order of `auvbench --help`."""

@@ -1,8 +1,8 @@
 """Compose configurations with Hydra.
 
-`compose` is for commands and tests; `run` is a command line (`--cfg`, `--help`, `-m`) around a function. Both
+`compose` is for commands and tests; `run` is a command line (`--cfg`, `--help`, `-m`, completion) around a function. Both
 search `./conf` of the working directory first, so a user's own vehicle or preset needs no change to the package.
-Hydra composes; it starts no job, calls no plug-in and sets up no logging.
+Hydra composes and completes; it starts no job, calls no plug-in and sets up no logging.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from hydra import version
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra._internal.config_repository import ConfigRepository
 from hydra._internal.config_search_path_impl import ConfigSearchPathImpl
+from hydra._internal.core_plugins.bash_completion import BashCompletion
 from hydra._internal.hydra import Hydra
 from hydra.core.config_store import ConfigNode, ConfigStore
 from hydra.core.plugins import Plugins
@@ -258,6 +259,12 @@ def run(
     if grid is not None and (parsed.multirun or len(composed) > 1):
         return grid(composed)
     return job(composed[0])
+
+
+def complete_override(entry: str, line: str) -> list[str]:
+    """Return what the last word of a line of overrides may become."""
+    with _loader(WORKING_DIRECTORY) as loader:
+        return list(BashCompletion(loader)._query(config_name=entry, line=line))
 
 
 def _help(hydra: Hydra, entry: str, overrides: list[str]) -> str:

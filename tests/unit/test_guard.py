@@ -33,7 +33,7 @@ def auvbench(
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full here")
-@pytest.mark.parametrize("arguments", [["--help"], ["vehicles"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["vehicles"], ["completion", "bash"]])
 def test_a_full_device_takes_one_line(arguments: list[str]) -> None:
     with FULL.open("w") as full:
         code, _, error = auvbench(*arguments, stdout=full.fileno())

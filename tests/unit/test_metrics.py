@@ -25,7 +25,7 @@ metrics.METRICS += [
 USED = """
 import numpy as np
 from auvbench.analysis.ranking import rank
-from auvbench.record import measure_names
+from auvbench.commands.completion import measure_names
 from auvbench.envs.batch import Batch
 from auvbench.evaluation.protocol import resolve_conditions, fingerprint
 from auvbench.reporting import tables
@@ -59,7 +59,7 @@ assert fingerprint(protocol, resolve_conditions(protocol, configs.plain())) == "
 
 
 @pytest.mark.slow
-def test_an_entry_is_found_in_records_tables_page_latex_and_docs() -> None:
+def test_an_entry_is_found_in_records_tables_page_latex_docs_and_completion() -> None:
     done = subprocess.run([sys.executable, "-c", ADDED + USED], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 

@@ -9,6 +9,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from auvbench import cli
+from auvbench.commands.completion import candidates
 from auvbench.config import plugins
 from auvbench.config.compose import compose, typed
 from auvbench.config.plugins import find
@@ -55,10 +56,13 @@ def test_it_is_chosen_with_its_types_and_its_package(site: Site) -> None:
 
 
 @pytest.mark.slow
-def test_it_is_listed_without_being_imported(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_is_listed_and_completed_without_being_imported(
+    site: Site, capsys: pytest.CaptureFixture[str]
+) -> None:
     steering(site)
     (site.folder / "mine/__init__.py").write_text("raise RuntimeError('imported')")
     assert "mine" in plugins.options("algo")
+    assert candidates(["report", "outputs", "--baseline", "mi"]) == ["mine"]
     assert cli.main(["train", "--help"]) == 0
     assert " mine," in capsys.readouterr().out
     assert "mine" not in sys.modules

@@ -1,0 +1,157 @@
+"""`auvbench completion SHELL`: print a script that completes commands, overrides, flags, values and paths.
+
+The script asks `auvbench completion query WORDS` for each Tab, which imports nothing heavy unless Hydra must answer.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from importlib import import_module
+
+from auvbench.commands import COMMANDS
+from auvbench.commands.grammar import WHERE, Parser
+from auvbench.commands.report_options import FORMATS, STUDIES
+from auvbench.config import plugins
+from auvbench.errors import UserError, closest
+from auvbench.record import measure_names
+
+_BASH = """\
+_auvbench() {
+    local word="${COMP_WORDS[COMP_CWORD]}"
+    local choices=$(auvbench completion query "${COMP_WORDS[@]:1:COMP_CWORD}" 2>/dev/null)
+    local IFS=$'\\n'
+    COMPREPLY=($(compgen -W "$choices" -- "$word"))
+    if [ "${#COMPREPLY[@]}" -eq 1 ]; then
+        case "${COMPREPLY[0]}" in *=|*/) ;; *) COMPREPLY[0]="${COMPREPLY[0]} " ;; esac
+    fi
+}
+COMP_WORDBREAKS=${COMP_WORDBREAKS//=}
+complete -o nospace -F _auvbench auvbench
+"""
+
+_ZSH = "autoload -U +X compinit && compinit\nautoload -U +X bashcompinit && bashcompinit\n"
+
+_FISH = """\
+function _auvbench
+    set -l token (commandline -ct)
+    set -l words (commandline -opc)
+    auvbench completion query $words[2..-1] "$token" 2>/dev/null
+end
+complete -c auvbench -f -a "(_auvbench)"
+"""
+
+SCRIPTS = {"bash": _BASH, "zsh": _ZSH + _BASH, "fish": _FISH}
+
+USAGE = """\
+usage: auvbench completion {bash,zsh,fish}
+
+Prints a script that completes commands, overrides (algo=<TAB>, reward.<TAB>, protocol=<TAB>), flags and their values
+(--rank-by <TAB>), vehicles and paths.
+
+  bash   eval "$(auvbench completion bash)"      (in ~/.bashrc)
+  zsh    eval "$(auvbench completion zsh)"       (in ~/.zshrc)
+  fish   auvbench completion fish | source       (in ~/.config/fish/config.fish)
+"""
+
+HYDRA = {
+    "train": ("-m", "--cfg", "--help"),
+    "tune": ("-m", "--cfg", "--help"),
+    "simulate": ("--cfg",),
+}
+"""Commands whose overrides Hydra completes, with their flags"""
+KEYS = {
+    "evaluate": ("protocol", "protocol.episodes"),
+    "serve": ("vehicle", "simulator", "disturbance", "step.frequency", "task.start", "seed"),
+    "bound": ("protocol", "vehicle", "output"),
+    "resume": ("train.total_steps",),
+    WHERE: ("algo", "vehicle", "task", "reward.k", "step.frequency", "seed", "state", "id", "experiment"),
+}
+"""Keys of commands that take some `key=value`, and of `--where`"""
+
+VALUES: Mapping[str, Sequence[str]] = {
+    **dict.fromkeys(("--rank-by", "--metric"), measure_names()),
+    "state": ("pending", "running", "interrupted", "failed", "complete"),
+    "--format": FORMATS,
+    "--study": STUDIES,
+}
+"""Values of flags and keys; those of other keys are files in the folder of that name"""
+
+
+def main(arguments: Sequence[str]) -> int:
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print(USAGE, end="")
+        return 0 if arguments else 2
+    if arguments[0] == "query":  # asked by the scripts: the words of the line, the last being typed
+        with suppress(Exception):  # a line that is typed half may mean nothing
+            print("\n".join(candidates(arguments[1:]) or _paths(arguments[-1])))
+        return 0
+    if len(arguments) > 1 or arguments[0] not in SCRIPTS:
+        raise UserError(f"completion {' '.join(arguments)}: no such shell; {closest(arguments[0], SCRIPTS)}")
+    print(SCRIPTS[arguments[0]], end="")
+    return 0
+
+
+def candidates(words: Sequence[str]) -> list[str]:
+    """Return what the last word may become.
+
+    Args:
+        words: those typed after `auvbench`; the last is the one being typed, perhaps empty.
+
+    >>> candidates(["evaluate", "outputs", "protocol=th"])
+    ['protocol=thesis']
+    """
+    command, *before, word = words if len(words) > 1 else ("", *words)
+    known = _flags(command)
+    flag = before[-1] if before else ""
+    if not command:
+        offered = list(COMMANDS)
+    elif word.startswith("-"):
+        offered = known
+    elif flag.startswith("--") and flag in known and (values := _values(flag)):
+        offered = _listed(values, word)
+    elif command in HYDRA:
+        from auvbench.config.compose import complete_override
+
+        offered = complete_override(command, " ".join([*before, word]))
+    else:
+        offered = _assignments(KEYS.get(WHERE if WHERE in before else command, ()), word)
+        offered += plugins.options("vehicle") if command == "vehicles" else []
+    return sorted({name for name in offered if name.startswith(word)})
+
+
+def _flags(command: str) -> list[str]:
+    if command in HYDRA or command not in COMMANDS:
+        return list(HYDRA.get(command, ()))
+    module = import_module(f"auvbench.commands.{'report_options' if command == 'report' else command}")
+    parser = module.parser() if hasattr(module, "parser") else None
+    return parser.flags() if isinstance(parser, Parser) else []
+
+
+def _values(name: str) -> Sequence[str]:
+    """Return the values of a flag or a key."""
+    group = "algo" if name == "--baseline" else name.removeprefix("--")
+    return VALUES[name] if name in VALUES else plugins.options(group)
+
+
+def _assignments(keys: Sequence[str], word: str) -> list[str]:
+    """Return `key=` while the key is typed, then `key=value`."""
+    key, separator, value = word.partition("=")
+    if not separator:
+        return [f"{name}=" for name in keys]
+    return [f"{key}={one}" for one in _listed(_values(key), value)] if key in keys else []
+
+
+def _listed(values: Sequence[str], word: str) -> list[str]:
+    """Return the values for the last place of a comma list."""
+    done, comma, _ = word.rpartition(",")
+    return [f"{done}{comma}{value}" for value in values if value not in done.split(",")]
+
+
+def _paths(word: str) -> list[str]:
+    """Return the paths that a word, or the value behind its `=`, begins."""
+    key, separator, start = word.rpartition("=")
+    found = sorted(glob.glob(f"{glob.escape(start)}*"))
+    return [f"{key}{separator}{path}{'/' if os.path.isdir(path) else ''}" for path in found]
