@@ -31,6 +31,35 @@ from auvbench.untrusted.typed_json import Range
 SCRIPT = "slurm.sh"
 """In the run directory: the batch script that was last submitted for it."""
 
+RESERVED = frozenset(
+    [
+        "-a",
+        "--array",
+        "-e",
+        "--error",
+        "-H",
+        "--hold",
+        "-J",
+        "--job-name",
+        "-o",
+        "--output",
+        "--open-mode",
+        "--parsable",
+        "-Q",
+        "--quiet",
+        "--requeue",
+        "--no-requeue",
+        "--signal",
+        "--test-only",
+        "-V",
+        "--version",
+        "-W",
+        "--wait",
+        "--wrap",
+    ]
+)
+"""sbatch's options that auvbench needs itself, or that change its answer"""
+
 JOB_FILE = "slurm.json"
 """In the run directory: the job that was last submitted for it, so that the next sweep finds it again."""
 
@@ -95,6 +124,12 @@ class SlurmBackend:
         for program in ("sbatch", "srun", "squeue", "scontrol", "scancel"):
             if shutil.which(program) is None:
                 raise UserError(f"launcher=slurm: there is no {program} on this machine; valid: a login node")
+        for option in options.sbatch:
+            if option.split("=")[0] in RESERVED:
+                raise UserError(
+                    f"launcher.sbatch={option}: auvbench needs that option itself, or one job and its number as "
+                    "the answer; valid: other options of sbatch"
+                )
         self.options = options
         self.target = target
         self.limit = options.workers or None

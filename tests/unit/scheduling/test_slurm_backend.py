@@ -270,6 +270,12 @@ def test_every_key_is_explained() -> None:
         assert f"\n{key}:" in text
 
 
+@pytest.mark.parametrize("option", ["--array=0-3", "-Q", "--parsable", "--wrap=ls"])
+def test_an_option_that_sbatch_would_answer_otherwise(cluster: Cluster, option: str) -> None:
+    with pytest.raises(UserError, match=rf"launcher\.sbatch={option}: auvbench needs that option itself"):
+        backend(f"launcher.sbatch=['{option}']")
+
+
 @pytest.mark.slow
 def test_the_line_that_names_the_mistake_is_passed_on(
     cluster: Cluster, run: RunDirectory, tmp_path: Path
