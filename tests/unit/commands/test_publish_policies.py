@@ -46,7 +46,7 @@ def better(worse, best):
 
 
 def publish(*words: str) -> int:
-    return cli.main(["publish", *words, "--to", str(TO), "--pictures", "failures"])
+    return cli.main(["publish", *words, "--to", str(TO), "--pictures", "success_over_time"])
 
 
 def there() -> list[str]:

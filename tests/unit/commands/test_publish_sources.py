@@ -28,7 +28,7 @@ def machine(name: str, algorithms: tuple[str, ...], seeds: tuple[int, ...]) -> l
 
 
 def publish(*words: str, to: str = TO) -> int:
-    return cli.main(["publish", *words, "--to", to, "--pictures", "failures"])
+    return cli.main(["publish", *words, "--to", to, "--pictures", "success_over_time"])
 
 
 def files(folder: str | Path) -> dict[str, bytes]:
