@@ -48,8 +48,14 @@ def unknown_key(key: str, known: Collection[str], program: str) -> str:
     if having := owners(key):
         return f"only {', '.join(having)} {'has' if len(having) == 1 else 'have'} it"
     shows = f"{program} --cfg job shows all keys"
-    near = nearest(key, known)
-    return shows if near is None else f"did you mean {near}? ({shows})"
+    of_algorithms: set[str] = set()
+    if any(name.startswith("algo.") for name in known):  # a command without an algorithm has none of its keys
+        of_algorithms = {name for spec in AGENTS.values() for name in schema.keys(spec.schema, "algo.")}
+    near = nearest(key, {*known, *of_algorithms})
+    if near is None:
+        return shows
+    whose = "" if near in known else f" of {', '.join(owners(near))}"
+    return f"did you mean {near}{whose}? ({shows})"
 
 
 def unknown_flag(

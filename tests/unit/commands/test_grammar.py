@@ -104,7 +104,7 @@ def test_a_mistake_is_one_line(
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("algo.gama=3", r"did you mean algo.gamma\? \(auvbench train --cfg job shows all keys\)"),
+        ("algo.bufer_size=3", "did you mean algo.buffer_size of sac, ddpg, td3, tqc, crossq"),
         ("zzz=1", r"unknown key; auvbench train --cfg job shows all keys"),
         ("algo=ppo,sac", "several values make a grid: auvbench train -m algo=ppo,sac;"),
         ("algo.net_arch=64,64", r"a list is written \[64,64\]"),
