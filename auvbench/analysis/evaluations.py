@@ -177,7 +177,7 @@ def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
         raise Damage("episodes.csv: episode is not a whole number from 0 in every row")
     if len(set(zip(conditions, numbers.tolist(), strict=True))) < len(frame):
         raise Damage("episodes.csv has an episode of a condition twice: evaluate again")
-    for column in (*measured(), "environment"):
+    for column in (*measured(), "environment", "frequency_hz"):
         if column in frame.columns and not finite(frame[column].to_numpy()):
             raise Damage(f"episodes.csv: {column} is not a finite number up to ±{LARGEST:g} in every row")
     steps = frame["steps"].to_numpy(dtype=np.float64)

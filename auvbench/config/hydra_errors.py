@@ -64,7 +64,7 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
         )
     overridden = re.search(r"Could not override '([^']+)'", text)
     for link in chain:
-        key = str(getattr(link, "full_key", None) or getattr(link, "key", None) or "?")
+        key = str(getattr(link, "full_key", None) or getattr(link, "key", None) or "the configuration")
         if isinstance(link, ConfigKeyError | ConfigAttributeError):
             return ConfigError(f"{key}: unknown key; {_near_key(key, compose, entry, overrides)}")
         if isinstance(link, OmegaConfBaseException) and not overridden:

@@ -80,7 +80,7 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
         RunError: the run cannot be extended; the message says why.
     """
     config = run.check()
-    if total_steps <= (present := config["train"]["total_steps"]):
+    if total_steps <= (present := typed(OmegaConf.create(config)).train.total_steps):
         raise ConfigError(f"train.total_steps={total_steps}: must be more than the {present} of {run.path}")
     _check_schedule(run, config)
     now = status.of(run)

@@ -188,6 +188,7 @@ def test_a_summary_that_no_evaluation_wrote_is_damage(grid: list[Path], text: st
         ("path_efficiency", [np.nan] * 12, "path_efficiency is not a finite number"),
         ("path_efficiency", ["abc"] * 12, "path_efficiency is not a finite number"),
         ("environment", ["abc"] * 12, "environment is not a finite number"),
+        ("frequency_hz", ["abc"] * 12, "frequency_hz is not a finite number"),
     ],
 )
 def test_a_value_that_cannot_be_is_damage(grid: list[Path], column: str, values: list, message: str) -> None:

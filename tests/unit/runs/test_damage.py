@@ -13,7 +13,7 @@ import pytest
 
 from auvbench import cli
 from auvbench.errors import RunError, plain_warnings
-from auvbench.runs import directory
+from auvbench.runs import directory, identity
 from auvbench.runs.directory import RunDirectory, freeze
 from auvbench.scheduling import loop
 from auvbench.scheduling.loop import Phase, Status
@@ -93,6 +93,25 @@ def test_a_config_that_is_not_the_run_s_is_refused_whatever_the_state(
     error = capsys.readouterr().err
     assert str(run.path) in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("train", [[], {"progress": []}, {"total_steps": "many"}, 3])
+@pytest.mark.parametrize("more", [[], ["train.total_steps=9000000"]])
+def test_resume_refuses_a_configuration_of_other_types_that_has_the_run_s_id(
+    train: object, more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = frozen(tmp_path)
+    config = run.config()
+    config["train"] = config["train"] | train if isinstance(train, dict) else train
+    run.write_config(config)
+    try:
+        moved = run.path.rename(run.path.with_name(identity.run_id(config)))
+    except (TypeError, AttributeError):  # such a configuration has no id
+        moved = run.path
+    assert cli.main(["resume", str(moved), *more]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "train" in error.lower()
 
 
 @pytest.mark.parametrize(
