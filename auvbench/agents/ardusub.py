@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 
 
 class ArduSubAgent:
-    """ArduSub as a contestant; one episode at a time, each with a process of its own.
+    """ArduSub itself steers; one episode at a time, each with a process of its own.
 
     Raises:
         ConfigError: the vehicle has fins or fits none of ArduSub's frames, the task observes no position or yaw error, or

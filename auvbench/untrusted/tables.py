@@ -33,12 +33,13 @@ def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str]
 
     wanted = None if only is None else (lambda name: name in only)
     options: dict[str, Any] = {"usecols": wanted, "engine": "c", "low_memory": False}
+    if words:
+        options |= {"dtype": dict.fromkeys(words, str), "na_values": MISSING, "keep_default_na": False}
     try:
-        if words:
-            header = pd.read_csv(io.BytesIO(data), nrows=0, engine="c").columns
-            options["na_values"] = {name: MISSING for name in header if name not in words}
-            options |= {"dtype": dict.fromkeys(words, str), "keep_default_na": False}
         found: pd.DataFrame = pd.read_csv(io.BytesIO(data), **options)
+        if any(found[name].isna().any() for name in words if name in found):  # "nan" is a word there
+            options["na_values"] = {name: MISSING for name in found if name not in words}
+            found = pd.read_csv(io.BytesIO(data), **options)
         return found
     except (ValueError, OverflowError, MemoryError) as error:  # pandas' own are ValueErrors
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error

@@ -1,4 +1,4 @@
-"""ArduSub as a contestant: against a stand-in that speaks the same bytes, and the real SITL where there is one."""
+"""ArduSub as an agent: against a stand-in that speaks the same bytes, and the real SITL where there is one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contestants of installed packages: trained, tested and ranked like everyone else, and named when they fail."""
+"""Agents of installed packages: trained, tested and ranked like everyone else, and named when they fail."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Two contestants, a task and a reward for auvbench."""
+"""Two agents, a task and a reward for auvbench."""

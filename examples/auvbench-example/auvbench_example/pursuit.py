@@ -1,4 +1,4 @@
-"""A contestant that steers: thrust towards the waypoint in proportion to what is missing."""
+"""An agent that steers: thrust towards the waypoint in proportion to what is missing."""
 
 from dataclasses import dataclass
 

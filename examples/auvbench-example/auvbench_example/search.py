@@ -1,4 +1,4 @@
-"""A contestant that learns: a linear policy, found by the cross-entropy method (Rubinstein 1999) over its weights."""
+"""An agent that learns: a linear policy, found by the cross-entropy method (Rubinstein 1999) over its weights."""
 
 from dataclasses import dataclass
 

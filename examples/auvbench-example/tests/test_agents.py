@@ -1,4 +1,4 @@
-"""What auvbench asks of contestants and tasks."""
+"""What auvbench asks of agents and tasks."""
 
 import pytest
 
