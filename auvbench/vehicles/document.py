@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from auvbench.errors import VehicleError, closest
 from auvbench.untrusted.text import short
 
+if TYPE_CHECKING:  # a composed configuration needs no arrays
+    import numpy as np
+    from numpy.typing import NDArray
+
+    FloatArray = NDArray[np.float64]
+
 LARGEST = 1e15
 """in any unit of a sheet; products of such numbers are still finite"""
 
-FloatArray = NDArray[np.float64]
 Keys = tuple[str, ...]
 
 
@@ -124,6 +126,8 @@ class Document:
 
     def numbers(self, path: Keys, value: Any, shapes: tuple[tuple[int, ...], ...]) -> FloatArray:
         """`value` as an array of finite numbers with one of `shapes`."""
+        import numpy as np
+
         try:
             if isinstance(value, str):  # numpy reads such texts
                 raise TypeError
