@@ -116,12 +116,20 @@ def test_a_damaged_run_hides_no_other(outputs: Path, capsys: pytest.CaptureFixtu
     assert "damaged" in captured.err
 
 
-def test_nothing_heavy_is_imported(outputs: Path) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "heavy"),
+    [
+        (["runs", "OUTPUTS"], "torch,pandas,omegaconf,hydra,numba,scipy"),
+        (["train", "--cfg", "job"], "torch,pandas,numpy,gymnasium,numba,scipy"),
+    ],
+)
+def test_nothing_heavy_is_imported(arguments: list[str], heavy: str, outputs: Path) -> None:
     code = (
-        "import sys; from auvbench.cli import main; main(['runs', sys.argv[1]]);"
-        "print([name for name in ('torch', 'pandas', 'omegaconf', 'hydra', 'numba', 'scipy') if name in sys.modules])"
+        "import sys; sys.argv[0] = 'auvbench'; from auvbench.cli import main; main(sys.argv[2:]);"
+        "print([name for name in sys.argv[1].split(',') if name in sys.modules])"
     )
+    words = [str(outputs) if word == "OUTPUTS" else word for word in arguments]
     done = subprocess.run(
-        [sys.executable, "-c", code, str(outputs)], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code, heavy, *words], capture_output=True, text=True, check=True
     )
     assert done.stdout.splitlines()[-1] == "[]"
