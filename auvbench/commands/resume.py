@@ -31,13 +31,14 @@ def main(arguments: Sequence[str]) -> int:
         raise ConfigError("resume: name at least one run or folder, e.g. auvbench resume outputs")
     from auvbench.commands import train
     from auvbench.runs.directory import find_runs
-    from auvbench.runs.plan import load_config
 
     runs = find_runs(paths)
     for override in overrides:
         runs = _extended(runs, _budget(override), shlex.join(["auvbench", "resume", *arguments]))
     if len(runs) > 1:
         return _several(runs, given.workers)
+    from auvbench.runs.plan import load_config
+
     return train.carry_out(runs[0], shown=load_config(runs[0]).train.progress)
 
 

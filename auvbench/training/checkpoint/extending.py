@@ -12,6 +12,7 @@ from omegaconf import OmegaConf
 from auvbench.agents.base import learner_of
 from auvbench.config.agents import learns
 from auvbench.config.compose import typed
+from auvbench.config.schema import TrainConfig
 from auvbench.errors import ConfigError, RunError
 from auvbench.runs import status
 from auvbench.runs.atomic_io import replace_folder, storage, write_atomic
@@ -80,9 +81,12 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
         RunError: the run cannot be extended; the message says why.
     """
     config = run.check()
-    if total_steps <= (present := typed(OmegaConf.create(config)).train.total_steps):
-        raise ConfigError(f"train.total_steps={total_steps}: must be more than the {present} of {run.path}")
-    _check_schedule(run, config)
+    made = typed(OmegaConf.create(config))
+    if total_steps <= made.train.total_steps:
+        raise ConfigError(
+            f"train.total_steps={total_steps}: must be more than the {made.train.total_steps} of {run.path}"
+        )
+    _check_schedule(run, config, made)
     now = status.of(run)
     if now.holder is not None:
         raise RunError(f"{run.path} is held by {now.holder}; extend it when it has ended")
@@ -107,16 +111,15 @@ def has_begun(run: RunDirectory) -> bool:
     return run.exists() and (run.manifest()["state"] == "complete" or bool(CheckpointStore(run.path).steps()))
 
 
-def _check_schedule(run: RunDirectory, config: dict[str, Any]) -> None:
+def _check_schedule(run: RunDirectory, config: dict[str, Any], made: TrainConfig) -> None:
     algo = config["algo"]
     if not learns(algo):
         raise RunError(f"{run.path}: {algo['name']} does not learn, so there is nothing to extend")
-    if algo.get("package"):  # of auvbench's own learners all resume exactly
-        made = typed(OmegaConf.create(config))
-        if not learner_of(made, sheet.load(made.vehicle)).exact_resume:
-            raise RunError(
-                f"{run.path} cannot be extended: {algo['name']} does not resume exactly; train it anew"
-            )
+    # Of auvbench's own learners all resume exactly.
+    if algo.get("package") and not learner_of(made, sheet.load(made.vehicle)).exact_resume:
+        raise RunError(
+            f"{run.path} cannot be extended: {algo['name']} does not resume exactly; train it anew"
+        )
     if algo.get("learning_rate_schedule", "constant") != "constant":
         raise RunError(
             f"{run.path} cannot be extended: with algo.learning_rate_schedule={algo['learning_rate_schedule']} the "
