@@ -476,7 +476,7 @@ def damage(path: Path, kind: str) -> None:
     if kind == "cut":
         path.write_text(text[: text.rindex("\n", 0, len(text) - 1) + 40])
     elif kind == "column":
-        pd.read_csv(path).drop(columns="deviation_mean_m").to_csv(path, index=False)
+        pd.read_csv(path).drop(columns="duration_s").to_csv(path, index=False)
     elif kind == "nan":
         frame = pd.read_csv(path)
         frame.loc[len(frame) // 2, "return"] = np.nan

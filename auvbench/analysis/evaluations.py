@@ -24,20 +24,8 @@ from auvbench.untrusted.text import LONGEST, plain, short
 if TYPE_CHECKING:
     from auvbench.analysis.archive import Archive
 
-CORE_COLUMNS = (
-    "steps",
-    "duration_s",
-    "return",
-    "final_distance_m",
-    "command_norm_mean_N",
-    "command_norm_sum_N",
-    "energy_J",
-)
-"""without these an evaluation is not reported on; not all of a record's columns, so that an evaluation stays
-readable when a later auvbench measures something more"""
-OF_WAYPOINTS = ("deviation_mean_m", "deviation_std_m")
-OF_OTHERS = ("position_error_rms_m", "cross_track_rms_m", "final_position_error_m")
-"""alike, by task: the waypoint task has all of the former, every other task one of the latter"""
+NEEDED = ("steps", "duration_s")
+"""without these an evaluation is not reported on; a measure whose column is missing is not shown"""
 
 LARGEST = 1e30
 """nothing that is measured comes near; the squares of larger numbers would leave what a float holds"""
@@ -158,8 +146,7 @@ def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
     expected = {c["name"]: c["episodes"] for c in summary["conditions"]}
     if len(expected) < max(1, len(summary["conditions"])):
         raise Damage("summary.json has no conditions, or one of them twice")
-    own = () if any(name in frame.columns for name in OF_OTHERS) else OF_WAYPOINTS
-    needed = ("condition", "episode", "outcome", *CORE_COLUMNS, *own)
+    needed = ("condition", "episode", "outcome", *NEEDED)
     if missing := [c for c in needed if c not in frame.columns]:
         raise Damage(f"episodes.csv lacks the columns {', '.join(missing)}")
     if bad := {str(name) for name in frame["outcome"].to_numpy()} - set(OUTCOMES):

@@ -46,6 +46,12 @@ def parser() -> Parser:
         default=True,
         help="the paths of the kept test episodes, which the page's 3-D view shows",
     )
+    add(
+        "--compact",
+        action="store_true",
+        help="a tenth of the size: of a test episode only outcome, steps, primary measure and energy, to three digits; no "
+        "training episodes",
+    )
     add("--policies", action="store_true", help="each agent's best run as an ONNX file with its card")
     return parser
 
@@ -61,6 +67,7 @@ def main(argv: Sequence[str]) -> int:
         also=_names(own["also"]),
         pictures=_pictures(own["pictures"]),
         paths=own["trajectories"],
+        compact=own["compact"],
         policies=own["policies"],
         command=shlex.join(["auvbench", "publish", *map(_placeless, argv)]),
     )
@@ -125,7 +132,7 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
             raise ReportError(f"--to {folder}: {run.directory} lies there; name a folder without runs")
     chosen = [run for run in runs if run.evaluations or failed_training(run)]
     _refuse_loss(folder, {run.id for run in chosen})
-    left = archive.write(chosen, folder, protocols, trajectories=study.paths)
+    left = archive.write(chosen, folder, protocols, trajectories=study.paths, compact=study.compact)
     ids = {run.id for run in chosen}
     untested = [p for p in problems if p.kind == "missing"]
     left += [

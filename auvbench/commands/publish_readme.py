@@ -23,6 +23,7 @@ class Study:
     also: tuple[str, ...]
     pictures: tuple[str, ...]
     paths: bool
+    compact: bool
     policies: bool
     command: str
 

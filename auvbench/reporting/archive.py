@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from auvbench.analysis import archive
-from auvbench.analysis.evaluations import CORE_COLUMNS, OF_OTHERS, OF_WAYPOINTS, Damage, disagreement
+from auvbench.analysis.evaluations import Damage, disagreement
 from auvbench.analysis.recorded import has_paths, paths, training, validation_rows
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.errors import ReportError
@@ -26,6 +26,20 @@ OUTPUT = "outputs"
 """value of `output` in a published configuration: the folder is not part of a run's identity"""
 EPISODES_KEPT = 100
 """most trajectories of a condition"""
+COMPACT = (
+    "condition",
+    "frequency_hz",
+    "episode",
+    "outcome",
+    "steps",
+    "position_error_rms_m",
+    "cross_track_rms_m",
+    "final_position_error_m",
+    "energy_J",
+)
+"""columns of a compact table: what ranks agents of any task, and their energy"""
+DIGITS = 3
+"""significant digits of the measures of a compact table: their means keep more"""
 
 
 def write(
@@ -34,14 +48,16 @@ def write(
     protocols: Sequence[str],
     *,
     trajectories: bool,
+    compact: bool = False,
 ) -> list[str]:
     """Write runs.parquet, episodes.parquet and, if wanted, trajectories.parquet into a folder.
 
     Args:
         runs: from `load`, complete or failed.
         folder: of the study.
-        protocols: the first one with all columns; the further ones without scenarios and path metrics.
+        protocols: the first one with all columns in full precision, the further ones compact.
         trajectories: whether the stored trajectories of the first protocol are written.
+        compact: whether the first protocol is compact, too, and training episodes are left out.
 
     Returns:
         What was left out, one text per item.
@@ -59,23 +75,14 @@ def write(
             if evaluation is None:
                 continue
             frame = evaluation.episodes
-            if protocol != protocols[0]:
-                kept = (
-                    "condition",
-                    "frequency_hz",
-                    "episode",
-                    "outcome",
-                    *CORE_COLUMNS,
-                    *OF_WAYPOINTS,
-                    *OF_OTHERS,
-                )
-                frame = frame[[name for name in kept if name in frame.columns]]
+            if compact or protocol != protocols[0]:
+                frame = _compacted(frame)
             summaries[protocol] = integrity.sealed({**evaluation.summary, integrity.FILES: {}})
             episodes.append(_labelled(frame, run.id, protocol))
             if trajectories and protocol == protocols[0]:
                 tracks += _tracks(run, evaluation)
         try:
-            trained = training(run)
+            trained = None if compact else training(run)
         except Damage as damage:
             problems.append(f"{run.id}: {damage}")
             trained = None
@@ -155,6 +162,13 @@ def _labelled(frame: pd.DataFrame, run: str, protocol: str) -> pd.DataFrame:
     kept = frame.drop(columns=[name for name in archive.FOLLOWING if name in frame.columns])
     kept.insert(0, "run", run)
     kept.insert(1, "protocol", protocol)
+    return kept
+
+
+def _compacted(frame: pd.DataFrame) -> pd.DataFrame:
+    kept = frame[[name for name in COMPACT if name in frame.columns]].copy()
+    for name in kept.select_dtypes("float").columns.drop("frequency_hz", errors="ignore"):
+        kept[name] = [float(f"{value:.{DIGITS}g}") for value in kept[name]]
     return kept
 
 

@@ -92,7 +92,7 @@ def test_an_empty_folder_beside_a_full_one_is_named(grid: list[Path], tmp_path: 
     ("file", "harm", "kind", "message"),
     [
         ("episodes.csv", "cut", "damaged", "cut short"),
-        ("episodes.csv", "column", "damaged", "lacks the columns deviation_mean_m"),
+        ("episodes.csv", "column", "damaged", "lacks the columns duration_s"),
         (
             "episodes.csv",
             "nan",

@@ -172,7 +172,41 @@ def test_every_number_is_kept(grid, tmp_path):
             assert mine[name].tolist() == original[name].tolist(), name
     trained = rows[(rows["run"] == grid[0].name) & (rows["protocol"] == "train")]
     assert trained["return"].tolist() == pd.read_csv(grid[0] / "train/episodes.csv")["return"].tolist()
-    assert rows.loc[rows["protocol"] == "robustness", "path_length_m"].isna().all()
+    further = rows[rows["protocol"] == "robustness"]
+    assert further["return"].isna().all()
+    energy = pd.read_csv(grid[0] / "evaluations/robustness/episodes.csv")["energy_J"]
+    mine = further.loc[further["run"] == grid[0].name, "energy_J"]
+    assert mine.tolist() == [float(f"{value:.3g}") for value in energy]
+
+
+@pytest.mark.slow
+def test_a_compact_study_gives_its_own_table_again(grid, tmp_path):
+    assert publish("--pictures", "success_over_time", "--also", "robustness", "--compact") == 0
+    rows = pd.read_parquet("results/grid/episodes.parquet")
+    assert set(rows["protocol"]) == {"test", "robustness"}
+    assert set(rows) == {
+        "run",
+        "protocol",
+        "condition",
+        "frequency_hz",
+        "episode",
+        "outcome",
+        "steps",
+        "energy_J",
+    }
+    original = pd.read_csv(grid[0] / "evaluations/test/episodes.csv")
+    mine = rows[(rows["run"] == grid[0].name) & (rows["protocol"] == "test")]
+    for name in ("outcome", "steps"):
+        assert mine[name].tolist() == original[name].tolist()
+    np.testing.assert_allclose(mine["energy_J"], original["energy_J"], rtol=5e-3)
+    assert report("results/grid", "--out", "after") == 0
+    shipped = tmp_path / "results/grid/table.csv"
+    assert shipped.read_bytes() == (tmp_path / "after/table.csv").read_bytes()
+    assert (
+        publish("results/grid", "--pictures", "success_over_time", "--also", "robustness", "--compact") == 0
+    )
+    again = pd.read_parquet("results/grid/episodes.parquet")
+    pd.testing.assert_frame_equal(rows, again)
 
 
 @pytest.mark.slow
