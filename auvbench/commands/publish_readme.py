@@ -92,12 +92,14 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     )
     reports = analysed([folder], chosen)
     further = [(name, analysed([folder], _further(chosen, name))) for name in study.also]
-    _tables([(options.protocol, reports), *further], folder)
+    protocols = [(options.protocol, reports), *further]
+    _tables(protocols, folder)
+    scored = _scores(protocols, chosen, folder)
     runs = [run for report in reports for run in report.runs]
     names = _blocks(study, options)
     policies, missing = _policies(reports, study, sources) if "policies" in names else ("", 0)
     made = {
-        "table": lambda: _ranked(reports, folder),
+        "table": lambda: "\n\n".join([*scored, _ranked(reports, folder)]),
         "findings": lambda: _findings(reports),
         "figures": lambda: "\n\n".join(_figures(reports, study.pictures, folder)) or "No figure.",
         "claims": lambda: _claims(reports),
@@ -124,6 +126,20 @@ def _tables(protocols: Sequence[tuple[str, Sequence[Report]]], folder: Path) -> 
     files.if_any(folder / "verdicts.json", files.verdicts(reports))
     conditions = [(name, rows(found, tables.conditions_csv)) for name, found in protocols]
     files.if_any(folder / "conditions.csv", tables.joined("protocol", conditions))
+
+
+def _scores(protocols: Sequence[tuple[str, Sequence[Report]]], options: Options, folder: Path) -> list[str]:
+    """Write score.csv of all protocols; return the tables across tasks as Markdown, none where the study has one task."""
+    from auvbench.commands.report_sections import across_tasks
+    from auvbench.reporting import tables
+    from auvbench.reporting import write as files
+
+    found = [(name, across_tasks(reports, replace(options, protocol=name))) for name, reports in protocols]
+    scores = [(name, score) for name, score in found if score is not None]
+    files.if_any(
+        folder / "score.csv", tables.joined("protocol", [(n, tables.score_csv(s)) for n, s in scores])
+    )
+    return [f"### Score across tasks: {n}\n\n{tables.pipes(tables.score_table(s))}" for n, s in scores]
 
 
 def _stored(options: Options) -> Declared:

@@ -57,6 +57,17 @@ def test_a_report_of_several_tasks_has_a_score(study: Path, capsys: pytest.Captu
     assert r"\toprule" in (study / "report/score.tex").read_text()
 
 
+def test_a_published_study_of_several_tasks_starts_with_the_score(study: Path) -> None:
+    words = ["--to", "results/two", "--pictures", "", "--no-paths", "--compact"]
+    assert main(["publish", str(study), *words]) == 0
+    readme = Path("results/two/README.md").read_text()
+    scores = readme.index("### Score across tasks: test")
+    assert scores < readme.index("### Vehicle bluerov2_heavy, task station_keeping")
+    with open("results/two/score.csv", newline="") as file:
+        rows = {(row["protocol"], row["agent"]): float(row["score"]) for row in csv.DictReader(file)}
+    assert rows == {("test", "PID"): 1.0, ("test", "random"): 0.0}
+
+
 def test_without_random_a_report_names_the_command_that_adds_it(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
