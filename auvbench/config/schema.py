@@ -172,8 +172,8 @@ class Sensor:
 class Scale:
     """Range of a factor."""
 
-    low: float = number(0.1, 10.0)
-    high: float = number(0.1, 10.0)
+    low: float = number(0.01, 100.0)
+    high: float = number(0.01, 100.0)
 
 
 SCALES = ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust")
