@@ -28,6 +28,7 @@ protocols:
   robustness        currents, faults, delays, noise, other masses
   transfer          the same policy on other vehicles with the same actuators
   suite             one disturbance at a time, waves too, for every task
+  models            the published models of a BlueROV2, in still water and in 1 m/s of current
   own               each run in the task, noise and disturbances of its training
 
 Exit code 0 when every complete run is tested; 1 when a test failed or another process works on a run; 2 when there is

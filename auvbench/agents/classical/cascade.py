@@ -243,6 +243,16 @@ class Cascade:
     def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
         """Update the law's memory with the velocities missed (n, 3) and whether (n,) no thruster saturated."""
 
+    def turning_mass(self, rate: float) -> float:
+        """Return the inertia in kg m2 that a heading loop reckons with: at least damping / rate.
+
+        A vehicle whose damping outweighs its inertia would else turn far more slowly than the loop is meant to.
+
+        Args:
+            rate: 1/s, yaw acceleration that the loop asks for per rad/s of missing yaw rate.
+        """
+        return max(float(self.mass[YAW]), float(self.vehicle.linear_damping[YAW]) / rate)
+
     def _drag(self, velocity: Floats) -> Floats:
         """Return the drag (n, 3) in N at a velocity (n, 3) along the body's axes."""
         vehicle = self.vehicle

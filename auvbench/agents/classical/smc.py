@@ -52,7 +52,8 @@ class SMCController(Cascade):
         self._off = np.abs(surface) - g.boundary_layer
         wrench = np.zeros((len(wanted), 6))
         wrench[:, :3] = self.mass[:3] * push[:, :3] + self._drag(wanted)
-        wrench[:, YAW] = self.mass[YAW] * push[:, 3]
+        slope = g.surface + g.switching_gain / g.boundary_layer  # of push over the error, within the layer
+        wrench[:, YAW] = self.turning_mass(slope) * push[:, 3]
         return wrench
 
     def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:

@@ -51,6 +51,14 @@ def test_they_fly_every_vehicle_with_thrusters(algo, vehicle):
     assert success(records(algo, 60, f"vehicle={vehicle}")) >= LEAST.get((algo, vehicle), 0.95)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", THRUSTERS)
+@pytest.mark.parametrize("algo", ["pid", "lqr", "smc"])
+def test_they_hold_a_station_and_its_yaw_with_every_vehicle(algo, vehicle):
+    """bluerov2_realistic_inertia damps its turning ten times as much as its inertia resists it."""
+    assert success(records(algo, 20, "task=station_keeping", f"vehicle={vehicle}")) == 1.0
+
+
 @pytest.mark.parametrize("algo", ["lqr", "smc"])
 def test_they_hold_against_a_current(algo):
     assert success(records(algo, 60, "disturbance.current.speed=0.5")) >= 0.95
