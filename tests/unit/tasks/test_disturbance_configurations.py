@@ -131,7 +131,7 @@ def test_an_option_put_into_a_runs_configuration():
         ("disturbance.fault.time_high=-1", "disturbance.fault.time_high=-1: must be at least 0"),
         ("disturbance.delay.action=11", "disturbance.delay.action=11: must be at least 0 and at most 10"),
         ("disturbance.sensor.bias.x=-0.1", "disturbance.sensor.bias.x=-0.1: must be at least 0"),
-        ("disturbance.randomisation.mass.low=0", "disturbance.randomisation.mass.low=0: must be at least 0.1"),
+        ("disturbance.randomisation.mass.low=0", "disturbance.randomisation.mass.low=0: must be at least 0.01"),
         ("disturbance.randomisation.mass.low=2", "randomisation.mass.low=2: must be at most .*randomisation.mass.high=1"),
         ("disturbance.randomisation.keep_trim=maybe", "disturbance.randomisation.keep_trim: .*'maybe'"),
     ],
