@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,6 +18,7 @@ OF_THE_AGENT = ("task.position_frame", "task.observation", "task.history", "task
 """beginnings of keys of what an agent observes: no test changes it"""
 OWN = "own"
 """protocol that tests each run in its own task, noise and disturbances"""
+OBSERVATION = "task.observation"
 FREQUENCY = "step.frequency"
 """the test fixes it unless a protocol leaves each run its own"""
 
@@ -34,7 +36,7 @@ def is_fixed(key: str, frequency_fixed: bool) -> bool:
     return f"{key}.".startswith(OF_THE_TEST) and not key.startswith(OF_THE_AGENT)
 
 
-LONGEST = 60
+LONGEST = 80
 """characters of a value in a label"""
 
 BY = {FREQUENCY: "at", "simulator": "in"}
@@ -50,10 +52,14 @@ def part(name: str, value: Any) -> str:
     ('CrossQ', 'K=1', '25 Hz', 'n_envs=32')
     >>> part("vehicle", "rexrov"), part("disturbance", "none"), part("train.total_steps", 300_000)
     ('rexrov', 'disturbance=none', '300k steps')
+    >>> part("task.observation", "['yaw_error', 'gravity']")
+    'observation=yaw_error, gravity'
     """
     if name == "algo":
         return title(str(value))
     shown = f"{value:g}" if isinstance(value, float) else "unset" if value is None else plain(str(value))
+    if blocks := _words(value):
+        shown = ", ".join(blocks)
     if len(shown) > LONGEST:  # a list, say: its beginning and what tells it from others
         shown = f"{shown[:LONGEST]}… ({hashlib.sha256(shown.encode()).hexdigest()[:6]})"
     if name == "reward.k":
@@ -103,7 +109,8 @@ def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool 
     """Return a unique label per key.
 
     A value is left out where it is the same for all learners; a classical controller shows only what varies among the
-    agents of its own algorithm. What the test fixes for all stands behind "trained with".
+    agents of its own algorithm. What the test fixes for all stands behind "trained with". Of an observation stands what
+    it lacks of all that is observed.
 
     Args:
         keys: values by short name of a configuration key.
@@ -114,6 +121,7 @@ def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool 
         return []
     names = list(keys[0])
     short = []
+    everything = list(dict.fromkeys(block for key in keys for block in _words(key.get(OBSERVATION))))
     for key, learner in zip(keys, learners, strict=True):
         peers = [
             k
@@ -125,7 +133,9 @@ def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool 
             for n in names
             if n == "algo" or (len({str(k[n]) for k in peers}) > 1 and not _foreign(n, key, keys))
         ]
-        short.append(label_of(key, shown, frequency_fixed))
+        missing = ", ".join(block for block in everything if block not in _words(key.get(OBSERVATION)))
+        kept = ["unobserved" if n == OBSERVATION else n for n in shown if n != OBSERVATION or missing]
+        short.append(label_of({**key, "unobserved": missing}, kept, frequency_fixed))
     full = [label_of(key, list(key), frequency_fixed) for key in keys]
     return [s if short.count(s) == 1 else f for s, f in zip(short, full, strict=True)]
 
@@ -146,6 +156,11 @@ def _foreign(name: str, key: Key, keys: Sequence[Key]) -> bool:
         name.startswith(f"{choice}.") and all(k[name] is None for k in keys if k[choice] == key[choice])
         for choice in key
     )
+
+
+def _words(value: Any) -> list[str]:
+    """Return the words of a list that stands as its text, such as an observation; of anything else none."""
+    return re.findall(r"'(\w+)'", value) if isinstance(value, str) and value.startswith("['") else []
 
 
 def sort_key(key: Key) -> tuple[tuple[int, float, str], ...]:
