@@ -25,6 +25,23 @@ VEHICLES = {
     name: f"vehicle={name.replace('_', '-')}"
     for name in ("bluerov2", "bluerov2_realistic_inertia", "bluerov2_wu2018")
 }
+TASKS = {  # title, measure, unit and its factor
+    "": ("waypoints reached", "success_rate", "%", 100.0),
+    "station_keeping": ("station keeping, RMS error", "mean_position_error_rms_m", "cm", 100.0),
+    "trajectory_tracking": ("trajectories, RMS error", "mean_position_error_rms_m", "cm", 100.0),
+    "path_following": ("paths, RMS distance", "mean_cross_track_rms_m", "cm", 100.0),
+    "docking": ("docking, PAR-1 time", "par1_time_s", "s", 1.0),
+}
+SIGNS = {"ahead": "▲", "equivalent": "■", "behind": "▼", "open": "○", "baseline": ""}
+RECIPE = "PPO, robust, trained with disturbance="
+VARIANTS = {
+    f"{RECIPE}unknown_vehicle speed_high=1.2": "`ppo_robust`: on drawn vehicles in currents",
+    f"{RECIPE}none speed_high=1.2": "without drawn vehicles",
+    f"{RECIPE}unknown_vehicle speed_high=unset": "without currents",
+    f"{RECIPE}none speed_high=unset": "without both",
+    "PPO, robust unobserved=velocity, angular_velocity, gravity, "
+    "trained with disturbance=unknown_vehicle speed_high=1.2": "without velocities and gravity observed",
+}
 MODELS = {
     "trained round": "nominal",
     "`bluerov2`": "vehicle=bluerov2",
@@ -58,21 +75,24 @@ def robust() -> str:
     agents = [row["agent"] for row in ranked]
     times = [_time(row, row is ranked[0]) for row in ranked]
     columns = [times, *(_success(ROBUST, agents, condition) for condition in MODELS.values())]
-    return _table(("agent", "mean time", *MODELS), agents, columns)
+    return _table(("agent", "mean time", *MODELS), [VARIANTS.get(name, name) for name in agents], columns)
 
 
 def suite() -> str:
-    """Return the score of each agent across tasks with its interval, and on each task."""
-    rows = [row for row in _rows(SUITE, "score.csv") if row["protocol"] == "test" and row["score"]]
-    tasks = [name for name in rows[0] if name.startswith("score: ")]
-    across = [
-        f"{float(r['score']):.2f}"
-        + (f" [{float(r['score_low']):.2f},{NO_BREAK}{float(r['score_high']):.2f}]" if r["score_low"] else "")
-        for r in rows
-    ]
-    columns = [across, *([f"{float(r[name]):.2f}" for r in rows] for name in tasks)]
-    heads = ("agent", "all tasks", *(name.removeprefix("score: ") for name in tasks))
-    return _table(heads, [r["agent"] for r in rows], columns)
+    """Return what each agent reaches on each task, with a sign of its verdict against PID."""
+    rows = _rows(SUITE, "table.csv")
+    agents = list(dict.fromkeys(row["agent"] for row in rows if row["agent"] not in ("ALOS", "random")))
+    columns = []
+    for task, (_, measure, unit, scale) in TASKS.items():
+        section = "bluerov2_heavy" + (f", task {task}" if task else "")
+        found = {row["agent"]: row for row in rows if row["vehicle"] == section}
+        columns.append(
+            [
+                f"{_digits(scale * float(found[a][measure]))} {unit} {SIGNS[found[a]['verdict']]}".strip()
+                for a in agents
+            ]
+        )
+    return _table(("agent", *(title for title, *_ in TASKS.values())), agents, columns)
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -104,6 +124,11 @@ def page(name: str) -> str:
     return text
 
 
+def _digits(value: float) -> str:
+    """Return three digits; of a share just below 100 a fourth."""
+    return f"{value:#.{4 if 99.9 < value < 100.0 else 3}g}".rstrip(".")
+
+
 def _rows(study: Path, name: str) -> list[dict[str, str]]:
     with open(study / name, newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
@@ -125,9 +150,8 @@ def _time(row: dict[str, str], best: bool) -> str:
 
 
 def _shares(values: list[float]) -> list[str]:
-    return [
-        f"**{100 * v:.3g}{NO_BREAK}%**" if v == max(values) else f"{100 * v:.3g}{NO_BREAK}%" for v in values
-    ]
+    cells = [f"{_digits(100 * value)}{NO_BREAK}%" for value in values]
+    return [f"**{cell}**" if v == max(values) else cell for v, cell in zip(values, cells, strict=True)]
 
 
 def _table(heads: Sequence[str], agents: Sequence[str], columns: list[list[str]]) -> str:

@@ -18,13 +18,15 @@ STUDIES = {
     "defaults": [],
     "differences": [],
     "gazebo": ["--protocol", "gazebo", "--rank-by", "par1_steps"],
+    "robust": [],
+    "suite": [],
 }
 
 SINGLE = ("defaults",)
 """studies in which not two agents have several training seeds"""
 
-SECTIONS = ("differences",)
-"""studies with several vehicles"""
+SECTIONS = ("differences", "suite")
+"""studies with several vehicles or tasks"""
 
 SIMULATED = ("bluerov2_gz_sim_8_11", "bluerov2_gz_sim_8_12")
 """vehicles of which a study has few agents"""
