@@ -60,7 +60,9 @@ class PIDController(Cascade):
         wrench[:, :3] = self.mass[:3] * (g.bandwidth * miss + self.integral) + self._drag(wanted)
         omega = g.heading_bandwidth
         turn = now.turning - now.yaw_rate
-        wrench[:, YAW] = self.turning_mass(2.0 * omega) * (omega**2 * self.heading_error() + 2.0 * omega * turn)
+        wrench[:, YAW] = self.turning_mass(2.0 * omega) * (
+            omega**2 * self.heading_error() + 2.0 * omega * turn
+        )
         return wrench
 
     def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:

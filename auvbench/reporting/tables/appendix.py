@@ -108,7 +108,7 @@ def _theirs_and_ours(row: ComparisonRow | None) -> Cell:
 def score_table(found: Scores) -> Table:
     """Return the score of each agent over all tasks, then that of each task; without rows, its notes say why."""
     headings = [Heading("agent", words=True), Heading("seeds"), Heading("score")]
-    headings += [Heading(title) for title in found.titles]
+    headings += [Heading(title, weight=1) for title in found.titles]
     lines = tuple(Line(_scores_of(row)) for row in found.rows)
     return Table(tuple(headings), lines, "Score across tasks", tuple(_score_notes(found)))
 

@@ -11,11 +11,15 @@ import pytest
 from rich.console import Console
 
 from auvbench.analysis.load import agents, load
+from auvbench.analysis.measures import to_rank_by
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, Finding, Needed, Problem, Ranking, Row
+from auvbench.analysis.score import Scored, Scores
 from auvbench.reporting import tables
+from auvbench.reporting.tables.appendix import score_table
 from auvbench.reporting.tables.main import main_table, needed_text
 from auvbench.reporting.tables.notes import cautions, notes
+from auvbench.reporting.tables.terminal import TableView
 from auvbench.reporting.write import findings_in_markdown
 from auvbench.statistics.intervals import Estimate
 from tests.paper import compile_article, needs_pdflatex
@@ -143,6 +147,18 @@ def test_terminal_fits_and_keeps_what_matters_most(ranking: Ranking, width: int)
     assert ("Not shown for want of width" in text) == (width < 120)
     assert "failed (9)" in text
     assert "and 3 more" in text
+
+
+def test_scores_of_many_tasks_keep_their_agents_on_a_narrow_terminal() -> None:
+    titles = ("waypoint", "station keeping", "trajectory tracking", "path following", "docking")
+    row = Scored("PPO added to PID", {}, True, (5,) * 5, (1.0,) * 5, Estimate(1.0, 0.9, 1.1, 0.95), ("a",))
+    view = TableView(score_table(Scores(titles, (to_rank_by("par1_steps"),) * 5, (row,), 5, "test", 0.95)))
+    console = Console(width=70, record=True, file=io.StringIO())
+    console.print(view)
+    text = console.export_text()
+    assert "PPO added to PID" in text
+    assert "[0.90, 1.10]" in text
+    assert "Not shown for want of width: trajectory tracking" in text
 
 
 @pytest.mark.parametrize("width", [70, 80, 140])
