@@ -31,7 +31,7 @@ def test_report_command_writes_the_page(tmp_path: Path) -> None:
         assert label in text
     assert "from PID" in text
     assert "the loss is not finite" in text
-    assert "deviation_mean_m" in text  # the column that is gone is named
+    assert "duration_s" in text  # the column that is gone is named
     assert f"auvbench report {tmp_path / 'grid'} --baseline pid --format html" in text
     assert page.read_text(encoding="utf-8").count('src="data:image/') >= 5
     assert '"episode": 2' in page.read_text(encoding="utf-8")
