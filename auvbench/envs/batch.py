@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from auvbench.dynamics.compiled import compiled
 from auvbench.envs.simulator_factory import make_simulator
 from auvbench.errors import ActionError, ConfigError
 from auvbench.record import Record
-from auvbench.simulators.fossen import FossenSimulator
+from auvbench.simulators.fossen import THREADED, FossenSimulator
 from auvbench.tasks import base as tasks
 from auvbench.tasks import disturbances
 from auvbench.tasks.kernels import C_EPISODE, F_DISTANCE, SUCCESS, TIMEOUT
@@ -99,6 +98,7 @@ class Batch:
         self._over: NDArray[np.bool_] = np.zeros(self.n, dtype=np.bool_)
         """whose episode ended and was told of: without `autoreset` its vehicle swims on, and ends no more"""
         self._nowhere = self._state(self._none)
+        self._unseen = self.task.observation[:0]
 
     @property
     def position_bounds(self) -> Floats:
@@ -221,7 +221,9 @@ class Batch:
         task, simulator = self.task, self.simulator
         # A subclass, of a plug-in for example, may override any method.
         if self.disturbances is None and type(simulator) is FossenSimulator:
-            counts = simulator.each(partial(self._compute_range, simulator))
+            if self.n < THREADED:
+                return task.checked(self._compute_range(0, self.n))
+            counts = simulator.each(self._compute_range)
             failed = [count for count in counts if count < 0]
             return task.checked(max(failed) if failed else sum(counts))  # of several, the first environment
         command = task.add_noise(self._action)
@@ -238,13 +240,14 @@ class Batch:
         task.observe(*self._measured())
         return task.checked(count)
 
-    def _compute_range(self, simulator: FossenSimulator, start: int, stop: int) -> int:
+    def _compute_range(self, start: int, stop: int) -> int:
         """Do the same for the environments start .. stop - 1 in compiled code, while other threads do the others."""
-        task, pose, velocity = self.task, simulator.pose, simulator.velocity
+        task, action, simulator = self.task, self._action, cast(FossenSimulator, self.simulator)
+        pose, velocity = simulator.pose, simulator.velocity
+        simulator.advance(task.add_noise(action, start, stop), task.duration, start, stop)
         force, power = simulator.command_force, simulator.power
-        simulator.advance(task.add_noise(self._action, start, stop), task.duration, start, stop)
-        count = task.advance(pose, velocity, self._action, force, power, start, stop)
-        task.observe(pose, velocity, self._all[start:stop])
+        count = task.advance(pose, velocity, action, force, power, start, stop)
+        task.observe(pose, velocity, self._all if stop - start == self.n else self._all[start:stop])
         return count
 
     def _conclude(self, ended_count: int) -> Transition:
@@ -254,7 +257,7 @@ class Batch:
         if not ended_count:
             none = np.zeros(self.n, dtype=np.bool_)
             return Transition(
-                observation, task.reward, none, none, self._none, observation[:0], self._nowhere, []
+                observation, task.reward, none, none, self._none, self._unseen, self._nowhere, []
             )
         outcome = task.outcome
         truncated = outcome == TIMEOUT if task.success_ends else (outcome == TIMEOUT) | (outcome == SUCCESS)
@@ -308,7 +311,7 @@ def admit(action: Any, clipped: Floats) -> None:
         raise ActionError(
             f"an action of shape {given.shape}: must be {clipped.shape}, environments times actuators"
         )
-    if given.dtype not in (np.float32, np.float64) or not given.flags.c_contiguous:
+    if given.dtype.char not in "fd" or not given.flags.c_contiguous:
         if given.dtype.kind not in "fiub":
             raise ActionError(f"an action of type {given.dtype}: must be numbers")
         given = np.ascontiguousarray(given, dtype=np.float64)

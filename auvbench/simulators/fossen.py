@@ -36,8 +36,8 @@ _STATE = (
     "external_wrench",
     "scales",
 )
-DISCRETISATIONS = 64
-"""Substep lengths for which exact discretisations of the actuators are kept."""
+DURATIONS = 64
+"""steps' durations for which exact discretisations of the actuators are kept"""
 
 
 THREADED = 1024
@@ -76,7 +76,8 @@ class FossenSimulator(VehicleBatch):
             bool(vehicle.others),
             vehicle.added_mass_coriolis and vehicle.plugin == GZ_SIM_8_11,
         )
-        self._discrete: dict[float, FloatArray] = {}
+        self._plans: dict[float, tuple[int, float, FloatArray]] = {}
+        """of a step's duration in s: substeps, their length in s, the actuators over half of it"""
         self._n_blocks = -(-n // layout.LANES)
         shares = np.linspace(0, self._n_blocks, (threads if n >= THREADED else 1) + 1).astype(int).tolist()
         self._ranges = [
@@ -123,13 +124,14 @@ class FossenSimulator(VehicleBatch):
 
     def advance(self, command: FloatArray, duration: float, start: int, stop: int) -> None:
         """Hold commands (n, n_u) for `duration` s, for the vehicles start .. stop - 1, multiples of LANES or `n`."""
-        substeps = self.substeps(duration)
-        h = duration / substeps
-        discrete = self._discrete.get(h)
-        if discrete is None:
-            if len(self._discrete) >= DISCRETISATIONS:
-                self._discrete.clear()
-            discrete = self._discrete[h] = discretise(self.vehicle, h / 2.0)
+        plan = self._plans.get(duration)
+        if plan is None:
+            if len(self._plans) >= DURATIONS:
+                self._plans.clear()
+            substeps = self.substeps(duration)
+            h = duration / substeps
+            plan = self._plans[duration] = substeps, h, discretise(self.vehicle, h / 2.0)
+        substeps, h, discrete = plan
         advance(
             self.pose,
             self.velocity,

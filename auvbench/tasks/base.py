@@ -84,6 +84,8 @@ class Task:
         preview = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
         columns = k.F_OWN + self.own_floats if isinstance(config.task, tasks.Tracked) else k.N_FLOATS
         self.parameters = self._parameters(config, columns, preview)
+        self.duration = float(self.parameters[k.P_DURATION])
+        """simulated seconds of one agent step"""
         self.F: Floats = np.zeros((n, columns + 3 * preview))
         self.C: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
         self.hook: Any = None
@@ -129,11 +131,6 @@ class Task:
         P[k.P_REWARD_OWN : k.P_REWARD_OWN + len(values)] = values
         P[k.P_OWN :] = own
         return P
-
-    @property
-    def duration(self) -> float:
-        """Simulated seconds of one agent step."""
-        return float(self.parameters[k.P_DURATION])
 
     @property
     def stream(self) -> int:
