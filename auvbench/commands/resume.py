@@ -37,9 +37,8 @@ def main(arguments: Sequence[str]) -> int:
         runs = _extended(runs, _budget(override), shlex.join(["auvbench", "resume", *arguments]))
     if len(runs) > 1:
         return _several(runs, given.workers)
-    from auvbench.runs.plan import load_config
-
-    return train.carry_out(runs[0], shown=load_config(runs[0]).train.progress)
+    runs[0].check()
+    return train.carry_out(runs[0])
 
 
 def parser() -> Parser:

@@ -46,14 +46,14 @@ def _one(config: DictConfig, command: str) -> int:
     return carry_out(prepare(config, command), shown=bool(config.train.progress))
 
 
-def carry_out(run: RunDirectory, *, shown: bool) -> int:
-    """Carry out one run in this process, with a live bar where it is to be shown; return the exit code."""
-    from auvbench.commands.progress import Bar
-    from auvbench.config.agents import learns
+def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
+    """Carry out one run in this process; return the exit code.
+
+    Args:
+        run: a frozen directory.
+        shown: with a live bar; None: as its configuration says.
+    """
     from auvbench.runs import status
-    from auvbench.runs.progress import WINDOW, telling
-    from auvbench.training import worker
-    from auvbench.training.execute import execute
 
     now = status.of(run, deep=True)
     if now.state is status.State.COMPLETE:
@@ -61,6 +61,16 @@ def carry_out(run: RunDirectory, *, shown: bool) -> int:
             f"{run.path}: complete already, nothing to do (auvbench resume RUN train.total_steps=N extends it)"
         )
         return 0
+    # Imported here: a complete run needs none of it.
+    from auvbench.commands.progress import Bar
+    from auvbench.config.agents import learns
+    from auvbench.runs.plan import load_config
+    from auvbench.runs.progress import WINDOW, telling
+    from auvbench.training import worker
+    from auvbench.training.execute import execute
+
+    if shown is None:
+        shown = load_config(run).train.progress
     trained = learns(run.config()["algo"])
     steps, total = now.manifest["steps"], now.manifest["total_steps"]
     lost = f"{now.lost}: its training goes on from its last checkpoint, " if now.lost else ""

@@ -51,12 +51,18 @@ class Declared:
 
 
 @cache
+def _entry_points() -> metadata.EntryPoints:
+    """Return those of all groups: each call of the library reads the files of every installed package anew."""
+    return metadata.entry_points()
+
+
+@cache
 def declared(group: str) -> tuple[Declared, ...]:
     """Return all entry points of a group, by name and package; nothing is imported."""
     return tuple(
         sorted({
             Declared(group, point.name, point.dist.name, point.value, point.dist.version)
-            for point in metadata.entry_points(group=group)
+            for point in _entry_points().select(group=group)
             if point.dist is not None
         })
     )  # fmt: skip
@@ -174,5 +180,5 @@ def options(group: str) -> list[str]:
 
 def forget() -> None:
     """Clear what is cached; `installed.forget` clears the registries too."""
-    for cached in (declared, load, folders):
+    for cached in (_entry_points, declared, load, folders):
         cached.cache_clear()

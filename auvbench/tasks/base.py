@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from auvbench.config import plugins, rewards, schema, tasks
 from auvbench.dynamics import frames
 from auvbench.dynamics.random import TEST, VALIDATION
-from auvbench.errors import ConfigError, TrainingError
+from auvbench.errors import TrainingError
 from auvbench.metrics import Totals
 from auvbench.observation import ObservationSpec
 from auvbench.record import OUTCOMES, Record, record_of
 from auvbench.tasks import kernels as k
 from auvbench.tasks.bounds import bounded_spec
+from auvbench.tasks.needs import check_vehicle
 from auvbench.tasks.observation import CODES
 from auvbench.tasks.rewards import FOREIGN
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -303,21 +304,6 @@ def _command_noise_scale(noise: schema.Noise, vehicle: VehicleModel) -> Floats:
         return np.ones(len(vehicle.actuators))
     limits = np.asarray(vehicle.command_limits, dtype=np.float64)
     return np.asarray(2.0 / (limits[:, 1] - limits[:, 0]), dtype=np.float64)
-
-
-def check_vehicle(task: tasks.Task, vehicle: VehicleModel) -> None:
-    """Refuse a task that asks for forces which a vehicle's thrusters do not give.
-
-    Raises:
-        ConfigError: names the tasks that the vehicle can do.
-    """
-    free = [spec.name for spec in tasks.TASKS.values() if not spec.needs_thrusters]
-    controlled = vehicle.allocation[[0, 1, 2, 5]]
-    if task.name not in free and np.linalg.matrix_rank(controlled, tol=1e-6) < len(controlled):
-        raise ConfigError(
-            f"task={task.name}: asks for thrust along x, y, z and about z, which vehicle={vehicle.name} does not have; use "
-            f"task={' or '.join(free)}"
-        )
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, **stream: bool) -> Task:

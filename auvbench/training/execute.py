@@ -20,7 +20,7 @@ from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch
-from auvbench.tasks.base import check_vehicle
+from auvbench.tasks.needs import check_vehicle
 from auvbench.training import worker
 from auvbench.vehicles import sheet
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -400,6 +401,17 @@ def test_resume_finishes_an_interrupted_run(
     assert bits(run.path) == whole
     assert main(["resume", str(run.path)]) == 0
     assert "complete already" in capsys.readouterr().out
+
+
+def test_resume_of_a_complete_run_imports_nothing_heavy(trained: Trained) -> None:
+    code = (
+        "import sys; from auvbench.cli import main; code = main(['resume', sys.argv[1]]);"
+        "print([name for name in ('torch', 'hydra', 'omegaconf', 'numba') if name in sys.modules]); sys.exit(code)"
+    )
+    typed = [sys.executable, "-c", code, str(trained("ppo-8").path)]
+    shown = subprocess.run(typed, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert "complete already" in shown[0]
+    assert shown[-1] == "[]"
 
 
 @pytest.mark.slow

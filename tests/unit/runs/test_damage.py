@@ -100,7 +100,7 @@ def test_a_config_that_is_not_the_run_s_is_refused_whatever_the_state(
 def test_resume_refuses_a_configuration_of_other_types_that_has_the_run_s_id(
     train: object, more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run = frozen(tmp_path)
+    run = frozen(tmp_path, state="interrupted")
     config = run.config()
     config["train"] = config["train"] | train if isinstance(train, dict) else train
     run.write_config(config)
