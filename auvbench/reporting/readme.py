@@ -125,6 +125,6 @@ def _trained_by(manifests: Sequence[Mapping[str, Any]]) -> str:
 def _time(manifests: Sequence[Mapping[str, Any]]) -> str:
     """Return what training took by the clock and of processor cores."""
     wall, cpu = (sum(float(m.get(key) or 0.0) for m in manifests) for key in ("wall_time_s", "cpu_time_s"))
-    return (
-        f"trained in {duration(wall)} by the clock, one run after another; {duration(cpu)} of processor cores"
-    )
+    unknown = sum(bool(m.get("wall_time_s")) and m.get("cpu_time_s") is None for m in manifests)
+    but = f", without {counted(unknown, 'run')} that did not record them" if unknown else ""
+    return f"trained in {duration(wall)} by the clock, one run after another; {duration(cpu)} of processor cores{but}"

@@ -83,7 +83,7 @@ def success_over_time(scene: Scene) -> Drawing | None:
         share = 100 * np.array([np.searchsorted(np.sort(row), t, side="right") / row.size for row in times])
         band(ax, scene.looks[agent.label], (t, share))
     ax.set_xlabel("simulated time since the start (s)")
-    ax.set_ylabel("episodes that reached the goal (%)")
+    ax.set_ylabel("goal reached (%)")
     ax.set_ylim(0, 101)
     ax.set_xlim(0, longest)
     style.legend(figure, scene.looks_of(chosen), markers=False)

@@ -69,3 +69,7 @@ def test_wall_and_core_time() -> None:
         "trained in 2 min by the clock, one run after another; 5 min of processor cores; how long the tests"
     )
     assert taken in readme.provenance(timed, "x")
+    before = [run(wall_time_s=60.0)]  # of a version that did not record the time of cores
+    text = readme.provenance(timed + before, "x")
+    assert "trained in 3 min" in text
+    assert "5 min of processor cores, without 1 run that did not record them" in text
