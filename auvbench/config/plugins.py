@@ -51,7 +51,7 @@ class Declared:
 
 
 @cache
-def _entry_points() -> metadata.EntryPoints:
+def _entry_points() -> Any:  # one type in Python 3.11, another in 3.12
     """Return those of all groups: each call of the library reads the files of every installed package anew."""
     return metadata.entry_points()
 
