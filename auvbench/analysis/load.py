@@ -31,6 +31,7 @@ from auvbench.errors import ConfigError, ReportError, closest
 from auvbench.runs import integrity
 from auvbench.runs import run_filter as filters
 from auvbench.runs.directory import missing
+from auvbench.runs.identity import LATER
 from auvbench.untrusted import documents, reading
 from auvbench.untrusted.path_safety import child, is_plain
 from auvbench.untrusted.text import short
@@ -82,6 +83,7 @@ def load(
     if not found:
         details = f": {problems[0].where}: {problems[0].message}" if problems else ""
         raise ReportError(f"no run under {', '.join(map(str, paths))}{details}")
+    found = _with_later_keys(found)
     if where:
         found = filters.select(found, filters.parse(where), _facts)
     read = [_with_evaluations(run, protocols) for run in found]
@@ -102,6 +104,22 @@ def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
         if run is not None:
             runs.append(run)
     return runs
+
+
+def _with_later_keys(runs: Sequence[RunRecord]) -> list[RunRecord]:
+    """Give runs of earlier versions the keys that runs of the same algorithm and task have since.
+
+    The value is the one under which nothing changes, so that seeds of both versions are one agent.
+    """
+    unchanged = dict(_flat(LATER))
+    kinds = [(run.config.get("algo.name"), run.config.get("task.name")) for run in runs]
+    known: dict[Any, set[str]] = {}
+    for run, kind in zip(runs, kinds, strict=True):
+        known.setdefault(kind, set()).update(unchanged.keys() & run.config.keys())
+    return [
+        replace(run, config={**{key: unchanged[key] for key in known[kind]}, **run.config})
+        for run, kind in zip(runs, kinds, strict=True)
+    ]
 
 
 def available_protocols(runs: Iterable[RunRecord]) -> list[str]:

@@ -12,6 +12,7 @@ import yaml
 from auvbench.analysis.labels import labels
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.records import Agent, Problem
+from auvbench.runs.identity import LATER
 from tests.synthetic import reconfigure, write_experiment
 
 Config = dict[str, Any]
@@ -153,3 +154,13 @@ def test_runs_of_a_controller_that_the_test_makes_alike_are_one_row(tmp_path: Pa
 )
 def test_an_agent_has_its_registry_s_title(name: str, title: str) -> None:
     assert labels([{"algo": name}], [True]) == [title]
+
+
+def test_seeds_of_a_version_without_a_later_key_are_of_one_agent(tmp_path: Path) -> None:
+    def since(config: Config, place: int) -> None:
+        config["disturbance"].pop("waves", None)
+        if place != 0:  # the first seed is of an earlier version
+            config["disturbance"]["waves"] = {**LATER["disturbance.waves"], "height": (0.0, 0.9)[place == 2]}
+
+    found, _ = made(tmp_path, since, algorithms=("ppo",), seeds=(0, 1, 2))
+    assert seeds(found) == {"PPO, trained with height=0": [0, 1], "PPO, trained with height=0.9": [2]}
