@@ -20,6 +20,7 @@ from auvbench.evaluation import reference
 from auvbench.evaluation.rollout import batch_of, embedded
 from auvbench.runs.identity import digest_of, without_descriptions
 from auvbench.vehicles import sheet
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 OBSERVED = ("position_frame", "observation", "history", "preview")
 """keys of a task that belong to the agent"""
@@ -40,19 +41,27 @@ def resolve_conditions(protocol: schema.Protocol, config: dict[str, Any]) -> lis
     """Return the conditions of a protocol for a run's resolved configuration.
 
     Task, noise and disturbance are the protocol's, not those of the run's training. A condition on a vehicle with other
-    actuators than the run's is left out, because the policy cannot act there.
+    actuators than the run's, or with thrusters numbered otherwise, is left out: the policy cannot act there.
 
     Raises:
         ConfigError: an override names an unknown key or a wrong value.
     """
-    actuators = sheet.load(config["vehicle"]).actuators
+    trained = sheet.load(config["vehicle"])
     found = []
     for condition in protocol.conditions:
         resolved = _resolve(protocol, condition, config)
         vehicle = resolved.config.vehicle
-        if vehicle == config["vehicle"] or sheet.load(vehicle).actuators == actuators:
+        if vehicle == config["vehicle"] or _wired_alike(trained, sheet.load(vehicle)):
             found.append(resolved)
     return found
+
+
+def _wired_alike(one: VehicleModel, other: VehicleModel) -> bool:
+    """Whether actuators of one name do the same: none pushes, or turns, the two vehicles opposite ways."""
+    if one.actuators != other.actuators:
+        return False
+    forces, moments = (one.allocation * other.allocation).reshape(2, 3, -1).sum(axis=1)
+    return bool((forces >= 0.0).all() and (moments >= 0.0).all())
 
 
 def _resolve(

@@ -1,5 +1,6 @@
 """ArduSub's motors: a pilot's stick moves the vehicle the way that ArduSub means."""
 
+import copy
 import dataclasses
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from auvbench.ardusub.frames import FRAMES, motors_of, t200_force
 from auvbench.errors import ConfigError
 from auvbench.vehicles import sheet
+from tests import configs
 
 BLUEROV2 = ["bluerov2", "bluerov2_realistic_inertia", "bluerov2_wu2018", "bluerov2_gz_sim_8_12"]
 HEAVY = ["bluerov2_heavy", "bluerov2_heavy_wu2018"]
@@ -54,10 +56,14 @@ def test_the_signs_of_the_two_vehicles():
     six, eight = motors_of(sheet.load("bluerov2")), motors_of(sheet.load("bluerov2_heavy"))
     assert (six.frame.name, six.order, six.signs) == ("vectored", (0, 1, 2, 3, 4, 5), (-1, -1, 1, 1, -1, 1))
     assert (eight.frame.name, eight.order, eight.signs) == ("vectored_6dof", tuple(range(8)), (-1,) * 8)
+    assert motors_of(sheet.load("bluerov2_heavy_wu2018")).order == tuple(range(8))
 
 
 def test_motors_are_found_by_where_they_push_and_not_by_their_names():
-    assert motors_of(sheet.load("bluerov2_heavy_wu2018")).order == (0, 1, 2, 3, 4, 6, 5, 7)
+    swapped = copy.deepcopy(configs.plain("vehicle=bluerov2_heavy")["vehicle"])
+    positions = swapped["actuators"]["thrusters"]["positions"]["value"]
+    positions["thruster6"], positions["thruster7"] = positions["thruster7"], positions["thruster6"]
+    assert motors_of(sheet.load(swapped)).order == (0, 1, 2, 3, 4, 6, 5, 7)
 
 
 def test_the_t200_has_its_measured_ends_and_its_dead_band():

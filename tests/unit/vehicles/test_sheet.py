@@ -48,6 +48,18 @@ def test_every_sheet_has_its_facts_here():
     assert set(FACTS) == set(sheet_names())
 
 
+@pytest.mark.parametrize("family", ["bluerov2", "bluerov2_heavy"])
+def test_models_of_one_vehicle_number_their_thrusters_alike(family):
+    first, *others = (
+        load(name) for name in FACTS if name.startswith("bluerov2") and FACTS[name][3] == FACTS[family][3]
+    )
+    assert others
+    for other in others:
+        assert other.actuators == first.actuators
+        for mine, its in zip(first.allocation.T, other.allocation.T, strict=True):
+            assert mine @ its > 0.99 * np.linalg.norm(mine) * np.linalg.norm(its)
+
+
 @pytest.mark.parametrize("name", sheet_names())
 def test_sheet(name):
     vehicle = load(name)
