@@ -60,7 +60,7 @@ def leaderboard() -> str:
     times = [_time(row, float(row["par1_time_s"]) == least) for row in chosen]
     still = _shares([float(row["success_rate"]) for row in chosen])
     columns = [times, still, *(_success(LEADERBOARD, AGENTS, condition) for condition in CONDITIONS.values())]
-    return _table(("500 waypoints", "mean time", "still water", *CONDITIONS), AGENTS, columns)
+    return _table(("waypoints", "mean time", "still water", *CONDITIONS), AGENTS, columns)
 
 
 def vehicles() -> str:
