@@ -1,4 +1,4 @@
-"""Success under each condition of a protocol that has several, and what changes against the undisturbed one."""
+"""Success and the measure that ranks under each condition of a protocol, and what changes against the undisturbed one."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from auvbench.analysis.measures import Measure
 from auvbench.analysis.records import Agent, Condition, Evaluation, RunRecord
 from auvbench.statistics import crossed, means, wilson
 from auvbench.statistics.intervals import Estimate, FloatArray
@@ -55,13 +56,14 @@ def default(runs: Sequence[RunRecord], protocol: str) -> str:
     return UNDISTURBED
 
 
-def successes(agents: Sequence[Agent], protocol: str, confidence: float) -> tuple[Condition, ...]:
-    """Return success rates under every condition of the protocol, and changes against the undisturbed one.
+def results(agents: Sequence[Agent], protocol: str, confidence: float, by: Measure) -> tuple[Condition, ...]:
+    """Return success rates and means under every condition of the protocol, and changes against the undisturbed one.
 
     Args:
         agents: of one table, so that all their runs met the same scenarios.
         protocol: name of the protocol.
         confidence: of the intervals.
+        by: the measure that ranks.
 
     Returns:
         the conditions in the order of the protocol; nothing where it has only one.
@@ -70,17 +72,21 @@ def successes(agents: Sequence[Agent], protocol: str, confidence: float) -> tupl
     if len({name for run in runs for name in _names(run, protocol)}) < 2:
         return ()
     tested = {a.label: [r.evaluations[protocol] for r in a.runs if protocol in r.evaluations] for a in agents}
-    return of_evaluations(tested, confidence)
+    return of_evaluations(tested, confidence, by)
 
 
-def of_evaluations(tested: Mapping[str, Sequence[Evaluation]], confidence: float) -> tuple[Condition, ...]:
-    """Return success rates under each condition, and changes against the undisturbed one where it is among them.
+def of_evaluations(
+    tested: Mapping[str, Sequence[Evaluation]], confidence: float, by: Measure | None = None
+) -> tuple[Condition, ...]:
+    """Return success rates and means under each condition, and changes against the undisturbed one if there is one.
 
     Args:
         tested: by agent, the evaluation of each seed; all of the same scenarios.
         confidence: of the intervals.
+        by: the measure whose means are wanted; rates and penalised times have none.
     """
-    met = {label: by_condition(evaluations) for label, evaluations in tested.items()}
+    column = by.column if by and not by.rate and not by.penalty else ""
+    met = {label: by_condition(evaluations, column) for label, evaluations in tested.items()}
     names = dict.fromkeys(name for conditions in met.values() for name in conditions)
     return tuple(_condition(name, met, confidence) for name in names)
 
@@ -95,10 +101,12 @@ class Met:
     """(seeds, E) steps, the limit where the episode was no success"""
     time: tuple[float, float]
     """step frequency in Hz and limit in steps: steps are compared where both are the same"""
+    measured: FloatArray | None = None
+    """(seeds, E) the measure that ranks"""
 
 
-def by_condition(evaluations: Sequence[Evaluation]) -> dict[str, Met]:
-    """Return what seeds did under each condition of their protocol, in its order."""
+def by_condition(evaluations: Sequence[Evaluation], column: str = "") -> dict[str, Met]:
+    """Return what seeds did under each condition of their protocol, in its order; `column` is that of the measure."""
     rows: dict[str, list[pd.DataFrame]] = {}
     times: dict[str, tuple[float, float]] = {}
     for evaluation in evaluations:
@@ -111,7 +119,9 @@ def by_condition(evaluations: Sequence[Evaluation]) -> dict[str, Met]:
     for name, seeds in rows.items():
         success = np.array([(seed["outcome"] == "success").to_numpy(np.float64) for seed in seeds])
         steps = np.array([seed["steps"].to_numpy(np.float64) for seed in seeds])
-        found[name] = Met(success, np.where(success > 0, steps, times[name][1]), times[name])
+        there = column and all(column in seed for seed in seeds)
+        measured = np.array([seed[column].to_numpy(np.float64) for seed in seeds]) if there else None
+        found[name] = Met(success, np.where(success > 0, steps, times[name][1]), times[name], measured)
     return found
 
 
@@ -122,7 +132,10 @@ def _names(run: RunRecord, protocol: str) -> list[str]:
 def _condition(name: str, met: Mapping[str, Mapping[str, Met]], confidence: float) -> Condition:
     here = {label: conditions[name] for label, conditions in met.items() if name in conditions}
     table = crossed([m.success for m in here.values()], rate=True, paired=False)
-    found = Condition(name, dict(zip(here, means(table, confidence), strict=True)))
+    values = {label: m.measured for label, m in here.items() if m.measured is not None}
+    found = Condition(
+        name, dict(zip(here, means(table, confidence), strict=True)), measured=_means(values, confidence)
+    )
     if name == UNDISTURBED:
         return found
     # A seed that did not meet both has no change, and its agent none.
@@ -138,6 +151,14 @@ def _condition(name: str, met: Mapping[str, Mapping[str, Met]], confidence: floa
         success_change=_changes(success, confidence, rate=True),
         par1_change=_changes(steps, confidence),
     )
+
+
+def _means(by_agent: Mapping[str, FloatArray], confidence: float) -> dict[str, Estimate]:
+    """Return the mean of each agent, (seeds, scenarios) by label, with its interval."""
+    if not by_agent:
+        return {}
+    table = crossed(list(by_agent.values()), paired=False)
+    return dict(zip(by_agent, means(table, confidence), strict=True))
 
 
 def _changes(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench import statistics as st
-from auvbench.analysis.conditions import successes
+from auvbench.analysis.conditions import results
 from auvbench.analysis.effects import budget_of, learns
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.measures import Measure, all_measures, measure, to_rank_by
@@ -102,7 +102,7 @@ def rank(
         primary=primary_analysis(agents, tests, compared, reference, margin),
         comparisons=tests.comparisons(agents, _listed(compared)),
         problems=(*problems, *_without_values(agents, (by, finer))),
-        conditions=successes(agents, protocol, confidence),
+        conditions=results(agents, protocol, confidence, by),
         notices=tuple(filter(None, (tuned_on_these(agents, protocol),))),
         task=str(agents[0].runs[0].config.get("task.name", "waypoint")),
     )

@@ -197,7 +197,7 @@ class Primary:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Success under one condition of a protocol."""
+    """Success and the measure of the task under one condition of a protocol."""
 
     name: str
     """nominal, current=0.5, vehicle=bluerov2-heavy"""
@@ -207,6 +207,8 @@ class Condition:
     """success under it less success undisturbed, paired by seed and scenario"""
     par1_change: Mapping[str, Estimate] = field(default_factory=dict)
     """the same of PAR-1 steps, in which a failure counts as the limit; absent where frequency or limit differ"""
+    measured: Mapping[str, Estimate] = field(default_factory=dict)
+    """the measure that ranks; absent where it is a rate or a penalised time"""
 
 
 @dataclass(frozen=True, slots=True)

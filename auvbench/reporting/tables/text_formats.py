@@ -63,6 +63,12 @@ def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
     return line
 
 
+def _measured(ranking: Ranking, estimate: Estimate | None) -> dict[str, float | None]:
+    """Return the measure that ranks and its interval as cells, under its name; none where no condition has it."""
+    shown = any(condition.measured for condition in ranking.conditions)
+    return _with_ends(ranking.rank_by, estimate) if shown else {}
+
+
 def _with_ends(name: str, estimate: Estimate | None) -> dict[str, float | None]:
     """Return a value and the ends of its interval as cells; empty without an estimate."""
     found = (None,) * 3 if estimate is None else (estimate.value, estimate.low, estimate.high)
@@ -73,7 +79,8 @@ def conditions_csv(ranking: Ranking) -> str:
     """A row per agent and condition of the protocol; an empty string for one condition.
 
     Success from 0 to 1, and the changes of success and of PAR-1 steps against the undisturbed condition, paired by seed and
-    scenario: empty where there is none, where seeds did not meet both, and of steps where frequency or limit differ.
+    scenario: empty where there is none, where seeds did not meet both, and of steps where frequency or limit differ. The
+    measure that ranks has columns under its name, unless it is a rate or a penalised time.
     """
     return lines(
         {
@@ -83,6 +90,7 @@ def conditions_csv(ranking: Ranking) -> str:
             **_with_ends("success_change", condition.success_change.get(row.label)),
             **_with_ends("par1_change", condition.par1_change.get(row.label)),
             "covers": success.covers,
+            **_measured(ranking, condition.measured.get(row.label)),
         }
         for row in ranking.rows
         for condition in ranking.conditions

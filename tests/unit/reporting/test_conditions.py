@@ -204,3 +204,22 @@ def test_the_page_shows_them_too(grid: Path, tmp_path: Path) -> None:
         html = (tmp_path / "index.html").read_text(encoding="utf-8")
         assert ('id="conditions-table"' in html) == shown
         assert ('href="#conditions"' in html) == shown
+
+
+def test_the_measure_of_a_task_is_there_under_each_condition(tmp_path: Path) -> None:
+    grid = tmp_path / "grid"
+    protocols = {"robustness": ("nominal", "current=0.5")}
+    write_experiment(grid, algorithms=("ppo", "pid"), episodes=15, train_episodes=0, protocols=protocols)
+    runs, _ = load([grid], "robustness")
+    found = rank(agents(runs, protocol="robustness")[0], rank_by="mean_energy_J", protocol="robustness")
+    rows = list(csv_module.DictReader(io.StringIO(tables.text_formats.conditions_csv(found))))
+    for row in rows:
+        (agent,) = [r for r in found.rows if r.label == row["agent"]]
+        frames = [pd.read_csv(grid / run / "evaluations/robustness/episodes.csv") for run in agent.run_ids]
+        means = [f[f["condition"] == row["condition"]]["energy_J"].mean() for f in frames]
+        assert float(row["mean_energy_J"]) == pytest.approx(np.mean(means))
+        assert (
+            float(row["mean_energy_J_low"]) < float(row["mean_energy_J"]) < float(row["mean_energy_J_high"])
+        )
+    assert len(rows) == 2 * len(found.rows)
+    assert "mean_energy_J" not in tables.text_formats.conditions_csv(ranked(grid))
