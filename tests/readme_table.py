@@ -13,7 +13,9 @@ from pathlib import Path
 NO_BREAK = "\u00a0"
 """a space at which narrow screens do not break a cell"""
 ROOT = Path(__file__).parents[1]
-LEADERBOARD, ROBUST, SUITE = (ROOT / "results" / name for name in ("leaderboard", "robust", "suite"))
+LEADERBOARD, ROBUST, STATION, SUITE = (
+    ROOT / "results" / name for name in ("leaderboard", "robust", "station", "suite")
+)
 AGENTS = ("MPC", "PPO added to PID", "PID", "PPO", "SAC")
 MORE_AGENTS = ("MPC, tuned", "MPC", "PID", "LQR", "SMC", "PPO added to PID", "PPO", "SAC", "TD3")
 CONDITIONS = {
@@ -41,6 +43,18 @@ VARIANTS = {
     f"{RECIPE}none speed_high=unset": "without both",
     "PPO, robust unobserved=velocity, angular_velocity, gravity, "
     "trained with disturbance=unknown_vehicle speed_high=1.2": "without velocities and gravity observed",
+}
+IN_WAVES = {
+    f"{RECIPE}unknown_vehicle speed_high=1.2 height=0.88": "`ppo_robust`: on drawn vehicles in currents and waves",
+    f"{RECIPE}sea_state_3 speed_high=1.2 height=0.88": "without drawn vehicles",
+    f"{RECIPE}unknown_vehicle speed_high=unset height=0.88": "without currents",
+    f"{RECIPE}unknown_vehicle speed_high=1.2 height=0": "without waves",
+    f"{RECIPE}none height=0": "without all three",
+}
+SEA = {  # title, condition
+    "trained round": "nominal",
+    "`bluerov2_wu2018`": "vehicle=bluerov2-wu2018",
+    "0.5 m/s current": "current=0.5",
 }
 MODELS = {
     "trained round": "nominal",
@@ -78,6 +92,24 @@ def robust() -> str:
     return _table(("agent", "mean time", *MODELS), [VARIANTS.get(name, name) for name in agents], columns)
 
 
+def station() -> str:
+    """Return how near agents stay to a station in sea state 3 on models of the vehicle, and how many stations they hold."""
+    agents = [row["agent"] for row in _rows(STATION, "table.csv") if row["agent"] != "random"]
+    rows = _rows(STATION, "conditions.csv")
+    errors = [
+        {row["agent"]: 100 * float(row["mean_position_error_rms_m"]) for row in rows if row["condition"] == c}
+        for c in SEA.values()
+    ]
+    least = [min(found[a] for a in agents) for found in errors]
+    columns = [
+        [f"**{found[a]:.1f} cm**" if found[a] == best else f"{found[a]:.1f} cm" for a in agents]
+        for found, best in zip(errors, least, strict=True)
+    ]
+    heads = ("agent", *SEA, *(f"held, {title}" for title in list(SEA)[1:]))
+    held = [_success(STATION, agents, condition) for condition in list(SEA.values())[1:]]
+    return _table(heads, [IN_WAVES.get(name, name) for name in agents], [*columns, *held])
+
+
 def suite() -> str:
     """Return what each agent reaches on each task, with a sign of its verdict against PID."""
     rows = _rows(SUITE, "table.csv")
@@ -99,12 +131,13 @@ TABLES: dict[str, Callable[[], str]] = {
     "leaderboard": leaderboard,
     "vehicles": vehicles,
     "robust": robust,
+    "station": station,
     "suite": suite,
 }
 PAGES = {
     "README.md": ("leaderboard",),
     "docs/index.md": ("leaderboard",),
-    "docs/results.md": ("vehicles", "robust", "suite"),
+    "docs/results.md": ("vehicles", "robust", "station", "suite"),
 }
 
 

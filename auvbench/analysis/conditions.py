@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis.measures import Measure
+from auvbench.analysis.measures import UNKNOWN, Measure, metric_of
 from auvbench.analysis.records import Agent, Condition, Evaluation, RunRecord
 from auvbench.statistics import crossed, means, wilson
 from auvbench.statistics.intervals import Estimate, FloatArray
@@ -86,9 +86,10 @@ def of_evaluations(
         by: the measure whose means are wanted; rates and penalised times have none.
     """
     column = by.column if by and not by.rate and not by.penalty else ""
+    kind = metric_of(column) or UNKNOWN
     met = {label: by_condition(evaluations, column) for label, evaluations in tested.items()}
     names = dict.fromkeys(name for conditions in met.values() for name in conditions)
-    return tuple(_condition(name, met, confidence) for name in names)
+    return tuple(_condition(name, met, confidence, (kind.low, kind.high)) for name in names)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,12 +130,19 @@ def _names(run: RunRecord, protocol: str) -> list[str]:
     return [c["name"] for c in run.evaluations[protocol].summary["conditions"]]
 
 
-def _condition(name: str, met: Mapping[str, Mapping[str, Met]], confidence: float) -> Condition:
+def _condition(
+    name: str,
+    met: Mapping[str, Mapping[str, Met]],
+    confidence: float,
+    bounds: tuple[float, float] = (-np.inf, np.inf),
+) -> Condition:
     here = {label: conditions[name] for label, conditions in met.items() if name in conditions}
     table = crossed([m.success for m in here.values()], rate=True, paired=False)
     values = {label: m.measured for label, m in here.items() if m.measured is not None}
     found = Condition(
-        name, dict(zip(here, means(table, confidence), strict=True)), measured=_means(values, confidence)
+        name,
+        dict(zip(here, means(table, confidence), strict=True)),
+        measured=_means(values, confidence, bounds),
     )
     if name == UNDISTURBED:
         return found
@@ -153,11 +161,13 @@ def _condition(name: str, met: Mapping[str, Mapping[str, Met]], confidence: floa
     )
 
 
-def _means(by_agent: Mapping[str, FloatArray], confidence: float) -> dict[str, Estimate]:
+def _means(
+    by_agent: Mapping[str, FloatArray], confidence: float, bounds: tuple[float, float]
+) -> dict[str, Estimate]:
     """Return the mean of each agent, (seeds, scenarios) by label, with its interval."""
     if not by_agent:
         return {}
-    table = crossed(list(by_agent.values()), paired=False)
+    table = crossed(list(by_agent.values()), paired=False, bounds=bounds)
     return dict(zip(by_agent, means(table, confidence), strict=True))
 
 
