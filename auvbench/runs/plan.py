@@ -9,7 +9,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from auvbench.ardusub import program
+from auvbench.ardusub import sitl
 from auvbench.config import algorithms, schema
 from auvbench.config.compose import typed
 from auvbench.config.validate import train_config
@@ -80,7 +80,7 @@ def _declared(config: DictConfig) -> declared.Declared | None:
 
 def _settled(config: DictConfig) -> DictConfig:
     typed = train_config(config)
-    return program.settled(_with_policy(config, typed, check_vehicle(typed)), typed)
+    return sitl.settled(_with_policy(config, typed, check_vehicle(typed)), typed)
 
 
 def _plain(config: DictConfig) -> dict[str, object]:
