@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.untrusted import archives, documents
+from auvbench.untrusted import archives, reading
 
 
 @dataclass(slots=True)
@@ -60,5 +60,5 @@ class Components:
             elif kind == "npz":
                 components.arrays[name] = archives.arrays(data)
             else:
-                components.values[name] = documents.json_value(data, whole=2**128)
+                components.values[name] = reading.json_value(data, whole=2**128)
         return components

@@ -14,7 +14,7 @@ from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBase
 from auvbench.config import suggestions
 from auvbench.config.overrides import CHOICES
 from auvbench.errors import ConfigError, closest
-from auvbench.untrusted.documents import no_yaml
+from auvbench.untrusted.reading import no_yaml
 
 Compose = Callable[[Sequence[str]], DictConfig]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from auvbench.errors import RunError
-from auvbench.untrusted import documents, reading, typed_json
+from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.text import short
 
 FORMAT = "auvbench-policy"
@@ -96,7 +96,7 @@ def parse_card(data: bytes, where: str) -> Card | None:
         PolicyError: it is no JSON, of another schema version, or an entry is missing or impossible.
     """
     try:
-        document = documents.json_value(data)
+        document = reading.json_value(data)
     except ValueError as error:
         raise PolicyError(f"{where}: is no JSON: {short(error)}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from auvbench.analysis.effects import run_learns
 from auvbench.analysis.measures import to_rank_by
-from auvbench.analysis.records import NO_POLICY, Agent, RunRecord
+from auvbench.analysis.records import NO_POLICY, Agent, RunRecord, run_learns
 from auvbench.errors import AuvbenchError
 from auvbench.policies import cards
 from auvbench.reporting.tables.text_formats import escape, rows

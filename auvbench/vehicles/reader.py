@@ -11,7 +11,7 @@ import yaml
 
 from auvbench.config import plugins
 from auvbench.errors import VehicleError, closest
-from auvbench.untrusted import documents, reading
+from auvbench.untrusted import reading
 from auvbench.vehicles.document import Document
 
 
@@ -114,14 +114,14 @@ def _parse(entry: Traversable, label: str) -> dict[str, Any]:
     """Return the content of a file."""
     try:
         data = reading.content(entry) if isinstance(entry, Path) else entry.read_bytes()
-        documents.check_yaml(data)
+        reading.check_yaml(data)
         found = yaml.load(data.decode("utf-8"), Loader=_Loader)
     except UnicodeDecodeError:
         raise VehicleError(f"{label}: is no UTF-8: save the sheet as UTF-8 text") from None
     except OSError as error:
         raise VehicleError(f"{label}: cannot be read: {error.strerror}") from None
     except (ValueError, yaml.YAMLError) as error:
-        reason = documents.no_yaml(error) if isinstance(error, yaml.YAMLError) else error
+        reason = reading.no_yaml(error) if isinstance(error, yaml.YAMLError) else error
         raise VehicleError(f"{label}: not valid YAML: {reason}") from None
     if not isinstance(found, dict):
         raise VehicleError(f"{label}: a vehicle sheet is a mapping of keys")
