@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from auvbench.config.agents import learns as is_learner
+from auvbench.config.algorithms import learns as is_learner
 from auvbench.statistics.intervals import Estimate
 from auvbench.untrusted.text import short
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from auvbench.observation import ObservationSpec
     from auvbench.pilot.loop import Pilot
     from auvbench.pilot.steering import Steering
-    from auvbench.policies.cards import Card
+    from auvbench.policies.exported import Card
     from auvbench.vehicles.vehicle_model import VehicleModel
 
 CONTROLLERS = ("pid", "smc", "lqr")
@@ -250,7 +250,7 @@ def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Ta
         ConfigError: the name is unknown, or the controller cannot steer this vehicle.
     """
     from auvbench.config import plugins
-    from auvbench.config.agents import AGENTS
+    from auvbench.config.algorithms import AGENTS
 
     if name not in CONTROLLERS:
         raise ConfigError(f"{name}: not a POLICY.onnx and not a controller; {closest(name, CONTROLLERS)}")

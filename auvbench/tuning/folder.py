@@ -15,7 +15,7 @@ from optuna.storages.journal import BaseJournalBackend
 
 from auvbench import __version__
 from auvbench.config import schema
-from auvbench.config.agents import learns
+from auvbench.config.algorithms import learns
 from auvbench.config.tuning import Tune, refuse_test
 from auvbench.config.validate import evaluate_protocol, validate_fields
 from auvbench.errors import AuvbenchError, ConfigError, RunError
