@@ -41,7 +41,7 @@ def pytest_collection_modifyitems(
 
 def _checks(session: pytest.Session, typed: str, steps: int) -> list[Check]:
     from auvbench import testing
-    from auvbench.config.agents import learns
+    from auvbench.config.algorithms import learns
     from auvbench.config.compose import compose
     from auvbench.errors import AuvbenchError
 

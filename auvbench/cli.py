@@ -1,20 +1,31 @@
-"""The command line: names the commands and imports one only when it is chosen.
+"""The command line: names the commands, imports one only when it is chosen, and turns its unforeseen errors into one line.
 
-Nothing heavy is imported here (a test asserts that torch, hydra, numba and pandas stay out of `--help`), so
-that help and completion answer at once.
+Nothing heavy is imported here (a test asserts that torch, hydra, numba and pandas stay out of `--help`), so that help and
+completion answer at once.
+
+A user's mistake, a full disk and an interruption have their line where they arise or here. Anything else is a defect of
+auvbench: what is needed to mend it is saved in a file, and the line names that file. Exit code 70 (EX_SOFTWARE of sysexits.h).
 """
 
 from __future__ import annotations
 
+import errno
 import importlib
+import os
+import platform
+import shlex
 import sys
-from collections.abc import Sequence
+import tempfile
+import time
+import traceback
+import uuid
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from auvbench import __version__
 from auvbench.commands import COMMANDS
-from auvbench.errors import UserError, closest, plain_warnings
-from auvbench.guard import guarded
-from auvbench.untrusted.text import short
+from auvbench.errors import AuvbenchError, UserError, closest, plain_warnings
+from auvbench.untrusted.text import forgiving, message, say, short, silence
 
 MEANT = {
     **dict.fromkeys(("list", "ls", "status", "ps"), "runs"),
@@ -28,6 +39,11 @@ MEANT = {
     **dict.fromkeys(("new", "create"), "init"),
 }
 """Commands of other programs, and what does the same here."""
+
+DEFECT = 70
+
+_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.ESTALE)
+_NAMED = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR)
 
 
 def usage() -> str:
@@ -56,7 +72,7 @@ def usage() -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit code.
 
-    0 done, 1 failed, 2 the user's mistake, 70 a defect of auvbench (see guard.py), 130 interrupted.
+    0 done, 1 failed, 2 the user's mistake, 70 a defect of auvbench (see `guarded`), 130 interrupted.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     return guarded(lambda: _dispatch(arguments), arguments)
@@ -76,6 +92,107 @@ def _dispatch(arguments: Sequence[str]) -> int:
         raise UserError(f"unknown command {short(name)!r}; {hint}")
     command = importlib.import_module(f"auvbench.commands.{name.replace('-', '_')}")
     return int(command.main(rest) or 0)
+
+
+def guarded(command: Callable[[], int], arguments: Sequence[str]) -> int:
+    """Calls `command`; returns its exit code, or that of the error that it ended with. Never raises.
+
+    Args:
+        command: does the work.
+        arguments: the command line, for the report about a defect.
+    """
+    forgiving()
+    code = _carried_out(command, arguments)
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        silence(sys.stdout)  # its reader (head, less) went away: no error
+    except (OSError, ValueError) as error:
+        code = code or _failed(error, arguments)
+        silence(sys.stdout)
+    try:
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        silence(sys.stderr)
+    return code
+
+
+def _carried_out(command: Callable[[], int], arguments: Sequence[str]) -> int:
+    try:
+        return command()
+    except SystemExit as leaving:  # of argparse and Hydra, for --help
+        return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
+    except KeyboardInterrupt as interruption:
+        # One of ours says what is saved and which signal it was.
+        say(f"auvbench: {message(str(interruption) or 'interrupted')}")
+        return int(getattr(interruption, "exit_code", 130))
+    except BrokenPipeError:
+        silence(sys.stdout)
+        return 0
+    except Exception as error:
+        return _failed(error, arguments)
+
+
+def _failed(error: Exception, arguments: Sequence[str]) -> int:
+    if isinstance(error, AuvbenchError):
+        say(f"auvbench: {message(error)}")
+        return error.exit_code
+    if type(error).__module__.partition(".")[0] in ("omegaconf", "hydra"):
+        # ${nope} in a value: it is resolved where the value is first asked for, which may be anywhere.
+        from auvbench.config.compose import translate
+
+        say(f"auvbench: {message(translate(error))}")
+        return 2
+    if isinstance(error, MemoryError):
+        say("auvbench: there is not enough memory for this; nothing that was written before is lost")
+        return 1
+    if isinstance(error, OSError) and error.errno in _DISK:
+        from auvbench.runs.atomic_io import storage_error
+
+        say(f"auvbench: {message(storage_error(error, 'cannot go on'))}")
+        return 1
+    if isinstance(error, OSError) and error.errno in _NAMED:
+        say(f"auvbench: {short(error.filename or 'a path')}: {error.strerror}")
+        return 2
+    saved = _save(error, arguments)
+    where = f"; details: {saved}" if saved else " (and no details could be saved)"
+    reason = short(f"{type(error).__name__}: {error}")
+    say(f"auvbench: a defect of auvbench, not of what you typed: {reason}{where}")
+    return DEFECT
+
+
+def _save(error: BaseException, arguments: Sequence[str]) -> Path | None:
+    """Write versions, command and traceback into a new file; return None where no folder takes it."""
+    from auvbench.runs.lock import state_folder
+
+    content = _details(error, arguments)
+    name = f"error-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}-{uuid.uuid4().hex[:6]}.txt"
+    for folder in (state_folder(), Path(tempfile.gettempdir())):
+        path = folder / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with open(path, "x", encoding="utf-8", errors="backslashreplace") as file:
+                file.write(content)
+        except OSError:
+            continue
+        return path
+    return None
+
+
+def _details(error: BaseException, arguments: Sequence[str]) -> str:
+    from auvbench.runs import provenance
+
+    lines = [
+        f"auvbench {__version__} met what it does not know. Please report this file: SECURITY.md says how where it",
+        "could be misused, else open an issue. Nothing in it was sent anywhere.",
+        "",
+        f"command: {shlex.join(['auvbench', *arguments])}",
+        f"folder: {os.environ.get('PWD', '')}",
+        f"platform: {platform.platform()}",
+        *(f"{name}: {version}" for name, version in provenance.versions().items()),
+        "",
+    ]
+    return "\n".join(lines) + "\n" + "".join(traceback.format_exception(error))
 
 
 if __name__ == "__main__":

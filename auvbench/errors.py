@@ -2,7 +2,7 @@
 
 Every message of a `UserError` names the offending value and what would be right: it is printed as one line
 and the command ends with exit code 2. Anything else that is raised is a defect of auvbench: its traceback is
-saved in a file that the command's one line names (guard.py).
+saved in a file that the command's one line names (cli.py).
 """
 
 from __future__ import annotations

@@ -5,8 +5,7 @@ factory, and its attribute `Config` is the dataclass of what its YAML file says.
 `RewardSpec` (docs/adding-a-task.md); their code takes `auvbench.tasks.base` and `auvbench.tasks.kernels` too.
 """
 
-from auvbench.agents.base import Agent, Callbacks, Learner
-from auvbench.agents.components import Components
+from auvbench.agents.base import Agent, Callbacks, Components, Learner
 from auvbench.config.installed import AgentConfig
 from auvbench.config.rewards import RewardConfig, RewardSpec
 from auvbench.config.schema import TrainConfig, choice, number

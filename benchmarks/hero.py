@@ -19,7 +19,7 @@ from PIL import Image
 from auvbench import cli
 from auvbench.config.compose import compose
 from auvbench.config.validate import evaluate_config
-from auvbench.envs.scene import tolerance
+from auvbench.envs.rendering import tolerance
 from auvbench.evaluation.replay import Replay, replay
 from auvbench.runs.directory import find_runs
 

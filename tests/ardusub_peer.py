@@ -13,7 +13,7 @@ from typing import Any
 
 from auvbench.ardusub.physics import Physics
 from auvbench.ardusub.server import Server
-from auvbench.commands.serve_ardusub import START
+from auvbench.commands.serve import ARDUSUB_START
 from auvbench.config import schema
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
@@ -25,7 +25,7 @@ NEUTRAL = (1500,) * 16
 @cache
 def configuration(*overrides: str) -> schema.TrainConfig:
     """Return the configuration as `auvbench serve --face ardusub` has it."""
-    return train_config(compose("train", [*START, *overrides], folder=None))
+    return train_config(compose("train", [*ARDUSUB_START, *overrides], folder=None))
 
 
 class Peer:

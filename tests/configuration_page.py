@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.config import rewards, schema, simulation, simulators, tasks, tuning
-from auvbench.config.agents import AGENTS
+from auvbench.config.algorithms import AGENTS
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "configuration.md"

@@ -10,9 +10,9 @@ import matplotlib as mpl
 import numpy as np
 
 from auvbench.analysis import grouping, load, thesis
+from auvbench.analysis.grouping import Section
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Problem, Report, RunRecord
-from auvbench.analysis.sections import Section
 from auvbench.reporting import page
 from auvbench.reporting.figures import Figure
 from tests.synthetic import write_experiment

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.cascade import Estimator, to_body
-from auvbench.ardusub import program, sitl
+from auvbench.ardusub import sitl
 from auvbench.ardusub.frames import HIGH, NEUTRAL, Motors, driven, motors_of
 from auvbench.ardusub.radio import MODES, dialect
 from auvbench.ardusub.sensors import Sensors
@@ -59,7 +59,7 @@ class ArduSubAgent:
             1.0 / config.step.frequency, 1.0, observation_spec(config.task, vehicle.actuators)
         )
         self._vehicle: Piloted | None = None
-        self._program = program.find(algo.sha256)[0]
+        self._program = sitl.find(algo.sha256)[0]
         dialect()
 
     def simulator(self, config: schema.TrainConfig, vehicle: VehicleModel) -> Piloted:

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.agents.base import Actions, Agent, Integers, Learner, Observations
-from auvbench.agents.components import Components
+from auvbench.agents.base import Actions, Agent, Components, Integers, Learner, Observations
 from auvbench.config import installed, plugins, schema
 from auvbench.errors import AgentError
 from auvbench.vehicles.vehicle_model import VehicleModel

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.config import algorithms, schema
-from auvbench.policies import cards, exported
+from auvbench.policies import exported
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -33,7 +33,7 @@ class PolicyFile:
         path = folder / exported.NETWORK
         data, card, _ = exported.read(path)
         if sha256(data).hexdigest() != self._sha256:
-            raise cards.PolicyError(
+            raise exported.PolicyError(
                 f"{path}: is not the file that the run was made with (algo.sha256 differs)"
             )
         sizes = {"observations": self._spec.size, "actions": self._n_u}

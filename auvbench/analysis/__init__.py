@@ -1,5 +1,5 @@
-"""From run directories to what can be said: runs, agents, measures, the ranking, effects, findings, studies.
+"""From run directories to what can be said: runs, agents, measures, the ranking, findings, studies.
 
-`load` makes `RunRecord`s and `grouping` agents of them; `ranking`, `effects`, `findings` and `study/` say what
+`load` makes `RunRecord`s and `grouping` sections and agents of them; `ranking`, `findings` and `claims` say what
 follows. Nothing is drawn here: `reporting` does that.
 """

@@ -23,7 +23,7 @@ from auvbench.analysis.evaluations import Damage, named
 from auvbench.record import columns
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import sha256
-from auvbench.untrusted import documents, reading, tables, typed_json
+from auvbench.untrusted import reading, tables, typed_json
 from auvbench.untrusted.text import short
 
 RUNS, EPISODES, TRAJECTORIES = "runs.parquet", "episodes.parquet", "trajectories.parquet"
@@ -71,7 +71,7 @@ class Archive:
         self.folder = folder
         frame, notes = self._read(RUNS)
         with named(f"the footer of {RUNS}"):
-            note = typed_json.convert(documents.json_value(notes.get(NOTE, "null").encode()), Note)
+            note = typed_json.convert(reading.json_value(notes.get(NOTE, "null").encode()), Note)
         if note.content != digest(frame):
             raise Damage(f"{RUNS} was changed or damaged")
         self._files = {integrity.FILES: {name: asdict(entry) for name, entry in note.files.items()}}
@@ -97,7 +97,7 @@ class Archive:
             Damage: It is no JSON object.
         """
         with named(f"{RUNS}: {column} of {short(run, 60)}"):
-            return documents.json_value(str(self._rows.loc[run, column]).encode())
+            return reading.json_value(str(self._rows.loc[run, column]).encode())
 
     def summaries(self, run: str) -> dict[str, Any]:
         """Return the summary of each evaluation of a run, by protocol."""

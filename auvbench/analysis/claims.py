@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from auvbench.analysis import thesis
-from auvbench.analysis.effects import budget_of, learns, matched, mean_difference
 from auvbench.analysis.evidence import (
     FAILS,
     HOLDS,
@@ -28,10 +27,11 @@ from auvbench.analysis.evidence import (
     together,
     trend,
 )
+from auvbench.analysis.findings import matched, mean_difference
 from auvbench.analysis.formatting import amount, counted, difference, listed
 from auvbench.analysis.measures import measure
 from auvbench.analysis.pairwise import all_pairs, rank_intervals
-from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord
+from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord, budget_of, learns
 from auvbench.analysis.thesis import cell
 from auvbench.statistics import contrast, limits, means, p_more_than_half
 from auvbench.statistics.intervals import Estimate

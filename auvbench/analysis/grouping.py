@@ -1,4 +1,7 @@
-"""Puts runs together into agents: the seeds of one configuration, paired with all others by test scenario.
+"""Puts runs together into sections and agents.
+
+A section has the runs that can share a table: those of one vehicle that met the same scenarios. An agent has the seeds of one
+configuration, paired with all others by test scenario.
 
 Runs of one table met the same test, so the task, noise and disturbances of their configurations only say what they were
 trained with. A controller that learns nothing has no use for them: its runs that differ in nothing else are one agent.
@@ -6,18 +9,20 @@ trained with. A controller that learns nothing has no use for them: its runs tha
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis.effects import run_learns
-from auvbench.analysis.labels import is_fixed, labels, sort_key
+from auvbench.analysis.formatting import counted
+from auvbench.analysis.labels import OWN, is_fixed, labels, sort_key
 from auvbench.analysis.measures import of_the_scenario
 from auvbench.analysis.recorded import has_training
-from auvbench.analysis.records import NO_POLICY, Agent, Problem, RunRecord
+from auvbench.analysis.records import NO_POLICY, Agent, Problem, RunRecord, run_learns
 from auvbench.errors import ReportError, closest
 from auvbench.record import OUTCOMES
 from auvbench.runs.identity import DESCRIPTIVE, NEUTRAL
@@ -25,6 +30,11 @@ from auvbench.runs.identity import DESCRIPTIVE, NEUTRAL
 GROUPING = ("algo.name", "reward.k", "step.frequency")
 
 NOT_METRICS = ("condition", "outcome", "episode", "environment")
+
+OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
+"""beginnings of keys of a run that a protocol takes over into its test"""
+TASK = ", task "
+"""between a vehicle and its task in the subject of a section"""
 
 
 def agents(
@@ -51,20 +61,20 @@ def agents(
     known = set[str]().union(*(run.config.keys() for run in runs))
     keys = {key.removesuffix(".name"): key for key in GROUPING if key in known}
     rows, problems = _rows(runs, protocol, condition)
-    counted = [run for run in runs if run.id in rows or failed_training(run)]
-    fingerprint = next(run.evaluations[protocol].fingerprint for run in counted if run.id in rows)
+    reported = [run for run in runs if run.id in rows or failed_training(run)]
+    fingerprint = next(run.evaluations[protocol].fingerprint for run in reported if run.id in rows)
     fixed = frequency_fixed(
         frame["frequency_hz"].to_numpy() for frame in rows.values() if "frequency_hz" in frame
     )
-    finer = refined(_cells(counted, keys, fixed), keys, fixed)
-    groups = sorted(_cells(counted, finer, fixed), key=lambda group: sort_key(_key(group[0], finer)))
+    finer = refined(_cells(reported, keys, fixed), keys, fixed)
+    groups = sorted(_cells(reported, finer, fixed), key=lambda group: sort_key(_key(group[0], finer)))
     names = labels(
         [_key(group[0], finer) for group in groups], [trained(group[0]) for group in groups], fixed
     )
     result = []
     for label, group in zip(names, groups, strict=True):
         group.sort(key=lambda run: (run.seed, run.id))
-        tested = next(run for run in (*group, *counted) if run.id in rows).evaluations[protocol]
+        tested = next(run for run in (*group, *reported) if run.id in rows).evaluations[protocol]
         limit = next(c["max_steps"] for c in tested.summary["conditions"] if c["name"] == condition)
         result.append(_agent(label, _key(group[0], finer), group, rows, fingerprint, float(limit)))
     return result, problems
@@ -244,3 +254,102 @@ def trained(run: RunRecord) -> bool:
 def level(value: Any) -> Any:
     """A value of the configuration as a level of a factor: a list (noise.sensor) as its text, to look it up by."""
     return str(value) if isinstance(value, list) else value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Section:
+    """Runs that can be compared with each other."""
+
+    title: str
+    """'vehicle rexrov', 'vehicle rexrov, scenarios 1a2b3c4d'"""
+    folder: str
+    """a name that a folder can have, no two sections the same"""
+    vehicle: str
+    """and the task where it is not that of waypoints: 'rexrov', 'rexrov, task docking'"""
+    fingerprint: str
+    runs: tuple[RunRecord, ...]
+    """those that were evaluated, and the others of the vehicle in its first section"""
+    problems: tuple[Problem, ...] = ()
+    """why its runs are not in another section's table, where that can be mended"""
+
+
+def sections(runs: Sequence[RunRecord], protocol: str) -> list[Section]:
+    """Runs by vehicle, task and fingerprint, the largest section first; at least one of them was evaluated.
+
+    A run without a usable evaluation goes to the first section of its vehicle, or else to the first of all.
+    """
+    found: dict[tuple[str, str], list[RunRecord]] = {}
+    for run in runs:
+        if protocol in run.evaluations:
+            found.setdefault((_subject(run), run.evaluations[protocol].fingerprint), []).append(run)
+    order = sorted(found, key=lambda cell: (-len(found[cell]), cell))
+    home = {vehicle: (vehicle, fingerprint) for vehicle, fingerprint in reversed(order)}
+    members = {cell: list(found[cell]) for cell in order}
+    for run in runs:
+        if protocol not in run.evaluations:
+            members[home.get(_subject(run), order[0])].append(run)
+    return [_section(cell, home[cell[0]], found, members[cell], protocol) for cell in order]
+
+
+def _subject(run: RunRecord) -> str:
+    """Return vehicle and task of a run; the waypoint task goes without saying."""
+    task = str(run.config.get("task.name", "waypoint"))
+    return vehicle_of(run) if task == "waypoint" else f"{vehicle_of(run)}{TASK}{task}"
+
+
+def vehicle_of(run: RunRecord) -> str:
+    return str(run.config.get("vehicle.name", "vehicle"))
+
+
+def split_problems(problems: Iterable[Problem], parts: Sequence[Section]) -> list[list[Problem]]:
+    """The problems by the section whose run they are about; what is about no run stands with the first."""
+    place = {run.id: i for i, part in enumerate(parts) for run in part.runs}
+    found: list[list[Problem]] = [[] for _ in parts]
+    for problem in problems:
+        found[place.get(problem.where, 0)].append(problem)
+    return found
+
+
+def _section(
+    cell: tuple[str, str],
+    home: tuple[str, str],
+    found: dict[tuple[str, str], list[RunRecord]],
+    members: Sequence[RunRecord],
+    protocol: str,
+) -> Section:
+    subject, fingerprint = cell
+    alone = [other for other in found if other[0] == subject] == [cell]
+    # Next to other tasks the waypoint task is named, too.
+    named = subject if TASK in subject or not any(TASK in s for s, _ in found) else f"{subject}{TASK}waypoint"
+    title = f"vehicle {named}" if alone else f"vehicle {named}, scenarios {fingerprint[:8]}"
+    folder = re.sub(r"[^\w.-]+", "_", subject if alone else f"{subject}-{fingerprint[:8]}").lstrip(".") or "_"
+    expected = cell == home or protocol == OWN
+    problems = () if expected else (_other_scenarios(cell, home, found, protocol),)
+    return Section(title, folder, subject, fingerprint, tuple(sorted(members, key=lambda r: r.id)), problems)
+
+
+def _other_scenarios(
+    cell: tuple[str, str], home: tuple[str, str], found: dict[tuple[str, str], list[RunRecord]], protocol: str
+) -> Problem:
+    """Why runs of one vehicle have a section of their own, and what would unite them."""
+    here, there = found[cell], found[home]
+    episodes = [len(runs[0].evaluations[protocol].episodes) for runs in (here, there)]
+    message = (
+        f"{counted(len(here), 'run')} of vehicle {cell[0]} met other scenarios (fingerprint {cell[1]}, {episodes[0]} episodes) "
+        f"than {counted(len(there), 'run')} (fingerprint {home[1]}, {episodes[1]} episodes): no table can hold both"
+    )
+    if keys := _of_the_test(here[0], there[0]):
+        message += f"; they differ in {', '.join(keys[:3])}"
+    else:
+        message += f"; auvbench evaluate FOLDER protocol={protocol} tests what is stale again"
+    return Problem(f"scenarios {cell[1][:8]}", "foreign", message)
+
+
+def _of_the_test(one: RunRecord, other: RunRecord) -> list[str]:
+    """The keys in which two runs differ that enter the scenarios of a protocol."""
+    keys = (key for key in one.config.keys() | other.config.keys() if key.startswith(OF_THE_TEST))
+    return sorted(
+        key
+        for key in keys
+        if key.rpartition(".")[2] not in DESCRIPTIVE and one.config.get(key) != other.config.get(key)
+    )

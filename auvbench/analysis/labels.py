@@ -8,8 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from auvbench.config.agents import AGENTS
-from auvbench.config.algorithms import BASES
+from auvbench.config.algorithms import AGENTS, BASES
 from auvbench.untrusted.text import plain
 
 OF_THE_TEST = ("task.", "noise.", "disturbance.", "simulator.")

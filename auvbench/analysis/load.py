@@ -32,7 +32,7 @@ from auvbench.runs import integrity
 from auvbench.runs import run_filter as filters
 from auvbench.runs.directory import missing
 from auvbench.runs.identity import LATER
-from auvbench.untrusted import documents, reading
+from auvbench.untrusted import reading
 from auvbench.untrusted.path_safety import child, is_plain
 from auvbench.untrusted.text import short
 
@@ -182,7 +182,7 @@ def _read_run(directory: Path) -> _Read:
         with named("manifest.json"):
             manifest = integrity.read(directory / "manifest.json", integrity.Manifest)
         with named("config.yaml"):
-            config = documents.yaml_value(reading.content(directory / "config.yaml"))
+            config = reading.yaml_value(reading.content(directory / "config.yaml"))
         return _record(directory, manifest, config, None), []
     except Damage as damage:
         return None, [Problem(str(directory), damage.kind, str(damage))]

@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from auvbench import statistics as st
-from auvbench.analysis.effects import learns
 from auvbench.analysis.measures import measures
-from auvbench.analysis.records import Agent, Limit, Ranking
+from auvbench.analysis.records import Agent, Limit, Ranking, learns
 from auvbench.errors import ReportError, closest
 from auvbench.evaluation.bounds import files
 from auvbench.statistics import crossed

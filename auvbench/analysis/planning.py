@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from auvbench.analysis.effects import learns
 from auvbench.analysis.measures import Measure
 from auvbench.analysis.pairwise import Tests
-from auvbench.analysis.records import Agent, Needed
+from auvbench.analysis.records import Agent, Needed, learns
 from auvbench.errors import ReportError
 from auvbench.statistics import power as st
 from auvbench.statistics.differences import pair_spread, seed_variance

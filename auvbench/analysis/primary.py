@@ -18,12 +18,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from auvbench import statistics as st
-from auvbench.analysis.effects import learns
 from auvbench.analysis.formatting import amount, counted, listed, name, rounded_difference, size
 from auvbench.analysis.measures import LIMITED_BY_STEPS, Measure, measure
 from auvbench.analysis.pairwise import BoolArray, Tests
 from auvbench.analysis.planning import needed
-from auvbench.analysis.records import Against, Agent, Primary, Ranking, RunRecord
+from auvbench.analysis.records import Against, Agent, Primary, Ranking, RunRecord, learns
 from auvbench.errors import ReportError, closest
 from auvbench.runs.declared import KEY, Declared
 from auvbench.statistics.intervals import Estimate

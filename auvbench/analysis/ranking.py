@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from auvbench import statistics as st
 from auvbench.analysis.conditions import results
-from auvbench.analysis.effects import budget_of, learns
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.measures import Measure, all_measures, measure, to_rank_by
 from auvbench.analysis.pairwise import BoolArray, all_pairs, rank_intervals
 from auvbench.analysis.primary import find_baseline, primary_analysis
-from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row, RunRecord
+from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row, RunRecord, budget_of, learns
 from auvbench.errors import ReportError
 from auvbench.statistics.intervals import Estimate, FloatArray
 

@@ -15,12 +15,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from auvbench.config.algorithms import learns as is_learner
 from auvbench.statistics.intervals import Estimate
 from auvbench.untrusted.text import short
 
 if TYPE_CHECKING:
     from auvbench.analysis.archive import Archive
-    from auvbench.analysis.sections import Section
+    from auvbench.analysis.grouping import Section
     from auvbench.analysis.thesis import ComparisonRow
 
 NO_POLICY = -1
@@ -103,6 +104,27 @@ class Agent:
     def success(self) -> NDArray[np.float64]:
         """(seeds, episodes) 1.0 where the episode ended in success."""
         return np.asarray(self.outcome == 0, dtype=np.float64)
+
+
+def learns(agent: Agent) -> bool:
+    """Whether the agent was trained: K and the training frequency mean nothing to one that was not."""
+    return any(run_learns(run) for run in agent.runs)
+
+
+def run_learns(run: RunRecord) -> bool:
+    """Whether the run is a training, one that failed at its first step included."""
+    return bool(run.manifest.get("steps")) or is_learner(
+        {key: run.config.get(f"algo.{key}") for key in ("agent", "learns")}
+    )
+
+
+def budget_of(run: RunRecord) -> int:
+    """Return the environment steps that a training was given; 0 where they are unknown.
+
+    Not those that were taken: PPO finishes the rollout in which its budget ends.
+    """
+    given = run.config.get("train.total_steps") or run.manifest.get("total_steps")
+    return int(given or run.manifest.get("steps") or 0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,13 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.analysis.effects import learns
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.grouping import frequency_fixed
 from auvbench.analysis.labels import labels
 from auvbench.analysis.measures import Measure
 from auvbench.analysis.primary import default_margin
-from auvbench.analysis.records import NO_POLICY, Agent
+from auvbench.analysis.records import NO_POLICY, Agent, learns
 from auvbench.statistics.intervals import Estimate, FloatArray
 
 ZERO, ONE = "random", "pid"

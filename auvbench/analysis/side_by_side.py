@@ -8,12 +8,11 @@ from pathlib import Path
 
 from auvbench import statistics as st
 from auvbench.analysis.conditions import default
-from auvbench.analysis.grouping import SEEDS, agents
+from auvbench.analysis.grouping import SEEDS, agents, sections
 from auvbench.analysis.load import load, require
 from auvbench.analysis.measures import RANKED_AS, Measure, all_measures, measure, metric_of
 from auvbench.analysis.primary import find_baseline
 from auvbench.analysis.records import Agent
-from auvbench.analysis.sections import sections
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError
 from auvbench.runs.directory import missing

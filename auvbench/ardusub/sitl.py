@@ -3,11 +3,17 @@
 Both sockets are this process's own, on loopback, so that many pairs run side by side. ArduSub waits for the answer to each
 of its packets: between two calls of `exchange` its clock stands, and what is sent to it meanwhile arrives at the same step
 of its loop each time.
+
+An environment variable names the program. A run holds the program's digest and never its path: a run from another person
+must not choose a program to start.
 """
 
 from __future__ import annotations
 
+import copy
+import hashlib
 import math
+import os
 import select
 import shutil
 import socket
@@ -20,10 +26,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from omegaconf import DictConfig, open_dict
+
 from auvbench.ardusub.protocol import LARGEST, Packet, PacketError, SensorState, parse, reply
 from auvbench.ardusub.radio import MANUAL, Radio, loopback_socket, used
 from auvbench.ardusub.sensors import GRAVITY
-from auvbench.errors import TrainingError
+from auvbench.config import algorithms, schema
+from auvbench.errors import ConfigError, TrainingError
+
+VARIABLE = "AUVBENCH_ARDUSUB"
+"""which names the program"""
 
 PARAMETERS = {
     **{
@@ -217,3 +229,47 @@ def _end(process: subprocess.Popen[bytes], folder: Path, sockets: tuple[socket.s
     for one in sockets:
         one.close()
     shutil.rmtree(folder, ignore_errors=True)
+
+
+def settled(config: DictConfig, typed: schema.TrainConfig) -> DictConfig:
+    """Return the configuration with the digest of its ArduSub, if it has one.
+
+    Args:
+        config: composed.
+        typed: the same, checked.
+
+    Raises:
+        ConfigError: as `find`.
+    """
+    algo = typed.algo
+    if not isinstance(algo, algorithms.ArduSub):
+        return config
+    result = copy.deepcopy(config)
+    with open_dict(result):
+        result.algo.sha256 = find(algo.sha256)[1]
+    return result
+
+
+def find(sha256: str = "") -> tuple[Path, str]:
+    """Return the path of ArduSub's SITL and its SHA-256.
+
+    Args:
+        sha256: that it must have; empty for any.
+
+    Raises:
+        ConfigError: no program is named, it cannot be read, or it is another.
+    """
+    named = os.environ.get(VARIABLE, "")
+    if not named:
+        raise ConfigError(
+            f"algo=ardusub: {VARIABLE} names no program; type export {VARIABLE}=.../build/sitl/bin/ardusub"
+        )
+    path = Path(named).absolute()
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise ConfigError(f"{VARIABLE}={named}: ArduSub's SITL cannot be read: {error.strerror}") from error
+    if sha256 not in ("", digest):
+        raise ConfigError(f"{VARIABLE}={named}: is another program than that of algo.sha256={sha256[:12]}...")
+    return path, digest

@@ -84,7 +84,7 @@ def require() -> None:
 
 def _clock(path: Path) -> str:
     """What of the card differs from the defaults and has to be typed."""
-    from auvbench.policies.cards import read_card
+    from auvbench.policies.exported import read_card
 
     card = read_card(path)
     typed = "" if card.vehicle.name == "bluerov2" else f" vehicle={card.vehicle.name}"

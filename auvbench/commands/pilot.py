@@ -7,23 +7,33 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
+import select
+import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser, number
-from auvbench.commands.pilot_task import TASKS, defaults, task_of, task_of_policy
 from auvbench.errors import ConfigError, UserError, closest
+from auvbench.untrusted.text import short
 
 if TYPE_CHECKING:
     from auvbench.config import tasks
+    from auvbench.observation import ObservationSpec
     from auvbench.pilot.loop import Pilot
     from auvbench.pilot.steering import Steering
+    from auvbench.policies.exported import Card
     from auvbench.vehicles.vehicle_model import VehicleModel
 
 CONTROLLERS = ("pid", "smc", "lqr")
 """Controllers that need only NumPy (lqr: SciPy)."""
+
+TASKS = ("waypoint", "station_keeping")
+"""Tasks whose reference is a pose at rest, as `/goal_pose` gives it."""
 
 _EPILOG = """examples:
   auvbench pilot policy.onnx --goal 5 3 -12 --record missions/first
@@ -171,7 +181,6 @@ def _over_ros(given: argparse.Namespace, setup: Steering, options: dict[str, Any
 
 def _over_mavlink(given: argparse.Namespace, setup: Steering, options: dict[str, Any]) -> Opened:
     from auvbench.mavlink.pilot import Pilot
-    from auvbench.pilot.keys import enter
 
     pilot = Pilot(given.mavlink, setup, **options)
 
@@ -241,7 +250,7 @@ def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Ta
         ConfigError: the name is unknown, or the controller cannot steer this vehicle.
     """
     from auvbench.config import plugins
-    from auvbench.config.agents import AGENTS
+    from auvbench.config.algorithms import AGENTS
 
     if name not in CONTROLLERS:
         raise ConfigError(f"{name}: not a POLICY.onnx and not a controller; {closest(name, CONTROLLERS)}")
@@ -264,3 +273,86 @@ def _about(setup: Steering) -> dict[str, Any]:
         "depth_high_m": limits.depth_high,
         "max_steps": limits.max_steps if math.isfinite(limits.max_steps) else None,
     }
+
+
+def task_of(name: str, where: str) -> tasks.Task:
+    """Return a task with the values of its file.
+
+    Raises:
+        ConfigError: its reference is not a pose at rest.
+    """
+    from auvbench.config import tasks
+
+    if name not in TASKS:
+        raise ConfigError(
+            f"{where} {short(name, 40)}: a pilot takes its reference from /goal_pose, a pose at rest; {closest(name, TASKS)}"
+        )
+    values = defaults("task", name)
+    if "preview" in values:
+        values["preview"] = tasks.Preview(**values["preview"])
+    made: tasks.Task = tasks.SCHEMAS[name](**values)
+    return made
+
+
+def task_of_policy(
+    word: str, card: Card, asked: str | None, vehicle: VehicleModel
+) -> tuple[tasks.Task, ObservationSpec]:
+    """Return the task of a policy, as its card says, and what it observes.
+
+    Raises:
+        UserError: a pilot has no reference for its task, or cannot supply what it observes.
+    """
+    from auvbench.pilot.observation import SUPPLIED
+    from auvbench.tasks.observation import observation_spec
+
+    named = card.document["task"]
+    trained = str(named.get("name", "waypoint"))
+    if asked not in (None, trained):
+        raise UserError(f"--task {asked}: {word} was trained with task={short(trained, 40)}, its card says")
+    task = task_of(trained, f"{word}: its task is")
+    # "velocity_x" and "velocity_error_x" both begin with "velocity".
+    blocks = [
+        max((b for b in SUPPLIED if label.startswith(b)), key=len, default="") for label in card.observed
+    ]
+    try:
+        changed: dict[str, Any] = {
+            "depth_low": float(named["depth_low_m"]),
+            "depth_high": float(named["depth_high_m"]),
+            "max_steps": int(named["max_steps"]),
+        }
+        if trained == "waypoint":
+            changed["goal_radius"] = float(named["goal_radius_m"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"{word}: its card has no valid entry of the task: {short(error)}") from error
+    observation = list(dict.fromkeys(filter(None, blocks))) or [*SUPPLIED]
+    task = replace(task, position_frame=card.task.position_frame, observation=observation, **changed)
+    spec = observation_spec(task, vehicle.actuators)
+    supplied = [entry["name"] for entry in spec.card()]
+    if supplied != list(card.observed):
+        wrong = next((name for name in card.observed if name not in supplied), card.observed[-1])
+        raise UserError(
+            f"{word}: observes {short(wrong, 40)}, which a pilot does not have; it has {', '.join(SUPPLIED)}"
+        )
+    return task, spec
+
+
+def defaults(group: str, name: str) -> dict[str, Any]:
+    """Return the values of a file of the configuration, without Hydra."""
+    import yaml
+
+    text = (resources.files("auvbench.conf") / group / f"{name}.yaml").read_text(encoding="utf-8")
+    values = yaml.safe_load(text)
+    values.pop("defaults", None)
+    return dict(values)
+
+
+def enter() -> bool:
+    """Return whether Enter was pressed since the last call; without a terminal in the foreground it never was."""
+    try:
+        number = sys.stdin.fileno()
+        # A process in the background that reads from its terminal is halted.
+        if not os.isatty(number) or os.tcgetpgrp(number) != os.getpgrp():
+            return False
+        return bool(select.select([number], [], [], 0.0)[0]) and b"\n" in os.read(number, 1024)
+    except (OSError, ValueError, AttributeError):  # a closed standard input
+        return False

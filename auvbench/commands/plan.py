@@ -128,8 +128,8 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
         basis = planning.Basis(power.Rates(options.sd), None, rates, spread, 0)
         return basis, options.agents or 2, options.episodes or (200, 500, 2000), m
     from auvbench.analysis.conditions import default
+    from auvbench.analysis.grouping import sections
     from auvbench.analysis.load import agents, load, require
-    from auvbench.analysis.sections import sections
 
     runs, problems = load(options.paths, options.protocol, options.where)
     require(runs, problems, options.protocol)

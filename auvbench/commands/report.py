@@ -16,8 +16,8 @@ from auvbench.record import PRIMARY
 from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
+    from auvbench.analysis.grouping import Section
     from auvbench.analysis.records import Agent, ClaimVerdict, Problem, Report, RunRecord
-    from auvbench.analysis.sections import Section
     from auvbench.analysis.thesis import ComparisonRow
     from auvbench.reporting.figures import Figure
 
@@ -74,10 +74,10 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
         UserError: an option names what there is not, or nothing can be reported.
     """
     from auvbench.analysis.conditions import default
+    from auvbench.analysis.grouping import sections, split_problems
     from auvbench.analysis.load import load, require
     from auvbench.analysis.measures import to_rank_by
     from auvbench.analysis.optional_columns import validate_columns as check_columns
-    from auvbench.analysis.sections import sections, split_problems
 
     if options.rank_by != PRIMARY:
         to_rank_by(options.rank_by)  # a wrong name is said before anything is read

@@ -18,7 +18,7 @@ from auvbench.record import measure_names
 from auvbench.runs import declared as analyses
 from auvbench.runs.declared import Declared
 from auvbench.tracking import SERVICES, Service
-from auvbench.untrusted import documents, typed_json
+from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.typed_json import Name, Range
 
 Format = Literal["terminal", "md", "tex", "csv", "html"]
@@ -99,7 +99,7 @@ def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict
 
 def _usual() -> dict[str, Any]:
     text = (resources.files("auvbench.conf") / "report.yaml").read_bytes()
-    return _known(documents.yaml_value(text))
+    return _known(reading.yaml_value(text))
 
 
 def _declared(paths: Sequence[Path]) -> tuple[Declared | None, str]:

@@ -63,7 +63,7 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
         return 0
     # Imported here: a complete run needs none of it.
     from auvbench.commands.progress import Bar
-    from auvbench.config.agents import learns
+    from auvbench.config.algorithms import learns
     from auvbench.runs.plan import load_config
     from auvbench.runs.progress import WINDOW, telling
     from auvbench.training import worker

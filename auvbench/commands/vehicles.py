@@ -72,12 +72,12 @@ def _print_sheet(name: str) -> None:
 
 
 def _write_sdf(name: str, folder: Path, hydrodynamics: str, step: float) -> None:
-    from auvbench.simulators.gazebo import export
+    from auvbench.simulators.gazebo import sdf
     from auvbench.vehicles import sheet
 
-    contents = export.files(sheet.load(name), hydrodynamics, step)
+    contents = sdf.files(sheet.load(name), hydrodynamics, step)
     try:
-        paths = export.write(folder, contents)
+        paths = sdf.write(folder, contents)
     except OSError as error:
         raise UserError(f"--sdf {folder}: cannot be written: {error.strerror}") from error
     for path in paths:

@@ -32,7 +32,6 @@ from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import (
     grids,
-    hydra_errors,
     installed,
     plugins,
     restricted_yaml,
@@ -45,7 +44,7 @@ from auvbench.config import (
     tuning,
 )
 from auvbench.config import overrides as typing
-from auvbench.config.agents import AGENTS
+from auvbench.config.algorithms import AGENTS
 from auvbench.errors import ConfigError, closest
 
 CONFIG_MODULE = "auvbench.conf"
@@ -152,7 +151,7 @@ def compose(
     """
     try:
         return installed.complete(_compose(entry, overrides, folder))
-    except hydra_errors.FAULTS as error:
+    except typing.FAULTS as error:
         raise translate(error, entry, overrides) from error
 
 
@@ -254,7 +253,7 @@ def run(
                 raise ConfigError(f"-m: {entry} takes one value for each key; grids are for auvbench train")
             composed = grids.compose(loader, entry, overrides, parsed.multirun)
         composed = [installed.complete(config) for config in composed]
-    except hydra_errors.FAULTS as error:
+    except typing.FAULTS as error:
         raise translate(error, entry, arguments) from error
     if grid is not None and (parsed.multirun or len(composed) > 1):
         return grid(composed)
@@ -295,7 +294,7 @@ def _parse(entry: str, arguments: Sequence[str]) -> argparse.Namespace:
     parsed, rest = parser.parse_known_args(list(arguments))
     for word in rest:
         if re.match(r"--?[A-Za-z]", word):
-            keys = hydra_errors.leaves(OmegaConf.to_container(_compose(entry, ())))
+            keys = typing.leaves(OmegaConf.to_container(_compose(entry, ())))
             flags = [name for action in parser._actions for name in action.option_strings]
             raise ConfigError(suggestions.unknown_flag(entry, word, flags, keys, arguments))
     parsed.overrides += rest
@@ -306,4 +305,4 @@ def _parse(entry: str, arguments: Sequence[str]) -> argparse.Namespace:
 
 def translate(error: BaseException, entry: str = "train", overrides: Sequence[str] = ()) -> ConfigError:
     """Return an error of Hydra or OmegaConf in one line, with the value and the closest valid name."""
-    return hydra_errors.translate(error, lambda given: _compose(entry, given), entry, overrides)
+    return typing.translate(error, lambda given: _compose(entry, given), entry, overrides)

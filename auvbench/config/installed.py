@@ -20,8 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from auvbench import metrics, record
 from auvbench.config import plugins, rewards, schema, tasks
-from auvbench.config.agents import AGENTS
-from auvbench.config.algorithms import Tuned
+from auvbench.config.algorithms import AGENTS, Tuned
 from auvbench.config.overrides import whole
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.text import short

@@ -22,7 +22,7 @@ from omegaconf import OmegaConf
 
 from auvbench.config import plugins
 from auvbench.errors import ConfigError
-from auvbench.untrusted import documents, reading
+from auvbench.untrusted import reading
 from auvbench.untrusted.text import short
 
 SCHEME, INSTALLED, PACKAGE = "conf", "installed", "package"
@@ -47,7 +47,7 @@ class OwnFiles(FileConfigSource):
         shown = os.path.join(os.path.basename(self.path), name)
         if os.path.exists(path):
             try:
-                documents.check_yaml(reading.content(path))
+                reading.check_yaml(reading.content(path))
             except ValueError as error:
                 raise ConfigError(f"{shown}: {error}") from None
         result = super().load_config(config_path)

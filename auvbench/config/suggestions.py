@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Collection, Iterable, Sequence
 
 from auvbench.config import schema
-from auvbench.config.agents import AGENTS
+from auvbench.config.algorithms import AGENTS
 from auvbench.errors import closest
 
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from omegaconf import DictConfig, OmegaConf
 
 from auvbench.config import algorithms, rewards, schema, simulators, tasks
-from auvbench.config.agents import AGENTS
+from auvbench.config.algorithms import AGENTS
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.text import short
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from auvbench.config import schema
 from auvbench.config.schema import step_limit
 from auvbench.envs import info, rendering, settings
-from auvbench.envs import options as reset_options
 from auvbench.envs.batch import Batch
 from auvbench.errors import ActionError, AuvbenchWarning
 from auvbench.tasks.kernels import C_STEPS
@@ -74,13 +73,13 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
         Args:
             seed: of any size; seeds of 2^32 and more are hashed to 32 bits.
-            options: `pose`, and `waypoint` or `distance`, instead of drawn ones; see `auvbench.envs.options.places`.
+            options: `pose`, and `waypoint` or `distance`, instead of drawn ones; see `auvbench.envs.settings.places`.
 
         Raises:
             ConfigError: the seed or an option is wrong.
         """
-        places = reset_options.places(
-            reset_options.check_names(options), 1, self.config.task, self.batch.position_bounds
+        places = settings.places(
+            settings.check_options(options), 1, self.config.task, self.batch.position_bounds
         )
         number = None if seed is None else settings.folded(seed)
         super().reset(seed=seed)

@@ -1,21 +1,51 @@
-"""What an environment shows of an episode: a picture, or a line of text."""
+"""What an environment shows of an episode: a picture, drawn while it happens, or a line of text.
+
+A picture has the episode in space, from above, and over time. What does not move is drawn once and kept as pixels; each picture
+adds the lines. It needs matplotlib, which is imported when the first picture is asked for.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.config import schema, tasks
 from auvbench.dynamics import frames
-from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import ConfigError, closest
 
 if TYPE_CHECKING:
-    from auvbench.envs.scene import Scene, Trail
+    from auvbench.envs.batch import Batch, Transition
+
+Floats = NDArray[np.float64]
+
+SIZE = (10.4, 4.4)
+DPI = 80
+"""together 832 x 352 pixels, even as video codecs ask for"""
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#882255")
+PATH = "#0072B2"
 
 MODES = ("rgb_array", "ansi")
 """of rendering, in addition to None"""
+
+LOOK: Any = {
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.7,
+    "lines.linewidth": 1.6,
+    "figure.autolayout": False,
+    "figure.constrained_layout.use": False,
+}
+"""what pictures of an environment and figures of a report have in common, independent of a user's matplotlibrc"""
 
 
 def check_mode(mode: str | None) -> None:
@@ -27,6 +57,213 @@ def check_mode(mode: str | None) -> None:
 def speed(frequency: float) -> float | int:
     """Pictures per second of a film in real time: one per agent step. Whole numbers as such, for writers of films."""
     return int(frequency) if float(frequency).is_integer() else frequency
+
+
+@dataclass(slots=True)
+class Trail:
+    """What an episode left behind so far: T steps, T + 1 places."""
+
+    waypoint: Floats  # (3,) m, the goal of a task with another
+    dock_yaw: float | None = None  # rad, in which a dock is entered
+    position: list[Floats] = field(default_factory=list)  # (3,) m
+    yaw: list[float] = field(default_factory=list)  # rad
+    distance: list[float] = field(default_factory=list)  # m
+    command: list[Floats] = field(default_factory=list)  # (n_u,) N
+
+    def add(self, pose: Floats, distance: float, command: Floats | None = None) -> None:
+        """Add a place (7,), its distance to the waypoint, and the forces (n_u,) of the step that led to it."""
+        self.position.append(pose[:3].copy())
+        self.yaw.append(float(frames.yaw(pose[3:])))
+        self.distance.append(float(distance))
+        if command is not None:
+            self.command.append(command.copy())
+
+
+def panels(
+    figure: Any,
+    task: tasks.Task,
+    waypoint: Floats,
+    start: Floats,
+    *,
+    low: Floats,
+    high: Floats,
+    end: float,
+    farthest: float,
+    force: float,
+    dock_yaw: float | None = None,
+) -> tuple[Any, Any, Any, Any]:
+    """Axes in space, from above, of the distance and of the commands over time, with all that does not move.
+
+    Args:
+        task: its tolerance and depth limits are drawn.
+        waypoint: (3,) m.
+        start: (3,) m.
+        low: (3,) m, a corner of what must be seen; `high` is the opposite one.
+        high: (3,) m.
+        end: s, of the time axes.
+        farthest: m, of the axis of distances.
+        force: N, of the axis of commands.
+        dock_yaw: rad, in which a dock at the waypoint is entered.
+    """
+    from matplotlib.patches import Circle
+
+    # The layout engine does not see the labels of axes in space: the second column keeps them off the next.
+    grid = figure.add_gridspec(2, 4, width_ratios=[1.5, 0.15, 1.2, 1.2])
+    space: Any = figure.add_subplot(grid[:, 0], projection="3d")
+    above, time, command = (figure.add_subplot(place) for place in (grid[:, 2], grid[0, 3], grid[1, 3]))
+    radius = tolerance(task)
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 19), np.linspace(0, np.pi, 10))
+    ball = (np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v))
+    space.plot_wireframe(
+        *(radius * b + c for b, c in zip(ball, waypoint, strict=True)),
+        color="#9a9a9a",
+        linewidth=0.4,
+    )
+    seen = [low, high, waypoint - radius, waypoint + radius]
+    if dock_yaw is not None and isinstance(task, tasks.Docking):
+        cone = _cone(waypoint, dock_yaw, task)
+        space.plot(*cone.T, color="#9a9a9a", linewidth=0.6)
+        above.plot(*cone[:, :2].T, color="#9a9a9a", linewidth=0.6)
+        seen += [cone.min(0), cone.max(0)]
+    corners = np.vstack(seen)
+    middle = (corners.max(0) + corners.min(0)) / 2
+    half = max(float(np.ptp(corners, axis=0).max()) / 2, 2.0) * 1.05
+    limits = np.stack([middle - half, middle + half], axis=1).tolist()
+    space.set(
+        xlim=limits[0],
+        ylim=limits[1],
+        zlim=limits[2],
+        xlabel="x (m)",
+        ylabel="y (m)",
+        zlabel="z (m)",
+        box_aspect=(1, 1, 1),
+    )
+    xs, ys = np.meshgrid(limits[0], limits[1])
+    for depth in (task.depth_low, task.depth_high):
+        if limits[2][0] <= depth <= limits[2][1]:
+            space.plot_surface(xs, ys, np.full_like(xs, depth), color="#D55E00", alpha=0.12)
+    x, y = (float(value) for value in waypoint[:2])
+    above.add_patch(Circle((x, y), radius, fill=False, color="#9a9a9a"))
+    above.plot(start[0], start[1], "k+", markersize=9)
+    above.set(xlabel="x (m)", ylabel="y (m)", xlim=limits[0], ylim=limits[1], title="from above")
+    above.set_aspect("equal")
+    time.axhline(radius, color="#9a9a9a", linewidth=0.8)
+    time.set(ylabel="distance (m)", xlim=(0, end), ylim=(0, farthest), title="over time")
+    command.set(ylabel="command (N)", xlabel="time (s)", xlim=(0, end), ylim=(-force, force))
+    return space, above, time, command
+
+
+def _cone(dock: Floats, yaw: float, task: tasks.Docking) -> Floats:
+    """Return a line (36, 3) in m along the sides and round the rim of the cone in which a dock may be entered."""
+    out, side = np.array([-np.cos(yaw), -np.sin(yaw), 0.0]), np.array([np.sin(yaw), -np.cos(yaw), 0.0])
+    turn = np.linspace(0.0, 2.0 * np.pi, 13)[:, None]
+    wide = np.tan(task.cone) * (np.cos(turn) * side + np.sin(turn) * np.array([0.0, 0.0, 1.0]))
+    rim = dock + task.standoff * (out + wide)
+    return np.stack([np.broadcast_to(dock, rim[1:].shape), rim[:-1], rim[1:]], axis=1).reshape(-1, 3)
+
+
+def tolerance(task: tasks.Task) -> float:
+    """Return the distance in m from the goal that is near enough; 0 where a task has none."""
+    return float(getattr(task, "goal_radius", getattr(task, "tolerance", 0.0)))
+
+
+class Scene:
+    """Draw one episode after each of its steps.
+
+    Args:
+        force: N, the largest force of an actuator.
+    """
+
+    def __init__(self, config: schema.TrainConfig, force: float, trail: Trail) -> None:
+        self._task = config.task
+        self._duration = 1.0 / config.step.frequency
+        self._force = 1.05 * force or 1.0
+        self._trail = trail
+        self._low = self._high = trail.position[0]
+        self._end = 10.0
+        self._farthest = 0.0
+        self._canvas: Any = None
+
+    def frame(self, heading: str) -> NDArray[np.uint8]:
+        """Return the picture (352, 832, 3) of the trail as it is now."""
+        trail, position = self._trail, np.asarray(self._trail.position)
+        clock = self._duration * np.arange(len(position))
+        inside = ((position >= self._low) & (position <= self._high)).all() and clock[-1] <= self._end
+        if not inside or max(trail.distance) > self._farthest or len(self._commands) != self._count():
+            self._prepare(position)
+        above = self._axes[1]
+        arm = 0.05 * (above.get_xlim()[1] - above.get_xlim()[0])
+        tip = position[-1] + arm * np.array([np.cos(trail.yaw[-1]), np.sin(trail.yaw[-1]), 0.0])
+        nose = np.stack([position[-1], tip]).T
+        self._space.set_data_3d(*position.T)
+        self._above.set_data(*position[:, :2].T)
+        self._time.set_data(clock, trail.distance)
+        self._noses[0].set_data_3d(*nose)
+        self._noses[1].set_data(*nose[:2])
+        for line, forces in zip(self._commands, np.asarray(trail.command).T, strict=True):
+            line.set_data(clock, np.append(forces, forces[-1]))
+        self._text.set_text(heading)
+        canvas = self._canvas
+        canvas.restore_region(self._background)
+        for line in (self._space, self._above, self._time, *self._commands, *self._noses):
+            line.axes.draw_artist(line)
+        self._text.draw(canvas.get_renderer())
+        return np.array(np.asarray(canvas.buffer_rgba())[..., :3])
+
+    def _count(self) -> int:
+        return len(self._trail.command[0]) if self._trail.command else 0
+
+    def _prepare(self, position: Floats) -> None:
+        """Draw axes that hold the trail and leave room to go on."""
+        import matplotlib as mpl
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+        from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+        trail = self._trail
+        seen = np.vstack([position, trail.waypoint[None]])
+        room = max(3.0, 0.25 * float(np.ptp(seen, axis=0).max()))
+        self._low, self._high = seen.min(0) - room, seen.max(0) + room
+        while self._end < (len(position) - 1) * self._duration:
+            self._end *= 2.0
+        self._farthest = 1.25 * max(*trail.distance, tolerance(self._task))
+        with mpl.rc_context(LOOK):
+            figure = Figure(figsize=SIZE, dpi=DPI, layout=ConstrainedLayoutEngine(wspace=0.12))
+            self._canvas = FigureCanvasAgg(figure)  # typed Any: its stubs are not complete
+            self._axes = panels(
+                figure,
+                self._task,
+                trail.waypoint,
+                position[0],
+                low=self._low,
+                high=self._high,
+                end=self._end,
+                farthest=self._farthest,
+                force=self._force,
+                dock_yaw=trail.dock_yaw,
+            )
+            figure.suptitle(" ", fontsize=10)
+            self._canvas.draw()
+            figure.set_layout_engine("none")
+            space, above, time, command = self._axes
+            (self._space,) = space.plot([], [], [], color=PATH)
+            (self._above,) = above.plot([], [], color=PATH)
+            (self._time,) = time.plot([], [], color=PATH)
+            self._commands = [
+                command.step([], [], where="post", color=COLOURS[j % len(COLOURS)], linewidth=0.9)[0]
+                for j in range(self._count())
+            ]
+            self._noses = [
+                space.plot([], [], [], color="black", linewidth=3)[0],
+                above.plot([], [], color="black", linewidth=3)[0],
+            ]
+            self._text = figure.text(0.01, 0.98, "", ha="left", va="top", fontsize=10)
+        self._background = self._canvas.copy_from_bbox(figure.bbox)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Canvases do not travel; the copy draws anew.
+        kept = ("_task", "_duration", "_force", "_trail", "_low", "_high", "_end")
+        return {name: getattr(self, name) for name in kept} | {"_farthest": 0.0, "_canvas": None}
 
 
 class Renderer:
@@ -50,8 +287,6 @@ class Renderer:
             self._outcome[i] = None
         if self.mode != "rgb_array":
             return
-        from auvbench.envs.scene import Trail
-
         state = self._batch.state
         for i in indices.tolist():
             self._scenes[i] = None
@@ -89,8 +324,6 @@ class Renderer:
         assert trail is not None
         scene = self._scenes[i]
         if scene is None:
-            from auvbench.envs.scene import Scene
-
             force = float(np.abs(self._batch.vehicle.force_limits).max(initial=0.0))
             scene = self._scenes[i] = Scene(self._batch.config, force, trail)
         time = self._steps[i] / self._batch.config.step.frequency

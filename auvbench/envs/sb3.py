@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from auvbench.config.schema import step_limit
-from auvbench.envs import info, options, rendering, settings
+from auvbench.envs import info, rendering, settings
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import ConfigError
 
@@ -97,13 +97,13 @@ class WaypointVecEnv(VecEnv):
         return observation
 
     def _places(self) -> dict[str, Any]:
-        given = [options.check_names(one) for one in self._options]
+        given = [settings.check_options(one) for one in self._options]
         names = given[0].keys()
         if any(one.keys() != names for one in given):
             raise ConfigError("options: give the same ones to every environment")
         rows = {name: [one[name] for one in given] for name in names}
         bounds = self.batch.position_bounds
-        return options.places(rows, self.num_envs, self.batch.config.task, bounds)
+        return settings.places(rows, self.num_envs, self.batch.config.task, bounds)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Seed the batch: environment i draws from (seed, i)."""

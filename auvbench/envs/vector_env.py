@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.envs import info, rendering, settings
-from auvbench.envs import options as reset_options
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import ConfigError, closest
 
@@ -116,16 +115,16 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
                 single environment with that seed does (None: its next episode). Of any size; seeds of 2^32 and more
                 are hashed to 32 bits.
             options: `reset_mask` (n,) of booleans; `pose`, and `waypoint` or `distance`, instead of drawn ones, for
-                all or a row for each environment that is reset (`auvbench.envs.options.places`).
+                all or a row for each environment that is reset (`auvbench.envs.settings.places`).
 
         Raises:
             ConfigError: a seed or an option is wrong.
             ResetNeeded: a mask leaves out environments whose first episode has not begun.
         """
-        given = reset_options.check_names(options, "reset_mask")
+        given = settings.check_options(options, "reset_mask")
         mask = self._mask(given.get("reset_mask"))
         indices = np.flatnonzero(mask)
-        places = reset_options.places(given, len(indices), self.config.task, self.batch.position_bounds)
+        places = settings.places(given, len(indices), self.config.task, self.batch.position_bounds)
         self._reseed(seed, indices)
         observation = self.batch.reset(indices, **places)
         self._ended[indices] = False

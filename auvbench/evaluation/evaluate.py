@@ -16,7 +16,7 @@ import numpy as np
 from auvbench.agents import base as agents
 from auvbench.agents.base import Agent
 from auvbench.config import installed, plugins, schema, simulators
-from auvbench.config.agents import learns
+from auvbench.config.algorithms import learns
 from auvbench.config.schema import step_limit
 from auvbench.config.tasks import TASKS
 from auvbench.envs.simulator_factory import at_frequency

@@ -16,14 +16,13 @@ import numpy as np
 from auvbench.agents.base import Agent, Observations
 from auvbench.agents.policy_file import PolicyFile
 from auvbench.config import schema, tasks
-from auvbench.config.agents import AGENTS, learns
+from auvbench.config.algorithms import AGENTS, learns
 from auvbench.config.schema import step_limit
 from auvbench.errors import RunError
 from auvbench.evaluation.evaluate import make_agent, read_summary, refuse_incomplete
 from auvbench.evaluation.rollout import batch_of, embedded
-from auvbench.policies import cards, exported
-from auvbench.policies.cards import FORMAT, SCHEMA_VERSION, PolicyError
-from auvbench.policies.exported import NETWORK, SLACK, Policy
+from auvbench.policies import exported
+from auvbench.policies.exported import FORMAT, NETWORK, SCHEMA_VERSION, SLACK, Policy, PolicyError
 from auvbench.runs import identity, integrity, provenance
 from auvbench.runs.atomic_io import as_lines, sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
@@ -116,7 +115,7 @@ def export(run: RunDirectory, folder: Path | None = None) -> Export:
     card["check"] = {"observations": count, "largest_difference": difference, "limit": limit}
     packages = ("onnx", "onnxruntime", "onnxscript")
     card["versions"] = provenance.versions() | {name: metadata.version(name) for name in packages}
-    card_path = cards.card_path(target)
+    card_path = exported.card_path(target)
     path_safety.check_output(target.parent, (target.name, card_path.name))
     with storage(f"cannot write into {target.parent}"):
         # The card first: it holds the file's digest, so that an old file next to it is noticed.

@@ -10,7 +10,7 @@ from typing import Any
 
 from auvbench.agents.base import Agent
 from auvbench.config import installed, plugins, schema
-from auvbench.config.agents import AGENTS
+from auvbench.config.algorithms import AGENTS
 from auvbench.config.simulators import Ros2
 from auvbench.errors import AuvbenchError
 from auvbench.evaluation.evaluate import Report, Roll, evaluate, in_process, make_agent, stale

@@ -19,7 +19,7 @@ from auvbench.evaluation.rollout import one_episode
 from auvbench.pilot.mission import CONDITION, FORMAT, SCHEMA_VERSION
 from auvbench.record import Record
 from auvbench.runs.directory import RunDirectory
-from auvbench.untrusted import archives, documents, reading, tables
+from auvbench.untrusted import archives, reading, tables
 
 Floats = NDArray[np.float32]
 
@@ -94,7 +94,7 @@ def read_mission(folder: Path, number: int) -> Replay:
         UserError: the folder has no such mission.
     """
     try:
-        about = documents.json_value(reading.content(folder / "mission.json"))
+        about = reading.json_value(reading.content(folder / "mission.json"))
         if not isinstance(about, dict) or about.get("format") != FORMAT:
             raise ValueError("mission.json has another format")
         if about.get("schema_version") != SCHEMA_VERSION:

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from auvbench.analysis.effects import run_learns
 from auvbench.analysis.measures import to_rank_by
-from auvbench.analysis.records import NO_POLICY, Agent, RunRecord
+from auvbench.analysis.records import NO_POLICY, Agent, RunRecord, run_learns
 from auvbench.errors import AuvbenchError
-from auvbench.policies import cards
+from auvbench.policies import exported
 from auvbench.reporting.tables.text_formats import escape, rows
 from auvbench.runs.directory import RunDirectory
 from auvbench.untrusted import path_safety
@@ -119,7 +118,7 @@ def _remove(there: Path, runs: Collection[str]) -> None:
         file = there / f"{run}.onnx"
         if file.exists():
             file.unlink()
-            cards.card_path(file).unlink(missing_ok=True)
+            exported.card_path(file).unlink(missing_ok=True)
             print(f"removed {file}: no longer the best of its algorithm")
 
 

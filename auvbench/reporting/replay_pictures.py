@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.analysis.labels import title
-from auvbench.envs.scene import panels
+from auvbench.envs.rendering import panels
 from auvbench.errors import UserError
 from auvbench.evaluation.replay import Replay
 from auvbench.metrics import METRICS

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import TrainingError
-from auvbench.ros2 import discovery, interface, messages
+from auvbench.ros2 import discovery, interface
 from auvbench.ros2.discovery import FOUND, LEASE, LEAVING, SETTLE
 from auvbench.ros2.middleware import Answer, InterfaceError, Session
 
@@ -195,7 +195,7 @@ class Connection:
 
         def receive(message: bytes) -> None:
             try:
-                stamp = messages.read_odometry(message, pose, velocity)
+                stamp = interface.read_odometry(message, pose, velocity)
             except (ValueError, struct.error) as error:
                 raise InterfaceError(f"{self.names[i].odometry}: {error}") from error
             if stamp < self._stamp[i]:
@@ -209,7 +209,7 @@ class Connection:
         return receive
 
     def _clock(self, message: Any) -> None:
-        self._time = messages.read_time(message.clock)
+        self._time = interface.read_time(message.clock)
 
     # Services.
 

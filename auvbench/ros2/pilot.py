@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from auvbench.pilot import loop
 from auvbench.pilot.observation import yaw_of
 from auvbench.pilot.steering import Steering
-from auvbench.ros2 import discovery, interface, messages
+from auvbench.ros2 import discovery, interface
 from auvbench.ros2.middleware import Session
 
 Floats = NDArray[np.float64]
@@ -73,17 +73,17 @@ class Pilot(loop.Pilot):
 
     def _odometry(self, message: Any) -> None:
         pose, velocity = np.empty(7), np.empty(6)
-        messages.read_pose(message.pose.pose, pose)
-        messages.read_twist(message.twist.twist, velocity)
-        self._take_pose(messages.read_time(message.header.stamp), pose, velocity)
+        interface.read_pose(message.pose.pose, pose)
+        interface.read_twist(message.twist.twist, velocity)
+        self._take_pose(interface.read_time(message.header.stamp), pose, velocity)
 
     def _clock(self, message: Any) -> None:
-        self._take_time(messages.read_time(message.clock) / 1e9)
+        self._take_time(interface.read_time(message.clock) / 1e9)
 
     def _goal(self, message: Any) -> None:
         frame = message.header.frame_id.lstrip("/")
         pose = np.empty(7)
-        messages.read_pose(message.pose, pose)
+        interface.read_pose(message.pose, pose)
         if frame not in ("", interface.WORLD):
             self._report(f"waypoint ignored: the frame is {frame!r}, must be {interface.WORLD!r}")
         elif self.limits.holds and not loop.is_turn(pose):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auvbench.errors import AuvbenchError
-from auvbench.ros2 import interface, messages
+from auvbench.ros2 import interface
 from auvbench.ros2.middleware import SLICE, InterfaceError, Session
 from auvbench.ros2.vehicle_node import Settings, VehicleNode
 
@@ -187,7 +187,7 @@ class Server:
         for i in indices:
             self.vehicles[i].publish(poses[i], velocities[i], self.time)
         if self._clock.get_subscription_count():
-            messages.write_time(self._now.clock, self.time)
+            interface.write_time(self._now.clock, self.time)
             self._clock.publish(self._now)
 
     def _set_current(self, message: Any) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config.schema import SCALES
-from auvbench.ros2 import interface, messages
+from auvbench.ros2 import interface
 
 if TYPE_CHECKING:
     from auvbench.ros2.server import Server
@@ -71,7 +71,7 @@ class VehicleNode:
         ros = session.ros
         self.node = node = session.node(interface.NODE, namespace, parameters=True)
         names = interface.Names(namespace)
-        self._odometry = messages.odometry(ros, namespace)
+        self._odometry = interface.odometry(ros, namespace)
         self._pose = ros.geometry.Pose()
         self._publishers = (
             node.create_publisher(ros.nav.Odometry, names.odometry, session.qos),
@@ -101,12 +101,12 @@ class VehicleNode:
         # Writing a message without a reader takes as long as stepping a vehicle.
         if self._publishers[0].get_subscription_count():
             odometry = self._odometry
-            messages.write_time(odometry.header.stamp, time)
-            messages.write_pose(odometry.pose.pose, pose)
-            messages.write_twist(odometry.twist.twist, velocity)
+            interface.write_time(odometry.header.stamp, time)
+            interface.write_pose(odometry.pose.pose, pose)
+            interface.write_twist(odometry.twist.twist, velocity)
             self._publishers[0].publish(odometry)
         if self._publishers[1].get_subscription_count():
-            messages.write_pose(self._pose, pose)
+            interface.write_pose(self._pose, pose)
             self._publishers[1].publish(self._pose)
 
     def restore_thrusters(self) -> None:

@@ -18,7 +18,7 @@ from auvbench.errors import UserError, closest
 from auvbench.record import PRIMARY, measure_names
 from auvbench.runs.atomic_io import write_atomic
 from auvbench.runs.identity import digest_of
-from auvbench.untrusted import documents, reading, typed_json
+from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Name, Range
 
@@ -73,7 +73,7 @@ def read(path: Path) -> Declared:
         UserError: it cannot be read, or an entry is unknown or wrong.
     """
     try:
-        found = documents.yaml_value(reading.content(path))
+        found = reading.yaml_value(reading.content(path))
         analysis = typed_json.convert(found, Declared)
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: {short(error)}") from error

@@ -22,7 +22,7 @@ from auvbench.runs.atomic_io import (
     write_json,
 )
 from auvbench.runs.identity import SCHEMA_VERSION
-from auvbench.untrusted import documents, path_safety, reading
+from auvbench.untrusted import path_safety, reading
 from auvbench.untrusted.text import first_line
 
 __all__ = ["RunDirectory", "damaged", "find_runs", "freeze", "now", "place"]
@@ -97,7 +97,7 @@ class RunDirectory:
             RunError: it is missing or no YAML mapping.
         """
         try:
-            loaded = documents.yaml_value(reading.content(self.config_path))
+            loaded = reading.yaml_value(reading.content(self.config_path))
         except (OSError, ValueError) as error:  # ValueError: no YAML, no UTF-8, or no such date
             raise self._unreadable(self.config_path, error) from error
         if not isinstance(loaded, dict):

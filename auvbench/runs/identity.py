@@ -12,8 +12,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from auvbench.config.agents import learns
-from auvbench.config.algorithms import BASES
+from auvbench.config.algorithms import BASES, learns
 from auvbench.untrusted.text import short
 
 SCHEMA_VERSION = 1

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 
 from auvbench.runs.atomic_io import sha256
 from auvbench.runs.identity import SCHEMA_VERSION
-from auvbench.untrusted import documents, reading, typed_json
+from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.path_safety import child
 from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Prose, Range, Seconds, Share
@@ -69,7 +69,7 @@ def read_sealed(path: Path, version: int) -> dict[str, Any]:
         OSError: the file is missing or cannot be read.
         VersionError, ValueError: as `check_sealed`.
     """
-    return check_sealed(documents.json_value(reading.content(path)), version)
+    return check_sealed(reading.json_value(reading.content(path)), version)
 
 
 def check_sealed(value: Any, version: int) -> dict[str, Any]:
@@ -267,7 +267,7 @@ def read(path: Path, schema: type[Manifest | Summary]) -> dict[str, Any]:
         VersionError: it has another schema version.
         ValueError: it is damaged; the message names the entry.
     """
-    return checked(documents.json_value(reading.content(path)), schema)
+    return checked(reading.json_value(reading.content(path)), schema)
 
 
 def checked(value: Any, schema: type[Manifest | Summary]) -> dict[str, Any]:

@@ -9,12 +9,12 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from auvbench.ardusub import program
+from auvbench.ardusub import sitl
 from auvbench.config import algorithms, schema
 from auvbench.config.compose import typed
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
-from auvbench.policies import cards, exported
+from auvbench.policies import exported
 from auvbench.runs import declared, identity, integrity
 from auvbench.runs.atomic_io import sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, freeze, place
@@ -80,7 +80,7 @@ def _declared(config: DictConfig) -> declared.Declared | None:
 
 def _settled(config: DictConfig) -> DictConfig:
     typed = train_config(config)
-    return program.settled(_with_policy(config, typed, check_vehicle(typed)), typed)
+    return sitl.settled(_with_policy(config, typed, check_vehicle(typed)), typed)
 
 
 def _plain(config: DictConfig) -> dict[str, object]:
@@ -157,7 +157,9 @@ def _keep_policy(run: RunDirectory, config: dict[str, Any]) -> None:
         return
     data, _, card_data = exported.read(Path(algo["path"]))
     if sha256(data) != algo["sha256"]:
-        raise cards.PolicyError(f"{algo['path']}: was changed while the run was made; type the command again")
+        raise exported.PolicyError(
+            f"{algo['path']}: was changed while the run was made; type the command again"
+        )
     with storage(f"cannot write {run.model}"):
         # The network last: where it is, its card is.
         if card_data is not None:
@@ -167,7 +169,7 @@ def _keep_policy(run: RunDirectory, config: dict[str, Any]) -> None:
         write_atomic(target, data)
 
 
-def _compare(card: cards.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
     """Refuse a file of another vehicle, frame or frequency, which would steer wrongly without an error."""
     if card.actuators != vehicle.actuators:
         raise ConfigError(

@@ -11,7 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from auvbench.config import schema
-from auvbench.config.agents import learns
+from auvbench.config.algorithms import learns
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError, RunError
 from auvbench.runs import plan, status

@@ -14,7 +14,7 @@ from rich.live import Live
 from rich.progress import TaskID
 from rich.text import Text
 
-from auvbench.config.agents import learns
+from auvbench.config.algorithms import learns
 from auvbench.errors import RunError
 from auvbench.runs import progress
 from auvbench.runs.directory import RunDirectory

@@ -14,7 +14,7 @@ from auvbench.config.schema import SCALES
 from auvbench.dynamics.kernel import commanded
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.ros2.connection import Connection
-from auvbench.simulators.packing import unit_table
+from auvbench.simulators.fossen import unit_table
 from auvbench.vehicles.physical import PhysicalCommands
 from auvbench.vehicles.vehicle_model import VehicleModel
 

@@ -1,7 +1,7 @@
 """Pure functions on arrays (seeds, episodes); docs/statistics-appendix.md has the reasons and the measurements.
 
-`crossed` has means over seeds and scenarios, `differences` those of agents with the tests of all pairs, `intervals` those of
-rates, `multiple` corrections, `power` plans.
+`crossed` has means over seeds and scenarios, `differences` those of agents with their tests and the correction for all pairs,
+`intervals` those of rates, `power` plans.
 """
 
 from auvbench.statistics.crossed import (
@@ -12,7 +12,7 @@ from auvbench.statistics.crossed import (
     crossed,
     means,
 )
-from auvbench.statistics.differences import contrast, pairs, resolution
+from auvbench.statistics.differences import contrast, discordant, holm, mcnemar, pairs, resolution
 from auvbench.statistics.intervals import (
     Estimate,
     limits,
@@ -23,7 +23,6 @@ from auvbench.statistics.intervals import (
     trials_that_bound,
     wilson,
 )
-from auvbench.statistics.multiple import discordant, holm, mcnemar
 
 __all__ = [
     "EPISODES_ONLY",

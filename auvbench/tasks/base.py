@@ -22,8 +22,7 @@ from auvbench.observation import ObservationSpec
 from auvbench.record import OUTCOMES, Record, record_of
 from auvbench.tasks import kernels as k
 from auvbench.tasks.bounds import bounded_spec
-from auvbench.tasks.needs import check_vehicle
-from auvbench.tasks.observation import CODES
+from auvbench.tasks.observation import CODES, check_vehicle
 from auvbench.tasks.rewards import FOREIGN
 from auvbench.vehicles.vehicle_model import VehicleModel
 

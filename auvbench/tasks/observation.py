@@ -1,12 +1,16 @@
-"""The observations that tasks declare. Nothing compiled is imported: a ROS 2 pilot reads this file."""
+"""What tasks observe, and what they need of a vehicle. Nothing compiled is imported: a ROS 2 pilot and the check of a run read this file."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from auvbench.config import tasks
+from auvbench.errors import ConfigError
 from auvbench.observation import BODY, WORLD, Block, ObservationSpec
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 CODES = {
     name: code
@@ -106,3 +110,18 @@ def _block(name: str, task: tasks.Task, actuators: Sequence[str], bounds: tuple[
 
 def _vector(name: str, unit: str, bounds: tuple[float, ...], meaning: str, axes: str) -> Block:
     return Block(name, tuple(f"{name}_{axis}" for axis in "xyz"), unit, bounds, meaning, axes)
+
+
+def check_vehicle(task: tasks.Task, vehicle: VehicleModel) -> None:
+    """Refuse a task that asks for forces which a vehicle's thrusters do not give.
+
+    Raises:
+        ConfigError: names the tasks that the vehicle can do.
+    """
+    free = [spec.name for spec in tasks.TASKS.values() if not spec.needs_thrusters]
+    controlled = vehicle.allocation[[0, 1, 2, 5]]
+    if task.name not in free and np.linalg.matrix_rank(controlled, tol=1e-6) < len(controlled):
+        raise ConfigError(
+            f"task={task.name}: asks for thrust along x, y, z and about z, which vehicle={vehicle.name} does not have; use "
+            f"task={' or '.join(free)}"
+        )

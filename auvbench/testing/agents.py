@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from auvbench.agents import base
 from auvbench.agents.plugins import PluginAgent, action_fault
 from auvbench.config import schema
-from auvbench.config.agents import learns
+from auvbench.config.algorithms import learns
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch

@@ -12,7 +12,7 @@ import numpy as np
 from auvbench import tracking
 from auvbench.agents import base as agents
 from auvbench.config import algorithms, installed, schema, simulators
-from auvbench.config.agents import AGENTS, learns
+from auvbench.config.algorithms import AGENTS, learns
 from auvbench.errors import AuvbenchError, TrainingError
 from auvbench.runs import integrity, interruption, provenance, status
 from auvbench.runs.atomic_io import storage
@@ -20,7 +20,7 @@ from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch
-from auvbench.tasks.needs import check_vehicle
+from auvbench.tasks.observation import check_vehicle
 from auvbench.training import worker
 from auvbench.vehicles import sheet
 

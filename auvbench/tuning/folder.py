@@ -15,7 +15,7 @@ from optuna.storages.journal import BaseJournalBackend
 
 from auvbench import __version__
 from auvbench.config import schema
-from auvbench.config.agents import learns
+from auvbench.config.algorithms import learns
 from auvbench.config.tuning import Tune, refuse_test
 from auvbench.config.validate import evaluate_protocol, validate_fields
 from auvbench.errors import AuvbenchError, ConfigError, RunError
@@ -25,7 +25,7 @@ from auvbench.runs.directory import damaged
 from auvbench.runs.run_filter import flat
 from auvbench.tuning import space
 from auvbench.tuning.space import Dimension
-from auvbench.untrusted import documents, path_safety, reading, typed_json
+from auvbench.untrusted import path_safety, reading, typed_json
 from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Prose
 
@@ -62,7 +62,7 @@ class Journal(BaseJournalBackend):
 
     def _take(self, line: bytes) -> None:
         try:
-            log = documents.json_value(line)
+            log = reading.json_value(line)
             if not isinstance(log, dict) or log.pop(DIGEST, "") != self._digest(log):
                 raise ValueError("its digest does not match it and the lines before it")
         except ValueError as error:

@@ -1,11 +1,23 @@
-"""Bytes of a regular file of bounded size: never a pipe that does not answer, nor a device without an end."""
+"""Files that another person may have written: their bytes, and JSON and YAML bounded before a document is built.
+
+Only a regular file of bounded size is read: never a pipe that does not answer, nor a device without an end. PyYAML's loaders
+compose recursively: 100,000 brackets or dashes end the process. Aliases make a document of some hundred bytes stand for
+billions of values. So the parser's events, which come one after another, are counted first.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import json
+import math
 import os
 import stat
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    import yaml
 
 DOCUMENT = 16 * 1024**2
 """bytes of the largest manifest, configuration or sheet; ours have some ten thousand"""
@@ -13,6 +25,15 @@ DATA = 256 * 1024**2
 """bytes of the largest table or trajectories, unpacked; a million training episodes have 200 million"""
 WEIGHTS = 2 * 1024**3
 """bytes of the largest file of a policy or a checkpoint"""
+
+DEPTH = 100
+"""levels of nesting; a run's configuration has six"""
+WHOLE = 2**64
+"""largest whole number; no counter reaches it"""
+VALUES = 1_000_000
+"""values of a YAML document, each repeated as often as there are aliases"""
+
+TOO_DEEP = f"it is nested more than {DEPTH} levels deep"
 
 
 def content(path: Path | str, limit: int = DOCUMENT) -> bytes:
@@ -36,3 +57,108 @@ def content(path: Path | str, limit: int = DOCUMENT) -> bytes:
         size = f"{limit // 1024**2} MiB" if limit >= 1024**2 else f"{limit} bytes"
         raise ValueError(f"it has more than {size}, the most that is read")
     return data
+
+
+def json_value(data: bytes | str, *, whole: int = WHOLE) -> Any:
+    """Return a JSON value of bounded depth, without NaN, infinities and numbers that no counter reaches.
+
+    Args:
+        data: the text.
+        whole: the largest valid whole number; the state of a generator has 128 bits.
+
+    Raises:
+        ValueError: what is wrong with it, in one line.
+    """
+    try:
+        value = json.loads(data, parse_constant=_no_constant)
+    except RecursionError:
+        raise ValueError(TOO_DEEP) from None
+    level: list[Any] = [value]
+    for _ in range(DEPTH):
+        following: list[Any] = []
+        for node in level:
+            if isinstance(node, dict):
+                following += node.values()
+            elif isinstance(node, list):
+                following += node
+            elif isinstance(node, float) and not math.isfinite(node):
+                raise ValueError("a number in it is too large")
+            elif isinstance(node, int) and abs(node) > whole:
+                raise ValueError("a whole number in it is too large")
+        if not following:
+            return value
+        level = following
+    raise ValueError(TOO_DEEP)
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no JSON")
+
+
+def yaml_value(data: bytes) -> Any:
+    """Return a YAML value of bounded depth and size, by the safe loader.
+
+    Raises:
+        ValueError: what is wrong with it, in one line.
+    """
+    import yaml
+
+    try:
+        check_yaml(data)
+        return yaml.load(data, Loader=_loader())
+    except yaml.YAMLError as error:
+        raise ValueError(no_yaml(error)) from error
+
+
+def check_yaml(data: bytes) -> None:
+    """Refuse YAML that is nested too deep, repeats itself too often or names the type of a value.
+
+    A text that is no YAML passes: the loader fails on it, and says where.
+
+    Raises:
+        ValueError: in one line.
+    """
+    import yaml
+
+    with contextlib.suppress(yaml.YAMLError):
+        _check_events(data)
+
+
+def _check_events(data: bytes) -> None:
+    import yaml
+
+    depth = anchored = events = aliases = 0  # anchored: depth of the outermost open collection with an anchor
+    for event in yaml.parse(data, Loader=_loader()):
+        events += 1
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > DEPTH:
+                raise ValueError(TOO_DEEP)
+            if event.anchor is not None and not anchored:
+                anchored = depth
+        elif isinstance(event, yaml.CollectionEndEvent):
+            if depth == anchored:
+                anchored = 0
+            depth -= 1
+        elif isinstance(event, yaml.AliasEvent):
+            aliases += 1
+            if anchored:
+                raise ValueError(f"*{event.anchor} lies inside of what has an anchor itself; write it out")
+        # The loader fails on some tags with errors of its own, for instance on `!!bool maybe`.
+        if (tag := getattr(event, "tag", None)) is not None:
+            raise ValueError(f"{tag} is a tag, which names a type; only plain values are read")
+    if events * (aliases + 1) > VALUES:
+        raise ValueError(f"its aliases stand for more than {VALUES:,} values")
+
+
+def no_yaml(error: yaml.YAMLError) -> str:
+    """Return what is wrong with a text that is no YAML, in one line."""
+    mark = getattr(error, "problem_mark", None)
+    line = f"line {mark.line + 1}: " if mark is not None else ""
+    return f"{line}{getattr(error, 'problem', None) or 'not valid YAML'}"
+
+
+def _loader() -> Any:
+    import yaml
+
+    return getattr(yaml, "CSafeLoader", yaml.SafeLoader)

@@ -23,7 +23,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NewType, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from auvbench.untrusted import reading
-from auvbench.untrusted.documents import json_value
+from auvbench.untrusted.reading import json_value
 from auvbench.untrusted.text import LONGEST, short
 
 T = TypeVar("T")

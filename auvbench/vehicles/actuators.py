@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auvbench.dynamics import layout
 from auvbench.vehicles.curves import Curve, Lag, Power, t200_table
-from auvbench.vehicles.document import Document, Keys
+from auvbench.vehicles.reader import Document, Keys
 
 FloatArray = NDArray[np.float64]
 

@@ -1,18 +1,34 @@
-"""Finding and reading vehicle sheets: names, files, and what a sheet inherits."""
+"""Finding and reading vehicle sheets: names, files, and what a sheet inherits.
+
+A `Document` is a sheet's content: sourced quantities, and messages that name the file, the key and the rule.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import yaml
 
 from auvbench.config import plugins
 from auvbench.errors import VehicleError, closest
-from auvbench.untrusted import documents, reading
-from auvbench.vehicles.document import Document
+from auvbench.untrusted import reading
+from auvbench.untrusted.text import short
+
+if TYPE_CHECKING:  # a composed configuration needs no arrays
+    import numpy as np
+    from numpy.typing import NDArray
+
+    FloatArray = NDArray[np.float64]
+
+LARGEST = 1e15
+"""in any unit of a sheet; products of such numbers are still finite"""
+
+Keys = tuple[str, ...]
 
 
 def sheets() -> dict[str, Traversable]:
@@ -114,14 +130,14 @@ def _parse(entry: Traversable, label: str) -> dict[str, Any]:
     """Return the content of a file."""
     try:
         data = reading.content(entry) if isinstance(entry, Path) else entry.read_bytes()
-        documents.check_yaml(data)
+        reading.check_yaml(data)
         found = yaml.load(data.decode("utf-8"), Loader=_Loader)
     except UnicodeDecodeError:
         raise VehicleError(f"{label}: is no UTF-8: save the sheet as UTF-8 text") from None
     except OSError as error:
         raise VehicleError(f"{label}: cannot be read: {error.strerror}") from None
     except (ValueError, yaml.YAMLError) as error:
-        reason = documents.no_yaml(error) if isinstance(error, yaml.YAMLError) else error
+        reason = reading.no_yaml(error) if isinstance(error, yaml.YAMLError) else error
         raise VehicleError(f"{label}: not valid YAML: {reason}") from None
     if not isinstance(found, dict):
         raise VehicleError(f"{label}: a vehicle sheet is a mapping of keys")
@@ -136,3 +152,127 @@ def _merge(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
         else:
             merged[key] = value
     return merged
+
+
+@dataclass
+class Document:
+    """The content of a sheet."""
+
+    data: dict[str, Any]
+    label: str
+    """the file, or the vehicle of a composed configuration"""
+    used: set[str] = field(default_factory=set)
+    """sources that a quantity named"""
+
+    def fail(self, path: Keys, rule: str) -> NoReturn:
+        """Raise a `VehicleError` that names `path` and the rule."""
+        raise VehicleError(": ".join([self.label, *([".".join(path)] if path else []), rule]))
+
+    def section(self, path: Keys, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, Any]:
+        """The mapping at `path`, which must hold `required` and may hold `optional` keys, no others."""
+        node = self.mapping(path)
+        valid = (*required, *optional)
+        for key in node:
+            if key not in valid:
+                self.fail((*path, str(key)), f"unknown key; {closest(str(key), valid)}")
+        for key in required:
+            if key not in node:
+                self.fail(path, f"key {key!r} is missing")
+        return dict(node)
+
+    def mapping(self, path: Keys) -> Mapping[str, Any]:
+        node = self.get(path)
+        if not isinstance(node, Mapping) or not node:
+            self.fail(path, f"expected keys below it, got {node!r}")
+        return node
+
+    def get(self, path: Keys) -> Any:
+        node: Any = self.data
+        for key in path:
+            if not isinstance(node, Mapping) or key not in node:
+                self.fail(path, "is missing")
+            node = node[key]
+        return node
+
+    def text(self, path: Keys, choices: Iterable[str] = ()) -> str:
+        value = self.get(path)
+        if not isinstance(value, str):
+            self.fail(path, f"expected a text, got {value!r}")
+        if choices and value not in choices:
+            self.fail(path, f"{value!r} is not known; {closest(value, choices)}")
+        return value
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return the list of texts under a key at the top; empty without one."""
+        value = self.data.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
+            self.fail((key,), f"expected a list of texts, got {value!r}")
+        return tuple(value)
+
+    def quantity(self, path: Keys, unit: str, shapes: tuple[tuple[int, ...], ...] = ((),)) -> FloatArray:
+        """The array of a sourced quantity `{value, unit, source}` in `unit` with one of `shapes`."""
+        value = self.sourced(path, unit)
+        return self.numbers((*path, "value"), value, shapes)
+
+    def number(self, path: Keys, unit: str, low: float = -math.inf, above: float = -math.inf) -> float:
+        """A sourced number, at least `low` and greater than `above`."""
+        value = float(self.quantity(path, unit))
+        if value < low:
+            self.fail((*path, "value"), f"{value:g} {unit} is out of range: it must be at least {low:g}")
+        if value <= above:
+            self.fail(
+                (*path, "value"), f"{value:g} {unit} is out of range: it must be greater than {above:g}"
+            )
+        return value
+
+    def sourced(self, path: Keys, unit: str) -> Any:
+        """The value of `{value, unit, source}` after checking unit and source."""
+        node = self.get(path)
+        if not isinstance(node, Mapping):
+            self.fail(path, f"expected value, unit and source, got {node!r}")
+        if "source" not in node:
+            self.fail(path, "every number names its source: key 'source' is missing")
+        self.section(path, ("value", "source"), ("unit", "note"))
+        if str(node.get("unit", "1")) != unit:
+            self.fail(
+                (*path, "unit"), f"{node.get('unit')!r} is not the unit of this quantity: it is in {unit!r}"
+            )
+        self.source((*path, "source"))
+        return node["value"]
+
+    def source(self, path: Keys) -> None:
+        """Check that every source named at `path` is listed in `sources`."""
+        named = self.get(path)
+        known = self.mapping(("sources",))
+        for key in named if isinstance(named, (list, tuple)) else [named]:
+            if not isinstance(key, str) or key not in known:
+                self.fail(path, f"source {key!r} is not listed in 'sources'; {closest(str(key), known)}")
+            self.used.add(key)
+
+    def sequence(self, path: Keys, unit: str) -> FloatArray:
+        """The numbers of a sourced list of any length but 0."""
+        value = self.sourced(path, unit)
+        if not isinstance(value, (list, tuple)) or not value:
+            self.fail((*path, "value"), f"expected a list of numbers, got {value!r}")
+        return self.numbers((*path, "value"), value, ((len(value),),))
+
+    def numbers(self, path: Keys, value: Any, shapes: tuple[tuple[int, ...], ...]) -> FloatArray:
+        """`value` as an array of finite numbers with one of `shapes`."""
+        import numpy as np
+
+        try:
+            if isinstance(value, str):  # numpy reads such texts
+                raise TypeError
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            self.fail(path, f"{value!r} is not a number or a regular list of numbers")
+        if isinstance(value, bool) or (array.shape not in shapes):
+            wanted = " or ".join("x".join(map(str, shape)) or "one number" for shape in shapes)
+            self.fail(path, f"{value!r} has the wrong shape: expected {wanted}")
+        if not np.all(np.isfinite(array)):
+            self.fail(path, f"{value!r} holds a number that is not finite")
+        if np.any(np.abs(array) > LARGEST):
+            self.fail(
+                path, f"{short(repr(value))} holds a number beyond ±{LARGEST:g}, which nothing measures"
+            )
+        return array

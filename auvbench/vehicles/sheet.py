@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from auvbench.dynamics.rigid_body import RELEASES, rigid_body_mass
 from auvbench.errors import VehicleError, closest
 from auvbench.vehicles.actuators import read_actuators
-from auvbench.vehicles.document import Document
 from auvbench.vehicles.inspect import AXES
-from auvbench.vehicles.reader import read
+from auvbench.vehicles.reader import Document, read
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]

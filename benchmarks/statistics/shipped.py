@@ -12,11 +12,11 @@ from scipy.special import digamma, polygamma
 from scipy.stats import median_abs_deviation
 
 from auvbench.analysis.conditions import default
+from auvbench.analysis.grouping import sections
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.measures import Measure, measure
 from auvbench.analysis.ranking import one_policy
 from auvbench.analysis.records import Agent
-from auvbench.analysis.sections import sections
 from auvbench.statistics.crossed import Crossed
 from benchmarks.statistics.alternatives import Test, inverse_trigamma
 from benchmarks.statistics.letters import ALPHA

@@ -60,7 +60,7 @@ def keys() -> tuple[str, ...]:
     from omegaconf import OmegaConf
 
     from auvbench.config.compose import compose
-    from auvbench.config.hydra_errors import leaves
+    from auvbench.config.overrides import leaves
 
     found = [
         *leaves(OmegaConf.to_container(compose("train"))),
@@ -293,7 +293,7 @@ PLACES = (
 
 def checkpoint(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
     """The manifest of a checkpoint with a seal that fits: what is copied from it stays inside the two runs."""
-    from auvbench.agents.components import Components
+    from auvbench.agents.base import Components
     from auvbench.errors import RunError, TrainingError
     from auvbench.training.checkpoint.extending import seed as copy_checkpoint
     from auvbench.training.checkpoint.logs import GrowingLog

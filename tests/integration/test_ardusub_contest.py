@@ -13,7 +13,7 @@ import pytest
 
 from auvbench.agents.ardusub import ArduSubAgent, Piloted
 from auvbench.ardusub import sitl
-from auvbench.ardusub.program import VARIABLE
+from auvbench.ardusub.sitl import VARIABLE
 from auvbench.cli import main
 from auvbench.config import schema
 from auvbench.errors import ConfigError, TrainingError

@@ -10,7 +10,7 @@ import torch
 
 from auvbench import testing
 from auvbench.config import plugins
-from auvbench.config.agents import AGENTS, learns
+from auvbench.config.algorithms import AGENTS, learns
 from auvbench.simulators.gazebo import bindings
 from tests.simulator_contract import SIMULATOR_CHECKS, check_simulator
 

@@ -12,7 +12,7 @@ from auvbench.errors import RunError
 from auvbench.pilot.mission import Logbook
 from auvbench.pilot.observation import observe
 from auvbench.pilot.steering import Limits, Steering
-from auvbench.ros2 import discovery, interface, messages
+from auvbench.ros2 import discovery, interface
 from auvbench.ros2.middleware import Session
 from auvbench.ros2.pilot import Pilot
 from auvbench.tasks.observation import observation_spec
@@ -99,9 +99,9 @@ class Tank:
         if self.tells and self.clock.now - self._told > 0.03:
             self._told = self.clock.now
             self.stamp += self.advances
-            message = messages.odometry(self.session.ros, "bluerov2")
-            messages.write_time(message.header.stamp, self.stamp * 1_000_000)
-            messages.write_pose(message.pose.pose, [*self.position, 1.0, 0.0, 0.0, 0.0])
+            message = interface.odometry(self.session.ros, "bluerov2")
+            interface.write_time(message.header.stamp, self.stamp * 1_000_000)
+            interface.write_pose(message.pose.pose, [*self.position, 1.0, 0.0, 0.0, 0.0])
             heard = self._odometry.get_subscription_count() > 0 and np.all(np.isfinite(self.position))
             self._odometry.publish(message)
             if self.pilot is not None and heard:

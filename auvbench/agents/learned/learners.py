@@ -24,7 +24,7 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from auvbench.config import algorithms, schema
-from auvbench.config.agents import AGENTS
+from auvbench.config.algorithms import AGENTS
 from auvbench.config.plugins import resolve
 from auvbench.config.schema import discount
 from auvbench.errors import ActionError, AuvbenchError, TrainingError

@@ -23,8 +23,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from auvbench.agents.base import Actions, Agent, Integers, Observations, make
-from auvbench.agents.components import Components
+from auvbench.agents.base import Actions, Agent, Components, Integers, Observations, make
 from auvbench.agents.learned.sb3 import SB3Learner
 from auvbench.config import algorithms, schema
 from auvbench.envs.batch import Batch, Transition

@@ -14,8 +14,7 @@ from stable_baselines3.common.logger import KVWriter, Logger
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from auvbench.agents.base import Actions, Agent, Callbacks, Integers, Observations
-from auvbench.agents.components import Components
+from auvbench.agents.base import Actions, Agent, Callbacks, Components, Integers, Observations
 from auvbench.agents.learned import learners, state
 from auvbench.agents.learned.trained_policy import FrozenPolicy, LearnedPolicy, Network
 from auvbench.config import schema

@@ -26,7 +26,7 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecNormalize
 
-from auvbench.agents.components import Components
+from auvbench.agents.base import Components
 from auvbench.errors import RunError, TrainingError
 
 Arrays = dict[str, NDArray[Any]]

@@ -20,7 +20,7 @@ from stable_baselines3.common.policies import BasePolicy
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.learned import learners
 from auvbench.config import algorithms, schema
-from auvbench.config.agents import AGENTS
+from auvbench.config.algorithms import AGENTS
 from auvbench.config.plugins import resolve
 from auvbench.errors import RunError
 from auvbench.tasks.observation import observation_spec

@@ -24,7 +24,7 @@ from auvbench.errors import RunError
 from auvbench.evaluation.bounds.command_replay import Commands
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import as_json, replace_folder, storage
-from auvbench.untrusted import documents, reading, typed_json
+from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Prose, Range
 
@@ -162,7 +162,7 @@ def read(folder: Path) -> Limits | None:
         data = reading.content(folder / LINES)
         if wrong := integrity.difference(summary, LINES, data):
             raise ValueError(wrong)
-        bounds = tuple(typed_json.convert(documents.json_value(line), Bound) for line in data.splitlines())
+        bounds = tuple(typed_json.convert(reading.json_value(line), Bound) for line in data.splitlines())
         for bound in bounds:
             if bound.least_steps > bound.steps:
                 raise ValueError(f"episode {bound.episode}: the lower bound exceeds the upper one")
@@ -213,7 +213,7 @@ def line_of(bound: Bound) -> bytes:
 def read_finished(path: Path) -> Bound | None:
     """Return the bound in a file of a finished search; None where it is missing or damaged."""
     try:
-        bound = typed_json.convert(documents.json_value(reading.content(path)), Bound)
+        bound = typed_json.convert(reading.json_value(reading.content(path)), Bound)
         bound.found()
     except (OSError, ValueError, RunError):
         return None

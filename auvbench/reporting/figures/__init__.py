@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from auvbench.analysis.records import Agent, Problem, Ranking
-from auvbench.reporting.figures import conditions, difference, style, testing, training
+from auvbench.reporting.figures import difference, style, testing, training
 from auvbench.reporting.figures.scene import MAIN, Drawing, Figure, Scene, scene
 from auvbench.reporting.figures.style import colour_of
 
@@ -14,11 +14,11 @@ __all__ = ["FIGURES", "MAIN", "Figure", "colour_of", "draw", "draw_all"]
 
 FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     MAIN: difference.difference_from_baseline,
-    "success_over_grid": conditions.success_over_grid,
+    "success_over_grid": testing.success_over_grid,
     "success_over_time": testing.success_over_time,
     "steps_deviation": testing.steps_deviation,
-    "success_over_conditions": conditions.success_over_conditions,
-    "gazebo": conditions.gazebo,
+    "success_over_conditions": testing.success_over_conditions,
+    "gazebo": testing.gazebo,
     "training_success": training.success,
     "validation_success": training.validation,
     "training_curves": training.length_and_return,

@@ -19,10 +19,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, FixedLocator, NullLocator
 
 from auvbench.analysis.records import Agent
-from auvbench.envs import scene
+from auvbench.envs import rendering
 from auvbench.runs.atomic_io import write_atomic
 
-COLOURS = scene.COLOURS
+COLOURS = rendering.COLOURS
 """Okabe and Ito (2008) without yellow, which does not show on white; the last from Tol's muted scheme"""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
 Linestyle = Literal["-", "--", "-.", ":"]
@@ -38,7 +38,7 @@ OUTCOME_LOOK = {
 
 DPI = 150
 
-_RC: Any = scene.LOOK | {
+_RC: Any = rendering.LOOK | {
     "legend.frameon": False,
     "lines.markersize": 5,
     "svg.fonttype": "none",  # text stays text: smaller, searchable

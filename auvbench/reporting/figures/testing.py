@@ -1,17 +1,24 @@
-"""Figures of the test: steps against deviation, success over time."""
+"""Figures of the test: success over a grid, under conditions and over time, Gazebo, and steps against deviation."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
 
+from auvbench.analysis.conditions import UNDISTURBED, in_words, split
+from auvbench.analysis.formatting import listed, rounded
+from auvbench.analysis.labels import part
+from auvbench.analysis.records import Row
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import (
     MANY,
     Drawing,
+    FloatArray,
     Scene,
     band,
     lines_sentence,
@@ -19,8 +26,182 @@ from auvbench.reporting.figures.scene import (
 )
 from auvbench.statistics.intervals import Estimate
 
+PROTOCOLS = ("robustness", "suite", "transfer", "frequency_sweep")
+"""whose conditions stand side by side"""
+MOST_AGENTS = 40
+MOST_CELLS = 150
+"""of a grid of K and frequency; values drawn at random have more"""
+
 MOST_LABELS = 12
 """most agents in colour"""
+
+
+Curve = Mapping[str, Estimate]
+"""success rate with its interval, by condition"""
+
+
+def success_over_grid(scene: Scene) -> Drawing | None:
+    """Draw success over K and step frequency, a panel per algorithm; None where neither varies."""
+    rows = [r for r in scene.ranking.rows if {"reward.k", "step.frequency"} <= r.key.keys()]
+    algos: dict[str, list[Row]] = {}
+    for row in rows:
+        algos.setdefault(str(row.key.get("algo", "")), []).append(row)
+    algos = {name: members for name, members in sorted(algos.items()) if len(members) > 1}
+    members = [row for group in algos.values() for row in group]
+    ks = sorted({float(row.key["reward.k"]) for row in members})
+    fs = sorted({float(row.key["step.frequency"]) for row in members}, reverse=True)
+    if not algos or len(ks) * len(fs) > MOST_CELLS:
+        return None
+    columns = min(3, len(algos))
+    lines = -(-len(algos) // columns)
+    width = max(1.0, 0.62 * len(ks)) + 0.9
+    figure = style.canvas(max(4.2, columns * width + 1.0), max(2.2, lines * (0.5 * len(fs) + 0.9)))
+    grid = figure.subplots(lines, columns, squeeze=False)
+    for ax in grid.flat[len(algos) :]:
+        ax.set_visible(False)
+    lowest = min(90.0, 10 * np.floor(10 * min(row.estimates["success_rate"].value for row in members)))
+    for ax, (name, group) in zip(grid.flat, algos.items(), strict=False):
+        values = np.full((len(fs), len(ks)), np.nan)
+        texts = np.full(values.shape, "", dtype=object)
+        for row in group:
+            where = fs.index(float(row.key["step.frequency"])), ks.index(float(row.key["reward.k"]))
+            values[where] = 100 * row.estimates["success_rate"].value
+            texts[where] = rounded(row.estimates["success_rate"], 100)[0]  # as in the table
+        image = _heat(ax, values, lowest, texts)
+        ax.set_title(part("algo", name) if name else "all", loc="left")
+        ax.set_xticks(range(len(ks)), [f"{k:g}" for k in ks])
+        ax.set_yticks(range(len(fs)), [f"{f:g}" for f in fs])
+        ax.set_xlabel("K")
+    for ax in grid[:, 0]:
+        ax.set_ylabel("step frequency (Hz)")
+    figure.colorbar(image, ax=grid, label="test success (%)", shrink=0.8)
+    caption = (
+        "Test success over reward coefficient K and training step frequency. A cell with a cross has no evaluated "
+        "run. Intervals are in the table."
+    )
+    return Drawing(figure, "Success over K and step frequency", caption)
+
+
+def success_over_conditions(scene: Scene) -> Drawing | None:
+    """Draw success of every agent under each condition of `PROTOCOLS`."""
+    values: dict[str, dict[str, float]] = {}
+    conditions: list[str] = []
+    used = []
+    for protocol in PROTOCOLS:
+        found = curves(scene, protocol)
+        used += [protocol] if found else []
+        # The vehicle that all agents were trained on is the undisturbed condition again.
+        own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in found}
+        again = (
+            {f"vehicle={vehicle}" for vehicle in own}
+            if len(own) == 1 and UNDISTURBED in names(found)
+            else set()
+        )
+        new = [name for name in names(found) if name not in again and name not in conditions]
+        conditions += new
+        for label, curve in found.items():
+            here = {name: 100 * curve[name].value for name in new if name in curve}
+            values[label] = values.get(label, {}) | here
+    tested = [agent for agent in scene.agents if agent.label in values][:MOST_AGENTS]
+    if not tested or len(conditions) < 2:
+        return None
+    cells = np.array([[values[a.label].get(name, np.nan) for name in conditions] for a in tested])
+    texts = np.array([_whole(value) for value in cells.flat], dtype=object).reshape(cells.shape)
+    figure = style.canvas(2.4 + 0.34 * len(conditions), 1.5 + 0.23 * len(tested))
+    ax = figure.subplots()
+    image = _heat(ax, cells, 0, texts)
+    factors = [split(name)[0] for name in conditions]
+    for i in range(1, len(factors)):
+        if factors[i] != factors[i - 1]:
+            ax.axvline(i - 0.5, color="white", linewidth=4)
+    words = [" ".join(in_words(name)).strip().removeprefix("vehicle ") for name in conditions]
+    ax.set_xticks(range(len(words)), words, rotation=45, ha="right", rotation_mode="anchor")
+    ax.set_yticks(range(len(tested)), [agent.label for agent in tested])
+    figure.colorbar(image, ax=ax, label="test success (%)", shrink=0.8)
+    few = len(tested) < len(scene.agents)
+    caption = (
+        f"Test success of the same policies under each condition of {listed(used)}, agents in the order of the ranking; 100 is "
+        "every episode. Intervals are in conditions.csv."
+        + (" A cross: not tested." if np.isnan(cells).any() else "")
+        + (
+            f" Shown: {len(tested)} of {len(scene.agents)} agents, the best-ranked that were tested."
+            if few
+            else ""
+        )
+    )
+    return Drawing(figure, "Success under each condition", caption)
+
+
+def curves(scene: Scene, protocol: str) -> dict[str, Curve]:
+    """Return success by label and condition, of the best-ranked tested agents."""
+    found: dict[str, Curve] = {}
+    for agent in scene.agents:
+        tested = (
+            {c.name: c.success for c in scene.tested(agent, protocol)} if len(found) < MOST_AGENTS else {}
+        )
+        if curve := {name: of[agent.label] for name, of in tested.items() if agent.label in of}:
+            found[agent.label] = curve
+    return found
+
+
+def names(found: Mapping[str, Curve]) -> list[str]:
+    """Return the conditions in the order of the protocol."""
+    return list(dict.fromkeys(name for curve in found.values() for name in curve))
+
+
+def _whole(percent: float) -> str:
+    """Return whole percents; only every episode is 100 and only no episode is 0.
+
+    >>> _whole(99.97), _whole(100.0), _whole(0.2), _whole(54.5)
+    ('99', '100', '1', '54')
+    """
+    return f"{percent if percent in (0.0, 100.0) else min(max(percent, 1.0), 99.0):.0f}"
+
+
+def _heat(ax: Axes, values: FloatArray, low: float, texts: NDArray[np.object_]) -> AxesImage:
+    """Draw an image from `low` to 100 with the `texts` written in; NaN cells are crossed out."""
+    image = ax.imshow(values, cmap="cividis", vmin=low, vmax=100, aspect="auto")
+    ax.grid(visible=False)
+    ax.spines[:].set_visible(False)
+    ax.tick_params(length=0)
+    for (i, j), value in np.ndenumerate(values):
+        known = bool(np.isfinite(value))
+        colour = ("white" if (value - low) / (100 - low) < 0.5 else "black") if known else "#a0a0a0"
+        text = str(texts[i, j]) if known else "✕"
+        ax.text(j, i, text, ha="center", va="center", color=colour, size=7.5 if known else None)
+    return image
+
+
+def gazebo(scene: Scene) -> Drawing | None:
+    """Draw how Gazebo changes each agent's PAR-1 steps."""
+    found = [(agent, scene.tested(agent, "gazebo")) for agent in scene.agents]
+    tested = [(agent, conditions) for agent, conditions in found if any(c.par1_change for c in conditions)]
+    if not tested:
+        return None
+    conditions = [c.name for c in tested[0][1] if c.par1_change]
+    figure = style.canvas(7.0, 1.4 + 0.3 * len(tested))
+    ax = figure.subplots()
+    ax.axvline(0.0, color="#444444", linewidth=0.9)
+    for place, name in enumerate(conditions):
+        colour, marker = style.COLOURS[place % len(style.COLOURS)], style.MARKERS[place % len(style.MARKERS)]
+        offset = 0.5 * ((place + 0.5) / len(conditions) - 0.5)
+        for y, (agent, results) in enumerate(tested):
+            for change in (c.par1_change.get(agent.label) for c in results if c.name == name):
+                if change is not None:
+                    ax.hlines(y + offset, change.low, change.high, color=colour, linewidth=1.2)
+                    ax.plot(change.value, y + offset, color=colour, marker=marker, markersize=4)
+        ax.plot([], [], color=colour, marker=marker, linestyle="", label=name.partition("=")[2] or name)
+    ax.grid(visible=False, axis="y")
+    ax.set_yticks(range(len(tested)), [agent.label for agent, _ in tested])
+    ax.set_ylim(len(tested) - 0.5, -0.5)
+    ax.set_xlabel("change of PAR-1 steps against the embedded simulator")
+    ax.legend(loc="best")
+    caption = (
+        "PAR-1 steps (a failure counts as the limit) of the same policies in Gazebo less those in the embedded simulator, paired by "
+        "seed and scenario (protocol gazebo); left of the line an agent is sooner there."
+        f" Bars: {100 * scene.ranking.confidence:g} % intervals."
+    )
+    return Drawing(figure, "In Gazebo", caption)
 
 
 def steps_deviation(scene: Scene) -> Drawing | None:

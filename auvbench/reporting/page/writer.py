@@ -22,8 +22,7 @@ from auvbench.reporting.figures.style import Look
 from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories
 from auvbench.reporting.tables.appendix import comparison_table, conditions_table, ranks_table, score_table
-from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.notes import grouped, limit_lines
+from auvbench.reporting.tables.main import grouped, limit_lines, main_table
 from auvbench.reporting.tables.table import Table
 from auvbench.reporting.write import Facts, distinct, facts, overview, text
 

@@ -1,13 +1,14 @@
 """The tables of a report in every format. Each function draws what a `Ranking` holds and computes nothing."""
 
 from auvbench.reporting.tables.appendix import comparison_table, conditions_table, ranks_table, score_table
-from auvbench.reporting.tables.latex import in_print, latex
 from auvbench.reporting.tables.terminal import TableView, findings_terminal, terminal
 from auvbench.reporting.tables.text_formats import (
     comparisons_csv,
     conditions_csv,
     csv,
+    in_print,
     joined,
+    latex,
     markdown,
     pipes,
     score_csv,

@@ -1,17 +1,18 @@
-"""The main table: each agent's difference from the baseline, with what a reader needs to judge it."""
+"""The main table: each agent's difference from the baseline, and the notes that a reader needs to judge it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from math import isfinite
 
-from auvbench.analysis.formatting import NOTHING, name, unit
-from auvbench.analysis.labels import in_short
+from auvbench.analysis import optional_columns
+from auvbench.analysis.formatting import NOTHING, name, size, unit
+from auvbench.analysis.labels import OWN, in_short
 from auvbench.analysis.measures import measure
 from auvbench.analysis.planning import MOST_EPISODES
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
-from auvbench.analysis.records import Needed, Ranking, Row
-from auvbench.reporting.tables.notes import notes
+from auvbench.analysis.records import Needed, Primary, Problem, Ranking, Row
+from auvbench.metrics import METRICS
 from auvbench.reporting.tables.table import (
     DAGGER,
     Cell,
@@ -21,7 +22,7 @@ from auvbench.reporting.tables.table import (
     column_of,
     estimate_cell,
 )
-from auvbench.statistics.intervals import wilson
+from auvbench.statistics.intervals import SUCCEEDED, wilson
 from auvbench.statistics.power import MOST_SEEDS
 
 SYMBOLS = {AHEAD: "▲", EQUIVALENT: "■", BEHIND: "▼", OPEN: "○"}
@@ -32,6 +33,27 @@ USUAL = {"success_rate": 1, "mean_energy_J": 3, "action_ms": 4}
 
 LONGEST = 16
 """characters of a baseline that a heading names"""
+
+KINDS = {
+    "failed": "failed",
+    "unfinished": "unfinished",
+    "missing": "missing",
+    "damaged": "damaged",
+    "foreign": "not comparable",
+    "duplicate": "given twice",
+}
+"""titles of the kinds of problems, in the order of a list"""
+
+SAME_TEST = (
+    "The test fixes task, noise, disturbances and simulator for all agents, also if they were trained with others; protocol=own "
+    "tests a run in its own."
+)
+OWN_TEST = "Each run was tested in its own task, noise and disturbances, at its own frequency."
+
+NEAR_AN_END = 0.1
+"""a rate so close to 0 or 1, or closer: seeds that differ strongly are skewed there"""
+FEW_SEEDS = 10
+
 
 _Column = tuple[Heading, Callable[[Row], Cell]]
 
@@ -128,4 +150,134 @@ def _against(ranking: Ranking) -> list[_Column]:
     return [
         (Heading(title, points), difference),
         (Heading("result", words=True), verdict),
+    ]
+
+
+def notes(ranking: Ranking) -> list[str]:
+    """Return the sentences below the main table, without markup."""
+    counts = sorted({row.episodes for row in ranking.rows})
+    episodes = " to ".join(str(c) for c in dict.fromkeys((counts[0], counts[-1]))) if counts else "0"
+    lines = [
+        f"Protocol {ranking.protocol}, condition {ranking.condition}, scenarios {ranking.fingerprint}: "
+        f"{episodes} episodes per training seed, the same for every agent. Training seeds: {_seeds(ranking)}.",
+        OWN_TEST if ranking.protocol == OWN else SAME_TEST,
+    ]
+    if ranking.primary is not None:
+        lines += explained(ranking.primary)
+    if ranking.declaration:
+        lines.append(ranking.declaration)
+    if any(metric.startswith("par") for metric in (ranking.rank_by, *ranking.columns)):
+        lines.append("PAR-1: a failure counts as the limit of the episode; PAR-2: as twice the limit.")
+    lines += remarks(ranking)
+    return [*lines, *limit_lines(ranking)] if optional_columns.OVER_BEST_KNOWN in ranking.columns else lines
+
+
+def explained(primary: Primary) -> list[str]:
+    """Return what the comparisons with the baseline are, and how to read an open one."""
+    m = measure(primary.measure)
+    best = " (the best of this table, for lack of a controller)" if primary.chosen_by_rank else ""
+    known = primary.margin == primary.margin
+    within = (
+        f"within ±{size(primary.margin, m)} equivalent" if known else "without a margin none is equivalent"
+    )
+    lines = [
+        f"Differences in {name(m)} from {primary.baseline}{best}, paired by scenario. Their intervals hold together with "
+        f"{100 * primary.confidence:g} %; {within}. Other intervals hold one by one."
+    ]
+    if any(c.verdict == OPEN and c.needed for c in primary.comparisons):
+        lines.append(
+            "Below an open result: the number that would decide it with 80 % power, if the true difference is the one "
+            "seen. Plan it before adding seeds (auvbench plan)."
+        )
+    return lines
+
+
+def remarks(ranking: Ranking) -> list[str]:
+    """Return what a row stands for, which rows are not compared, which trainings failed, and cautions."""
+    found = []
+    if not all(row.compared for row in ranking.rows):
+        found.append(
+            f"{DAGGER} one training seed: the row describes this policy and is not compared, because another training may "
+            "end elsewhere. Train more seeds: seed=0,1,2,3,4."
+        )
+    if len({row.budget for row in ranking.rows if row.budget}) > 1:
+        found.append("Budgets differ: an agent with more steps may be ahead for that alone.")
+    if any(row.trained and row.compared for row in ranking.rows):
+        found.append(
+            f"A training succeeded if it reaches at least {100 * SUCCEEDED:.0f} % of the test goals; brackets are of the share of "
+            "all trainings that do."
+        )
+    if _against_a_controller(ranking):
+        found.append(
+            "Results of a learner against a controller are for trainings like these: failures that no seed shows are not "
+            "in them."
+        )
+    return [*found, *failed_trainings(ranking), *cautions(ranking)]
+
+
+def _against_a_controller(ranking: Ranking) -> bool:
+    """Return whether a verdict of the primary analysis sets a learner against a controller."""
+    if ranking.primary is None:
+        return False
+    trained = {row.label: row.trained for row in ranking.rows if row.compared}
+    baseline = trained.get(ranking.primary.baseline)
+    return baseline is not None and (not baseline) in trained.values()
+
+
+def limit_lines(ranking: Ranking) -> list[str]:
+    """Return what the shortest known times are, or why there are none."""
+    if ranking.limit is None:
+        return [ranking.no_limit] if ranking.no_limit else []
+    return optional_columns.sentences(ranking.limit)
+
+
+def failed_trainings(ranking: Ranking) -> list[str]:
+    """Return a sentence per agent some of whose trainings failed."""
+    return [
+        f"{row.label}: {len(row.failed_seeds)} of {len(row.seeds)} trainings failed (seed "
+        f"{', '.join(map(str, row.failed_seeds))}) and count as success 0; --where state=complete leaves them out."
+        for row in ranking.rows
+        if row.failed_seeds
+    ]
+
+
+def cautions(ranking: Ranking) -> list[str]:
+    """Return where the numbers of this table are known to promise too much; docs/statistics.md has the measurements."""
+    several = [row for row in ranking.rows if row.trained and 1 < len(row.seeds) <= FEW_SEEDS]
+    rates = [row.estimates["success_rate"].value for row in several if "success_rate" in row.estimates]
+    found = list(ranking.machines)
+    if any(0 < rate < NEAR_AN_END or rate > 1 - NEAR_AN_END for rate in rates):
+        found.append(
+            "Success beyond 90 % (or below 10 %) with few seeds: where trainings differ strongly, 95 % intervals held in 80 "
+            "to 90 % of simulated experiments."
+        )
+    by = measure(ranking.rank_by)
+    counted = any(metric.measure == by.name and metric.counts_failures for metric in METRICS)
+    if by.name.startswith("mean_") and by.name != "mean_return" and not counted:
+        found.append(
+            f"{name(by).capitalize()} is over all test episodes, however they ended: a quick failure "
+            "looks good. Read it with the success rate."
+        )
+    return found
+
+
+def _seeds(ranking: Ranking) -> str:
+    sets = {row.seeds for row in ranking.rows if row.trained and row.compared} or {
+        row.seeds for row in ranking.rows if row.trained
+    }
+    if not sets:
+        return "none, no agent learns"
+    if len(sets) == 1:
+        return ", ".join(map(str, next(iter(sets))))
+    sizes = sorted(len(s) for s in sets)
+    return f"{sizes[0]} to {sizes[-1]} per agent"
+
+
+def grouped(problems: tuple[Problem, ...]) -> list[tuple[str, list[Problem]]]:
+    """Return the problems by kind under a title, in a fixed order; what stopped first stands first."""
+    order = list(KINDS)
+    kinds = sorted({p.kind for p in problems}, key=lambda k: order.index(k) if k in order else len(order))
+    return [
+        (KINDS.get(kind, kind), sorted((p for p in problems if p.kind == kind), key=lambda p: p.where))
+        for kind in kinds
     ]

@@ -13,8 +13,7 @@ from rich.text import Text
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN, headline
 from auvbench.analysis.records import Finding, Ranking
-from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.notes import grouped
+from auvbench.reporting.tables.main import grouped, main_table
 from auvbench.reporting.tables.table import Cell, Line, Table
 
 MOST_PROBLEMS = 6

@@ -1,20 +1,52 @@
-"""Tables as CSV in full precision, and as Markdown."""
+"""Tables as text: CSV in full precision, Markdown, and LaTeX for a paper.
+
+LaTeX has booktabs, intervals under the values, and is scaled to the width of the text.
+"""
 
 from __future__ import annotations
 
 import csv as csv_module
 import io
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
+from auvbench.analysis.formatting import counted
 from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Comparison, Ranking, Row
 from auvbench.analysis.score import Scores
-from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.notes import grouped
-from auvbench.reporting.tables.table import Table
+from auvbench.reporting.tables.main import grouped, main_table
+from auvbench.reporting.tables.table import Cell, Heading, Table
 from auvbench.statistics.intervals import Estimate
 from auvbench.untrusted.text import cell
+
+HEAD = r"% \usepackage{booktabs} \usepackage{graphicx} \usepackage{amssymb} \usepackage[T1]{fontenc}"
+
+_SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "%": r"\%",
+    "_": r"\_",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"\textquotedbl{}",
+    "–": "--",
+    "†": r"\textdagger{}",
+    "×": r"$\times$",
+    "−": "$-$",
+    "±": r"$\pm$",
+    "▲": r"$\blacktriangle$",
+    "■": r"$\blacksquare$",
+    "▼": r"$\blacktriangledown$",
+    "○": r"$\circ$",
+}
 
 
 def csv(ranking: Ranking) -> str:
@@ -96,6 +128,23 @@ def conditions_csv(ranking: Ranking) -> str:
         for condition in ranking.conditions
         if (success := condition.success.get(row.label))
     )
+
+
+def score_csv(found: Scores) -> str:
+    """Return a row per agent in full precision; an empty string without a score."""
+    keys = list(dict.fromkeys(key for row in found.rows for key in row.key))
+    rows = []
+    for row in found.rows:
+        line: dict[str, Any] = {"agent": row.label, **{key: row.key.get(key) for key in keys}}
+        line |= {"protocol": found.protocol, "confidence": found.confidence, **_with_ends("score", row.score)}
+        for what, values in (
+            ("score", row.tasks),
+            ("measure", [m.name for m in found.measures]),
+            ("seeds", row.trainings),
+        ):
+            line |= {f"{what}: {title}": value for title, value in zip(found.titles, values, strict=True)}
+        rows.append(line)
+    return lines(rows)
 
 
 def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
@@ -181,18 +230,57 @@ def markdown(ranking: Ranking, figure: str = "") -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def score_csv(found: Scores) -> str:
-    """Return a row per agent in full precision; an empty string without a score."""
-    keys = list(dict.fromkeys(key for row in found.rows for key in row.key))
-    rows = []
-    for row in found.rows:
-        line: dict[str, Any] = {"agent": row.label, **{key: row.key.get(key) for key in keys}}
-        line |= {"protocol": found.protocol, "confidence": found.confidence, **_with_ends("score", row.score)}
-        for what, values in (
-            ("score", row.tasks),
-            ("measure", [m.name for m in found.measures]),
-            ("seeds", row.trainings),
-        ):
-            line |= {f"{what}: {title}": value for title, value in zip(found.titles, values, strict=True)}
-        rows.append(line)
-    return lines(rows)
+def escape_latex(text: str) -> str:
+    r"""Text that LaTeX sets literally.
+
+    >>> print(escape_latex("50 % of a_b & c"))
+    50 \% of a\_b \& c
+    """
+    return "".join(_SPECIAL.get(character, character) for character in text)
+
+
+def latex(ranking: Ranking) -> str:
+    r"""Return the main table to `\input`. Needs booktabs, graphicx, amssymb for the verdicts' symbols, and T1 for `"` and `<`."""
+    table = main_table(ranking)
+    notes = [*ranking.notices, *table.notes]
+    if n := len(ranking.problems):
+        notes.append(f"Not in the table, or only in part: {counted(n, 'run')} (see report.md).")
+    return in_print(replace(table, notes=tuple(notes)), "main")
+
+
+def in_print(table: Table | None, label: str) -> str:
+    r"""Return a table to `\input`, scaled to the width of the text where it is wider; empty for none, or one without rows."""
+    if table is None or not table.lines:
+        return ""
+    columns = "".join("l" if heading.words else "r" for heading in table.headings)
+    lines = [
+        HEAD,
+        "",
+        r"\begin{table}[htbp]",
+        r"\centering",
+        rf"\caption{{{escape_latex(table.title)}}}\label{{tab:auvbench-{label}}}",
+        r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%",
+        rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}",
+        r"\toprule",
+        " & ".join(map(_latex_heading, table.headings)) + r" \\",
+        r"\midrule",
+    ]
+    for line in table.lines:
+        # A bracket at the start of a row would be read as the optional argument of the \\ above it.
+        lines.append(" & ".join(escape_latex(cell.value) for cell in line.cells) + r" \\[-2pt]")
+        lines.append(" & ".join(map(_latex_more, line.cells)) + r" \\[1.5pt]")
+    lines.append(r"\bottomrule\end{tabular}}")
+    if table.notes:
+        below = escape_latex(" ".join(table.notes))
+        lines += ["", r"\medskip", rf"\parbox{{\linewidth}}{{\scriptsize {below}}}"]
+    return "\n".join([*lines, r"\end{table}", ""])
+
+
+def _latex_more(cell: Cell) -> str:
+    return rf"{{\tiny {escape_latex(cell.more)}}}" if cell.more else ""
+
+
+def _latex_heading(heading: Heading) -> str:
+    """Return the heading, its unit below it, so that a column is no wider than its interval."""
+    title = heading.tex or escape_latex(heading.title)
+    return rf"\shortstack{{{title}\\({escape_latex(heading.unit)})}}" if heading.unit else title

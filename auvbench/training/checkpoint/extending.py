@@ -10,7 +10,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from auvbench.agents.base import learner_of
-from auvbench.config.agents import learns
+from auvbench.config.algorithms import learns
 from auvbench.config.compose import typed
 from auvbench.config.schema import TrainConfig
 from auvbench.errors import ConfigError, RunError

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from auvbench.agents.components import Components
+from auvbench.agents.base import Components
 from auvbench.errors import AuvbenchWarning, RunError, TrainingError
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import as_json, replace_folder, sha256_of_prefix, storage

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from auvbench.agents.classical.cascade import Estimator
-from auvbench.config.agents import AGENTS
+from auvbench.config.algorithms import AGENTS
 from auvbench.config.plugins import resolve
 from auvbench.envs.batch import Batch
 from auvbench.evaluation.rollout import roll_out

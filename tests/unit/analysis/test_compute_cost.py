@@ -11,8 +11,7 @@ import pandas as pd
 from auvbench.analysis.optional_columns import action_time, training_time, with_columns
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, Evaluation
-from auvbench.reporting.tables.main import main_table
-from auvbench.reporting.tables.notes import notes
+from auvbench.reporting.tables.main import main_table, notes
 from tests.unit.analysis.agents import agent
 
 INFERENCE = {"median_ms": 7.5, "p95_ms": 20.0, "cpu": "EPYC", "cores": 2}

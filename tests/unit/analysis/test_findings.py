@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from auvbench.analysis.effects import effects, matched, mean_difference
-from auvbench.analysis.findings import find
+from auvbench.analysis.findings import effects, find, matched, mean_difference
 from auvbench.analysis.formatting import turned
 from auvbench.analysis.measures import measure
 from auvbench.analysis.ranking import rank

@@ -13,7 +13,7 @@ from auvbench.analysis.load import agents, available_protocols, load, require
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import NO_POLICY, Problem
 from auvbench.errors import ReportError
-from auvbench.reporting.tables.notes import remarks
+from auvbench.reporting.tables.main import remarks
 from tests.synthetic import damage, reconfigure, seal, set_state, write_evaluation, write_experiment
 
 

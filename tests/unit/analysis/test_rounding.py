@@ -11,7 +11,7 @@ from auvbench.statistics.intervals import Estimate
 
 @pytest.mark.parametrize(
     "module",
-    ["analysis.formatting", "analysis.labels", "reporting.tables.latex", "reporting.tables.text_formats"],
+    ["analysis.formatting", "analysis.labels", "reporting.tables.text_formats"],
 )
 def test_examples_of_the_docstrings(module: str) -> None:
     import importlib

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from auvbench.analysis.grouping import sections, split_problems
 from auvbench.analysis.load import load
 from auvbench.analysis.records import Problem
-from auvbench.analysis.sections import sections, split_problems
 from tests.synthetic import reconfigure, set_state, write_evaluation, write_experiment
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from auvbench.analysis.effects import effects
 from auvbench.analysis.evidence import limit_s
+from auvbench.analysis.findings import effects
 from auvbench.analysis.measures import measure
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent

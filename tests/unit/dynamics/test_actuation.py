@@ -7,8 +7,7 @@ import pytest
 from scipy.signal import lti, step
 
 from auvbench.dynamics.appendages import lift_and_drag
-from auvbench.simulators.fossen import FossenSimulator
-from auvbench.simulators.packing import geometry_table
+from auvbench.simulators.fossen import FossenSimulator, geometry_table
 from auvbench.vehicles.curves import Curve, Lag, t200_table
 from auvbench.vehicles.sheet import load
 from tests.reference.actuators import TETHYS

@@ -18,7 +18,7 @@ import auvbench
 from auvbench.config import schema
 from auvbench.config.compose import compose, typed
 from auvbench.evaluation import reference
-from auvbench.simulators import fossen, packing
+from auvbench.simulators import fossen
 
 PACKAGE = Path(auvbench.__file__).parent
 
@@ -77,7 +77,7 @@ def test_changed_sources_change_it(tmp_path: Path, file: str, old: str, new: str
 @pytest.mark.slow
 def test_a_doubled_drag_changes_it_and_a_thousandth_does_too(monkeypatch: pytest.MonkeyPatch) -> None:
     before = digest()
-    ordinary = packing.parameter_rows
+    ordinary = fossen.parameter_rows
     for factor in (2.0, 1.001):
 
         def draggy(vehicle: object, scales: np.ndarray, factor: float = factor) -> np.ndarray:

@@ -11,7 +11,7 @@ import pytest
 
 from auvbench.cli import main
 from auvbench.commands import pilot as command
-from auvbench.commands.pilot_task import task_of, task_of_policy
+from auvbench.commands.pilot import task_of, task_of_policy
 from auvbench.config.compose import compose
 from auvbench.config.tasks import TASKS
 from auvbench.config.validate import train_config

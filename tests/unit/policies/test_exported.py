@@ -15,8 +15,8 @@ import pytest
 pytest.importorskip("onnx")
 from onnx import TensorProto, helper
 
-from auvbench.policies import cards, exported
-from auvbench.policies.cards import PolicyError
+from auvbench.policies import exported
+from auvbench.policies.exported import PolicyError
 from tests import onnx_files
 from tests.onnx_files import model, port, saved
 
@@ -255,7 +255,7 @@ def test_a_card_is_read_with_its_file(tmp_path: Path) -> None:
     policy = exported.load(path)
     assert policy.card is not None
     assert (policy.card.name, policy.card.frequency_hz, policy.n_actions) == ("mine", 10.0, 6)
-    assert cards.read_card(path.with_suffix(".json")).actuators[0] == "thruster1"
+    assert exported.read_card(path.with_suffix(".json")).actuators[0] == "thruster1"
 
 
 @pytest.mark.parametrize(
@@ -303,7 +303,7 @@ class No:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, No())
 sys.argv = ["auvbench"]
-from auvbench.policies import cards, exported
+from auvbench.policies import exported
 import numpy as np
 print(exported.load({str(path)!r}).act(np.zeros((2, 10), dtype=np.float32)).shape)
 """

@@ -13,7 +13,7 @@ pytest.importorskip("onnx")
 from onnx import TensorProto, helper
 
 from auvbench.policies import exported
-from auvbench.policies.cards import PolicyError
+from auvbench.policies.exported import PolicyError
 from auvbench.untrusted import onnx_file
 from tests import hostile_onnx as hostile
 from tests.onnx_files import model, port

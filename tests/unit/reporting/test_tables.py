@@ -17,8 +17,7 @@ from auvbench.analysis.records import Agent, Finding, Needed, Problem, Ranking, 
 from auvbench.analysis.score import Scored, Scores
 from auvbench.reporting import tables
 from auvbench.reporting.tables.appendix import score_table
-from auvbench.reporting.tables.main import main_table, needed_text
-from auvbench.reporting.tables.notes import cautions, notes
+from auvbench.reporting.tables.main import cautions, main_table, needed_text, notes
 from auvbench.reporting.tables.terminal import TableView
 from auvbench.reporting.write import findings_in_markdown
 from auvbench.statistics.intervals import Estimate

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from auvbench import cli
+from auvbench.cli import guarded
 from auvbench.evaluation import evaluate
-from auvbench.guard import guarded
 from auvbench.runs import atomic_io
 from tests import configs, synthetic
 from tests.unit.runs.test_damage import frozen

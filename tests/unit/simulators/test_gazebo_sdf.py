@@ -11,7 +11,7 @@ import yaml
 
 from auvbench.cli import main
 from auvbench.errors import VehicleError
-from auvbench.simulators.gazebo import export, parts, sdf
+from auvbench.simulators.gazebo import parts, sdf
 from auvbench.vehicles.sheet import load
 
 THRUSTERS_ONLY = (
@@ -162,7 +162,7 @@ def test_numbers_read_back_as_the_same_double(value):
 
 def test_the_files_parse_and_name_their_sources(tmp_path):
     vehicle = load("bluerov2")
-    paths = export.write(tmp_path, export.files(vehicle, "corrected", 0.002))
+    paths = sdf.write(tmp_path, sdf.files(vehicle, "corrected", 0.002))
     assert [path.relative_to(tmp_path).as_posix() for path in paths] == [
         "bluerov2/model.config",
         "bluerov2/model.sdf",

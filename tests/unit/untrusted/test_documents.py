@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from auvbench.untrusted import documents, reading
+from auvbench.untrusted import reading
 from tests.waiting import LIMIT
 
 LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -38,7 +38,7 @@ DEEP = {
 @pytest.mark.parametrize("data", DEEP.values(), ids=DEEP)
 def test_deep_yaml_is_refused(data: bytes) -> None:
     # In a process of its own: PyYAML's C loader would end this one.
-    code = "from auvbench.untrusted import documents as d\ntry: d.yaml_value(open(0,'rb').read())\nexcept ValueError as e: print(e)"
+    code = "from auvbench.untrusted import reading as d\ntry: d.yaml_value(open(0,'rb').read())\nexcept ValueError as e: print(e)"
     done = subprocess.run(
         [sys.executable, "-c", code], input=data, capture_output=True, timeout=LIMIT, check=True
     )
@@ -48,48 +48,48 @@ def test_deep_yaml_is_refused(data: bytes) -> None:
 @pytest.mark.parametrize("data", [b"[" * 100_000, b'{"a":' * 100_000, b"[" * 500 + b"]" * 500])
 def test_deep_json_is_refused(data: bytes) -> None:
     with pytest.raises(ValueError, match="nested"):
-        documents.json_value(data)
+        reading.json_value(data)
 
 
 @pytest.mark.parametrize("data", [b'{"a": NaN}', b"[-Infinity]", b"[1e999]", b"[36893488147419103232]"])
 def test_numbers_that_are_none(data: bytes) -> None:
     with pytest.raises(ValueError, match=r"no JSON|too large"):
-        documents.json_value(data)
+        reading.json_value(data)
 
 
 def test_aliases_that_stand_for_billions_are_refused() -> None:
     with pytest.raises(ValueError, match="lies inside"):
-        documents.yaml_value(LAUGHS.encode())
+        reading.yaml_value(LAUGHS.encode())
 
 
 def test_an_alias_below_an_anchor_is_refused() -> None:
     """It may stand for itself, or for billions of values."""
     for data in (b"a: &x {b: *x}", b"a: &x [1]\nb: &y [[*x], 2]"):
         with pytest.raises(ValueError, match="lies inside"):
-            documents.yaml_value(data)
+            reading.yaml_value(data)
 
 
 def test_aliases_of_a_long_list_are_counted() -> None:
     data = b"a: &x [" + b"1, " * 5000 + b"]\n" + b"".join(b"k%d: *x\n" % n for n in range(200))
     with pytest.raises(ValueError, match="stand for more"):
-        documents.yaml_value(data)
+        reading.yaml_value(data)
 
 
 @pytest.mark.parametrize("tag", [b"!!bool maybe", b"!!timestamp x", b"!!python/object:os.system x", b"!x 1"])
 def test_a_tag_is_refused(tag: bytes) -> None:
     with pytest.raises(ValueError, match="tag"):
-        documents.yaml_value(b"a: " + tag)
+        reading.yaml_value(b"a: " + tag)
 
 
 def test_a_few_aliases_are_fine() -> None:
-    assert documents.yaml_value(b"a: &x [1, 2]\nb: *x") == {"a": [1, 2], "b": [1, 2]}
+    assert reading.yaml_value(b"a: &x [1, 2]\nb: *x") == {"a": [1, 2], "b": [1, 2]}
 
 
 @pytest.mark.parametrize(
     "data", [b"a: [1, {b: c}]", b"a:\n- 1\n- - 2\n  - b: null\n", b"x: '*'", b"\"a\": 'b'", b""]
 )
 def test_what_is_right_is_what_the_safe_loader_says(data: bytes) -> None:
-    assert documents.yaml_value(data) == yaml.safe_load(data)
+    assert reading.yaml_value(data) == yaml.safe_load(data)
 
 
 def test_a_pipe_a_folder_and_a_device_are_no_files(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import auvbench
 ROOT = Path(auvbench.__file__).parent
 
 READERS = (
-    "auvbench.untrusted.documents",
+    "auvbench.untrusted.reading",
     "auvbench.untrusted.typed_json",
     "auvbench.untrusted.archives",
     "auvbench.runs.integrity",
@@ -73,7 +73,7 @@ def test_no_file_decides_a_path() -> None:
 def test_the_rule_sees_a_join() -> None:
     """Of the kinds that emptied a user's file, and none that is fixed text."""
     code = """
-from auvbench.untrusted import documents
+from auvbench.untrusted import reading
 def f(run, target, found, MANIFEST):
     for name, mark in found["logs"].items():
         (target / name).write_bytes((run.path / found[0]).read_bytes())

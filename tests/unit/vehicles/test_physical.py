@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from auvbench.dynamics.kernel import commanded
-from auvbench.simulators.fossen import FossenSimulator
-from auvbench.simulators.packing import unit_table
+from auvbench.simulators.fossen import FossenSimulator, unit_table
 from auvbench.vehicles.physical import PhysicalCommands
 from auvbench.vehicles.reader import sheet_names
 from auvbench.vehicles.sheet import load

@@ -5,8 +5,6 @@ parameters and optimizer states. Draws, logs, checkpoints and saved files are th
 up to rounding (tests/unit/agents/test_compiled_updates.py).
 """
 
-from auvbench.agents.learned.compiled.crossq import CrossQ
-from auvbench.agents.learned.compiled.soft import SAC, TQC
-from auvbench.agents.learned.compiled.td3 import DDPG, TD3
+from auvbench.agents.learned.compiled.algorithms import DDPG, SAC, TD3, TQC, CrossQ
 
 __all__ = ["DDPG", "SAC", "TD3", "TQC", "CrossQ"]

@@ -7,7 +7,7 @@ import pytest
 from gymnasium import spaces
 from stable_baselines3.common.buffers import ReplayBuffer
 
-from auvbench.agents.components import Components
+from auvbench.agents.base import Components
 from auvbench.agents.learned.state import check_replay
 from auvbench.errors import TrainingError
 from auvbench.training.checkpoint.saver import FIELDS, ReplayStore

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from auvbench.agents.components import Components
+from auvbench.agents.base import Components
 from auvbench.runs import integrity
 from auvbench.training.checkpoint.extending import seed
 from auvbench.training.checkpoint.logs import GrowingLog

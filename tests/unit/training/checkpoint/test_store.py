@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import torch
 
-from auvbench.agents.components import Components
+from auvbench.agents.base import Components
 from auvbench.errors import RunError, TrainingError
 from auvbench.training.checkpoint.logs import GrowingLog
 from auvbench.training.checkpoint.store import CheckpointStore, CheckpointWarning
