@@ -56,7 +56,9 @@ def default(runs: Sequence[RunRecord], protocol: str) -> str:
     return UNDISTURBED
 
 
-def results(agents: Sequence[Agent], protocol: str, confidence: float, by: Measure) -> tuple[Condition, ...]:
+def results(
+    agents: Sequence[Agent], protocol: str, confidence: float, by: Measure | None = None
+) -> tuple[Condition, ...]:
     """Return success rates and means under every condition of the protocol, and changes against the undisturbed one.
 
     Args:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from auvbench.analysis.conditions import successes
+from auvbench.analysis.conditions import results
 from auvbench.analysis.formatting import rounded
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.ranking import rank
@@ -341,7 +341,7 @@ def test_all_agents_stand_under_all_conditions_each_once(small: Scene) -> None:
     assert cells[:, 0] == pytest.approx([100 * r["success_rate"] for r in _nominal(small)])
     runs, _ = load([run.directory for agent in small.agents for run in agent.runs], "transfer")
     (tested,) = (found for found in agents(runs, protocol="transfer") if found)
-    expected = {c.name: c.success for c in successes(tested, "transfer", 0.95)}["vehicle=bluerov2-wu2018"]
+    expected = {c.name: c.success for c in results(tested, "transfer", 0.95)}["vehicle=bluerov2-wu2018"]
     column = cells[:, words.index("bluerov2-wu2018")]
     assert column == pytest.approx([100 * expected[agent.label].value for agent in small.agents])
     for (i, j), value in np.ndenumerate(cells):
@@ -448,7 +448,7 @@ def test_gazebo_has_the_changes_of_every_agent_in_both_hydrodynamics(small: Scen
         if line.get_marker() in ("o", "s") and len(line.get_xdata())
     )  # type: ignore[arg-type, index]
     root = small.agents[0].runs[0].directory.parent
-    conditions = successes(agents(load([root], ("test", "gazebo"))[0])[0], "gazebo", 0.95)
+    conditions = results(agents(load([root], ("test", "gazebo"))[0])[0], "gazebo", 0.95)
     assert drawn == pytest.approx(sorted(e.value for c in conditions for e in c.par1_change.values()))
 
 
