@@ -182,7 +182,7 @@ def _ranked(reports: Sequence[Report], folder: Path) -> str:
             parts.append(_heading(report))
         figure = _figures(reports, [MAIN], folder) if report is reports[0] else []
         parts.append(tables.markdown(report.ranking, "\n\n".join(figure)).rstrip())
-        if conditions := tables.conditions_table(report.ranking):
+        for conditions in tables.conditions_tables(report.ranking):
             parts += [f"{conditions.title}:", tables.pipes(conditions)]
     return "\n\n".join(parts)
 

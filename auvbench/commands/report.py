@@ -249,9 +249,13 @@ def write(
         written.append(files.text(out / "report.md", files.markdown(report, figures, out)))
     if "tex" in options.format:
         written.append(files.text(out / "table.tex", tables.latex(ranking)))
-        written += files.if_any(
-            out / "conditions.tex", tables.in_print(tables.conditions_table(ranking), "conditions")
-        )
+        printed = [
+            tables.in_print(table, label)
+            for table, label in zip(
+                tables.conditions_tables(ranking), ("conditions", "measured"), strict=False
+            )
+        ]
+        written += files.if_any(out / "conditions.tex", "\n".join(printed))
     if "csv" in options.format:
         written.append(files.text(out / "table.csv", tables.csv(ranking)))
         written += files.if_any(out / "comparisons.csv", tables.comparisons_csv(ranking.comparisons))

@@ -138,7 +138,7 @@ def show(report: Report, options: Options) -> None:
         return
     console = Console(highlight=False)
     console.print(tables.terminal(report.ranking))
-    if conditions := tables.conditions_table(report.ranking):
+    for conditions in tables.conditions_tables(report.ranking):
         console.print(Text(f"\n{conditions.title}", style="bold"))
         console.print(tables.TableView(conditions))
     if report.findings:

@@ -43,7 +43,7 @@ def markdown(report: Report, figures: Sequence[Figure], folder: Path) -> str:
     parts = ["# Report", tables.markdown(ranking, figure_in_markdown(main, folder) if main else "").rstrip()]
     if report.findings:
         parts += ["## Findings", findings_in_markdown(report.findings)]
-    if conditions := tables.conditions_table(ranking):
+    for conditions in tables.conditions_tables(ranking):
         parts += [f"## {escape(conditions.title)}", tables.pipes(conditions)]
     if report.claims:
         parts += ["## Claims of the study", claims_in_markdown(report.claims)]

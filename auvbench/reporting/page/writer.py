@@ -21,7 +21,7 @@ from auvbench.reporting.figures import MAIN, Figure, colour_of
 from auvbench.reporting.figures.style import Look
 from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories
-from auvbench.reporting.tables.appendix import comparison_table, conditions_table, ranks_table, score_table
+from auvbench.reporting.tables.appendix import comparison_table, conditions_tables, ranks_table, score_table
 from auvbench.reporting.tables.main import grouped, limit_lines, main_table
 from auvbench.reporting.tables.table import Table
 from auvbench.reporting.write import Facts, distinct, facts, overview, text
@@ -69,7 +69,7 @@ def write(
         headline=headline(ranking),
         above="../index.html" if several else "",
         table=of_page.of_agents(main_table(ranking), ranking, {}, links),  # its colours are those of verdicts
-        conditions=linked(conditions_table(ranking)),
+        conditions=[linked(table) for table in conditions_tables(ranking)],
         further=linked(of_page.metrics_table(ranking)),
         ranks=linked(ranks_table(ranking)),
         link=links.row,

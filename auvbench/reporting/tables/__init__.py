@@ -1,6 +1,6 @@
 """The tables of a report in every format. Each function draws what a `Ranking` holds and computes nothing."""
 
-from auvbench.reporting.tables.appendix import comparison_table, conditions_table, ranks_table, score_table
+from auvbench.reporting.tables.appendix import comparison_table, conditions_tables, ranks_table, score_table
 from auvbench.reporting.tables.terminal import TableView, findings_terminal, terminal
 from auvbench.reporting.tables.text_formats import (
     comparisons_csv,
@@ -19,7 +19,7 @@ __all__ = [
     "comparison_table",
     "comparisons_csv",
     "conditions_csv",
-    "conditions_table",
+    "conditions_tables",
     "csv",
     "findings_terminal",
     "in_print",

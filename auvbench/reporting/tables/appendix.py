@@ -52,30 +52,37 @@ def ranks_of(row: Row) -> str:
     return f"{first}" if first == last else f"{first} to {last}"
 
 
-def conditions_table(ranking: Ranking) -> Table | None:
-    """Return success in percent by condition, a dash where an agent did not meet one; None for a single condition."""
+def conditions_tables(ranking: Ranking) -> list[Table]:
+    """Return the tables by condition: success, and the measure that ranks if it has one; none for a single condition.
+
+    A dash stands where an agent did not meet a condition.
+    """
     if not ranking.conditions:
-        return None
+        return []
+    measured = column_of(ranking.rank_by)
+    unit = f" ({measured.unit})" if measured.unit else ""
+    columns = [("Success (%)", 100.0, [c.success for c in ranking.conditions])]
+    if any(c.measured for c in ranking.conditions):
+        title = f"{measured.title[:1].upper()}{measured.title[1:]}{unit}"
+        columns.append((title, measured.scale, [c.measured for c in ranking.conditions]))
     headings = [Heading("agent", words=True)]
     for condition in ranking.conditions:
         title, level = in_words(condition.name)
         headings.append(Heading(title, level, weight=1))
-    lines = [
-        Line(
-            (
-                Cell(label_of(row)),
-                *(estimate_cell(c.success.get(row.label), 100.0) for c in ranking.conditions),
-            )
-        )
-        for row in ranking.rows
-    ]
     notes = [
         f"{100 * ranking.confidence:g} % intervals, each by itself; agents in the order of condition {ranking.condition}."
     ]
     if not all(row.compared for row in ranking.rows):
         notes.append(f"{DAGGER} one training seed: the interval covers test episodes only.")
-    title = f"Success (%) under each condition of protocol {ranking.protocol}"
-    return Table(tuple(headings), tuple(lines), title, tuple(notes))
+    tables = []
+    for title, scale, found in columns:
+        lines = [
+            Line((Cell(label_of(row)), *(estimate_cell(values.get(row.label), scale) for values in found)))
+            for row in ranking.rows
+        ]
+        whole = f"{title} under each condition of protocol {ranking.protocol}"
+        tables.append(Table(tuple(headings), tuple(lines), whole, tuple(notes)))
+    return tables
 
 
 def comparison_table(rows: Sequence[ComparisonRow]) -> Table | None:

@@ -40,8 +40,7 @@ def ranked(grid: Path, protocol: str = "robustness") -> Ranking:
 
 
 def shown(ranking: Ranking) -> Table:
-    table = tables.conditions_table(ranking)
-    assert table is not None
+    (table,) = tables.conditions_tables(ranking)
     return table
 
 
@@ -121,7 +120,7 @@ def test_steps_at_other_frequencies_are_not_compared(grid: Path) -> None:
 def test_a_protocol_of_one_condition_has_no_table(grid: Path) -> None:
     ranking = ranked(grid, "test")
     assert ranking.conditions == ()
-    assert tables.conditions_table(ranking) is None
+    assert tables.conditions_tables(ranking) == []
     assert tables.in_print(None, "conditions") == ""
     assert tables.conditions_csv(ranking) == ""
 
@@ -222,4 +221,9 @@ def test_the_measure_of_a_task_is_there_under_each_condition(tmp_path: Path) -> 
             float(row["mean_energy_J_low"]) < float(row["mean_energy_J"]) < float(row["mean_energy_J_high"])
         )
     assert len(rows) == 2 * len(found.rows)
+    _, measured = tables.conditions_tables(found)
+    assert measured.title == "Energy (kJ) under each condition of protocol robustness"
+    for row, line in zip(found.rows, measured.lines, strict=True):
+        value = next(r for r in rows if r["agent"] == row.label and r["condition"] == "nominal")
+        assert float(line.cells[1].value) == pytest.approx(float(value["mean_energy_J"]) / 1000, rel=0.05)
     assert "mean_energy_J" not in tables.text_formats.conditions_csv(ranked(grid))
