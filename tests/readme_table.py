@@ -37,19 +37,19 @@ TASKS = {  # title, measure, unit and its factor
 SIGNS = {"ahead": "▲", "equivalent": "■", "behind": "▼", "open": "○", "baseline": ""}
 RECIPE = "PPO, robust, trained with disturbance="
 VARIANTS = {
-    f"{RECIPE}unknown_vehicle speed_high=1.2": "`ppo_robust`: on drawn vehicles in currents",
-    f"{RECIPE}none speed_high=1.2": "without drawn vehicles",
-    f"{RECIPE}unknown_vehicle speed_high=unset": "without currents",
-    f"{RECIPE}none speed_high=unset": "without both",
+    f"{RECIPE}unknown_vehicle current.speed_high=1.2": "`ppo_robust`: on drawn vehicles in currents",
+    f"{RECIPE}none current.speed_high=1.2": "without drawn vehicles",
+    f"{RECIPE}unknown_vehicle current.speed_high=unset": "without currents",
+    f"{RECIPE}none current.speed_high=unset": "without both",
     "PPO, robust unobserved=velocity, angular_velocity, gravity, "
-    "trained with disturbance=unknown_vehicle speed_high=1.2": "without velocities and gravity observed",
+    "trained with disturbance=unknown_vehicle current.speed_high=1.2": "without velocities and gravity observed",
 }
 IN_WAVES = {
-    f"{RECIPE}unknown_vehicle speed_high=1.2 height=0.88": "`ppo_robust`: on drawn vehicles in currents and waves",
-    f"{RECIPE}sea_state_3 speed_high=1.2 height=0.88": "without drawn vehicles",
-    f"{RECIPE}unknown_vehicle speed_high=unset height=0.88": "without currents",
-    f"{RECIPE}unknown_vehicle speed_high=1.2 height=0": "without waves",
-    f"{RECIPE}none height=0": "without all three",
+    f"{RECIPE}unknown_vehicle current.speed_high=1.2 waves.height=0.88": "`ppo_robust`: on drawn vehicles in currents and waves",
+    f"{RECIPE}sea_state_3 current.speed_high=1.2 waves.height=0.88": "without drawn vehicles",
+    f"{RECIPE}unknown_vehicle current.speed_high=unset waves.height=0.88": "without currents",
+    f"{RECIPE}unknown_vehicle current.speed_high=1.2 waves.height=0": "without waves",
+    f"{RECIPE}none waves.height=0": "without all three",
 }
 SEA = {  # title, condition
     "trained round": "nominal",

@@ -53,6 +53,8 @@ def part(name: str, value: Any) -> str:
     ('rexrov', 'disturbance=none', '300k steps')
     >>> part("task.observation", "['yaw_error', 'gravity']")
     'observation=yaw_error, gravity'
+    >>> part("disturbance.waves.height", 0.88)
+    'waves.height=0.88'
     """
     if name == "algo":
         return title(str(value))
@@ -71,7 +73,8 @@ def part(name: str, value: Any) -> str:
         return shown
     if name == "seed":
         return f"seed {shown}"
-    return f"{name.rpartition('.')[2]}={shown}"
+    _, *below = name.split(".")
+    return f"{'.'.join(below[-2:]) or name}={shown}"
 
 
 def title(algorithm: str) -> str:

@@ -163,4 +163,7 @@ def test_seeds_of_a_version_without_a_later_key_are_of_one_agent(tmp_path: Path)
             config["disturbance"]["waves"] = {**LATER["disturbance.waves"], "height": (0.0, 0.9)[place == 2]}
 
     found, _ = made(tmp_path, since, algorithms=("ppo",), seeds=(0, 1, 2))
-    assert seeds(found) == {"PPO, trained with height=0": [0, 1], "PPO, trained with height=0.9": [2]}
+    assert seeds(found) == {
+        "PPO, trained with waves.height=0": [0, 1],
+        "PPO, trained with waves.height=0.9": [2],
+    }
