@@ -162,6 +162,7 @@ class PID(Cascade):
     bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
     heading_bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
     integral_time: float = number(0.0, 1e6, open_low=True)  # s
+    heading_integral_time: float | None = later(number(0.0, 1e6, open_low=True))  # s
 
 
 @dataclass(kw_only=True)

@@ -58,7 +58,9 @@ LATER: dict[str, Any] = {
         "direction": None,
         "spreading": 2.0,
     },
+    "algo.heading_integral_time": None,
     **{f"algo.residual.{base}": None for base in BASES},
+    **{f"algo.residual.{base}.heading_integral_time": None for base in ("pid", "alos")},
 }
 """Keys that came after runs had been made, with the value under which nothing changes: with it they do not count, so
 that a run keeps its id."""

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from auvbench import cli, guard
+from auvbench import cli
 from auvbench.errors import RunError
 
 PATIENCE = 60  # s of the processor that a command may take; waiting for it counts less
@@ -46,8 +46,8 @@ def call(arguments: Sequence[str]) -> Said:
     def late(_number: int, _frame: FrameType | None) -> None:
         raise Hang(f"auvbench {' '.join(arguments)[:500]}")
 
-    before = guard._save
-    guard._save = keep  # type: ignore[assignment]
+    before = cli._save
+    cli._save = keep  # type: ignore[assignment]
     former = [signal.signal(number, late) for number in (signal.SIGPROF, signal.SIGALRM)]
     signal.setitimer(signal.ITIMER_PROF, PATIENCE)
     signal.alarm(10 * PATIENCE)
@@ -59,7 +59,7 @@ def call(arguments: Sequence[str]) -> Said:
         signal.alarm(0)
         for number, handler in zip((signal.SIGPROF, signal.SIGALRM), former, strict=True):
             signal.signal(number, handler)
-        guard._save = before
+        cli._save = before
     if defects:
         trace = "".join(traceback.format_exception(defects[0]))
         raise AssertionError(f"auvbench {list(arguments)!r} met a defect:\n{trace}")

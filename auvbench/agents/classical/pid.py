@@ -1,4 +1,5 @@
-"""The classical baseline: proportional-integral control of the velocity, proportional-derivative control of the heading.
+"""The classical baseline: proportional-integral control of the velocity, proportional-derivative control of the heading,
+and integral action on the heading if asked for.
 
 The outer loop, the allocation and the limits are those of `cascade.py`. The drag at the wanted velocity is fed forward;
 gains follow from bandwidths and the masses of the vehicle's sheet.
@@ -20,6 +21,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
+HOLDING = np.radians(30.0)  # yaw error within which the integral of the heading grows
 STEEPEST = np.radians(35.0)  # flight-path angle asked for
 RUDDER_GAIN = 4.0  # rad of rudder per rad of yaw error; the hull damps the turn by itself
 TURNING_RADIUS = 14.0  # m of the Tethys at full rudder, 0.9 m/s and 0.064 rad/s
@@ -35,9 +37,9 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PIDControll
 
 
 class PIDController(Cascade):
-    """PI on velocities, PD on the heading."""
+    """PI on velocities, PD or PID on the heading."""
 
-    carried = ("integral",)
+    carried = ("integral", "heading_integral")
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
@@ -48,6 +50,7 @@ class PIDController(Cascade):
     def reset(self, episodes: Integers) -> None:
         super().reset(episodes)
         self.integral: Floats = np.zeros((len(episodes), 3))
+        self.heading_integral: Floats = np.zeros(len(episodes))
 
     def heading_error(self) -> Floats:
         """Return the yaw error (n,) in rad to turn by."""
@@ -61,7 +64,7 @@ class PIDController(Cascade):
         omega = g.heading_bandwidth
         turn = now.turning - now.yaw_rate
         wrench[:, YAW] = self.turning_mass(2.0 * omega) * (
-            omega**2 * self.heading_error() + 2.0 * omega * turn
+            omega**2 * (self.heading_error() + self.heading_integral) + 2.0 * omega * turn
         )
         return wrench
 
@@ -69,6 +72,10 @@ class PIDController(Cascade):
         # Conditional integration: no wind-up while the thrusters give all they may.
         step = self.gains.bandwidth / self.gains.integral_time * self.dt
         self.integral += np.where(free[:, None], step * miss, 0.0)
+        if self.gains.heading_integral_time is not None:
+            error = self.heading_error()
+            holds = free & (np.abs(error) < HOLDING)  # nor while it turns to a new heading
+            self.heading_integral += np.where(holds, error * self.dt / self.gains.heading_integral_time, 0.0)
 
 
 class FinController:

@@ -42,3 +42,33 @@ def test_the_wanted_velocity_can_be_held_upright(name):
     assert (np.abs(thrust) / pid.reach[1]).max() <= CRUISE_SHARE + 0.1
     tilt = np.abs(thrust @ pid.tilting.T).max()
     assert tilt <= 1.1 * pid.tilt_limit
+
+
+def test_integral_action_turns_against_a_steady_yaw_error_and_not_during_a_turn():
+    words = ("algo=pid", "vehicle=bluerov2_heavy", "task=station_keeping")
+    still, moving = np.zeros((2, 3)), np.array([True, True])
+    moments = {}
+    for time in ("null", "10"):
+        pid = PIDController(
+            configs.training(*words, f"algo.heading_integral_time={time}"), load("bluerov2_heavy")
+        )
+        pid.reset(np.arange(2))
+        pid.estimate.yaw_error = np.array([0.1, 1.0])
+        for _ in range(50):  # 5 s
+            pid.after(still, moving)
+        moments[time] = pid.law(still, still)[:, 5]
+    # 0.1 rad for 5 s of 10 s adds half of the proportional part; 1 rad is a turn.
+    np.testing.assert_allclose(moments["10"] / moments["null"], [1.5, 1.0])
+
+
+def test_no_integral_of_the_heading_grows_while_a_thruster_saturates():
+    pid = PIDController(
+        configs.training(
+            "algo=pid", "algo.heading_integral_time=10", "vehicle=bluerov2_heavy", "task=station_keeping"
+        ),
+        load("bluerov2_heavy"),
+    )
+    pid.reset(np.arange(1))
+    pid.estimate.yaw_error = np.array([0.1])
+    pid.after(np.zeros((1, 3)), np.array([False]))
+    assert pid.heading_integral == 0.0
