@@ -19,6 +19,7 @@ STUDIES = {
     "differences": [],
     "gazebo": ["--protocol", "gazebo", "--rank-by", "par1_steps"],
     "robust": [],
+    "station": ["--protocol", "models_sea"],
     "suite": [],
 }
 
@@ -138,3 +139,16 @@ def test_what_differs_from_the_thesis_is_quoted_rightly():
         expected = [100 * float(row[f"success_rate{end}"]) for end in ("", "_low", "_high")]
         numbers = [float(n) for n in re.findall(r"[\d.]+", cell)]
         assert numbers == pytest.approx(expected if "[" in cell else found, abs=0.051), line
+
+
+def test_the_studies_are_few_and_small_files() -> None:
+    files = [path for path in (ROOT / "results").rglob("*") if path.is_file() and "report" not in path.parts]
+    assert len(files) < 80
+    assert sum(path.stat().st_size for path in files) < 15_000_000
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_figure_of_a_study_is_in_its_readme(name: str) -> None:
+    study = ROOT / "results" / name
+    text = (study / "README.md").read_text(encoding="utf-8")
+    assert [f.name for f in study.glob("figures/*.png") if f"figures/{f.name}" not in text] == []
