@@ -139,12 +139,12 @@ def _condition(
     bounds: tuple[float, float] = (-np.inf, np.inf),
 ) -> Condition:
     here = {label: conditions[name] for label, conditions in met.items() if name in conditions}
-    table = crossed([m.success for m in here.values()], rate=True, paired=False)
-    values = {label: m.measured for label, m in here.items() if m.measured is not None}
+    success = {label: m.success for label, m in here.items()}
+    measured = {label: m.measured for label, m in here.items() if m.measured is not None}
     found = Condition(
         name,
-        dict(zip(here, means(table, confidence), strict=True)),
-        measured=_means(values, confidence, bounds),
+        _means(success, confidence, rate=True),
+        measured=_means(measured, confidence, bounds=bounds),
     )
     if name == UNDISTURBED:
         return found
@@ -154,22 +154,26 @@ def _condition(
         for label, m in here.items()
         if (still := met[label].get(UNDISTURBED)) and m.success.shape == still.success.shape
     }
-    success = {label: m.success - still.success for label, (m, still) in both.items()}
+    successes = {label: m.success - still.success for label, (m, still) in both.items()}
     steps = {label: m.par1 - still.par1 for label, (m, still) in both.items() if m.time == still.time}
     return replace(
         found,
-        success_change=_changes(success, confidence, rate=True),
+        success_change=_changes(successes, confidence, rate=True),
         par1_change=_changes(steps, confidence),
     )
 
 
 def _means(
-    by_agent: Mapping[str, FloatArray], confidence: float, bounds: tuple[float, float]
+    by_agent: Mapping[str, FloatArray],
+    confidence: float,
+    *,
+    rate: bool = False,
+    bounds: tuple[float, float] = (-np.inf, np.inf),
 ) -> dict[str, Estimate]:
     """Return the mean of each agent, (seeds, scenarios) by label, with its interval."""
     if not by_agent:
         return {}
-    table = crossed(list(by_agent.values()), paired=False, bounds=bounds)
+    table = crossed(list(by_agent.values()), rate=rate, paired=False, bounds=bounds)
     return dict(zip(by_agent, means(table, confidence), strict=True))
 
 
@@ -180,11 +184,7 @@ def _changes(
 
     Where no scenario changes hands, that of the rate does not end at 0: none of n trials may be 1.9 % of all with n = 200.
     """
-    if not by_agent:
-        return {}
-    bounds = (-1.0, 1.0) if rate else (-np.inf, np.inf)
-    table = crossed(list(by_agent.values()), paired=False, bounds=bounds)
-    found = dict(zip(by_agent, means(table, confidence), strict=True))
+    found = _means(by_agent, confidence, bounds=(-1.0, 1.0) if rate else (-np.inf, np.inf))
     for label, changes in by_agent.items():
         if rate and not changes.any():
             most = float(wilson(0, changes.shape[1], confidence)[1])

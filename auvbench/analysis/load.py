@@ -7,7 +7,7 @@ Format of the directories: docs/architecture.md; of the CSV: docs/protocol.md.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -111,7 +111,7 @@ def _with_later_keys(runs: Sequence[RunRecord]) -> list[RunRecord]:
 
     The value is the one under which nothing changes, so that seeds of both versions are one agent.
     """
-    unchanged = dict(_flat(LATER))
+    unchanged = filters.flat(LATER)
     kinds = [(run.config.get("algo.name"), run.config.get("task.name")) for run in runs]
     known: dict[Any, set[str]] = {}
     for run, kind in zip(runs, kinds, strict=True):
@@ -237,7 +237,7 @@ def _flattened(config: Any) -> dict[str, Any]:
     if not isinstance(config, dict):
         raise Damage("config.yaml is empty")
     with named("config.yaml"):  # an anchor may hold itself
-        flat = dict(_flat(config))
+        flat = filters.flat(config)
     if not is_name(algo := flat.get("algo.name")):
         raise Damage(f"config.yaml is not that of a run (algo.name is {_brief(algo)}, not a name)")
     for key, value in flat.items():
@@ -261,14 +261,6 @@ def _is_shown(key: str) -> bool:
 
 def _brief(value: Any) -> str:
     return "absent" if value is None else short(repr(value), 40)
-
-
-def _flat(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in config.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
 
 
 def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
