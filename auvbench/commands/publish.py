@@ -38,7 +38,12 @@ def parser() -> Parser:
     add = parser.add_argument
     add("--to", metavar="DIR", required=True, help="folder of the study: results/thesis")
     add("--also", metavar="NAME,...", default="", help="further protocols, each with tables of its own")
-    add("--pictures", metavar="NAME,...", default=PICTURES, help=f"figures of the README; default {PICTURES}")
+    add(
+        "--pictures",
+        metavar="NAME,...",
+        default=PICTURES,
+        help=f"figures besides the differences from the baseline; '' for none; default {PICTURES}",
+    )
     add(
         "--paths",
         dest="trajectories",
@@ -92,12 +97,15 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _pictures(text: str) -> tuple[str, ...]:
-    from auvbench.reporting.figures import FIGURES
+    from auvbench.reporting.figures import FIGURES, MAIN
 
+    further = [name for name in FIGURES if name != MAIN]
     names = _names(text)
     for name in names:
-        if name not in FIGURES:
-            raise UserError(f"--pictures {name}: no such figure; {closest(name, FIGURES)}")
+        if name == MAIN:
+            raise UserError(f"--pictures {name}: every README opens with it; leave it out")
+        if name not in further:
+            raise UserError(f"--pictures {name}: no such figure; {closest(name, further)}")
     return names
 
 

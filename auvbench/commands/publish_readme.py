@@ -60,7 +60,7 @@ def _blocks(study: Study, options: Options) -> list[str]:
     from auvbench.reporting import best_policies
 
     policies = study.policies or best_policies.any_there(study.folder)
-    chosen = {"claims": bool(options.study), "policies": policies}
+    chosen = {"figures": bool(study.pictures), "claims": bool(options.study), "policies": policies}
     return [
         name
         for name in ("table", "findings", "figures", "claims", "policies", "provenance")

@@ -61,6 +61,8 @@ def test_a_published_study_of_several_tasks_starts_with_the_score(study: Path) -
     words = ["--to", "results/two", "--pictures", "", "--no-paths", "--compact"]
     assert main(["publish", str(study), *words]) == 0
     readme = Path("results/two/README.md").read_text()
+    assert "figures/difference_from_baseline.png" in readme
+    assert "## Figures" not in readme
     scores = readme.index("### Score across tasks: test")
     assert scores < readme.index("### Vehicle bluerov2_heavy, task station_keeping")
     with open("results/two/score.csv", newline="") as file:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.cascade import YAW, Cascade, Estimator, to_level
 from auvbench.config import algorithms, schema, tasks
+from auvbench.errors import ConfigError
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.actuators import BuoyancyEngine, Fin, MassShifter, Thruster
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -87,11 +88,19 @@ class FinController:
 
     Signs come from the sheet: with way on, a fin behind the origin that is turned about +z moves the bow to
     starboard, about +y raises it.
+
+    Raises:
+        ConfigError: integral action of the heading is asked for.
     """
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
         assert isinstance(gains, algorithms.PID)
+        if gains.heading_integral_time is not None:
+            raise ConfigError(
+                f"algo.heading_integral_time={gains.heading_integral_time:g}: the fins of vehicle={vehicle.name} hold its "
+                "heading without integral action; use algo.heading_integral_time=null"
+            )
         self.vehicle = vehicle
         self.gains = gains
         self.follows = tasks.TASKS[config.task.name].has_yaw

@@ -70,6 +70,12 @@ def test_fins_are_refused_by_name(algo):
         controller(algo, "vehicle=lrauv")
 
 
+@pytest.mark.parametrize(("algo", "task"), [("pid", "waypoint"), ("alos", "path_following")])
+def test_fins_refuse_an_integral_of_the_heading(algo, task):
+    with pytest.raises(ConfigError, match=r"algo.heading_integral_time=5: the fins of vehicle=lrauv"):
+        controller(algo, f"task={task}", "vehicle=lrauv", "algo.heading_integral_time=5")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("algo", ["lqr", "smc", "mpc"])
 def test_rows_do_not_depend_on_the_batch(algo):

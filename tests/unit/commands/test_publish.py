@@ -249,6 +249,15 @@ def test_what_a_person_wrote_stays(runs, tmp_path, capsys):
     assert "<!-- begin: table -->" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("name", "said"), [("difference_from_baseline", "leave it out"), ("success_over_tim", "success_over_time")]
+)
+def test_the_main_figure_is_not_asked_for_again(name, said, capsys):
+    assert publish("--pictures", name) == 2
+    assert f"--pictures {name}" in (err := capsys.readouterr().err)
+    assert said in err
+
+
 @pytest.mark.slow
 def test_published_again_from_what_was_published_is_the_same(runs):
     assert publish("--pictures", "success_over_time") == 0
