@@ -1,4 +1,4 @@
-"""Write the tables of README.md, docs/index.md and docs/results.md from the published studies.
+"""Write the tables across conditions of README.md, docs/ and results/ from the published studies.
 
 `python -m tests.readme_table` in the root of the repository. The best value of each column is bold.
 """
@@ -137,7 +137,10 @@ TABLES: dict[str, Callable[[], str]] = {
 PAGES = {
     "README.md": ("leaderboard",),
     "docs/index.md": ("leaderboard",),
-    "docs/results.md": ("vehicles", "robust", "station", "suite"),
+    "docs/results.md": ("suite",),
+    "results/leaderboard/README.md": ("vehicles",),
+    "results/robust/README.md": ("robust",),
+    "results/station/README.md": ("station",),
 }
 
 
