@@ -7,19 +7,28 @@ from typing import Any
 
 from mkdocs.structure.files import File, Files
 
+STUDY = "study.md"  # a README would be the page of the whole section
+PLACES = (
+    ("](../../docs/", "](../../"),
+    ("](../results/", "](studies/"),
+    ("/README.md", f"/{STUDY}"),
+    ("<details>", "<details markdown>"),
+)
+"""how pages of docs/ and results/ write it, and how the site has it"""
+
 
 def on_files(files: Files, config: Any) -> Files:
     """Add what a study's README shows and links to; its rows stay in the repository."""
     results = Path(config.docs_dir).parent / "results"
     for path in sorted(results.glob("*/**/*")):
         if path.is_file() and path.suffix != ".parquet":
-            name = f"studies/{path.relative_to(results).as_posix()}"
-            files.append(File.generated(config, name, abs_src_path=str(path)))
+            name = path.relative_to(results).as_posix().replace("README.md", STUDY)
+            files.append(File.generated(config, f"studies/{name}", abs_src_path=str(path)))
     return files
 
 
-def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Lead links between docs/ and results/ to the places that both have in the site."""
-    if page.file.src_uri.startswith("studies/"):
-        return markdown.replace("](../../docs/", "](../../").replace("<details>", "<details markdown>")
-    return markdown.replace("](../results/", "](studies/")
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Lead links between docs/ and results/ to their places in the site."""
+    for here, there in PLACES:
+        markdown = markdown.replace(here, there)
+    return markdown
