@@ -250,7 +250,8 @@ def test_what_a_person_wrote_stays(runs, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("difference_from_baseline", "leave it out"), ("success_over_tim", "success_over_time")]
+    ("name", "said"),
+    [("difference_from_baseline", "leave it out"), ("success_over_tim", "success_over_time")],
 )
 def test_the_main_figure_is_not_asked_for_again(name, said, capsys):
     assert publish("--pictures", name) == 2
