@@ -26,7 +26,8 @@ def options(group: str) -> list[str]:
 def test_every_algorithm_composes_and_is_valid(algo, vehicle):
     config = compose("train", [f"algo={algo}", f"vehicle={vehicle}"])
     result = train_config(config)
-    assert result.algo.name == algo
+    # Gains for the tasks of one vehicle are one agent of the study of all tasks.
+    assert result.algo.name == ("pid_per_task" if algo.startswith("pid_heavy_") else algo)
     assert typed(config) == result
 
 
