@@ -326,8 +326,8 @@ def _interaction(
         return Part(OPEN, missing=f"SAC and PPO agents at two frequencies that are evidence{left}")
     m, used = measure("success_rate"), [agent for four in kept for agent in four]
     table, weights = m.table(used), np.tile([1.0, -1.0, -1.0, 1.0], len(kept)) / len(kept)
-    verdict = by_interval(lambda c: contrast(table, weights, c).estimate, levels, 0.0)
-    shown = difference(contrast(table, weights, levels[0]).estimate, m)
+    verdict = by_interval(lambda c: contrast(table, weights, c)[0], levels, 0.0)
+    shown = difference(contrast(table, weights, levels[0])[0], m)
     statistic = (
         f"from {low:g} to {high:g} Hz SAC's success changes by {shown} more than PPO's, over "
         f"{counted(len(kept), 'value')} of K{left}"

@@ -50,7 +50,7 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
     rich = min(richer, key=lambda a: float(a.success.mean()))
     table = measure("success_rate").table([rich, good])
     level = (1 - confidence) / len(richer)
-    less = contrast(table, np.array([1.0, -1.0]), 1 - level).estimate
+    less, _ = contrast(table, np.array([1.0, -1.0]), 1 - level)
     if not (less.value <= -APART and less.high < 0):
         return None
     returns = [float(a.metrics["return"].mean()) for a in (rich, good)]
@@ -171,9 +171,8 @@ def mean_difference(
     sides = [sum((one is agent) - (other is agent) for one, other in pairs) for agent in agents]
     weights = np.array(sides) / len(pairs)
     table = m.table(agents)
-    found = contrast(table, weights, confidence)
-    p = float(resolution(table)[0, 1]) if len(pairs) == 1 else found.p_value
-    return found.estimate, p
+    estimate, p = contrast(table, weights, confidence)
+    return estimate, float(resolution(table)[0, 1]) if len(pairs) == 1 else p
 
 
 def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> list[Effect]:

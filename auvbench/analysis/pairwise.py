@@ -79,7 +79,8 @@ def _p_values(agents: Sequence[Agent], m: Measure, table: st.Crossed) -> FloatAr
     p = st.resolution(table)
     single = [i for i, agent in enumerate(agents) if len(agent.outcome) == 1]
     if m.rate and len(single) > 1:
-        only = st.discordant(np.concatenate([m.values(agents[i]) for i in single]))
+        ended_so = np.concatenate([m.values(agents[i]) for i in single])  # (agents, episodes) of 0 and 1
+        only = ended_so @ (1 - ended_so).T  # episodes of the row's agent that are not the column's
         p[np.ix_(single, single)] = st.mcnemar(only, only.T)
     return p
 

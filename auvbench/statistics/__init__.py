@@ -12,7 +12,7 @@ from auvbench.statistics.crossed import (
     crossed,
     means,
 )
-from auvbench.statistics.differences import contrast, discordant, holm, mcnemar, pairs, resolution
+from auvbench.statistics.differences import contrast, holm, mcnemar, pairs, resolution
 from auvbench.statistics.intervals import (
     Estimate,
     limits,
@@ -32,7 +32,6 @@ __all__ = [
     "Estimate",
     "contrast",
     "crossed",
-    "discordant",
     "holm",
     "limits",
     "mcnemar",

@@ -151,18 +151,10 @@ def _correlation(table: Crossed) -> FloatArray:
     return np.clip(np.nan_to_num(r, nan=0.0, posinf=0.0, neginf=0.0), -1.0, 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Contrast:
-    """A weighted sum of agents' means with its interval and two-sided p-value of zero."""
+def contrast(table: Crossed, weights: FloatArray, confidence: float = 0.95) -> tuple[Estimate, float]:
+    """Return a weighted sum of the means, such as an effect averaged over matched cells, and its p-value of zero.
 
-    estimate: Estimate
-    p_value: float
-
-
-def contrast(table: Crossed, weights: FloatArray, confidence: float = 0.95) -> Contrast:
-    """Return the weighted sum (n,) of the means, such as an effect averaged over matched cells, with a t interval.
-
-    The interval ends where the sum of what is possible does. A rate's contrast has the t interval too: sums of several
+    `weights` are (n,). The t interval ends where the sum of what is possible does. A rate's contrast has the t interval too: sums of several
     agents' rates are seldom near an end.
     """
     used = np.asarray(weights) != 0
@@ -183,7 +175,7 @@ def contrast(table: Crossed, weights: FloatArray, confidence: float = 0.95) -> C
     ends = np.array([w * table.least[used], w * table.most[used]])
     least, most = ends.min(axis=0).sum(), ends.max(axis=0).sum()
     low, high = (float(end) for end in within(value - half, value, value + half, least, most))
-    return Contrast(Estimate(value, low, high, confidence, covers(table.seeds[used])), p)
+    return Estimate(value, low, high, confidence, covers(table.seeds[used])), p
 
 
 def resolution(table: Crossed) -> FloatArray:
@@ -281,11 +273,6 @@ def mcnemar(b: ArrayLike, c: ArrayLike) -> FloatArray:
     n, k = b + c, np.minimum(b, c)
     point = np.exp(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1) - n * np.log(2.0))
     return np.asarray(np.where(b == c, 1.0, 2 * bdtr(k, n.astype(np.int64), 0.5) - point))
-
-
-def discordant(success: FloatArray) -> FloatArray:
-    """(agents, agents) scenarios in which the row's agent succeeds and the column's does not; (agents, E) of 0, 1."""
-    return np.asarray(success @ (1 - success).T, dtype=np.float64)
 
 
 def holm(p: ArrayLike) -> FloatArray:

@@ -209,9 +209,7 @@ def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_
     Doubles, then halves the gap: power rises with the seeds but for the noise of the simulation.
     """
     low, high = 1, 2
-    while True:
-        if tried(high) >= target:
-            break
+    while tried(high) < target:
         if high >= most:
             return None
         low, high = high, min(2 * high, most)

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from auvbench.statistics import (
-    discordant,
     holm,
     mcnemar,
 )
@@ -31,11 +30,6 @@ def test_mcnemar_agrees_with_the_binomial_test(b, c):
     n, k = b + c, min(b, c)
     mid = min(1.0, 2 * (stats.binom.cdf(k - 1, n, 0.5) + stats.binom.pmf(k, n, 0.5) / 2))
     assert mcnemar(b, c) == pytest.approx(mid)
-
-
-def test_discordant_counts():
-    x = np.array([[1.0, 1, 0, 0], [1, 0, 1, 0], [0, 0, 0, 0]])
-    assert discordant(x).tolist() == [[0, 1, 2], [1, 0, 2], [0, 0, 0]]
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=6))
