@@ -10,7 +10,8 @@ The footer of runs.parquet holds the sizes and digests of the other two files.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+import operator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -32,11 +33,11 @@ TRAIN = "train"
 NOTE = "auvbench"
 """entry of the footer of runs.parquet"""
 
-FOLLOWING = {
-    "duration_s": ("steps", "frequency_hz"),
-    "command_norm_sum_N": ("steps", "command_norm_mean_N"),
+FOLLOWING: dict[str, tuple[str, Callable[[Any, Any], Any], str]] = {
+    "duration_s": ("steps", operator.truediv, "frequency_hz"),
+    "command_norm_sum_N": ("steps", operator.mul, "command_norm_mean_N"),
 }
-"""columns that are not stored, and the two that they follow from"""
+"""columns that are not stored, and how they follow from two others"""
 SCALE = {"t_ms": 1e-3, "x_mm": 1e-3, "y_mm": 1e-3, "z_mm": 1e-3}
 """columns of trajectories.parquet: whole milliseconds and millimetres"""
 
@@ -122,9 +123,9 @@ class Archive:
                 frame[name] = frame[name].astype(object)
             elif name in ("episode", "environment", "steps", "step"):
                 frame[name] = _whole(frame[name], name)
-        for name, (value, other) in FOLLOWING.items():
-            if {value, other} <= set(frame.columns):
-                frame[name] = follows(name, frame[value], frame[other])
+        for name, (one, operation, other) in FOLLOWING.items():
+            if {one, other} <= set(frame.columns):
+                frame[name] = operation(frame[one], frame[other])
         known = [name for name in columns() if name in frame.columns]
         return frame[[*(name for name in frame.columns if name not in known), *known]]
 
@@ -185,11 +186,6 @@ class Archive:
     def _read(self, name: str) -> tuple[pd.DataFrame, dict[str, str]]:
         with named(name):
             return tables.read_parquet(self.folder / name)
-
-
-def follows(name: str, value: pd.Series, other: pd.Series) -> pd.Series:
-    """Return a column of `FOLLOWING`: a duration is a quotient, a sum is a product."""
-    return value / other if name == "duration_s" else value * other
 
 
 def note(runs: pd.DataFrame, files: Mapping[str, bytes]) -> dict[str, str]:

@@ -9,8 +9,7 @@ import csv
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,9 +19,6 @@ from auvbench.record import OUTCOMES, measured
 from auvbench.runs import identity, integrity
 from auvbench.untrusted import archives, path_safety, reading, tables
 from auvbench.untrusted.text import LONGEST, plain, short
-
-if TYPE_CHECKING:
-    from auvbench.analysis.archive import Archive
 
 NEEDED = ("steps", "duration_s")
 """without these an evaluation is not reported on; a measure whose column is missing is not shown"""
@@ -99,8 +95,12 @@ def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
     Raises:
         Damage: It cannot be used, was changed, or its files disagree.
     """
-    if run.archive is not None:
-        return _archived(run.archive, run.id, protocol)
+    if (study := run.archive) is not None:
+        with named(f"the summary of {short(protocol, 40)}"):
+            summary = integrity.checked(study.summaries(run.id)[protocol], integrity.Summary)
+        frame = study.episodes(run.id, protocol)
+        _check_episodes(frame, summary)
+        return Evaluation(protocol, summary["fingerprint"], summary, frame, study.folder, study)
     directory = path_safety.child(run.directory / "evaluations", protocol)
     with named("summary.json"):
         summary = integrity.read(directory / "summary.json", integrity.Summary)
@@ -112,16 +112,6 @@ def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
     _check_episodes(frame, summary)
     check_digest(summary, "episodes.csv", data)
     return Evaluation(protocol, summary["fingerprint"], summary, frame, directory)
-
-
-def _archived(archive: Archive, run: str, protocol: str) -> Evaluation:
-    """Return one evaluation of a run of a published study."""
-    with named(f"the summary of {short(protocol, 40)}"):
-        summary = integrity.checked(archive.summaries(run)[protocol], integrity.Summary)
-    frame = archive.episodes(run, protocol)
-    _check_episodes(frame, summary)
-    found = Evaluation(protocol, summary["fingerprint"], summary, frame, archive.folder)
-    return replace(found, archive=archive)
 
 
 def check_belongs(manifest: Mapping[str, Any], evaluation: Evaluation) -> None:

@@ -189,7 +189,7 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
     result = []
     for factor in learners[0].key if learners else ():
         levels = {agent.key.get(factor) for agent in learners if _says(agent, factor)}
-        ordered = sorted(levels, key=lambda level: sort_key({"": level}))
+        ordered = sorted(levels, key=sort_key)
         few = len(ordered) <= 3
         names = not all(isinstance(level, int | float) for level in ordered)
         chosen = list(combinations(ordered, 2)) if few or names else [(ordered[0], ordered[-1])]

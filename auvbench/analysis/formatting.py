@@ -100,9 +100,14 @@ def unit(m: Measure) -> str:
     return "/s" if known == "1/s" else f" {known}" if known else ""
 
 
+def unit_of_difference(m: Measure) -> str:
+    """Unit of a difference of a measure, with a space in front: two rates differ by points."""
+    return " points" if m.rate else unit(m)
+
+
 def amount(estimate: Estimate, m: Measure) -> str:
     """A value with its interval: '97.2 % [95.3, 98.4]'."""
-    value, low, high = rounded(estimate, 100.0 if m.rate else 1.0)
+    value, low, high = rounded(estimate, m.scale)
     return f"{value}{unit(m)}" + (f" [{low}, {high}]" if low else "")
 
 
@@ -113,16 +118,14 @@ def size(value: float, m: Measure) -> str:
     >>> size(0.02, measure("success_rate")), size(10.99, measure("par1_steps")), size(1.099, measure("par1_time_s"))
     ('2 points', '11 steps', '1.1 s')
     """
-    scaled = abs(value) * (100.0 if m.rate else 1.0)
-    return f"{significant(scaled, 2)}{' points' if m.rate else unit(m)}".replace(".0 ", " ")
+    return f"{significant(m.scale * abs(value), 2)}{unit_of_difference(m)}".replace(".0 ", " ")
 
 
 def difference(estimate: Estimate, m: Measure) -> str:
     """A difference with its interval and sign: '+3.1 points [1.0, 5.2]' for a rate."""
-    value, low, high = rounded(estimate, 100.0 if m.rate else 1.0)
+    value, low, high = rounded(estimate, m.scale)
     sign = "+" if estimate.value > 0 and not value.startswith("-") else ""
-    of = " points" if m.rate else unit(m)
-    return f"{sign}{value}{of}" + (f" [{low}, {high}]" if low else "")
+    return f"{sign}{value}{unit_of_difference(m)}" + (f" [{low}, {high}]" if low else "")
 
 
 def rounded_difference(estimate: Estimate, m: Measure) -> tuple[str, str]:
@@ -133,8 +136,8 @@ def rounded_difference(estimate: Estimate, m: Measure) -> tuple[str, str]:
     ('28.0 steps', ' [26.5, 29.5]')
     """
     away = estimate if estimate.value > 0 else turned(estimate)
-    value, low, high = rounded(away, 100.0 if m.rate else 1.0)
-    return f"{value}{' points' if m.rate else unit(m)}", f" [{low}, {high}]" if low else ""
+    value, low, high = rounded(away, m.scale)
+    return f"{value}{unit_of_difference(m)}", f" [{low}, {high}]" if low else ""
 
 
 def turned(estimate: Estimate) -> Estimate:

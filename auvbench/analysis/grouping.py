@@ -67,25 +67,22 @@ def agents(
         frame["frequency_hz"].to_numpy() for frame in rows.values() if "frequency_hz" in frame
     )
     finer = refined(_cells(reported, keys, fixed), keys, fixed)
-    groups = sorted(_cells(reported, finer, fixed), key=lambda group: sort_key(_key(group[0], finer)))
-    names = labels(
-        [_key(group[0], finer) for group in groups], [trained(group[0]) for group in groups], fixed
-    )
+    groups = [(_key(group[0], finer), group) for group in _cells(reported, finer, fixed)]
+    groups.sort(key=lambda group: [sort_key(value) for value in group[0].values()])
+    names = labels([key for key, _ in groups], [trained(group[0]) for _, group in groups], fixed)
     result = []
-    for label, group in zip(names, groups, strict=True):
+    for label, (key, group) in zip(names, groups, strict=True):
         group.sort(key=lambda run: (run.seed, run.id))
         tested = next(run for run in (*group, *reported) if run.id in rows).evaluations[protocol]
         limit = next(c["max_steps"] for c in tested.summary["conditions"] if c["name"] == condition)
-        result.append(_agent(label, _key(group[0], finer), group, rows, fingerprint, float(limit)))
+        result.append(_agent(label, key, group, rows, fingerprint, float(limit)))
     return result, problems
 
 
 def frequency_fixed(tested: Iterable[np.ndarray[Any, Any]]) -> bool:
     """Return whether all test episodes had one step frequency."""
-    return (
-        len({float(f) for frequencies in tested for f in np.unique(frequencies[np.isfinite(frequencies)])})
-        <= 1
-    )
+    found = np.concatenate([np.empty(0), *map(np.ravel, tested)])
+    return np.unique(found[np.isfinite(found)]).size <= 1
 
 
 def _cells(runs: Iterable[RunRecord], keys: Mapping[str, str], fixed: bool) -> list[list[RunRecord]]:
@@ -178,7 +175,7 @@ def _agent(
             known = next(frame for frame in rows.values() if column in frame)
             scenario = known[column].to_numpy(dtype=np.float64)
             metrics[column] = np.where(np.isnan(metrics[column]), scenario, metrics[column])
-    return Agent(label, dict(key), tuple(group), fingerprint, outcome, metrics, limit)
+    return Agent(label, key, tuple(group), fingerprint, outcome, metrics, limit)
 
 
 SEEDS = ("seed", "train.evaluate_every", *NEUTRAL)
@@ -191,7 +188,7 @@ OF_LEARNING = ("train.", "reward.")
 def refined(
     groups: Iterable[Sequence[RunRecord]],
     keys: Mapping[str, str],
-    frequency_fixed: bool = True,
+    frequency_fixed: bool,
 ) -> dict[str, str]:
     """Return the keys of a grouping, and as many more as tell apart what varied within its groups, by short name.
 
@@ -237,9 +234,14 @@ def _split(group: Sequence[RunRecord], key: str) -> list[list[RunRecord]]:
     return list(parts.values())
 
 
-def matters(key: str, run: RunRecord, frequency_fixed: bool = True) -> bool:
+def of_a_seed(key: str) -> bool:
+    """Return whether a key may differ between the seeds of one agent (`SEEDS`)."""
+    return any(f"{key}.".startswith(f"{seed}.") for seed in SEEDS)
+
+
+def matters(key: str, run: RunRecord, frequency_fixed: bool) -> bool:
     """Return whether a key changes what the run's agent does in the test."""
-    if any(key == seed or key.startswith(f"{seed}.") for seed in SEEDS):
+    if of_a_seed(key):
         return False
     if not trained(run) and (key.startswith(OF_LEARNING) or is_fixed(key, frequency_fixed)):
         return False
@@ -294,11 +296,8 @@ def sections(runs: Sequence[RunRecord], protocol: str) -> list[Section]:
 def _subject(run: RunRecord) -> str:
     """Return vehicle and task of a run; the waypoint task goes without saying."""
     task = str(run.config.get("task.name", "waypoint"))
-    return vehicle_of(run) if task == "waypoint" else f"{vehicle_of(run)}{TASK}{task}"
-
-
-def vehicle_of(run: RunRecord) -> str:
-    return str(run.config.get("vehicle.name", "vehicle"))
+    vehicle = str(run.config.get("vehicle.name", "vehicle"))
+    return vehicle if task == "waypoint" else f"{vehicle}{TASK}{task}"
 
 
 def split_problems(problems: Iterable[Problem], parts: Sequence[Section]) -> list[list[Problem]]:

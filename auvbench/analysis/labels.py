@@ -165,12 +165,8 @@ def _words(value: Any) -> list[str]:
     return re.findall(r"'(\w+)'", value) if isinstance(value, str) and value.startswith("['") else []
 
 
-def sort_key(key: Key) -> tuple[tuple[int, float, str], ...]:
-    """Numbers in order of size, words in order of the alphabet, nothing last."""
-    return tuple(_sortable(v) for v in key.values())
-
-
-def _sortable(value: Any) -> tuple[int, float, str]:
+def sort_key(value: Any) -> tuple[int, float, str]:
+    """Return a key that sorts numbers by size, then words by the alphabet, nothing last."""
     if isinstance(value, int | float) and not math.isnan(value):
         return 0, float(value), ""
     return (2, 0.0, "") if value is None else (1, 0.0, str(value))

@@ -91,6 +91,11 @@ class Measure:
         """1 where higher is better, else -1."""
         return 1.0 if self.higher_is_better else -1.0
 
+    @property
+    def scale(self) -> float:
+        """100 for a rate, which a reader sees in percent, else 1."""
+        return 100.0 if self.rate else 1.0
+
 
 RATES = tuple(Measure(f"{name}_rate", "outcome", name == "success", True) for name in OUTCOMES)
 PENALISED = tuple(

@@ -96,7 +96,6 @@ def needs(
     targets: Sequence[float] = (0.8, 0.95),
     alpha: float = 0.05,
     replications: int = 200,
-    seed: int = 0,
     note: Callable[[int, int], object] = lambda episodes, seeds: None,
 ) -> Need:
     """Fewest training seeds that resolve two agents, by simulation with the report's test.
@@ -109,7 +108,6 @@ def needs(
         targets: powers.
         alpha: of the table.
         replications: simulated pairs for each number of seeds (standard error at 80 %: 3 points with 200).
-        seed: of the simulation.
         note: called with the episodes and the number of seeds that is tried next.
     """
     tried: dict[int, np.ndarray[tuple[int], np.dtype[np.float64]]] = {}
@@ -117,7 +115,7 @@ def needs(
     def power(S: int, level: float) -> float:
         if S not in tried:
             note(episodes, S)
-            tried[S] = st.simulated_p(model, values, S, episodes, replications=replications, seed=seed)
+            tried[S] = st.simulated_p(model, values, S, episodes, replications=replications)
         return float((tried[S] < level).mean())
 
     def seeds(level: float) -> dict[float, int | None]:
@@ -156,11 +154,11 @@ def needed(
         episodes = int(table.episodes[i])
         quantiles = float(quantile(1 - level, episodes - 1) + quantile(2 * POWER - 1))
         enough = math.ceil(episodes * fixed * (quantiles / max(goals)) ** 2)
-        return Needed("episodes", episodes, enough if enough <= MOST_EPISODES else None)
+        return Needed("episodes", enough if enough <= MOST_EPISODES else None)
     per_seed = float((seed_variance(table)[0] * table.seeds)[learning].sum())
     have = max(int(table.seeds[j]) for j in learning)
     found = [
         st.seeds_by_formula(distance, per_seed, fixed, level, POWER, len(learning)) for distance in goals
     ]
     count = min((n for n in found if n is not None), default=None)
-    return Needed("seeds", have, None if count is None else max(count, have + 1))
+    return Needed("seeds", None if count is None else max(count, have + 1))

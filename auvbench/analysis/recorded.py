@@ -13,20 +13,18 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from auvbench.analysis.archive import TRAIN
 from auvbench.analysis.evaluations import Damage, check_digest, finite, named
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.record import OUTCOMES
 from auvbench.runs import integrity
+from auvbench.statistics.intervals import FloatArray
 from auvbench.untrusted import archives, reading, tables
 
 NAME = "trajectories.npz"
 REQUIRED = ("waypoint", "position", "time")
 OPTIONAL = ("reference", "dock_yaw")
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +113,8 @@ def _episode(arrays: Any, suffix: str, episode: int) -> StoredPath:
 TRAINING = "train/episodes.csv"
 
 NUMBERS = ("step", "steps", "return")
-"""columns of train/episodes.csv that a report uses, without the outcome"""
+COLUMNS = ("outcome", *NUMBERS)
+"""of train/episodes.csv, that a report uses"""
 
 
 def has_training(run: RunRecord) -> bool:
@@ -133,23 +132,20 @@ def training(run: RunRecord) -> pd.DataFrame | None:
     Raises:
         Damage: The file cannot be read, lacks a column, or holds an impossible value.
     """
-    needed = ("outcome", *NUMBERS)
     if not has_training(run):
         return None
     if run.archive is not None:
-        frame = run.archive.episodes(run.id, TRAIN)
-        frame = frame[[name for name in needed if name in frame.columns]]
-        return _checked_training(frame, needed)
+        return _checked_training(run.archive.episodes(run.id, TRAIN).filter(items=COLUMNS))
     with named(TRAINING):
         data = reading.content(run.directory / TRAINING, reading.DATA)
-        frame = tables.csv(data, needed)
-    frame = _checked_training(frame, needed)
+        frame = tables.csv(data, COLUMNS)
+    frame = _checked_training(frame)
     check_digest(run.manifest, TRAINING, data)
     return frame
 
 
-def _checked_training(frame: pd.DataFrame, needed: tuple[str, ...]) -> pd.DataFrame:
-    if missing := [c for c in needed if c not in frame.columns]:
+def _checked_training(frame: pd.DataFrame) -> pd.DataFrame:
+    if missing := [c for c in COLUMNS if c not in frame.columns]:
         raise Damage(f"{TRAINING} lacks the columns {', '.join(missing)}")
     if frame.empty:
         return frame

@@ -175,7 +175,6 @@ class Needed:
 
     unit: str
     """seeds | episodes"""
-    have: int
     count: int | None
     """None: more than is planned for"""
 

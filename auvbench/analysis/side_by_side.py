@@ -8,7 +8,7 @@ from pathlib import Path
 
 from auvbench import statistics as st
 from auvbench.analysis.conditions import default
-from auvbench.analysis.grouping import SEEDS, agents, sections
+from auvbench.analysis.grouping import agents, of_a_seed, sections
 from auvbench.analysis.load import load, require
 from auvbench.analysis.measures import RANKED_AS, Measure, all_measures, measure, metric_of
 from auvbench.analysis.primary import find_baseline
@@ -140,16 +140,16 @@ def settings(pair: Sequence[Agent]) -> list[tuple[str, str, str]]:
 
     A group whose choice differs is one row: `vehicle` stands for all keys of the two sheets.
     """
-    values = [
-        {key: sorted({str(run.config[key]) for run in agent.runs if key in run.config}) for key in known}
-        for agent in pair
-        if (known := set().union(*(run.config.keys() for run in agent.runs)))
-    ]
+    values: list[dict[str, list[str]]] = []
+    for agent in pair:
+        known = {key for run in agent.runs for key in run.config}
+        values.append(
+            {k: sorted({str(run.config[k]) for run in agent.runs if k in run.config}) for k in known}
+        )
     keys = sorted(
         key
         for key in values[0].keys() | values[1].keys()
-        if values[0].get(key) != values[1].get(key)
-        and not any(key == seed or key.startswith(f"{seed}.") for seed in SEEDS)
+        if values[0].get(key) != values[1].get(key) and not of_a_seed(key)
     )
     groups = {key.removesuffix(".name") for key in keys if key.endswith(".name")}
     shown = [key for key in keys if key.endswith(".name") or key.partition(".")[0] not in groups]

@@ -121,10 +121,9 @@ def compare(agents: Sequence[Agent], confidence: float = 0.95) -> tuple[Comparis
 def _estimates(metric: str, agents: Sequence[Agent], confidence: float) -> dict[str, Estimate]:
     """Return our estimates by label, rates in percent."""
     m = measure(metric)
-    scale = 100.0 if m.rate else 1.0
     found = means(m.table(agents, paired=False), confidence) if agents else []
     return {
-        agent.label: replace(e, value=scale * e.value, low=scale * e.low, high=scale * e.high)
+        agent.label: replace(e, value=m.scale * e.value, low=m.scale * e.low, high=m.scale * e.high)
         for agent, e in zip(agents, found, strict=True)
     }
 

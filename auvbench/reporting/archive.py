@@ -159,14 +159,14 @@ def _manifest(run: RunRecord) -> dict[str, Any]:
 
 
 def _labelled(frame: pd.DataFrame, run: str, protocol: str) -> pd.DataFrame:
-    kept = frame.drop(columns=[name for name in archive.FOLLOWING if name in frame.columns])
+    kept = frame.drop(columns=list(archive.FOLLOWING), errors="ignore")
     kept.insert(0, "run", run)
     kept.insert(1, "protocol", protocol)
     return kept
 
 
 def _compacted(frame: pd.DataFrame) -> pd.DataFrame:
-    kept = frame[[name for name in COMPACT if name in frame.columns]].copy()
+    kept = frame.filter(items=COMPACT).copy()
     for name in kept.select_dtypes("float").columns.drop("frequency_hz", errors="ignore"):
         kept[name] = [float(f"{value:.{DIGITS}g}") for value in kept[name]]
     return kept

@@ -163,8 +163,7 @@ def in_units(found: Outcome) -> tuple[Study, Measure]:
     study = optuna.create_study(direction="maximize" if measure.higher_is_better else "minimize")
     for trial in sorted(found.trials, key=lambda trial: trial.number):
         values = [
-            (100 if measure.rate else 1) * (score.then if second else score.objective)
-            for score in found.results(trial)
+            measure.scale * (score.then if second else score.objective) for score in found.results(trial)
         ]
         complete = trial.state is TrialState.COMPLETE and math.isfinite(values[-1])
         study.add_trial(

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from auvbench.analysis.formatting import name, size, unit
+from auvbench.analysis.formatting import name, size, unit_of_difference
 from auvbench.analysis.measures import measure
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
 from auvbench.analysis.records import Against, Primary
@@ -45,28 +45,28 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     if primary is None:
         return None
     m = measure(primary.measure)
-    scale = 100.0 if m.rate else 1.0
     rows = [primary.of(row.label) or row.label for row in scene.ranking.rows]
     labels = [row.agent if isinstance(row, Against) else f"{row} (baseline)" for row in rows]
     width = AXIS + LETTER * max(map(len, labels))
     figure = style.canvas(max(4.55, width), 0.9 + 0.19 * len(rows))
     ax = figure.subplots()
-    low, high = _axis(primary, scale)
+    low, high = _axis(primary, m.scale)
     if math.isfinite(primary.margin):
-        ax.axvspan(-scale * primary.margin, scale * primary.margin, color="#0072B2", alpha=0.1, linewidth=0)
+        ax.axvspan(
+            -m.scale * primary.margin, m.scale * primary.margin, color="#0072B2", alpha=0.1, linewidth=0
+        )
     ax.axvline(0, color="#444444", linewidth=0.9)
     for y, row in enumerate(rows):
         if isinstance(row, Against):
-            _line(ax, row, y, scale, (low, high))
+            _line(ax, row, y, m.scale, (low, high))
         else:
             ax.plot(0, y, marker="|", color="#222222", markersize=9, markeredgewidth=2)
     ax.set_yticks(range(len(rows)), labels)
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_xlim(low, high)
     ax.grid(axis="y", visible=False)
-    words = "points" if m.rate else unit(m).strip()
     better = "right" if m.higher_is_better else "left"
-    ax.set_xlabel(f"{name(m)}: difference ({words})\n{better} is better")
+    ax.set_xlabel(f"{name(m)}: difference ({unit_of_difference(m).strip()})\n{better} is better")
     handles = [
         Line2D([], [], color=look.colour, marker=look.marker, markerfacecolor=_face(look), label=verdict)
         for verdict, look in LOOKS.items()

@@ -10,15 +10,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
-from numpy.typing import NDArray
 
 from auvbench.analysis.conditions import of_evaluations
 from auvbench.analysis.evaluations import Damage, evaluation_of, protocols_of
 from auvbench.analysis.recorded import has_training, training
 from auvbench.analysis.records import Agent, Condition, Evaluation, Problem, Ranking, RunRecord
 from auvbench.reporting.figures.style import Look, colour_of
-
-FloatArray = NDArray[np.float64]
+from auvbench.statistics.intervals import FloatArray
 
 MAIN = "difference_from_baseline"
 """name of the figure that stands with the main table"""

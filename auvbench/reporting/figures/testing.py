@@ -18,13 +18,12 @@ from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import (
     MANY,
     Drawing,
-    FloatArray,
     Scene,
     band,
     lines_sentence,
     shown,
 )
-from auvbench.statistics.intervals import Estimate
+from auvbench.statistics.intervals import Estimate, FloatArray
 
 PROTOCOLS = ("robustness", "suite", "transfer", "frequency_sweep")
 """whose conditions stand side by side"""

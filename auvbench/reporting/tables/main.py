@@ -6,7 +6,7 @@ from collections.abc import Callable
 from math import isfinite
 
 from auvbench.analysis import optional_columns
-from auvbench.analysis.formatting import NOTHING, name, size, unit
+from auvbench.analysis.formatting import NOTHING, name, size, unit_of_difference
 from auvbench.analysis.labels import OWN, in_short
 from auvbench.analysis.measures import measure
 from auvbench.analysis.planning import MOST_EPISODES
@@ -136,7 +136,7 @@ def _against(ranking: Ranking) -> list[_Column]:
         against = primary.of(row.label)
         if against is None or not isfinite(against.difference.low):  # one training: not compared
             return Cell(NOTHING)
-        return estimate_cell(against.difference, 100.0 if m.rate else 1.0, signed=True)
+        return estimate_cell(against.difference, m.scale, signed=True)
 
     def verdict(row: Row) -> Cell:
         against = primary.of(row.label)
@@ -145,10 +145,9 @@ def _against(ranking: Ranking) -> list[_Column]:
         order = float((AHEAD, EQUIVALENT, OPEN, BEHIND).index(against.verdict))
         return Cell(f"{SYMBOLS[against.verdict]} {against.verdict}", needed_text(against.needed), order)
 
-    points = "points" if m.rate else unit(m).strip()
     title = f"from {primary.baseline}" if len(primary.baseline) <= LONGEST else "difference"
     return [
-        (Heading(title, points), difference),
+        (Heading(title, unit_of_difference(m).strip()), difference),
         (Heading("result", words=True), verdict),
     ]
 
