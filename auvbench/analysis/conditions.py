@@ -51,7 +51,7 @@ def default(runs: Sequence[RunRecord], protocol: str) -> str:
     """The condition that is reported where none was asked for: the undisturbed one, else the protocol's first."""
     for run in runs:
         if protocol in run.evaluations:
-            names = _names(run, protocol)
+            names = [c["name"] for c in run.evaluations[protocol].summary["conditions"]]
             return names[0] if names and UNDISTURBED not in names else UNDISTURBED
     return UNDISTURBED
 
@@ -70,11 +70,9 @@ def results(
     Returns:
         the conditions in the order of the protocol; nothing where it has only one.
     """
-    runs = [run for agent in agents for run in agent.runs if protocol in run.evaluations]
-    if len({name for run in runs for name in _names(run, protocol)}) < 2:
-        return ()
     tested = {a.label: [r.evaluations[protocol] for r in a.runs if protocol in r.evaluations] for a in agents}
-    return of_evaluations(tested, confidence, by)
+    names = {c["name"] for found in tested.values() for one in found for c in one.summary["conditions"]}
+    return of_evaluations(tested, confidence, by) if len(names) > 1 else ()
 
 
 def of_evaluations(
@@ -108,7 +106,7 @@ class Met:
     """(seeds, E) the measure that ranks"""
 
 
-def by_condition(evaluations: Sequence[Evaluation], column: str = "") -> dict[str, Met]:
+def by_condition(evaluations: Sequence[Evaluation], column: str) -> dict[str, Met]:
     """Return what seeds did under each condition of their protocol, in its order; `column` is that of the measure."""
     rows: dict[str, list[pd.DataFrame]] = {}
     times: dict[str, tuple[float, float]] = {}
@@ -128,10 +126,6 @@ def by_condition(evaluations: Sequence[Evaluation], column: str = "") -> dict[st
     return found
 
 
-def _names(run: RunRecord, protocol: str) -> list[str]:
-    return [c["name"] for c in run.evaluations[protocol].summary["conditions"]]
-
-
 def _condition(
     name: str,
     met: Mapping[str, Mapping[str, Met]],
@@ -139,27 +133,23 @@ def _condition(
     bounds: tuple[float, float] = (-np.inf, np.inf),
 ) -> Condition:
     here = {label: conditions[name] for label, conditions in met.items() if name in conditions}
-    success = {label: m.success for label, m in here.items()}
     measured = {label: m.measured for label, m in here.items() if m.measured is not None}
-    found = Condition(
-        name,
-        _means(success, confidence, rate=True),
-        measured=_means(measured, confidence, bounds=bounds),
-    )
-    if name == UNDISTURBED:
-        return found
     # A seed that did not meet both has no change, and its agent none.
     both = {
         label: (m, still)
         for label, m in here.items()
-        if (still := met[label].get(UNDISTURBED)) and m.success.shape == still.success.shape
+        if name != UNDISTURBED
+        and (still := met[label].get(UNDISTURBED))
+        and m.success.shape == still.success.shape
     }
     successes = {label: m.success - still.success for label, (m, still) in both.items()}
     steps = {label: m.par1 - still.par1 for label, (m, still) in both.items() if m.time == still.time}
-    return replace(
-        found,
+    return Condition(
+        name,
+        success=_means({label: m.success for label, m in here.items()}, confidence, rate=True),
         success_change=_changes(successes, confidence, rate=True),
         par1_change=_changes(steps, confidence),
+        measured=_means(measured, confidence, bounds=bounds),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from auvbench.analysis.formatting import counted, listed, p_value
 from auvbench.analysis.recorded import training
 from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord
 from auvbench.analysis.thesis import FACTORS, of_family, with_factors
-from auvbench.statistics.intervals import Estimate, FloatArray, quantile
+from auvbench.statistics.intervals import BoolArray, Estimate, FloatArray, quantile
 
 HOLDS, FAILS, OPEN = "holds", "does not hold", "cannot be said"
 
@@ -38,7 +39,7 @@ def limit_s(run: RunRecord) -> float:
     return float(steps) / float(f) if steps and f else math.nan
 
 
-def good_windows(seconds: FloatArray, success: NDArray[np.bool_], limit: float) -> NDArray[np.bool_]:
+def good_windows(seconds: FloatArray, success: BoolArray, limit: float) -> BoolArray:
     """Return whether each window of `WINDOW` episodes is good; empty for fewer episodes.
 
     In a good window at least `HALF` of the episodes succeed within `limit` seconds, and the mean duration, cut at the limit,
@@ -54,7 +55,7 @@ def good_windows(seconds: FloatArray, success: NDArray[np.bool_], limit: float) 
     return (duration < SHORT * limit) & (in_time >= HALF)
 
 
-def _window_means(values: NDArray[np.float64] | NDArray[np.bool_]) -> FloatArray:
+def _window_means(values: FloatArray | BoolArray) -> FloatArray:
     total = np.concatenate([[0.0], np.cumsum(values, dtype=np.float64)])
     return np.asarray((total[WINDOW:] - total[:-WINDOW]) / WINDOW, dtype=np.float64)
 
@@ -70,7 +71,7 @@ class Learning:
     steps: int
     """environment steps of the whole training"""
     seconds: FloatArray  # (n,) duration of each episode
-    success: NDArray[np.bool_]  # (n,)
+    success: BoolArray  # (n,)
     ended: FloatArray  # (n,) environment steps when the episode ended
 
     @property
@@ -169,22 +170,19 @@ class Evidence:
     def __init__(self, runs: Sequence[RunRecord], agents: Sequence[Agent], confidence: float, seed: int):
         self.runs, self.confidence, self.seed = runs, confidence, seed
         self.agents = [with_factors(agent) for agent in agents]
-        self._sac: list[Learning] | None = None
 
     def of(self, family: str) -> list[Agent]:
         """Return the agents of an algorithm."""
         return of_family(self.agents, family)
 
-    @property
+    @cached_property
     def sac(self) -> list[Learning]:
         """The training records of SAC, evaluated or not; reading those of a long training takes a while."""
-        if self._sac is None:
-            names = {str(run.config.get("algo.name")) for run in self.runs}
-            name = "sac_thesis" if "sac_thesis" in names else "sac"
-            mine = [r for r in self.runs if r.state == "complete" and r.config.get("algo.name") == name]
-            found = (learning(run) for run in sorted(mine, key=lambda run: run.id))
-            self._sac = [one for one in found if one is not None]
-        return self._sac
+        names = {str(run.config.get("algo.name")) for run in self.runs}
+        name = "sac_thesis" if "sac_thesis" in names else "sac"
+        mine = [r for r in self.runs if r.state == "complete" and r.config.get("algo.name") == name]
+        found = (learning(run) for run in sorted(mine, key=lambda run: run.id))
+        return [one for one in found if one is not None]
 
     def levels(self, parts: int) -> tuple[float, float]:
         """Return the confidences of the intervals that say "holds" and "does not hold", of a claim with several parts."""
@@ -206,10 +204,10 @@ class Evidence:
     def unattainable(self, runs: Sequence[Learning]) -> list[str]:
         """Return what is missing where no control converges within the runs' time limits."""
         found = sorted({run.limit for run in runs if not self.attainable(run.limit)})
+        if not found:
+            return []
         times = listed([f"{limit:.3g}" for limit in found])
-        return [f"a time limit within which a control converges (no policy does within {times} s)"] * bool(
-            found
-        )
+        return [f"a time limit within which a control converges (no policy does within {times} s)"]
 
 
 def by_interval(

@@ -287,12 +287,10 @@ def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
             )
         )
         *others, (counts, problems) = copies
-        yield counts, [*problems, *(_twice(copy, counts) for copy, _ in others)]
-
-
-def _twice(copy: RunRecord, counts: RunRecord) -> Problem:
-    message = f"the same configuration twice: {counts.directory} is reported, {copy.directory} is not"
-    return Problem(copy.id, "duplicate", message)
+        for copy, _ in others:
+            message = f"the same configuration twice: {counts.directory} is reported, {copy.directory} is not"
+            problems = [*problems, Problem(copy.id, "duplicate", message)]
+        yield counts, problems
 
 
 def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:

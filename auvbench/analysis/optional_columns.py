@@ -77,10 +77,8 @@ def validate_columns(names: Sequence[str]) -> None:
 def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]) -> Ranking:
     """Return the ranking with the time of an action and further columns; an agent without a value of one gets none.
 
-    Raises:
-        ReportError: there is no column of that name.
+    `names` are valid (`validate_columns`).
     """
-    validate_columns(names)
     by_label = {agent.label: agent for agent in agents}
     rows = []
     for row in ranking.rows:

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auvbench import statistics as st
 from auvbench.analysis.measures import Measure
 from auvbench.analysis.records import Agent, Comparison
-from auvbench.statistics.intervals import FloatArray
+from auvbench.statistics.intervals import BoolArray, FloatArray
 
 BETTER, WORSE, UNDECIDED = "better", "worse", "undecided"
-
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,12 +20,12 @@ from dataclasses import replace
 from auvbench import statistics as st
 from auvbench.analysis.formatting import amount, counted, listed, name, rounded_difference, size
 from auvbench.analysis.measures import LIMITED_BY_STEPS, Measure, measure
-from auvbench.analysis.pairwise import BoolArray, Tests
+from auvbench.analysis.pairwise import Tests
 from auvbench.analysis.planning import needed
 from auvbench.analysis.records import Against, Agent, Primary, Ranking, RunRecord, learns
 from auvbench.errors import ReportError, closest
 from auvbench.runs.declared import KEY, Declared
-from auvbench.statistics.intervals import Estimate
+from auvbench.statistics.intervals import BoolArray, Estimate
 
 AHEAD, EQUIVALENT, BEHIND, OPEN = VERDICTS = ("ahead", "equivalent", "behind", "open")
 
@@ -150,16 +150,14 @@ def headline(ranking: Ranking) -> str:
         if ahead
         else f"No agent is ahead of {primary.baseline} in {name(m)}"
     )
-    return f"{first}; {_counts(primary, m)}." if _counts(primary, m) else f"{first}."
+    return "; ".join(filter(None, [first, _counts(primary, m)])) + "."
 
 
 def _lead(best: Against, primary: Primary, m: Measure, task: str) -> str:
     gain, interval = rounded_difference(best.difference, m)
-    if task != "waypoint":
-        return f"{best.agent} is ahead of {primary.baseline} by {gain} in {name(m)}{interval}"
-    if m.column in LIMITED_BY_STEPS:
+    if task == "waypoint" and m.column in LIMITED_BY_STEPS:
         return f"{best.agent} reaches waypoints {gain} sooner than {primary.baseline}{interval}"
-    if m.name == "success_rate":
+    if task == "waypoint" and m.name == "success_rate":
         return f"{best.agent} reaches {gain} more of the waypoints than {primary.baseline}{interval}"
     return f"{best.agent} is ahead of {primary.baseline} by {gain} in {name(m)}{interval}"
 

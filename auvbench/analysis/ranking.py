@@ -13,11 +13,11 @@ from auvbench import statistics as st
 from auvbench.analysis.conditions import results
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.measures import Measure, all_measures, measure, to_rank_by
-from auvbench.analysis.pairwise import BoolArray, all_pairs, rank_intervals
+from auvbench.analysis.pairwise import all_pairs, rank_intervals
 from auvbench.analysis.primary import find_baseline, primary_analysis
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row, RunRecord, budget_of, learns
 from auvbench.errors import ReportError
-from auvbench.statistics.intervals import Estimate, FloatArray
+from auvbench.statistics.intervals import BoolArray, Estimate, FloatArray
 
 FINER = "par1_steps"
 """orders agents that are exactly equal in the measure that ranks"""
@@ -43,7 +43,7 @@ def rank(
 
     Args:
         agents: of one protocol and condition, with the same scenarios.
-        rank_by: the primary measure, a name of `measures.MEASURES`; means of steps and times rank by their penalised
+        rank_by: the primary measure, a name of `measures.measures`; means of steps and times rank by their penalised
             mean (`measures.RANKED_AS`), so that a failure counts.
         baseline: label of an agent, or its algorithm where that is one agent; None chooses one.
         confidence: of all intervals.
@@ -125,11 +125,8 @@ def _check(agents: Sequence[Agent], confidence: float, margin: float | None) -> 
 
 def _estimates(agents: Sequence[Agent], confidence: float) -> list[dict[str, Estimate]]:
     """By agent, the estimates of all measures; one that an agent lacks is NaN, never zero."""
-    result: list[dict[str, Estimate]] = [{} for _ in agents]
-    for m in all_measures(agents):
-        for found, estimate in zip(result, st.means(m.table(agents, paired=False), confidence), strict=True):
-            found[m.name] = estimate
-    return result
+    found = {m.name: st.means(m.table(agents, paired=False), confidence) for m in all_measures(agents)}
+    return [{name: estimates[i] for name, estimates in found.items()} for i in range(len(agents))]
 
 
 def _oriented(estimates: Sequence[dict[str, Estimate]], m: Measure) -> FloatArray:

@@ -264,7 +264,7 @@ class Ranking:
     conditions: tuple[Condition, ...] = ()
     """all of the protocol where it has several, that of the ranking among them"""
     columns: tuple[str, ...] = ()
-    """further columns that were asked for, as names of `further.COLUMNS`"""
+    """further columns that were asked for, as names of `optional_columns.COLUMNS`"""
     machines: tuple[str, ...] = ()
     """which of the times among them were taken on other processors; nothing where all are of one"""
     declaration: str = ""

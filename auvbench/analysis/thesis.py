@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import Agent
@@ -130,8 +129,7 @@ def _estimates(metric: str, agents: Sequence[Agent], confidence: float) -> dict[
 
 def with_factors(agent: Agent) -> Agent:
     """Return an agent whose key has all factors of the grid, read from its runs; None where they differ."""
-    key: dict[str, Any] = {"algo": agent.key.get("algo.name"), **agent.key}
-    key.pop("algo.name", None)
+    key = dict(agent.key)
     for short, full in FACTORS.items():
         if key.get(short) is None:
             values = {run.config.get(full) for run in agent.runs}

@@ -33,7 +33,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from auvbench.statistics.intervals import Estimate, FloatArray, Spread, quantile, score_interval, welch
+from auvbench.statistics.intervals import (
+    BoolArray,
+    Estimate,
+    FloatArray,
+    Spread,
+    quantile,
+    score_interval,
+    welch,
+)
 
 EPISODES_ONLY = "test episodes"
 SEEDS_AND_EPISODES = "training seeds and test episodes"
@@ -144,9 +152,7 @@ def between_odds(rows: FloatArray, count: ArrayLike, least: float, most: float) 
     return np.asarray(np.log(share / (1 - share)).var(axis=-1, ddof=1) / S)
 
 
-def _layout(
-    x: FloatArray, there: np.ndarray[tuple[int, ...], np.dtype[np.bool]]
-) -> tuple[float, FloatArray, float, float]:
+def _layout(x: FloatArray, there: BoolArray) -> tuple[float, FloatArray, float, float]:
     """Mean, scenarios' means (E,), A and R of one agent's values (S, E)."""
     filled = np.where(there, x, 0.0)
     count = there.sum(axis=0)

@@ -13,13 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import bdtr, gammaln
 
 from auvbench.statistics.crossed import Crossed, covers, limits, within
-from auvbench.statistics.intervals import Estimate, FloatArray, Spread, quantile, welch
-
-BoolArray = NDArray[np.bool_]
+from auvbench.statistics.intervals import BoolArray, Estimate, FloatArray, Spread, quantile, welch
 
 RATIO_OF_RATES = 0.13
 """prior standard deviation between trainings, in residual standard deviations of an episode: success and other rates"""

@@ -24,6 +24,7 @@ class Estimate:
 
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 SUCCEEDED = 0.5
 """share of the test episodes that a training that succeeded reaches at least"""
