@@ -82,18 +82,13 @@ def _numbers(estimate: Estimate) -> dict[str, Any]:
 
 
 def findings_in_markdown(findings: Sequence[Finding]) -> str:
-    """Return the first findings as a list, the others folded."""
-    lines = [f"* {finding_in_markdown(finding)}" for finding in findings]
+    """Return the first findings as a list, the others folded; each has its basis in brackets."""
+    lines = [f"* {escape(f.text + (f' ({f.basis})' if f.basis else ''))}" for f in findings]
     shown, rest = lines[:SHOWN], lines[SHOWN:]
     if rest:
         inside = "\n".join(rest)
         shown += ["", f"<details><summary>{len(rest)} more</summary>", "", inside, "", "</details>"]
     return "\n".join(shown)
-
-
-def finding_in_markdown(finding: Finding) -> str:
-    """Return a finding with its basis in brackets."""
-    return escape(finding.text + (f" ({finding.basis})" if finding.basis else ""))
 
 
 def claims_in_markdown(claims: Sequence[ClaimVerdict]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import colorsys
 import io
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -56,19 +56,18 @@ class Look(NamedTuple):
     linestyle: Linestyle
 
 
-def colour_of(agents: Iterable[Agent] | Sequence[str]) -> dict[str, Look]:
+def colour_of(agents: Sequence[Agent]) -> dict[str, Look]:
     """Return the look of each agent by label; no two agents have one colour.
 
     The first eight, usually the best-ranked, have the colours that are easiest to tell apart.
     """
-    labels = [agent if isinstance(agent, str) else agent.label for agent in agents]
     return {
-        label: Look(
+        agent.label: Look(
             colour,
             MARKERS[i % len(MARKERS)],
             LINESTYLES[(i + i // len(COLOURS)) % len(LINESTYLES)],
         )
-        for i, (label, colour) in enumerate(zip(labels, palette(len(labels)), strict=True))
+        for i, (agent, colour) in enumerate(zip(agents, palette(len(agents)), strict=True))
     }
 
 
@@ -95,9 +94,9 @@ def canvas(width: float, height: float) -> Canvas:
     return figure
 
 
-def title(ax: Axes, text: str, *more: str) -> None:
-    """Set a panel's title, wrapped, with `more` on the next line."""
-    ax.set_title("\n".join([*textwrap.wrap(text, 26, break_long_words=False), *more]), loc="left")
+def title(ax: Axes, text: str) -> None:
+    """Set a panel's title, wrapped."""
+    ax.set_title(textwrap.fill(text, 26, break_long_words=False), loc="left")
 
 
 def save(figure: Canvas, path: Path) -> tuple[Path, Path]:

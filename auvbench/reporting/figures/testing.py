@@ -135,10 +135,10 @@ def curves(scene: Scene, protocol: str) -> dict[str, Curve]:
     """Return success by label and condition, of the best-ranked tested agents."""
     found: dict[str, Curve] = {}
     for agent in scene.agents:
-        tested = (
-            {c.name: c.success for c in scene.tested(agent, protocol)} if len(found) < MOST_AGENTS else {}
-        )
-        if curve := {name: of[agent.label] for name, of in tested.items() if agent.label in of}:
+        if len(found) == MOST_AGENTS:
+            break
+        tested = scene.tested(agent, protocol)
+        if curve := {c.name: c.success[agent.label] for c in tested if agent.label in c.success}:
             found[agent.label] = curve
     return found
 

@@ -123,8 +123,9 @@ def runs_table(
 
 
 def _cell(value: float | None, places: int) -> Cell:
-    known = value is not None and math.isfinite(value)
-    return Cell(fixed(value, places), sort=value) if value is not None and known else Cell(NOTHING)
+    if value is None or not math.isfinite(value):
+        return Cell(NOTHING)
+    return Cell(fixed(value, places), sort=value)
 
 
 def _training(run: RunRecord) -> tuple[Cell, Cell, Cell]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import groupby
 from math import isfinite
 
 from auvbench.analysis import optional_columns
@@ -275,8 +276,5 @@ def _seeds(ranking: Ranking) -> str:
 def grouped(problems: tuple[Problem, ...]) -> list[tuple[str, list[Problem]]]:
     """Return the problems by kind under a title, in a fixed order; what stopped first stands first."""
     order = list(KINDS)
-    kinds = sorted({p.kind for p in problems}, key=lambda k: order.index(k) if k in order else len(order))
-    return [
-        (KINDS.get(kind, kind), sorted((p for p in problems if p.kind == kind), key=lambda p: p.where))
-        for kind in kinds
-    ]
+    ordered = sorted(problems, key=lambda p: (order.index(p.kind), p.where))
+    return [(KINDS[kind], list(found)) for kind, found in groupby(ordered, key=lambda p: p.kind)]

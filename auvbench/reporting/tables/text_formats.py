@@ -47,6 +47,9 @@ _SPECIAL = {
     "▼": r"$\blacktriangledown$",
     "○": r"$\circ$",
 }
+_MARKDOWN = str.maketrans(
+    {character: f"\\{character}" for character in "\\`*_|[]"} | {"<": "&lt;", ">": "&gt;"}
+)
 
 
 def csv(ranking: Ranking) -> str:
@@ -95,12 +98,6 @@ def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
     return line
 
 
-def _measured(ranking: Ranking, estimate: Estimate | None) -> dict[str, float | None]:
-    """Return the measure that ranks and its interval as cells, under its name; none where no condition has it."""
-    shown = any(condition.measured for condition in ranking.conditions)
-    return _with_ends(ranking.rank_by, estimate) if shown else {}
-
-
 def _with_ends(name: str, estimate: Estimate | None) -> dict[str, float | None]:
     """Return a value and the ends of its interval as cells; empty without an estimate."""
     found = (None,) * 3 if estimate is None else (estimate.value, estimate.low, estimate.high)
@@ -114,6 +111,7 @@ def conditions_csv(ranking: Ranking) -> str:
     scenario: empty where there is none, where seeds did not meet both, and of steps where frequency or limit differ. The
     measure that ranks has columns under its name, unless it is a rate or a penalised time.
     """
+    measured = any(condition.measured for condition in ranking.conditions)
     return lines(
         {
             "agent": row.label,
@@ -122,7 +120,7 @@ def conditions_csv(ranking: Ranking) -> str:
             **_with_ends("success_change", condition.success_change.get(row.label)),
             **_with_ends("par1_change", condition.par1_change.get(row.label)),
             "covers": success.covers,
-            **_measured(ranking, condition.measured.get(row.label)),
+            **(_with_ends(ranking.rank_by, condition.measured.get(row.label)) if measured else {}),
         }
         for row in ranking.rows
         for condition in ranking.conditions
@@ -194,9 +192,7 @@ def escape(text: str) -> str:
     >>> print(escape("a|b_c<d>"))
     a\|b\_c&lt;d&gt;
     """
-    for character in "\\`*_|[]":
-        text = text.replace(character, f"\\{character}")
-    return text.replace("<", "&lt;").replace(">", "&gt;")
+    return text.translate(_MARKDOWN)
 
 
 def pipes(table: Table) -> str:
@@ -236,7 +232,7 @@ def escape_latex(text: str) -> str:
     >>> print(escape_latex("50 % of a_b & c"))
     50 \% of a\_b \& c
     """
-    return "".join(_SPECIAL.get(character, character) for character in text)
+    return text.translate(str.maketrans(_SPECIAL))
 
 
 def latex(ranking: Ranking) -> str:
