@@ -31,7 +31,7 @@ from auvbench.analysis.findings import matched, mean_difference
 from auvbench.analysis.formatting import amount, counted, difference, listed
 from auvbench.analysis.measures import measure
 from auvbench.analysis.pairwise import all_pairs, rank_intervals
-from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord, budget_of, learns
+from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord, budget_of, learns, run_ids
 from auvbench.analysis.thesis import cell
 from auvbench.statistics import contrast, limits, means, p_more_than_half
 from auvbench.statistics.intervals import Estimate
@@ -66,13 +66,13 @@ def averaged(
     kept = [pair for pair in pairs if informative(pair)]
     left = _left_out(len(pairs) - len(kept), "cell")
     if not kept:
-        return Part(OPEN, missing=f"{absent} that are evidence{left}", run_ids=_ids(*pairs))
+        return Part(OPEN, missing=f"{absent} that are evidence{left}", run_ids=run_ids(*pairs))
     m = measure("success_rate")
     verdict = by_interval(lambda c: mean_difference(kept, m, c)[0], levels, above, less=less)
     shown = difference(mean_difference(kept, m, levels[0])[0], m)
     statistic = f"{what} {shown} over {counted(len(kept), 'matched cell')}{left}"
     missing = _more_seeds([agent for pair in kept for agent in pair]) if verdict == OPEN else ""
-    return Part(verdict, statistic, missing, _ids(*kept))
+    return Part(verdict, statistic, missing, run_ids(*kept))
 
 
 def informative(agents: Sequence[Agent]) -> bool:
@@ -96,10 +96,6 @@ def _left_out(n: int, noun: str) -> str:
 def _more_seeds(agents: Sequence[Agent]) -> str:
     fewest = min(len(agent.outcome) for agent in agents)
     return f"an interval that excludes the bound; the fewest seeds of a cell are {fewest}"
-
-
-def _ids(*groups: Sequence[Agent]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(run.id for group in groups for agent in group for run in agent.runs))
 
 
 def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
@@ -199,12 +195,12 @@ def sac4_is_best(e: Evidence) -> list[Part]:
 def _first_of_its_kind(agents: Sequence[Agent], levels: tuple[float, float]) -> Part:
     mine = [agent for agent in agents if cell(agent) == thesis.CELLS["4"]]
     several = [agent for agent in agents if len(agent.outcome) > 1]
-    ids = _ids(mine)
+    ids = run_ids(mine)
     if len(mine) != 1 or mine[0] not in several or len(several) < 2:
         needed = "several training seeds of SAC with K=1 at 25 Hz and in other cells"
         return Part(OPEN, missing=needed, run_ids=ids)
     if len({budget_of(run) for agent in several for run in agent.runs}) > 1:
-        return Part(OPEN, missing="equal training budgets of the SAC agents", run_ids=_ids(several))
+        return Part(OPEN, missing="equal training budgets of the SAC agents", run_ids=run_ids(several))
     tests = all_pairs(several, measure("success_rate"), np.ones(len(several), dtype=bool), levels[0])
     place, value = several.index(mine[0]), tests.table.mean
     first, last = rank_intervals(value, tests.resolved)[place]
@@ -283,7 +279,7 @@ def straightness_and_steps(e: Evidence) -> list[Part]:
         f"agents that count as {n} independent ones, none means within ±{WEAK:g}"
     )
     missing = "more agents: the interval is wider than what counts as none" if verdict == OPEN else ""
-    return [Part(verdict, statistic, missing, _ids(agents))]
+    return [Part(verdict, statistic, missing, run_ids(agents))]
 
 
 def sac_is_more_robust_to_frequency(e: Evidence) -> list[Part]:
@@ -332,7 +328,7 @@ def _interaction(
         f"from {low:g} to {high:g} Hz SAC's success changes by {shown} more than PPO's, over "
         f"{counted(len(kept), 'value')} of K{left}"
     )
-    return Part(verdict, statistic, _more_seeds(used) if verdict == OPEN else "", _ids(used))
+    return Part(verdict, statistic, _more_seeds(used) if verdict == OPEN else "", run_ids(used))
 
 
 def _ppo_fails(agent: Agent | None, levels: tuple[float, float]) -> Part:
@@ -349,7 +345,7 @@ def _ppo_fails(agent: Agent | None, levels: tuple[float, float]) -> Part:
     missing = _more_seeds([agent]) if verdict == OPEN else ""
     if verdict == HOLDS and steps < thesis.STEPS:
         verdict, missing = OPEN, f"{thesis.STEPS:,} training steps (here {steps:,})"
-    return Part(verdict, statistic, missing, _ids([agent]))
+    return Part(verdict, statistic, missing, run_ids([agent]))
 
 
 CLAIMS: tuple[tuple[str, Callable[[Evidence], list[Part]]], ...] = (

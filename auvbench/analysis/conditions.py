@@ -59,17 +59,7 @@ def default(runs: Sequence[RunRecord], protocol: str) -> str:
 def results(
     agents: Sequence[Agent], protocol: str, confidence: float, by: Measure | None = None
 ) -> tuple[Condition, ...]:
-    """Return success rates and means under every condition of the protocol, and changes against the undisturbed one.
-
-    Args:
-        agents: of one table, so that all their runs met the same scenarios.
-        protocol: name of the protocol.
-        confidence: of the intervals.
-        by: the measure that ranks.
-
-    Returns:
-        the conditions in the order of the protocol; nothing where it has only one.
-    """
+    """Return the results under each condition of the protocol, in its order (`of_evaluations`); empty for only one."""
     tested = {a.label: [r.evaluations[protocol] for r in a.runs if protocol in r.evaluations] for a in agents}
     names = {c["name"] for found in tested.values() for one in found for c in one.summary["conditions"]}
     return of_evaluations(tested, confidence, by) if len(names) > 1 else ()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.formatting import counted, listed, p_value
+from auvbench.analysis.formatting import capitalized, counted, listed, p_value
 from auvbench.analysis.recorded import training
 from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord
 from auvbench.analysis.thesis import FACTORS, of_family, with_factors
@@ -43,12 +43,7 @@ def good_windows(seconds: FloatArray, success: BoolArray, limit: float) -> BoolA
     """Return whether each window of `WINDOW` episodes is good; empty for fewer episodes.
 
     In a good window at least `HALF` of the episodes succeed within `limit` seconds, and the mean duration, cut at the limit,
-    is below `SHORT` of it.
-
-    Args:
-        seconds: (n,) durations of the episodes, in the order in which they ended.
-        success: (n,) whether each succeeded.
-        limit: in seconds.
+    is below `SHORT` of it. `seconds` and `success` (n,) are those of the episodes in the order in which they ended.
     """
     in_time = _window_means(success & (seconds <= limit))
     duration = _window_means(np.minimum(seconds, limit))
@@ -215,11 +210,7 @@ def by_interval(
 ) -> str:
     """Return whether a value lies above a bound (`less`: below it): the whole interval lies on one side.
 
-    Args:
-        at: the estimate with its interval, by confidence.
-        levels: confidences of "holds" and "does not hold".
-        above: the bound.
-        less: the part claims a value below the bound.
+    `at` gives the estimate by confidence, and `levels` are the confidences of "holds" and "does not hold".
     """
     yes, no = at(levels[0]), at(levels[1])
     if (yes.high < above) if less else (yes.low > above):
@@ -253,7 +244,7 @@ def together(text: str, parts: Sequence[Part]) -> ClaimVerdict:
 
 def _sentence(parts: Sequence[str]) -> str:
     text = "; ".join(parts)
-    return f"{text[0].upper()}{text[1:]}." if text else ""
+    return f"{capitalized(text)}." if text else ""
 
 
 def independent(agents: Sequence[Agent]) -> int:

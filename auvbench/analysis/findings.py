@@ -12,7 +12,7 @@ import numpy as np
 from auvbench.analysis.formatting import counted, difference, name, turned, unit
 from auvbench.analysis.labels import part, sort_key
 from auvbench.analysis.measures import TIMEOUT, Measure, measure
-from auvbench.analysis.records import Agent, Finding, Ranking, learns
+from auvbench.analysis.records import Agent, Finding, Ranking, learns, run_ids, task_of
 from auvbench.statistics import contrast, holm, resolution
 from auvbench.statistics.intervals import Estimate
 
@@ -25,8 +25,7 @@ APART = 0.2
 def find(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
     """Return the findings, most useful first: the first of each kind, then the second of each, and so on."""
     m = measure(ranking.rank_by)
-    by_label = {agent.label: agent for agent in agents}
-    ordered = [by_label[row.label] for row in ranking.rows]
+    ordered = ranking.ordered(agents)
     kinds: list[Sequence[Finding | None]] = [
         [return_misleads(ordered, ranking.confidence)],
         resolved_effects(ranking, ordered, m),
@@ -55,7 +54,7 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
         return None
     returns = [float(a.metrics["return"].mean()) for a in (rich, good)]
     rates = [float(a.success.mean()) for a in (rich, good)]
-    waypoints = rich.runs[0].config.get("task.name", "waypoint") == "waypoint"
+    waypoints = task_of(rich.runs[0]) == "waypoint"
     verb, of = ("reaches", "of the waypoints") if waypoints else ("succeeds in", "of the episodes")
     text = (
         f"Return and success disagree: {rich.label} has a return of {returns[0]:,.0f} against {returns[1]:,.0f} of "
@@ -68,8 +67,9 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
             f": it collects reward near the waypoint, {np.median(left):.1f} m from it at the median timeout (goal radius "
             f"{radius:g} m)"
         )
-    ids = tuple(run.id for agent in (rich, good) for run in agent.runs)
-    return Finding("return_misleads", f"{text}.", (rich.label, good.label), less, "", ids)
+    return Finding(
+        "return_misleads", f"{text}.", (rich.label, good.label), less, run_ids=run_ids((rich, good))
+    )
 
 
 def resolved_effects(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> list[Finding]:
@@ -99,9 +99,8 @@ def _effect(effect: Effect, m: Measure, basis: str) -> Finding:
     word = "better" if effect.difference.value * m.sign > 0 else "worse"
     change = difference(effect.difference, m)
     text = f"{effect.first} is {word} than {effect.second} in {name(m)}: {change}, {cells}."
-    pairs = [agent for pair in effect.pairs for agent in pair]
-    ids = tuple(dict.fromkeys(run.id for agent in pairs for run in agent.runs))
-    return Finding("effect", text, tuple(agent.label for agent in pairs), effect.difference, basis, ids)
+    labels = tuple(agent.label for pair in effect.pairs for agent in pair)
+    return Finding("effect", text, labels, effect.difference, basis, run_ids(*effect.pairs))
 
 
 def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
@@ -122,8 +121,7 @@ def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
         f"Trainings of {agent.label} differ most in {name(m)}: {low} to {high}{unit(m)}. {share} % of "
         "its variance is between seeds, so more seeds tell more than more episodes."
     )
-    ids = tuple(run.id for run in agent.runs)
-    return Finding("seed_variance", text, (agent.label,), None, "", ids)
+    return Finding("seed_variance", text, (agent.label,), run_ids=run_ids([agent]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,8 +175,6 @@ def mean_difference(
 
 def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> list[Effect]:
     """The effects of each factor that varies among the agents with several training seeds.
-
-    An agent with one seed is one policy: what it lacks may be its seed's luck and not the factor's doing.
 
     Of up to three levels every pair; of more numbers, the largest with the smallest; of more names, which have no order,
     every pair that is matched in several cells: of one cell the table has the pair itself. An effect that cannot be

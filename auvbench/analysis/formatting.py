@@ -153,7 +153,8 @@ def listed(items: Sequence[str], most: int = 5) -> str:
     """
     if len(items) > most + 1:
         return f"{', '.join(items[:most])} and {len(items) - most} more"
-    return " and ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
+    *first, last = items or [""]
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def counted(n: int, noun: str) -> str:
@@ -163,6 +164,11 @@ def counted(n: int, noun: str) -> str:
     ('1 seed', '3 seeds')
     """
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def capitalized(text: str) -> str:
+    """A text with a capital first letter."""
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def p_value(p: float) -> str:

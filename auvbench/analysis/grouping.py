@@ -22,7 +22,7 @@ from auvbench.analysis.formatting import counted
 from auvbench.analysis.labels import OWN, is_fixed, labels, sort_key
 from auvbench.analysis.measures import of_the_scenario
 from auvbench.analysis.recorded import has_training
-from auvbench.analysis.records import NO_POLICY, Agent, Problem, RunRecord, run_learns
+from auvbench.analysis.records import NO_POLICY, Agent, Problem, RunRecord, run_learns, task_of
 from auvbench.errors import ReportError, closest
 from auvbench.record import OUTCOMES
 from auvbench.runs.identity import DESCRIPTIVE, NEUTRAL
@@ -193,11 +193,7 @@ def refined(
     """Return the keys of a grouping, and as many more as tell apart what varied within its groups, by short name.
 
     A folder of choices counts as one (`disturbance` for all that differs in `disturbance.*`) where its name differs.
-
-    Args:
-        groups: the runs that `keys` put together.
-        keys: configuration keys by short name.
-        frequency_fixed: whether the test has one step frequency for all.
+    `groups` are the runs that `keys` put together; `frequency_fixed` says that the test has one step frequency.
     """
     excused = set(keys.values())
     found = dict(keys)
@@ -295,9 +291,8 @@ def sections(runs: Sequence[RunRecord], protocol: str) -> list[Section]:
 
 def _subject(run: RunRecord) -> str:
     """Return vehicle and task of a run; the waypoint task goes without saying."""
-    task = str(run.config.get("task.name", "waypoint"))
     vehicle = str(run.config.get("vehicle.name", "vehicle"))
-    return vehicle if task == "waypoint" else f"{vehicle}{TASK}{task}"
+    return vehicle if task_of(run) == "waypoint" else f"{vehicle}{TASK}{task_of(run)}"
 
 
 def split_problems(problems: Iterable[Problem], parts: Sequence[Section]) -> list[list[Problem]]:
@@ -337,18 +332,16 @@ def _other_scenarios(
         f"{counted(len(here), 'run')} of vehicle {cell[0]} met other scenarios (fingerprint {cell[1]}, {episodes[0]} episodes) "
         f"than {counted(len(there), 'run')} (fingerprint {home[1]}, {episodes[1]} episodes): no table can hold both"
     )
-    if keys := _of_the_test(here[0], there[0]):
-        message += f"; they differ in {', '.join(keys[:3])}"
+    one, other = here[0].config, there[0].config
+    differing = sorted(
+        key
+        for key in one.keys() | other.keys()
+        if key.startswith(OF_THE_TEST)
+        and key.rpartition(".")[2] not in DESCRIPTIVE
+        and one.get(key) != other.get(key)
+    )
+    if differing:
+        message += f"; they differ in {', '.join(differing[:3])}"
     else:
         message += f"; auvbench evaluate FOLDER protocol={protocol} tests what is stale again"
     return Problem(f"scenarios {cell[1][:8]}", "foreign", message)
-
-
-def _of_the_test(one: RunRecord, other: RunRecord) -> list[str]:
-    """The keys in which two runs differ that enter the scenarios of a protocol."""
-    keys = (key for key in one.config.keys() | other.config.keys() if key.startswith(OF_THE_TEST))
-    return sorted(
-        key
-        for key in keys
-        if key.rpartition(".")[2] not in DESCRIPTIVE and one.config.get(key) != other.config.get(key)
-    )

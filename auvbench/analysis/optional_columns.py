@@ -79,10 +79,8 @@ def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]
 
     `names` are valid (`validate_columns`).
     """
-    by_label = {agent.label: agent for agent in agents}
     rows = []
-    for row in ranking.rows:
-        agent = by_label[row.label]
+    for row, agent in zip(ranking.rows, ranking.ordered(agents), strict=True):
         times = {ACTION: action_time(agent, ranking.protocol)}
         if TRAINING in names:
             times[TRAINING] = training_time(agent)
@@ -115,10 +113,9 @@ def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
             quickest = np.min(np.where(np.isfinite(times), times, np.inf), axis=0)
             # Times are multiples of a step: what is less is rounding.
             best = np.where(best - quickest > 1e-6, quickest, best)
-    by_label = {agent.label: agent for agent in agents}
     rows = []
-    for row in ranking.rows:
-        found = over(by_label[row.label], best, ranking.confidence)
+    for row, agent in zip(ranking.rows, ranking.ordered(agents), strict=True):
+        found = over(agent, best, ranking.confidence)
         rows.append(
             row if found is None else replace(row, estimates={**row.estimates, OVER_BEST_KNOWN: found})
         )

@@ -57,14 +57,7 @@ class Tests:
 
 
 def all_pairs(agents: Sequence[Agent], m: Measure, compared: BoolArray, confidence: float) -> Tests:
-    """Test all pairs of the agents that are compared.
-
-    Args:
-        agents: of one table.
-        m: what they are compared by.
-        compared: (n,) False for an agent with one training seed.
-        confidence: of the table: all verdicts hold together with it.
-    """
+    """Test all pairs of the agents (n,) that are `compared`; all verdicts hold together with the confidence."""
     table = m.table(agents)
     among = np.outer(compared, compared) & ~np.eye(len(agents), dtype=bool)
     p = np.where(among, _p_values(agents, m, table), np.nan)
@@ -101,4 +94,4 @@ def rank_intervals(value: FloatArray, resolved: BoolArray) -> list[tuple[int, in
     better, worse = value[:, None] < value[None, :], value[:, None] > value[None, :]
     first = 1 + (resolved & better).sum(axis=1)
     last = len(value) - (resolved & worse).sum(axis=1)
-    return [(int(a), int(b)) for a, b in zip(first, last, strict=True)]
+    return list(zip(first.tolist(), last.tolist(), strict=True))

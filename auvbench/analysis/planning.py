@@ -135,8 +135,8 @@ def needed(
     Args:
         agents: of the table.
         tests: of all their pairs.
-        i: the agent.
-        baseline: its opponent.
+        i: place of the agent that is compared.
+        baseline: place of the baseline.
         margin: smallest difference of interest; NaN where there is none.
         level: of the interval of this comparison.
 

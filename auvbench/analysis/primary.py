@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from auvbench import statistics as st
-from auvbench.analysis.formatting import amount, counted, listed, name, rounded_difference, size
+from auvbench.analysis.formatting import amount, capitalized, counted, listed, name, rounded_difference, size
 from auvbench.analysis.measures import LIMITED_BY_STEPS, Measure, measure
 from auvbench.analysis.pairwise import Tests
 from auvbench.analysis.planning import needed
@@ -197,8 +197,7 @@ def declaration(
         undecided: why none of several analyses is used.
     """
     if declared is None:
-        text = undecided or "no analysis was declared before the runs"
-        return f"{text[:1].upper()}{text[1:]}."
+        return f"{capitalized(undecided or 'no analysis was declared before the runs')}."
     if instead:
         return f"Not the declared analysis ({declared.digest}): {', '.join(instead)}."
     before = sum(run.manifest.get(KEY) == declared.digest for run in runs)

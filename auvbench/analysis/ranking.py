@@ -15,7 +15,17 @@ from auvbench.analysis.formatting import listed
 from auvbench.analysis.measures import Measure, all_measures, measure, to_rank_by
 from auvbench.analysis.pairwise import all_pairs, rank_intervals
 from auvbench.analysis.primary import find_baseline, primary_analysis
-from auvbench.analysis.records import NO_POLICY, Agent, Problem, Ranking, Row, RunRecord, budget_of, learns
+from auvbench.analysis.records import (
+    NO_POLICY,
+    Agent,
+    Problem,
+    Ranking,
+    Row,
+    RunRecord,
+    budget_of,
+    learns,
+    task_of,
+)
 from auvbench.errors import ReportError
 from auvbench.statistics.intervals import BoolArray, Estimate, FloatArray
 
@@ -103,7 +113,7 @@ def rank(
         problems=(*problems, *_without_values(agents, (by, finer))),
         conditions=results(agents, protocol, confidence, by),
         notices=tuple(filter(None, (tuned_on_these(agents, protocol),))),
-        task=str(agents[0].runs[0].config.get("task.name", "waypoint")),
+        task=task_of(agents[0].runs[0]),
     )
 
 

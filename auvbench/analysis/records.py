@@ -1,7 +1,7 @@
 """What passes between the parts of a report: loaded runs, agents, the ranking, the findings.
 
-`load.py` makes `RunRecord`s and groups them into `Agent`s; `ranking.py` turns agents into a `Ranking`;
-`reporting` only draws what it is handed.
+`load.py` reads `RunRecord`s, `grouping.py` groups them into `Agent`s, `ranking.py` turns agents into a `Ranking`, and
+`reporting` draws what it is handed.
 """
 
 from __future__ import annotations
@@ -125,6 +125,16 @@ def budget_of(run: RunRecord) -> int:
     """
     given = run.config.get("train.total_steps") or run.manifest.get("total_steps")
     return int(given or run.manifest.get("steps") or 0)
+
+
+def task_of(run: RunRecord) -> str:
+    """Return the name of a run's task; waypoint where the configuration names none."""
+    return str(run.config.get("task.name", "waypoint"))
+
+
+def run_ids(*groups: Sequence[Agent]) -> tuple[str, ...]:
+    """Return the ids of the agents' runs, each once."""
+    return tuple(dict.fromkeys(run.id for group in groups for agent in group for run in agent.runs))
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,6 +287,11 @@ class Ranking:
     """why there is none, with the command that computes it"""
     task: str = "waypoint"
     """of its scenarios"""
+
+    def ordered(self, agents: Sequence[Agent]) -> list[Agent]:
+        """Return the agents in the order of the rows."""
+        by_label = {agent.label: agent for agent in agents}
+        return [by_label[row.label] for row in self.rows]
 
 
 @dataclass(frozen=True, slots=True)

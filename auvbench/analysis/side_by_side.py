@@ -12,7 +12,7 @@ from auvbench.analysis.grouping import agents, of_a_seed, sections
 from auvbench.analysis.load import load, require
 from auvbench.analysis.measures import RANKED_AS, Measure, all_measures, measure, metric_of
 from auvbench.analysis.primary import find_baseline
-from auvbench.analysis.records import Agent
+from auvbench.analysis.records import Agent, task_of
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError
 from auvbench.runs.directory import missing
@@ -106,7 +106,7 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
         ReportError: they met different scenarios.
     """
     first, second = pair
-    names = [str(agent.runs[0].config.get("task.name", "waypoint")) for agent in pair]
+    names = [task_of(agent.runs[0]) for agent in pair]
     if names[0] != names[1]:
         raise ReportError(
             f"{first.label} has task={names[0]} and {second.label} has task={names[1]}: name two agents of one task"

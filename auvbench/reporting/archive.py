@@ -173,8 +173,7 @@ def _compacted(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _joined(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    columns = list(dict.fromkeys(name for frame in frames for name in frame.columns))
-    joined = pd.concat(frames, ignore_index=True)[columns]
+    joined = pd.concat(frames, ignore_index=True)
     for name in joined.columns:
         if joined[name].dtype.kind == "f" and name in ("episode", "environment", "steps", "step"):
             joined[name] = joined[name].astype("Int64")

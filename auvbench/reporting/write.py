@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.analysis.findings import SHOWN
+from auvbench.analysis.formatting import capitalized
 from auvbench.analysis.records import ClaimVerdict, Finding, Report, RunRecord
 from auvbench.analysis.score import Scores
 from auvbench.reporting import tables
@@ -95,7 +96,7 @@ def claims_in_markdown(claims: Sequence[ClaimVerdict]) -> str:
     """Return the numbered claims with their verdicts and what stands behind them."""
     lines = []
     for i, claim in enumerate(claims, 1):
-        verdict = escape(f"{claim.verdict[:1].upper()}{claim.verdict[1:]}.")
+        verdict = escape(f"{capitalized(claim.verdict)}.")
         more = [claim.statistic, claim.missing and f"Missing: {claim.missing}"]
         lines.append(" ".join([f"{i}. {escape(claim.text)} **{verdict}**", *map(escape, filter(None, more))]))
     return "\n".join(lines)
@@ -122,7 +123,7 @@ def sections_markdown(reports: Sequence[Report], score: Scores | None = None) ->
     for report in reports:
         title = report.section.title
         pieces += [
-            f"## {escape(title[:1].upper() + title[1:])}",
+            f"## {escape(capitalized(title))}",
             tables.markdown(report.ranking).rstrip(),
             findings_in_markdown(report.findings),
             f"[All of {escape(title)}](<{report.section.folder}/report.md>)",

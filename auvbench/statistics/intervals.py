@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import bdtr, betaincinv, ndtri, stdtr, stdtrit
+from scipy.special import bdtrc, betaincinv, ndtri, stdtr, stdtrit
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,4 +166,4 @@ def trials_that_bound(rate: float, confidence: float = 0.95) -> int:
 
 def p_more_than_half(successes: int, n: int) -> float:
     """Return the p-value of "the probability is at most 1/2" for so many successes of n, or more."""
-    return float(1 - bdtr(successes - 1, n, 0.5)) if successes > 0 else 1.0
+    return float(bdtrc(successes - 1, n, 0.5))

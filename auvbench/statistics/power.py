@@ -132,12 +132,13 @@ def spread_of_rates(data: Sequence[FloatArray]) -> tuple[SeedSpread, float]:
     shares = []
     for x in data:
         S, E = x.shape
-        if S > 1:
-            good = x.sum(axis=1) + 0.5
-            bad = E - x.sum(axis=1) + 0.5
-            seen.append((float(np.log(good / bad).var(ddof=1)), float((1 / good + 1 / bad).mean()), S - 1))
+        if S < 2:
+            continue
+        good = x.sum(axis=1) + 0.5
+        bad = E - x.sum(axis=1) + 0.5
+        seen.append((float(np.log(good / bad).var(ddof=1)), float((1 / good + 1 / bad).mean()), S - 1))
         p = float(x.mean())
-        if S > 1 and E > 1 and 0.02 < p < 0.98:
+        if E > 1 and 0.02 < p < 0.98:
             table = crossed([x], rate=True)
             shares.append((p, max(float(table.between_scenarios[0, 0] - table.residual[0]), 0.0) * E))
     if not seen:

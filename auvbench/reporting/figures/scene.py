@@ -116,9 +116,8 @@ class Scene:
 
 def scene(agents: Sequence[Agent], ranking: Ranking) -> Scene:
     """Return the agents of the ranking, in its order, with their looks."""
-    by_label = {agent.label: agent for agent in agents}
-    ordered = tuple(by_label[row.label] for row in ranking.rows if row.label in by_label)
-    return Scene(ordered, ranking, colour_of(ordered))
+    ordered = ranking.ordered(agents)
+    return Scene(tuple(ordered), ranking, colour_of(ordered))
 
 
 def shown(chosen: Sequence[Agent], of: Sequence[Agent]) -> str:

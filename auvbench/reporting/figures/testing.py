@@ -89,14 +89,11 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
     for protocol in PROTOCOLS:
         found = curves(scene, protocol)
         used += [protocol] if found else []
+        names = list(dict.fromkeys(name for curve in found.values() for name in curve))
         # The vehicle that all agents were trained on is the undisturbed condition again.
         own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in found}
-        again = (
-            {f"vehicle={vehicle}" for vehicle in own}
-            if len(own) == 1 and UNDISTURBED in names(found)
-            else set()
-        )
-        new = [name for name in names(found) if name not in again and name not in conditions]
+        again = {f"vehicle={vehicle}" for vehicle in own if len(own) == 1 and UNDISTURBED in names}
+        new = [name for name in names if name not in again and name not in conditions]
         conditions += new
         for label, curve in found.items():
             here = {name: 100 * curve[name].value for name in new if name in curve}
@@ -141,11 +138,6 @@ def curves(scene: Scene, protocol: str) -> dict[str, Curve]:
         if curve := {c.name: c.success[agent.label] for c in tested if agent.label in c.success}:
             found[agent.label] = curve
     return found
-
-
-def names(found: Mapping[str, Curve]) -> list[str]:
-    """Return the conditions in the order of the protocol."""
-    return list(dict.fromkeys(name for curve in found.values() for name in curve))
 
 
 def _whole(percent: float) -> str:

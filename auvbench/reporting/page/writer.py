@@ -13,6 +13,7 @@ import jinja2
 from markupsafe import Markup
 
 from auvbench.analysis.findings import SHOWN
+from auvbench.analysis.formatting import capitalized
 from auvbench.analysis.primary import headline
 from auvbench.analysis.ranking import FINER
 from auvbench.analysis.records import Ranking, Report, RunRecord
@@ -185,7 +186,7 @@ def write_overview(
         shown.append(
             {
                 "title": title,
-                "heading": title[:1].upper() + title[1:],
+                "heading": capitalized(title),
                 "headline": headline(ranking),
                 "fingerprint": ranking.fingerprint,
                 "href": href,

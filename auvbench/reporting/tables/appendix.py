@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from auvbench.analysis import thesis
 from auvbench.analysis.conditions import in_words
-from auvbench.analysis.formatting import NOTHING, fixed, name
+from auvbench.analysis.formatting import NOTHING, capitalized, fixed, name
 from auvbench.analysis.records import Ranking, Row
 from auvbench.analysis.score import Scored, Scores
 from auvbench.analysis.thesis import ComparisonRow
@@ -63,7 +63,7 @@ def conditions_tables(ranking: Ranking) -> list[Table]:
     unit = f" ({measured.unit})" if measured.unit else ""
     columns = [("Success (%)", 100.0, [c.success for c in ranking.conditions])]
     if any(c.measured for c in ranking.conditions):
-        title = f"{measured.title[:1].upper()}{measured.title[1:]}{unit}"
+        title = f"{capitalized(measured.title)}{unit}"
         columns.append((title, measured.scale, [c.measured for c in ranking.conditions]))
     headings = [Heading("agent", words=True)]
     for condition in ranking.conditions:

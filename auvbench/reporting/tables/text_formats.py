@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from auvbench.analysis.formatting import counted
+from auvbench.analysis.formatting import capitalized, counted
 from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Comparison, Ranking, Row
 from auvbench.analysis.score import Scores
@@ -212,17 +212,12 @@ def rows(cells: Iterable[Iterable[str]]) -> str:
 
 
 def markdown(ranking: Ranking, figure: str = "") -> str:
-    """Return the headline, the main figure, the main table, its notes and the list of what is not in it.
-
-    Args:
-        ranking: the table.
-        figure: the main figure as Markdown.
-    """
+    """Return the headline, `figure` (Markdown), the main table, its notes and the list of what is not in it."""
     parts = [f"**{escape(headline(ranking))}**", *filter(None, [figure]), *map(escape, ranking.notices)]
     parts.append(pipes(main_table(ranking)))
     for title, problems in grouped(ranking.problems):
         lines = [f"- {escape(p.where)}: {escape(p.message)}" for p in problems]
-        parts.append("\n".join([f"**{title[0].upper()}{title[1:]} ({len(problems)})**", "", *lines]))
+        parts.append("\n".join([f"**{capitalized(title)} ({len(problems)})**", "", *lines]))
     return "\n\n".join(parts) + "\n"
 
 
@@ -232,7 +227,7 @@ def escape_latex(text: str) -> str:
     >>> print(escape_latex("50 % of a_b & c"))
     50 \% of a\_b \& c
     """
-    return text.translate(str.maketrans(_SPECIAL))
+    return "".join(_SPECIAL.get(character, character) for character in text)
 
 
 def latex(ranking: Ranking) -> str:

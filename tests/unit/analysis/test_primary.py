@@ -119,7 +119,7 @@ def test_an_open_comparison_names_the_seeds_that_would_decide_it() -> None:
         (c,) = primary(rank(agents, margin=0.001, **options)).comparisons  # type: ignore[arg-type]
         assert c.verdict == "open"
         assert c.needed is not None
-        assert (c.needed.unit, c.needed.have) == ("seeds", 4)
+        assert c.needed.unit == "seeds"
         return c.needed.count
 
     near, nearer = needed(1.8), needed(2.2)
@@ -132,7 +132,7 @@ def test_two_controllers_are_decided_by_episodes() -> None:
     (c,) = primary(rank([one, other], margin=0.001)).comparisons
     assert c.verdict == "open"
     assert c.needed is not None
-    assert (c.needed.unit, c.needed.have) == ("episodes", 200)
+    assert c.needed.unit == "episodes"
     assert c.needed.count is None or c.needed.count > 200
 
 
