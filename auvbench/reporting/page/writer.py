@@ -103,10 +103,8 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         f"script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
     )
     # Labels, ids and messages come from foreign files, so everything is escaped.
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_asset), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.get_template("page.html").render(
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    return environment.from_string(_asset("page.html")).render(
         style=Markup(_asset("page.css")),
         script=Markup(script),
         policy=policy,
