@@ -13,6 +13,7 @@ from typing import Any
 from auvbench.errors import MissingExtraError, TrainingError
 
 MANUAL = 19
+"""mode in which sticks go to the mixer"""
 MODES = {"alt_hold": 2, "guided": 4, "poshold": 16}
 """Mode::Number of ArduSub/mode.h"""
 
