@@ -133,9 +133,7 @@ def world(
         scene: with light and SceneBroadcaster for a window.
         header: a comment at the top.
     """
-    lines = ['<?xml version="1.0"?>']
-    if header:
-        lines += ["<!--", *(f"  {comment(line)}" for line in header.splitlines()), "-->"]
+    lines = _opening(header)
     lines += [
         f'<sdf version="{VERSION}" xmlns:gz="http://gazebosim.org/schema">',
         f'<world name="{escape(name)}">',
@@ -193,21 +191,22 @@ def files(vehicle: VehicleModel, hydrodynamics: str, step: float) -> dict[str, s
             f"Thrust in N: gz topic -t /{name}/{vehicle.actuators[0]}/cmd -m gz.msgs.Double -p 'data: 10'",
         ]
     )
-    alone = "\n".join(
-        [
-            '<?xml version="1.0"?>',
-            "<!--",
-            *(f"  {comment(line)}" for line in header.splitlines()),
-            "-->",
-        ]
-    )
+    opening = "\n".join(_opening(header))
     return {
         f"{name}/model.config": _config(vehicle),
-        f"{name}/model.sdf": f'{alone}\n<sdf version="{VERSION}">\n{own}\n</sdf>\n',
+        f"{name}/model.sdf": f'{opening}\n<sdf version="{VERSION}">\n{own}\n</sdf>\n',
         f"{name}.world.sdf": world([own], vehicle, name=WORLD, step=step, header=header),
         f"{name}.bridge.yaml": bridge(vehicle),
         f"{name}.launch.py": _LAUNCH.substitute(name=name, world=WORLD),
     }
+
+
+def _opening(header: str) -> list[str]:
+    """Return the first lines of an SDF file, with `header` as a comment unless it is empty."""
+    lines = ['<?xml version="1.0"?>']
+    if header:
+        lines += ["<!--", *(f"  {comment(line)}" for line in header.splitlines()), "-->"]
+    return lines
 
 
 def write(folder: Path, contents: Mapping[str, str]) -> list[Path]:
