@@ -53,8 +53,6 @@ class Task:
     """whether success ends the episode for good; otherwise it is a property of a whole episode, which then times out"""
     reference_columns: ClassVar[tuple[str, ...]] = ()
     """columns of a record that a fingerprint covers; empty: all that the task has"""
-    takes: ClassVar[tuple[str, ...]] = ()
-    """options of `reset` in addition to `pose`"""
     reference_key: ClassVar[str] = "reference"
     """of the reference in `info`"""
 
@@ -99,7 +97,8 @@ class Task:
         self.command: Floats = np.zeros((n, n_u))
         self.observation = np.zeros((n, self.spec.size), dtype=np.float32)
         self._all = np.arange(n)
-        self._test = VALIDATION if validation else TEST if test else 0
+        self.stream = VALIDATION if validation else TEST if test else 0
+        """flag of the streams of random numbers: 0, TEST or VALIDATION"""
 
     def own_parameters(self, task: Any) -> list[float]:
         """Return the task's entries of P from P_OWN on."""
@@ -131,11 +130,6 @@ class Task:
         P[k.P_REWARD_OWN : k.P_REWARD_OWN + len(values)] = values
         P[k.P_OWN :] = own
         return P
-
-    @property
-    def stream(self) -> int:
-        """Flag of the streams of random numbers: 0, TEST or VALIDATION."""
-        return self._test
 
     @property
     def outcome(self) -> Integers:
@@ -173,7 +167,7 @@ class Task:
         self.previous[indices] = 0.0
         self.offset[indices] = 0.0
         pose = np.empty((len(indices), 7))
-        self.draw(indices, self.F, self.C, self.parameters, self._test, pose)
+        self.draw(indices, self.F, self.C, self.parameters, self.stream, pose)
         return pose
 
     def place(self, indices: Integers, pose: Floats) -> None:
@@ -190,7 +184,7 @@ class Task:
 
     def add_noise(self, action: Floats, start: int = 0, stop: int | None = None) -> Floats:
         """Return the command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
-        own = self.C, self.parameters, self.noise_scale, self._test, self.command
+        own = self.C, self.parameters, self.noise_scale, self.stream, self.command
         k.add_command_noise(start, self.n if stop is None else stop, action, *own)
         return self.command
 
@@ -227,7 +221,7 @@ class Task:
         """Return observations (n, n_obs) from measured poses and velocities; with `indices`, only these rows are renewed."""
         rows = self._all if indices is None else indices
         state = self.previous, self.F, self.C, self.parameters, self.blocks
-        k.observe(rows, pose, velocity, self.offset, *state, self._test, self.observation)
+        k.observe(rows, pose, velocity, self.offset, *state, self.stream, self.observation)
         return self.observation
 
     def goal(self, i: int) -> Floats:
