@@ -106,10 +106,6 @@ class Batch:
         return self.task.spec.bounds[self.task.spec["position_error"]].astype(np.float64)
 
     @property
-    def seed(self) -> int:
-        return self.task.seed
-
-    @property
     def exact_resume(self) -> bool:
         """Whether `load_state_dict` returns to the very state, in mid-episode."""
         return self.simulator.capabilities.exact_resume
@@ -276,7 +272,7 @@ class Batch:
         state |= {f"simulator.{key}": value for key, value in self.simulator.state_dict().items()}
         if self.disturbances is not None:
             state |= {f"disturbances.{key}": value for key, value in self.disturbances.state_dict().items()}
-        state["seed"] = np.asarray(self.seed, dtype=np.int64)
+        state["seed"] = np.asarray(self.task.seed, dtype=np.int64)
         return state
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:

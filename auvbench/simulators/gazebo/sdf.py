@@ -14,6 +14,7 @@ from string import Template
 from xml.sax.saxutils import escape
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from auvbench.errors import VehicleError
@@ -267,13 +268,8 @@ def bridge(vehicle: VehicleModel) -> str:
         ("/clock", "/clock", "rosgraph_msgs/msg/Clock", "gz.msgs.Clock", "GZ_TO_ROS"),
     ]
     keys = ("ros_topic_name", "gz_topic_name", "ros_type_name", "gz_type_name", "direction")
-    lines = [f"# Topics of {name} between ROS 2 and Gazebo Harmonic, for ros_gz_bridge's parameter_bridge."]
-    for row in rows:
-        lines += [
-            f"{'- ' if i == 0 else '  '}{key}: {value}"
-            for i, (key, value) in enumerate(zip(keys, row, strict=True))
-        ]
-    return "\n".join([*lines, ""])
+    header = f"# Topics of {name} between ROS 2 and Gazebo Harmonic, for ros_gz_bridge's parameter_bridge.\n"
+    return header + yaml.safe_dump([dict(zip(keys, row, strict=True)) for row in rows], sort_keys=False)
 
 
 _LAUNCH = Template('''"""Gazebo Harmonic with $name, headless, and the bridge to ROS 2 Jazzy.
