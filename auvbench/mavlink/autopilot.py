@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,8 @@ class Autopilot:
                 " (SITL: --serial0 udpclient:HOST:PORT; BlueOS: an endpoint) and that no other program has the port"
             )
         for name in PARAMETERS:
-            self._need(lambda name=name: name in self.parameters, name, lambda name=name: self._ask(name))  # type: ignore[misc]
+            ask = partial(self._send, "param_request_read", name.encode(), -1, component=True)
+            self._need(lambda name=name: name in self.parameters, name, ask)  # type: ignore[misc]
         self._need(lambda: not math.isnan(self.gain), "NAMED_VALUE_FLOAT PilotGain", self.ask_telemetry)
 
     def _need(self, condition: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
@@ -252,9 +254,6 @@ class Autopilot:
             seconds,
             lambda: self._command(arm, 0),
         )
-
-    def _ask(self, name: str) -> None:
-        self._send("param_request_read", name.encode(), -1, component=True)
 
     def _command(self, command: int, *values: float) -> None:
         numbers = [*values, *[0.0] * (7 - len(values))]

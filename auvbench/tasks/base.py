@@ -272,22 +272,24 @@ class TrackingTask(Task):
     """A task whose reference has a yaw of its own, with the errors that such tasks have in common."""
 
     def errors(self, i: int, failed: float) -> dict[str, float]:
-        """Return root mean squares of the position and the yaw error; `failed` stands for the former in a failed episode."""
+        """Return root mean squares of the position and the yaw error, and start and goal.
+
+        Args:
+            i: the environment.
+            failed: m, stands for the position error of a failed episode.
+        """
         squared, yaw_squared, counted = self.F[i, k.F_ERROR_SQUARED : k.F_COUNTED + 1].tolist()
         lost = self.C[i, k.C_OUTCOME] in (k.COLLISION, k.OUT_OF_BOUNDS)
+        points = {"start": self.F[i, k.F_START : k.F_START + 3].tolist(), "goal": self.goal(i).tolist()}
+        scenario = {
+            f"{name}_{axis}_m": value
+            for name, point in points.items()
+            for axis, value in zip("xyz", point, strict=True)
+        }
         return {
             "position_error_rms_m": failed if lost else math.sqrt(squared / max(counted, 1.0)),
             "yaw_error_rms_rad": math.sqrt(yaw_squared / max(counted, 1.0)),
-            **self.start(i),
-        }
-
-    def start(self, i: int) -> dict[str, float]:
-        """Return the columns of the scenario that such tasks have in common."""
-        start, goal = self.F[i, k.F_START : k.F_START + 3].tolist(), self.goal(i).tolist()
-        return {
-            f"{name}_{axis}_m": value
-            for name, point in (("start", start), ("goal", goal))
-            for axis, value in zip("xyz", point, strict=True)
+            **scenario,
         }
 
 
